@@ -1,0 +1,78 @@
+"""Installs train_ato: with colcon as an ament_python package, or with pip on a machine that has only Python."""
+
+import os
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+HERE = Path(__file__).parent
+NAME = "train_ato"
+
+
+def version() -> str:
+    """Read the version from the one file that declares it."""
+    scope: dict[str, str] = {}
+    exec((HERE / NAME / "version.py").read_text(), scope)
+    return scope["VERSION"]
+
+
+def ros_wheels() -> list[str]:
+    """Name the ROS wheels, unless a sourced ROS 2 installation already provides rclpy and the messages."""
+    if os.environ.get("ROS_DISTRO") or os.environ.get("AMENT_PREFIX_PATH"):
+        return []
+    return ["ros-jazzy-rclpy[fastrtps]", "ros-jazzy-common-interfaces"]
+
+
+def launchers() -> list[str]:
+    """Name the commands: the entry script and one for each node, for `ros2 run`."""
+    nodes = ("plant", "profile", "observer", "controller", "recorder")
+    return ["train-ato = train_ato.cli:main", *(f"{node}_node = train_ato.nodes.{node}:main" for node in nodes)]
+
+
+setup(
+    name=NAME,
+    version=version(),
+    description="Onboard automatic train operation as a ROS 2 node graph, with the train it drives",
+    long_description=(HERE / "README.md").read_text(encoding="utf-8"),
+    long_description_content_type="text/markdown",
+    license="Apache-2.0",
+    maintainer="The train_ato team",
+    maintainer_email="train-ato@example.org",
+    python_requires=">=3.10,<3.14",
+    packages=find_packages(include=["train_ato", "train_ato.*", "plant_sim", "plant_sim.*"]),
+    package_data={
+        "plant_sim": ["py.typed", "data/*/*.yaml", "data/*/*.csv"],
+        "train_ato": ["py.typed", "scenarios/*.yaml", "scenarios/*.csv", "schemas/*.json", "graph/*.xml"],
+    },
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=[
+        "numpy>=1.26",
+        "numba>=0.60",
+        "mcap>=1.2",
+        "rosbags>=0.10.6",
+        "pydantic>=2.7",
+        "PyYAML>=6",
+        "rich>=13",
+        "matplotlib>=3.8",
+        "filelock>=3.12",
+        *ros_wheels(),
+    ],
+    extras_require={
+        "test": [
+            "pytest>=8",
+            "pytest-xdist>=3.5",
+            "pytest-timeout>=2.3",
+            "hypothesis>=6.100",
+            "jsonschema>=4.20",
+            "ros-domain-coordinator",
+            "ruff>=0.6",
+            "mypy>=1.11",
+            "types-PyYAML",
+        ],
+    },
+    entry_points={"console_scripts": launchers()},
+    zip_safe=False,
+)
