@@ -1,0 +1,80 @@
+"""Turns a failed validation into one line that names the file, the key, the value and the remedy."""
+
+from __future__ import annotations
+
+import difflib
+import reprlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from plant_sim.units import SiModel
+
+_SHORT = reprlib.Repr()
+_SHORT.maxother = _SHORT.maxstring = 60
+
+
+def close_match(name: str, known: Iterable[str]) -> str:
+    """Return '; did you mean ...?' for the nearest known name, or nothing."""
+    matches = difflib.get_close_matches(str(name), [str(entry) for entry in known], n=1, cutoff=0.6)
+    return f"; did you mean '{matches[0]}'?" if matches else ""
+
+
+def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) -> str:
+    """Return one line for the first error of a validation.
+
+    Parameters
+    ----------
+    error
+        What pydantic raised.
+    source
+        File that was read.
+    model
+        Model it was read into: its keys are what a misspelt key is compared with.
+    """
+    errors = error.errors()
+    first = min(errors, key=lambda entry: entry["type"] != "extra_forbidden")
+    place = ".".join(str(part) for part in first["loc"]) or "(whole file)"
+    value = _SHORT.repr(first.get("input"))
+    if first["type"] == "extra_forbidden":
+        known = _keys_at(model, first["loc"][:-1])
+        text = f"unknown key{close_match(str(first['loc'][-1]), known)}"
+        if known:
+            text += f" (known: {', '.join(sorted(known))})"
+    elif first["type"] == "missing":
+        text, value = "this key is missing; add it", ""
+    else:
+        text = first["msg"].removeprefix("Value error, ")
+        text = text[0].lower() + text[1:]
+    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+    shown = f" = {value}" if value and first["type"] != "value_error" and first["type"] != "extra_forbidden" else ""
+    return f"{source}: {place}{shown}: {text}{more}"
+
+
+def _keys_at(model: type[BaseModel], path: tuple[Any, ...]) -> set[str]:
+    """Return the keys that are known at a place inside a model, unit suffixes included."""
+    current: set[type[BaseModel]] = {model}
+    for part in path:
+        below: set[type[BaseModel]] = set()
+        for entry in current:
+            field = entry.model_fields.get(str(part))
+            if field is not None:
+                below |= _models_in(field.annotation)
+        current = below or current
+    keys: set[str] = set()
+    for entry in current:
+        keys |= {field.alias or name for name, field in entry.model_fields.items()}
+        if issubclass(entry, SiModel):
+            keys |= set(entry.suffixed_keys())
+    return keys
+
+
+def _models_in(annotation: Any) -> set[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return {annotation}
+    found: set[type[BaseModel]] = set()
+    for argument in get_args(annotation):
+        found |= _models_in(argument)
+    return found

@@ -1,0 +1,170 @@
+"""Find trains and lines: by name among those shipped, or by the path of a file."""
+
+from __future__ import annotations
+
+import re
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import ValidationError
+
+from plant_sim.consist import Consist
+from plant_sim.input_error import close_match, explain
+from plant_sim.line import Line
+from plant_sim.units import SiModel
+
+_Model = TypeVar("_Model", bound=SiModel)
+
+
+def _folder(kind: str) -> Path:
+    return Path(str(files("plant_sim"))) / "data" / kind
+
+
+def _names(kind: str) -> tuple[str, ...]:
+    return tuple(sorted(path.stem for path in _folder(kind).glob("*.yaml")))
+
+
+def consist_names() -> tuple[str, ...]:
+    """Names of the trains shipped."""
+    return _names("consists")
+
+
+def line_names() -> tuple[str, ...]:
+    """Names of the lines shipped."""
+    return _names("lines")
+
+
+def consist_path(name: str) -> Path:
+    """Return the file of a train, shipped or the user's own.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    return _path("consists", "train", name)
+
+
+def line_path(name: str) -> Path:
+    """Return the file of a line, shipped or the user's own.
+
+    Raises
+    ------
+    ValueError
+        If it is neither.
+    """
+    return _path("lines", "line", name)
+
+
+def _path(kind: str, what: str, name: str) -> Path:
+    """Path of a shipped file, or of the user's own."""
+    if name in _names(kind):
+        return _folder(kind) / f"{name}.yaml"
+    own = Path(name)
+    if own.is_file():
+        return own
+    shipped = _names(kind)
+    raise ValueError(
+        f"{what} '{name}' is neither shipped nor a file: give a path or one of {', '.join(shipped)}"
+        f"{close_match(name, shipped)}"
+    )
+
+
+class StrictLoader(yaml.SafeLoader):
+    """Safe loading that refuses a key written twice and a file that unfolds far beyond its own size."""
+
+    def __init__(self, stream: Any) -> None:
+        super().__init__(stream)
+        self._aliases = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Count aliases: a few share a block, thousands are a bomb."""
+        if self.check_event(yaml.AliasEvent):
+            self._aliases += 1
+            if self._aliases > 50:
+                raise yaml.constructor.ConstructorError(None, None, "more than 50 aliases; write them out", None)
+        return super().compose_node(parent, index)
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        """Refuse a key that is written twice in one mapping."""
+        seen: set[str] = set()
+        for key, _ in node.value:
+            text = str(key.value)
+            if text in seen and text != "<<":
+                problem = f"key '{text}' is written twice"
+                raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
+            seen.add(text)
+        return super().construct_mapping(node, deep=deep)
+
+
+StrictLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$"),
+    list("-+0123456789"),
+)
+"""YAML 1.1 takes 1e-2 for a word; here it is a number."""
+
+
+def read_yaml(path: Path) -> Any:
+    """Read a YAML file safely.
+
+    Raises
+    ------
+    ValueError
+        One line that names the file, the place and the reason.
+    """
+    try:
+        return yaml.load(path.read_text(encoding="utf-8"), Loader=StrictLoader)
+    except RecursionError:
+        raise ValueError(f"{path}: nested too deeply; this is no data file of ours") from None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read: {error.strerror}; check the path and its permissions") from None
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: is not UTF-8 text; save it as UTF-8 YAML") from None
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f" line {mark.line + 1}:" if mark is not None else ""
+        problem = getattr(error, "problem", None) or "is not YAML"
+        raise ValueError(f"{path}:{place} {problem}; correct the YAML there") from None
+
+
+def check(model: type[_Model], raw: Any, where: str) -> _Model:
+    """Build a model from plain data.
+
+    Raises
+    ------
+    ValueError
+        One line that names the file, the key, the value and the remedy.
+    """
+    if not isinstance(raw, dict):
+        raise ValueError(f"{where}: must hold keys and values, it holds {type(raw).__name__}")
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        raise ValueError(explain(error, where, model)) from None
+
+
+def load_consist(name: str) -> Consist:
+    """Return a train by name or path.
+
+    Raises
+    ------
+    ValueError
+        One line that names the file, the key, the value and the remedy.
+    """
+    path = consist_path(name)
+    return check(Consist, read_yaml(path), str(path))
+
+
+def load_line(name: str) -> Line:
+    """Return a line by name or path.
+
+    Raises
+    ------
+    ValueError
+        One line that names the file, the key, the value and the remedy.
+    """
+    path = line_path(name)
+    return check(Line, read_yaml(path), str(path))

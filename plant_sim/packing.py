@@ -1,0 +1,279 @@
+"""From data files to the arrays of the kernel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim import kernel as k
+from plant_sim.consist import (
+    ClipGear,
+    Consist,
+    DraftGear,
+    EnvelopeSegment,
+    GearCurve,
+    LinearGear,
+    RigidGear,
+    SmoothedGear,
+    TableGear,
+    VehicleType,
+)
+from plant_sim.disturbances import UnmodelledGrade
+from plant_sim.line import Line
+from plant_sim.setup import PlantSetup, SpeedAdhesion
+from plant_sim.states import Array
+from plant_sim.track import Track
+
+Integers = NDArray[np.int64]
+NO_LIMIT = 1e30
+"""Stands for 'no limit' in force, rate and speed; far beyond any train, and finite."""
+
+
+@dataclass(slots=True)
+class Arrays:
+    """Everything :func:`plant_sim.kernel.advance` works on; see the row names there."""
+
+    vehicle: Array
+    state: Array
+    vehicle_index: Integers
+    gear: Array
+    table: Array
+    run: Integers
+    body: Integers
+    unit: Array
+    unit_index: Integers
+    envelope: Array
+    piece: Array
+    setting: Array
+
+
+def second_order(gear: GearCurve) -> float:
+    """Return a2 of fl(d) = F0 d/(d + x0) + a1 d + a2 d², from the force at the stroke [N/m²].
+
+    Raises
+    ------
+    ValueError
+        If the loading curve would fall anywhere before the stroke.
+    """
+    d = gear.stroke
+    a2 = (gear.force_at_stroke - gear.preload * d / (d + gear.preload_length) - gear.stiffness * d) / d**2
+    steepness = gear.stiffness + 2 * a2 * d + gear.preload * gear.preload_length / (d + gear.preload_length) ** 2
+    if steepness <= 0:
+        raise ValueError(
+            f"draft gear: force_at_stroke {gear.force_at_stroke:g} N is so small that the loading curve falls "
+            f"before the stroke: raise it or lower stiffness ({gear.stiffness:g} N/m)"
+        )
+    return float(a2)
+
+
+def _gear_column(gear: DraftGear, column: Array, tables: list[TableGear]) -> int:
+    """Fill one column of the gear array; return the kind."""
+    if isinstance(gear, RigidGear):
+        return k.RIGID
+    column[k.HALF_SLACK] = gear.slack / 2
+    column[k.DAMPING] = gear.damping
+    if isinstance(gear, LinearGear):
+        column[k.STIFFNESS] = gear.stiffness
+        return k.LINEAR
+    column[k.STOP] = gear.stop_stiffness
+    if isinstance(gear, TableGear):
+        column[k.STIFFNESS], column[k.LOCKED] = gear.transition_stiffness, gear.transition_damping
+        column[k.STROKE] = gear.deflection[-1]
+        column[k.TABLE] = tables.index(gear)
+        return k.TABULATED
+    column[k.F0], column[k.X0], column[k.A1] = gear.preload, gear.preload_length, gear.stiffness
+    column[k.A2], column[k.RATIO], column[k.STROKE] = second_order(gear), gear.unloading_ratio, gear.stroke
+    if isinstance(gear, SmoothedGear):
+        column[k.INVERSE_VE] = 1.0 / gear.switching_speed
+        return k.SMOOTHED
+    assert isinstance(gear, ClipGear)
+    column[k.STIFFNESS], column[k.LOCKED] = gear.transition_stiffness, gear.transition_damping
+    return k.CLIP
+
+
+def actual_gears(consist: Consist, setup: PlantSetup) -> tuple[DraftGear, ...]:
+    """Return the draft gears of the true train: those of the consist, or what the mismatch puts in their place."""
+    override = setup.mismatch.gears
+    for name, other in override.items():
+        for needed in (name, other if isinstance(other, str) else name):
+            if needed not in consist.draft_gears:
+                raise ValueError(
+                    f"mismatch.gears names the draft gear '{needed}': the consist has {sorted(consist.draft_gears)}"
+                )
+    chosen: list[DraftGear] = []
+    for name in consist.gear_names:
+        other = override.get(name, name)
+        chosen.append(consist.draft_gears[other] if isinstance(other, str) else other)
+    return tuple(chosen)
+
+
+def pack_gears(gears: Sequence[DraftGear], arrays_n: int) -> tuple[Array, Array, Integers, Integers]:
+    """Return gear columns, tables, runs of equal kinds and first vehicles of rigid bodies."""
+    tables = list(dict.fromkeys(gear for gear in gears if isinstance(gear, TableGear)))
+    gear_array = np.zeros((k.GEAR_ROWS, max(arrays_n - 1, 1)))
+    gear_array[k.X0] = 1.0
+    kinds = [_gear_column(gear, gear_array[:, i], tables) for i, gear in enumerate(gears)]
+    points = max((len(table.deflection) for table in tables), default=2)
+    table_array = np.zeros((max(len(tables), 1), 3, points))
+    for j, table in enumerate(tables):
+        for row, values in enumerate((table.deflection, table.loading, table.unloading)):
+            table_array[j, row, : len(values)] = values
+            table_array[j, row, len(values) :] = values[-1]
+    run: list[tuple[int, int, int]] = []
+    for i, kind in enumerate(kinds):
+        if run and run[-1][2] == kind:
+            run[-1] = (run[-1][0], i + 1, kind)
+        else:
+            run.append((i, i + 1, kind))
+    body = [0, *(i + 1 for i, kind in enumerate(kinds) if kind != k.RIGID), arrays_n]
+    runs = np.array(run, dtype=np.int64).reshape(-1, 3)
+    return gear_array, table_array, runs, np.array(body, dtype=np.int64)
+
+
+def _pack_vehicles(vehicles: Sequence[VehicleType], consist: Consist, setup: PlantSetup) -> Array:
+    mismatch = setup.mismatch
+    array = np.zeros((k.VEHICLE_ROWS, len(vehicles)))
+    for i, vehicle in enumerate(vehicles):
+        mass = vehicle.mass * mismatch.mass_scale
+        array[k.MASS, i] = mass * vehicle.rotating_mass_factor
+        array[k.WEIGHT, i] = mass * consist.gravity
+        polynomial = vehicle.resistance.polynomial(mass, consist.gravity)
+        array[[k.C0, k.C1, k.C2], i] = np.array(polynomial) * mismatch.resistance_scale
+        if vehicle.shoes is not None:
+            force = vehicle.shoes.force / 1e3
+            friction = vehicle.shoes.friction * (force + 200.0) / (4.0 * force + 200.0)
+            array[k.SHOE, i] = vehicle.shoes.count * vehicle.shoes.force * friction * mismatch.brake_scale
+    array[k.INVERSE_MASS] = 1.0 / array[k.MASS]
+    array[k.HOLD] = setup.holding * array[k.WEIGHT]
+    array[k.GAP, :-1] = np.diff(consist.offsets)
+    array[k.PIPE_DISTANCE] = pipe_distances(consist)
+    return array
+
+
+def pipe_distances(consist: Consist) -> Array:
+    """Distance of every vehicle from the nearest power unit, where the brake pipe is vented and fed [m].
+
+    A train without power units is vented at vehicle 0.
+    """
+    offsets = np.array(consist.offsets)
+    sources = offsets[list(consist.power_units or (0,))]
+    return np.asarray(np.abs(offsets[:, None] - sources[None, :]).min(axis=1))
+
+
+def _segments(segments: Sequence[EnvelopeSegment], scale: float) -> list[tuple[float, float, float, float]]:
+    return [(s.to, s.force * scale, s.slope_kn_per_kmh * 3600.0 * scale, s.power * scale) for s in segments]
+
+
+def _pack_units(consist: Consist, setup: PlantSetup, step: float) -> tuple[Array, Integers, Array]:
+    """Return unit constants and states, unit pointers and the envelope rows."""
+    numbers, vehicles = consist.power_units, consist.vehicles
+    unit = np.zeros((k.UNIT_ROWS, len(numbers)))
+    index = np.zeros((k.UNIT_INDEX_ROWS, len(numbers)), dtype=np.int64)
+    rows: list[tuple[float, float, float, float]] = []
+    mismatch = setup.mismatch
+    for u, i in enumerate(numbers):
+        index[k.UNIT_VEHICLE, u] = i
+        for first, end, segments, scale in (
+            (k.TRACTION_FIRST, k.TRACTION_END, vehicles[i].traction, mismatch.traction_scale),
+            (k.BRAKE_FIRST, k.BRAKE_END, vehicles[i].brake, mismatch.electric_brake_scale),
+        ):
+            index[first, u] = len(rows)
+            rows += [(NO_LIMIT, NO_LIMIT, 0.0, 0.0)] if setup.unlimited else _segments(segments, scale)
+            index[end, u] = len(rows)
+    masses = np.array([vehicles[i].mass for i in numbers])
+    adhesive = np.array([vehicles[i].adhesive_mass or vehicles[i].mass for i in numbers])
+    unit[k.GAIN] = mismatch.actuator_gain
+    unit[k.DEAD_BAND] = setup.dead_band
+    unit[k.RATE_STEP] = NO_LIMIT if setup.rate_limit is None else setup.rate_limit * step
+    unit[k.FORCE_LIMIT] = NO_LIMIT
+    if setup.force_limit is not None and len(numbers):
+        unit[k.FORCE_LIMIT] = setup.force_limit * masses / masses.sum()
+    unit[k.ADHESION_WEIGHT] = adhesive * consist.gravity * mismatch.mass_scale
+    unit[k.ADHESION] = NO_LIMIT
+    if setup.adhesion is not None:
+        by_speed = isinstance(setup.adhesion, SpeedAdhesion)
+        unit[k.ADHESION_BY_SPEED] = float(by_speed)
+        unit[k.ADHESION] = (
+            setup.adhesion.factor if isinstance(setup.adhesion, SpeedAdhesion) else setup.adhesion.coefficient
+        )
+    return unit, index, np.array(rows or [(0.0, 0.0, 0.0, 0.0)])
+
+
+def lag_keep(lags: Array, step: float) -> Array:
+    """Return the share of its deviation that a first-order lag keeps over one step; 0 for a lag of 0."""
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.exp(-step / lags))
+
+
+def _pack_pieces(consist: Consist, line: Line, setup: PlantSetup) -> tuple[Array, Integers]:
+    """Return the table of pieces and every vehicle's first pointer into it."""
+    extra = [p for d in setup.disturbances if isinstance(d, UnmodelledGrade) for p in d.pieces]
+    track = Track(line, extra)
+    if not setup.grade_over_length:
+        return track.at_points(), np.zeros(len(consist.vehicles), dtype=np.int64)
+    lengths = [vehicle.length for vehicle in consist.vehicles]
+    tables, first, begin = [], {}, 0
+    for length in sorted(set(lengths)):
+        tables.append(track.over_length(length))
+        first[length] = begin
+        begin += tables[-1].shape[1]
+    return np.concatenate(tables, axis=1), np.array([first[length] for length in lengths], dtype=np.int64)
+
+
+def _initial_state(consist: Consist, setup: PlantSetup) -> Array:
+    n = len(consist.vehicles)
+    state = np.zeros((k.STATE_ROWS, n + 1))
+    state[k.RESERVOIR] = 1.0
+    state[k.X, :n] = setup.start.position - np.array(consist.offsets)
+    state[k.V, :n] = setup.start.speed
+    for row, values, key in ((k.X, setup.start.positions, "positions"), (k.V, setup.start.speeds, "speeds")):
+        if values is not None:
+            if len(values) != n:
+                raise ValueError(f"start.{key} has {len(values)} entries: the train has {n} vehicles")
+            state[row, :n] = values
+    return state
+
+
+def _settings(consist: Consist, setup: PlantSetup, step: float) -> Array:
+    setting = np.zeros(k.SETTINGS)
+    setting[k.REVERSING] = float(setup.reversing)
+    setting[k.HOLD_SPEED] = setup.holding_speed
+    setting[k.FULL_LEVEL] = 1.0
+    brake = consist.air_brake
+    if brake is not None:
+        setting[k.APPLY_KEEP] = np.exp(-step / brake.apply_time)
+        setting[k.RELEASE_KEEP] = np.exp(-step / brake.release_time)
+        setting[k.RESERVOIR_USE] = brake.reservoir_use
+        setting[k.RECHARGE] = 1.0 - np.exp(-step / brake.recharge_time)
+        setting[k.FULL_LEVEL] = brake.braking_factor[-1]
+    return setting
+
+
+def pack(consist: Consist, line: Line, setup: PlantSetup, step: float) -> Arrays:
+    """Return the kernel's arrays for a plant step [s].
+
+    Raises
+    ------
+    ValueError
+        If the setup does not fit the train (counts of speeds, lags, names of draft gears).
+    """
+    vehicles = consist.vehicles
+    n = len(vehicles)
+    gear, table, run, body = pack_gears(actual_gears(consist, setup), n)
+    unit, unit_index, envelope = _pack_units(consist, setup, step)
+    lags = setup.lag if isinstance(setup.lag, tuple) else (setup.lag,) * unit.shape[1]
+    if len(lags) != unit.shape[1]:
+        raise ValueError(f"lag has {len(lags)} entries: the train has {unit.shape[1]} power units")
+    unit[k.LAG_KEEP] = lag_keep(np.array(lags), step)
+    piece, first = _pack_pieces(consist, line, setup)
+    vehicle_index = np.zeros((k.VEHICLE_INDEX_ROWS, n), dtype=np.int64)
+    vehicle_index[k.PIECE] = first
+    vehicle = _pack_vehicles(vehicles, consist, setup)
+    vehicle_index[k.ORDER] = np.argsort(vehicle[k.PIPE_DISTANCE], kind="stable")
+    state, setting = _initial_state(consist, setup), _settings(consist, setup, step)
+    arrays = Arrays(vehicle, state, vehicle_index, gear, table, run, body, unit, unit_index, envelope, piece, setting)
+    k.locate(state, vehicle, vehicle_index, piece)
+    return arrays

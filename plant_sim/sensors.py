@@ -1,0 +1,91 @@
+"""From the truth to what the onboard ATO sees: noise, bias, resolution, frozen channels, wheel slip."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.setup import Sensors
+from plant_sim.states import Array, Measurement
+from plant_sim.streams import stream
+
+
+def _rounded(values: Array, quantum: float) -> Array:
+    return np.asarray(quantum * np.round(values / quantum)) if quantum > 0.0 else values
+
+
+class SensorSet:
+    """The sensors of one train.
+
+    Parameters
+    ----------
+    sensors : Sensors
+        As in the scenario.
+    units : int
+        Power units measured.
+    vehicles : int
+        Vehicles of the train.
+    tick : float
+        Time between measurements [s].
+    seed : int
+        Of the run.
+
+    Raises
+    ------
+    ValueError
+        If a sensor is on a vehicle or a unit that the train does not have.
+    """
+
+    def __init__(self, sensors: Sensors, units: int, vehicles: int, tick: float, seed: int) -> None:
+        for i in sensors.couplers:
+            if not 0 <= i < vehicles - 1:
+                raise ValueError(f"sensors.couplers names vehicle {i}: there is a coupling behind 0 ... {vehicles - 2}")
+        for unit in (*(freeze.unit for freeze in sensors.freeze), *(slip.unit for slip in sensors.wheel_slip)):
+            if unit >= units:
+                raise ValueError(f"a sensor fault names unit {unit}: the train has 0 ... {units - 1}")
+        self.couplers: NDArray[np.int64] = np.array(sensors.couplers, dtype=np.int64)
+        self._sensors = sensors
+        self._units = units
+        self._tick = tick
+        self._streams = {name: stream(seed, f"sensor/{name}") for name in ("position", "velocity", "coupler")}
+        self._odometer = np.zeros(units)
+        self._last_position = np.zeros(units)
+        self._last_velocity = np.zeros(units)
+
+    def measure(
+        self, stamp: int, position: Array, velocity: Array, applied: Array, coupler: tuple[Array, Array, Array]
+    ) -> Measurement:
+        """Return the measurement of one tick; ``coupler`` is true deflection, rate and force at the sensors.
+
+        Every call draws the same count of random numbers, whatever is switched on.
+        """
+        sensors = self._sensors
+        t = stamp * 1e-9
+        noise_x = self._streams["position"].standard_normal(self._units)
+        noise_v = self._streams["velocity"].standard_normal(self._units)
+        noise_c = self._streams["coupler"].standard_normal((2, len(self.couplers)))
+        velocity = velocity.copy()
+        for slip in sensors.wheel_slip:
+            if slip.begin <= t < slip.end:
+                self._odometer[slip.unit] += slip.slip * velocity[slip.unit] * self._tick
+                velocity[slip.unit] *= 1.0 + slip.slip
+        x = position + self._odometer + sensors.position_bias + sensors.position_noise * noise_x
+        v = velocity + sensors.velocity_bias + sensors.velocity_noise * noise_v
+        x, v = _rounded(x, sensors.position_quantum), _rounded(v, sensors.velocity_quantum)
+        for freeze in sensors.freeze:
+            if freeze.begin <= t < freeze.end:
+                if freeze.quantity != "velocity":
+                    x[freeze.unit] = self._last_position[freeze.unit]
+                if freeze.quantity != "position":
+                    v[freeze.unit] = self._last_velocity[freeze.unit]
+        self._last_position, self._last_velocity = x, v
+        deflection, rate, force = coupler
+        return Measurement(
+            stamp,
+            x.copy(),
+            v.copy(),
+            applied,
+            deflection + sensors.deflection_noise * noise_c[0],
+            rate,
+            force + sensors.force_noise * noise_c[1],
+        )

@@ -1,0 +1,122 @@
+"""Quantities of the data files: SI inside, a unit suffix on the key for anything else.
+
+A field annotated with a :class:`Unit` may be written under its own name (SI) or under its name and one of the
+unit's suffixes: ``mass`` in kg or ``mass_t`` in tonnes, ``speed`` in m/s or ``speed_kmh``.  The JSON Schema of a
+model lists both spellings, so that editors complete and check them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, get_args
+
+from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, model_validator
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+GRAVITY = 9.81
+"""Acceleration of free fall used where a data file names no other [m/s²]."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """An SI unit and the suffixes under which other units are accepted.
+
+    Parameters
+    ----------
+    si
+        Symbol of the SI unit.
+    suffixes
+        Pairs of key suffix and divisor: the SI value is the written value divided by it.
+    """
+
+    si: str
+    suffixes: tuple[tuple[str, float], ...] = ()
+
+
+Mass = Annotated[float, Unit("kg", (("t", 1e-3),))]
+Length = Annotated[float, Unit("m", (("km", 1e-3), ("mm", 1e3)))]
+Speed = Annotated[float, Unit("m/s", (("kmh", 3.6),))]
+Acceleration = Annotated[float, Unit("m/s²")]
+Jerk = Annotated[float, Unit("m/s³")]
+Time = Annotated[float, Unit("s", (("ms", 1e3), ("min", 1 / 60)))]
+Force = Annotated[float, Unit("N", (("kn", 1e-3), ("mn", 1e-6)))]
+ForceRate = Annotated[float, Unit("N/s", (("kn_per_s", 1e-3),))]
+Power = Annotated[float, Unit("W", (("kw", 1e-3), ("mw", 1e-6)))]
+Pressure = Annotated[float, Unit("Pa", (("kpa", 1e-3),))]
+Slope = Annotated[float, Unit("1", (("permille", 1e3),))]
+Stiffness = Annotated[float, Unit("N/m", (("kn_per_m", 1e-3), ("mn_per_m", 1e-6)))]
+Damping = Annotated[float, Unit("N s/m", (("kns_per_m", 1e-3), ("mns_per_m", 1e-6)))]
+Ratio = Annotated[float, Unit("1", (("percent", 1e2),))]
+
+
+def _unit_of(metadata: list[Any], annotation: Any) -> Unit | None:
+    """Find the Unit of a field, also inside list[...], tuple[...] and X | None."""
+    for entry in metadata:
+        if isinstance(entry, Unit):
+            return entry
+    for argument in get_args(annotation):
+        found = _unit_of(list(getattr(argument, "__metadata__", ())), argument)
+        if found is not None:
+            return found
+    return None
+
+
+def _divide(value: Any, divisor: float) -> Any:
+    if isinstance(value, bool) or not isinstance(value, (int, float, list, tuple)):
+        return value
+    if isinstance(value, (list, tuple)):
+        return [_divide(entry, divisor) for entry in value]
+    return value / divisor
+
+
+class SiModel(BaseModel):
+    """Base of every model that is read from a file: strict keys, finite numbers, unit suffixes."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, populate_by_name=True)
+
+    @classmethod
+    def suffixed_keys(cls) -> dict[str, tuple[str, float]]:
+        """Return every accepted suffixed key with the field it stands for and its divisor."""
+        keys: dict[str, tuple[str, float]] = {}
+        for name, field in cls.model_fields.items():
+            unit = _unit_of(list(field.metadata), field.annotation)
+            for suffix, divisor in unit.suffixes if unit else ():
+                keys[f"{name}_{suffix}"] = (name, divisor)
+        return keys
+
+    @model_validator(mode="before")
+    @classmethod
+    def _to_si(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        suffixed = cls.suffixed_keys()
+        result = dict(data)
+        for key in data:
+            if key in suffixed and key not in cls.model_fields:
+                name, divisor = suffixed[key]
+                if name in data:
+                    raise ValueError(f"{name} and {key} say the same thing: keep one of them")
+                result[name] = _divide(result.pop(key), divisor)
+        return result
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Add the suffixed spellings to the properties; a required field may be written either way."""
+        schema = handler(core_schema)
+        target = handler.resolve_ref_schema(schema)
+        properties = target.get("properties", {})
+        required = list(target.get("required", ()))
+        alternatives = []
+        for key, (name, _) in cls.suffixed_keys().items():
+            if name in properties:
+                properties[key] = {entry: part for entry, part in properties[name].items() if entry != "default"}
+        for name in list(required):
+            spellings = [name, *(key for key, (field, _) in cls.suffixed_keys().items() if field == name)]
+            if len(spellings) > 1:
+                required.remove(name)
+                alternatives.append({"oneOf": [{"required": [key]} for key in spellings]})
+        if alternatives:
+            target["allOf"] = [*target.get("allOf", ()), *alternatives]
+        target["required"] = required
+        return schema
