@@ -1,0 +1,7 @@
+"""``python -m train_ato``: the command line."""
+
+import sys
+
+from train_ato.cli.main import main
+
+sys.exit(main())

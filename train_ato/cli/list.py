@@ -1,0 +1,44 @@
+"""``train-ato list``: everything that can be named on the command line, one line each."""
+
+from __future__ import annotations
+
+import argparse
+
+from plant_sim.library import consist_names, line_names, load_consist, load_line
+from train_ato.cli.screen import names, print_json
+from train_ato.compensate.registry import COMPENSATIONS
+from train_ato.control.registry import LAWS
+from train_ato.observe.registry import OBSERVERS
+from train_ato.scenario import raw, shipped_scenarios, variants_of
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``list``."""
+    parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
+
+
+def catalogue() -> dict[str, dict[str, str]]:
+    """Return every kind of name with its one-line summary."""
+    scenarios: dict[str, str] = {}
+    for name, path in shipped_scenarios().items():
+        scenarios[name] = str(raw(name)[1].get("summary", ""))
+        scenarios |= {f"{name}:{variant}": summary for variant, summary in variants_of(path).items()}
+    return {
+        "scenarios": scenarios,
+        "controllers": {name: LAWS.summary(name) for name in LAWS.loadable()},
+        "observers": {name: OBSERVERS.summary(name) for name in OBSERVERS.loadable()},
+        "compensations": {name: COMPENSATIONS.summary(name) for name in COMPENSATIONS.loadable()},
+        "consists": {name: load_consist(name).summary for name in consist_names()},
+        "lines": {name: load_line(name).summary for name in line_names()},
+    }
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Print the catalogue."""
+    found = catalogue()
+    if options.json:
+        print_json(found)
+        return 0
+    for kind, entries in found.items():
+        names(kind, entries.items())
+    return 0

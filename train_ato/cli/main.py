@@ -1,0 +1,78 @@
+"""Entry point of the command line: parses, calls one command, turns errors into one line and an exit status."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from train_ato.version import VERSION
+
+COMMANDS: tuple[tuple[str, str], ...] = (
+    ("run", "drive a scenario and record it"),
+    ("compare", "drive a scenario with several laws: one table and one figure"),
+    ("reproduce", "the papers' claims beside what is measured here"),
+    ("list", "scenarios, laws, observers, compensations, consists and lines"),
+    ("replay", "publish a recorded run again, or try a law on its inputs"),
+    ("info", "what a run folder holds"),
+    ("check-law", "the contract tests on a law of your own"),
+    ("recover", "make a readable log of one that was killed"),
+    ("set", "change a parameter of a running controller, for example swap its law"),
+    ("verify", "run a recorded scenario again and compare every message"),
+    ("plan", "the driving profile alone"),
+    ("drive", "a profile driven by a smooth driver on the flexible train"),
+)
+DONE, FAILED, BAD_INPUT = 0, 1, 2
+
+
+class RunFailed(Exception):
+    """A run that ended by a failure; the message says which node and why."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """Argument parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_INPUT, f"{self.prog}: {message}; see `{self.prog} --help`\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(
+        prog="train-ato", description="Onboard automatic train operation on ROS 2, with the train it drives."
+    )
+    parser.add_argument("--version", action="version", version=f"train-ato {VERSION}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
+    for name, summary in COMMANDS:
+        module = importlib.import_module(f"train_ato.cli.{name.replace('-', '_')}")
+        command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
+        module.add_arguments(command)
+        command.set_defaults(execute=module.execute)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit status."""
+    try:
+        options = _parser().parse_args(arguments)
+        return int(options.execute(options) or DONE)
+    except ValueError as error:
+        return _complain(error, BAD_INPUT)
+    except (OSError, RunFailed) as error:
+        return _complain(error, FAILED)
+    except KeyboardInterrupt:
+        return _complain("interrupted", FAILED)
+
+
+def _complain(error: object, status: int) -> int:
+    if os.environ.get("TRAIN_ATO_DEBUG") and isinstance(error, Exception):
+        raise error
+    text = " ".join(str(error).split())
+    sys.stderr.write(f"train-ato: {text}\n")
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,138 @@
+"""``train-ato reproduce``: the papers' claims beside what is measured here."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bar
+from rich.table import Table as Grid
+
+from train_ato.cli.run import note_compilation
+from train_ato.cli.screen import console, shown
+from train_ato.reproduce.claims import Table
+from train_ato.reproduce.judging import claims_of
+from train_ato.reproduce.pool import Finished, Moved
+from train_ato.reproduce.session import Judged, load_paper, paper_numbers, reproduce
+from train_ato.run_folder import RunFolder
+
+HEADS = (("claim", 5), ("stated", 3), ("measured", 4), ("verdict", 2), ("reason", 6))
+"""Columns of the table of claims and their share of the width."""
+WIDTH = 160
+"""Width of the tables where standard output is no terminal."""
+COLOURS = {"reproduced": "green", "only in another setting": "yellow", "not reproduced": "red"}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``reproduce``."""
+    parser.add_argument("paper", nargs="?", default="all", help=f"{', '.join(paper_numbers())} or all (default)")
+    parser.add_argument("--full", action="store_true", help="also the long cases, over the whole line")
+    parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), metavar="N", help="worker processes")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to make (default: runs/reproduce-N)")
+    parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run what the claims need and judge them."""
+    if not 1 <= options.jobs <= 64:
+        raise ValueError(f"--jobs {options.jobs}: give a number of processes from 1 to 64")
+    numbers = paper_numbers() if options.paper == "all" else [options.paper]
+    papers = [load_paper(number) for number in numbers]
+    folder = RunFolder.make(options.out, "reproduce")
+    judged: list[Judged] = []
+
+    def take(paper: Judged) -> None:
+        judged.append(Judged(paper.paper, paper.rows, {}, paper.figures, paper.complaints))
+        _report(paper, folder.path, options.full, quiet=options.json)
+
+    try:
+        note_compilation()
+        with _bar() as progress:
+            reproduce(papers, folder.path, full=options.full, jobs=options.jobs, done=take, progress=progress)
+    finally:
+        if not judged:
+            folder.discard()
+    if options.json:
+        sys.stdout.write((folder.path / "reproduce.json").read_text(encoding="utf-8"))
+    else:
+        sys.stdout.write(f"claims, figures of every case and drawings in {folder.path}\n")
+    return 0
+
+
+@contextmanager
+def _bar() -> Iterator[Any]:
+    """Show how many cases are done and how far those under way are; yields the function to report with."""
+    bar = Bar(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[state]}"),
+        console=console(),
+        transient=True,
+        disable=not sys.stderr.isatty(),
+    )
+    under_way: dict[str, float] = {}
+    with bar:
+        task = bar.add_task("cases", total=None, state="")
+
+        def report(event: Moved | Finished, total: int) -> None:
+            if isinstance(event, Moved):
+                under_way[event.key] = event.fraction
+            else:
+                under_way.pop(event.key, None)
+                bar.advance(task)
+            state = ", ".join(f"{key} {100 * part:.0f} %" for key, part in under_way.items())
+            bar.update(task, total=total, state=state)
+
+        yield report
+
+
+def _report(judged: Judged, folder: Path, full: bool, quiet: bool) -> None:
+    """Print a paper's tables, and write them beside the figures."""
+    with (folder / f"paper{judged.paper.number}.txt").open("w", encoding="utf-8") as file:
+        screens = [Console(file=file, width=WIDTH, highlight=False)]
+        if not quiet:
+            screens.append(Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH))
+        for screen in screens:
+            _print(judged, full, screen)
+    for complaint in judged.complaints:
+        sys.stderr.write(f"train-ato: {complaint}\n")
+
+
+def _print(judged: Judged, full: bool, screen: Console) -> None:
+    paper = judged.paper
+    grid = Grid(title=f"paper {paper.number}: {paper.title}", title_justify="left", expand=True, show_lines=True)
+    for (_, share), head in zip(HEADS, ("claim", "paper", "here", "verdict", "reason"), strict=True):
+        grid.add_column(head, ratio=share, overflow="fold")
+    for row in judged.rows:
+        cells = [escape(row[key]) for key, _ in HEADS]
+        cells[3] = f"[{COLOURS[cells[3]]}]{cells[3]}[/]"
+        grid.add_row(*cells)
+    screen.print(grid)
+    left_out = len(paper.claims) - len(claims_of(paper, full))
+    if left_out:
+        screen.print(f"{left_out} more under --full")
+    for table in paper.tables:
+        screen.print(_grid(table, judged))
+
+
+def _grid(table: Table, judged: Judged) -> Grid:
+    grid = Grid(title=table.title, title_justify="left")
+    for number, head in enumerate(table.columns):
+        grid.add_column(head, justify="left" if number == 0 else "right", overflow="fold")
+    try:
+        rows = table.rows(judged.results)
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        rows = [(f"not available: {type(error).__name__}: {error}",)]
+    for row in rows:
+        grid.add_row(*(escape(shown(entry)) for entry in row))
+    return grid

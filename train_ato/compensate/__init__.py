@@ -1,0 +1,1 @@
+"""Compensation of the delay between a command and its action."""

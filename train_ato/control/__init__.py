@@ -1,0 +1,1 @@
+"""Control laws, their contract, and the stack that runs them."""

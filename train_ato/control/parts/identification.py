@@ -1,0 +1,110 @@
+"""What paper 004 learns while the train runs: the model's parameters, and what the model leaves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from train_ato.types import Array
+
+REACH = 0.5
+"""Identified parameters stay within this part of the nominal ones' norm."""
+
+
+class Increments:
+    """Recursive identification, eqs. (8)-(11), with the integrator kept: A = (1 - z⁻¹) A'.
+
+    Parameters
+    ----------
+    a : Array, shape (4,)
+        Nominal A(z⁻¹), with a root at 1.
+    b : Array, shape (3,)
+        Nominal B(z⁻¹).
+    """
+
+    def __init__(self, a: Array, b: Array) -> None:
+        inner = np.array([1.0, 1.0 + a[1], 1.0 + a[1] + a[2]])
+        self._nominal = np.concatenate((inner[1:], b))
+        self._a, self._b = np.array(a), np.array(b)
+        self._scale = REACH * float(np.linalg.norm(self._nominal[2:]))
+        self.reset()
+
+    def reset(self) -> None:
+        """Go back to the nominal parameters."""
+        self.theta = self._nominal.copy()
+        self._drift = np.zeros(3)
+
+    def polynomials(self) -> tuple[Array, Array]:
+        """Return A(z⁻¹), shape (4,), and B(z⁻¹), shape (3,)."""
+        c1, c2 = float(self.theta[0]), float(self.theta[1])
+        a = np.array([1.0, c1 - 1.0, c2 - c1, -c2])
+        a[1:] += self._drift
+        return a, self.theta[2:]
+
+    def miss(self, speeds: list[float], sent: list[float]) -> float:
+        """Return the newest speed minus what the model says of it [m/s]; lists are newest first, four long."""
+        a, b = self.polynomials()
+        v0, v1, v2, v3 = speeds
+        known = -float(a[1]) * v1 - float(a[2]) * v2 - float(a[3]) * v3
+        return v0 - known - sum(float(x) * u for x, u in zip(b, sent, strict=False))
+
+    def learn(self, speeds: list[float], sent: list[float], error: float, absolute: bool) -> None:
+        """Move the parameters by x e/(1 + x'x): on increments of the speed, or on the speed itself."""
+        _, v1, v2, v3 = speeds
+        if absolute:
+            x = np.array([-v1, -v2, -v3, *sent[:3]])
+            move = x * (error / (1.0 + float(x @ x)))
+            self._drift = np.clip(self._drift + move[:3], -REACH, REACH)
+            self.theta[2:] += move[3:]
+        else:
+            x = np.array([-(v1 - v2), -(v2 - v3), *sent[:3]])
+            self.theta += x * (error / (1.0 + float(x @ x)))
+        off = self.theta - self._nominal
+        size = float(np.linalg.norm(off))
+        if size > self._scale:
+            self.theta = self._nominal + off * (self._scale / size)
+
+
+class Residual:
+    """Back-propagation network for what the model leaves: xi = W s(V z + mu2) + mu1, s the logistic function.
+
+    Parameters
+    ----------
+    hidden
+        Neurons.
+    """
+
+    def __init__(self, hidden: int) -> None:
+        self._start = 0.5 * np.sin(1.0 + np.arange(6 * hidden, dtype=np.float64)).reshape(hidden, 6)
+        self._hidden = hidden
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was learnt; the first layer starts from fixed, different weights."""
+        self._v = self._start.copy()
+        self._mu2: Array = np.zeros(self._hidden)
+        self._w: Array = np.zeros(self._hidden)
+        self._mu1 = 0.0
+        self._z: Array = np.zeros(6)
+        self._s: Array = np.full(self._hidden, 0.5)
+
+    def estimate(self, speeds: list[float], sent: list[float]) -> float:
+        """Return xi for the coming sample [m/s] from the last three speeds [m/s] and commands [m/s²]."""
+        self._z = np.array([*(speed / 100.0 for speed in speeds), *sent])
+        reach = np.clip(self._v @ self._z + self._mu2, -30.0, 30.0)
+        self._s = 1.0 / (1.0 + np.exp(-reach))
+        return self._output()
+
+    def learn(self, left: float, rate: float) -> None:
+        """Move all weights down the gradient of (left - xi)² for the sample that xi was estimated for."""
+        error = rate * min(max(left - self._output(), -1.0), 1.0)
+        back = error * self._w * self._s * (1.0 - self._s)
+        self._mu1 = min(max(self._mu1 + error, -10.0), 10.0)
+        self._w = np.clip(self._w + error * self._s, -10.0, 10.0)
+        self._v = np.clip(self._v + np.outer(back, self._z), -10.0, 10.0)
+        self._mu2 = np.clip(self._mu2 + back, -10.0, 10.0)
+
+    def _output(self) -> float:
+        value = float(self._w @ self._s) + self._mu1
+        return value if math.isfinite(value) else 0.0

@@ -1,0 +1,1 @@
+"""The node graph: its environment, and running it in one process or in several."""

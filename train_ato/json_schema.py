@@ -1,0 +1,44 @@
+"""JSON Schemas of scenario, consist and line files, made from the models that check them.
+
+``python -m train_ato.json_schema`` writes them again; a test fails when they are older than the models.  Editors
+complete and check a file that begins with ``# yaml-language-server: $schema=...``.
+"""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from plant_sim.consist import Consist
+from plant_sim.line import Line
+from train_ato.scenario import Scenario
+
+MODELS: dict[str, type[BaseModel]] = {"scenario": Scenario, "consist": Consist, "line": Line}
+
+
+def schema_text(name: str) -> str:
+    """Return the JSON Schema of one kind of file."""
+    schema = MODELS[name].model_json_schema(by_alias=True)
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    if name == "scenario":
+        # Keys that exist in files only: they are worked off before the models see the scenario.
+        schema["properties"]["base"] = {"type": "string", "description": "scenario that this one is laid over"}
+        schema["properties"]["variants"] = {"type": "object", "description": "overlays by name"}
+        # What a scenario leaves out may stand in its base.
+        schema["required"] = ["schema"]
+        schema.pop("allOf", None)
+        schema["$defs"]["PlantBlock"].pop("required", None)
+    return json.dumps(schema, indent=1, ensure_ascii=False) + "\n"
+
+
+def schema_path(name: str) -> Path:
+    """Return where the schema is shipped."""
+    return Path(str(files("train_ato"))) / "schemas" / f"{name}.schema.json"
+
+
+if __name__ == "__main__":
+    for kind in MODELS:
+        schema_path(kind).write_text(schema_text(kind), encoding="utf-8")

@@ -1,0 +1,183 @@
+"""Transport delays on topics: a queue keyed on simulation stamps.
+
+A value pushed at a stamp arrives a delay later.  The delay is constant, per unit, chosen by the sign of the command
+(traction and brake answer differently), or varies with time at the receiver (paper 003: u(t - tau(t)),
+tau = 0.2 |sin t|); jitter and loss come from a seeded stream.  A newer value that arrives first replaces older ones
+still under way.  The same object serves the engine and the nodes, so that all ways of running give the same numbers.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from plant_sim.streams import stream
+from plant_sim.units import Ratio, SiModel, Time
+from train_ato.types import Array
+
+LONGEST_DELAY = 600.0
+"""No delay of a topic is longer [s]."""
+
+
+class VaryingDelay(SiModel):
+    """Delay that varies at the receiver: ``amplitude |sin(omega t + phase)|``, added to the constant part."""
+
+    amplitude: Time = Field(ge=0, le=LONGEST_DELAY)
+    omega: float = Field(1.0, gt=0, description="rad/s")
+    phase: float = Field(0.0, description="rad")
+
+
+class DelayJump(SiModel):
+    """From a time on the delays are multiplied and shifted."""
+
+    at: Time = Field(ge=0)
+    factor: float = Field(1.0, ge=0, le=1000)
+    add: Time = Field(0.0, ge=-LONGEST_DELAY, le=LONGEST_DELAY)
+
+
+class LinkSpec(SiModel):
+    """Delay of one topic. ``delay`` is one value for all units or one for each."""
+
+    delay: Time | tuple[Time, ...] = Field(0.0, description="s; for commands: in traction")
+    delay_brake: Time | tuple[Time, ...] | None = Field(None, description="s, for commands < 0; default: delay")
+    varying: VaryingDelay | None = None
+    jitter: Time = Field(
+        0.0, ge=0, le=LONGEST_DELAY, description="messages are late by up to this much more, uniformly"
+    )
+    loss: Ratio = Field(0.0, ge=0, lt=1, description="probability that a message is lost; the last value is held")
+    jump: DelayJump | None = None
+
+    def per_unit(self, width: int, name: str) -> tuple[Array, Array]:
+        """Return the delays of every unit in traction and in braking [s].
+
+        Raises
+        ------
+        ValueError
+            If a list has another length than the train has units, or a delay is negative.
+        """
+        traction = _spread(self.delay, width, f"links.{name}.delay")
+        if self.delay_brake is None:
+            return traction, traction
+        return traction, _spread(self.delay_brake, width, f"links.{name}.delay_brake")
+
+
+def _spread(value: float | tuple[float, ...], width: int, key: str) -> Array:
+    values = (value,) * width if isinstance(value, (int, float)) else value
+    if len(values) != width:
+        raise ValueError(f"{key}: {len(values)} values for {width} units; give one value or {width}")
+    if min(values, default=0.0) < 0:
+        raise ValueError(f"{key}: {min(values)} s is negative; a command cannot act before it is sent")
+    if max(values, default=0.0) > LONGEST_DELAY:
+        raise ValueError(f"{key}: {max(values):g} s is longer than {LONGEST_DELAY:g} s; check the unit")
+    return np.array(values, dtype=np.float64)
+
+
+class Link:
+    """A delay line for vectors of ``width`` values.
+
+    Parameters
+    ----------
+    spec
+        The delay.
+    width
+        Number of units, each with its own arrival.
+    step_ns
+        Grid to which delays are rounded [ns]: the plant's step.
+    seed, name
+        Key of the random stream.
+    """
+
+    def __init__(self, spec: LinkSpec, width: int, step_ns: int, seed: int, name: str) -> None:
+        self.spec = spec
+        self._step = step_ns
+        traction, brake = spec.per_unit(width, name)
+        self._forward = [float(delay) for delay in traction]
+        self._backward = [float(delay) for delay in brake]
+        self._under_way: list[deque[tuple[int, float]]] = [deque() for _ in range(width)]
+        self._held = np.zeros(width)
+        self._random = stream(seed, f"link/{name}") if spec.jitter > 0 or spec.loss > 0 else None
+        self._latest_limit = -(2**62)
+        self.lost = 0
+
+    def _rounded(self, seconds: float) -> int:
+        return round(seconds * 1e9 / self._step) * self._step
+
+    def push(self, stamp: int, value: Array) -> None:
+        """Send ``value`` at ``stamp`` [ns]."""
+        late = 0.0
+        if self._random is not None:
+            draws = self._random.random(2)
+            late = float(draws[0]) * self.spec.jitter
+            if draws[1] < self.spec.loss:
+                self.lost += 1
+                return
+        factor, add = 1.0, 0.0
+        jump = self.spec.jump
+        if jump is not None and stamp >= round(jump.at * 1e9):
+            factor, add = jump.factor, jump.add
+        for unit, queue in enumerate(self._under_way):
+            wanted = float(value[unit])
+            delay = self._backward[unit] if wanted < 0 else self._forward[unit]
+            due = stamp + self._rounded(max(0.0, delay * factor + add + late))
+            while queue and queue[-1][0] >= due:
+                queue.pop()
+            queue.append((due, wanted))
+
+    def window(self, start: int, count: int) -> Array:
+        """Return the value that is due at ``start``, ``start + step``, ... [ns], shape (count, width)."""
+        due_by = self._due_by(start, count) if self.spec.varying is not None else None
+        last = start + (count - 1) * self._step if due_by is None else int(due_by[-1])
+        result = np.empty((count, self._held.size))
+        result[:] = self._held
+        for unit, queue in enumerate(self._under_way):
+            while queue and queue[0][0] <= last:
+                due, value = queue.popleft()
+                steps_to_go = -((start - due) // self._step)
+                first = max(0, steps_to_go) if due_by is None else int(np.searchsorted(due_by, due))
+                result[first:, unit] = value
+                self._held[unit] = value
+        return result
+
+    def _due_by(self, start: int, count: int) -> NDArray[np.int64]:
+        """Return, for every step of the window, the stamp up to which values have arrived under a varying delay."""
+        varying = self.spec.varying
+        assert varying is not None
+        now = start + self._step * np.arange(count, dtype=np.int64)
+        late = varying.amplitude * np.abs(np.sin(varying.omega * (now * 1e-9) + varying.phase))
+        limit = now - np.rint(late * 1e9 / self._step).astype(np.int64) * self._step
+        limit = np.maximum(np.maximum.accumulate(limit), self._latest_limit)
+        self._latest_limit = int(limit[-1])
+        return limit
+
+    def pop(self, now: int) -> Array:
+        """Return the value that is due at ``now`` [ns], shape (width,); the last one is held."""
+        return np.asarray(self.window(now, 1)[0])
+
+
+class MessageLink:
+    """A delay line for whole messages: at every stamp the newest one that has arrived.
+
+    Until the first has arrived it is the first that was sent, since a train knows where it stands before it starts.
+    """
+
+    def __init__(self, spec: LinkSpec, step_ns: int, seed: int, name: str) -> None:
+        self._idle = spec == LinkSpec()
+        self._link = Link(spec, 1, step_ns, seed, name)
+        self._sent: dict[int, Any] = {}
+        self._number = 0
+
+    def pass_on(self, stamp: int, message: Any) -> Any:
+        """Send a message at ``stamp`` [ns] and return the one that has arrived by then."""
+        if self._idle:
+            return message
+        self._number += 1
+        self._sent[self._number] = message
+        self._link.push(stamp, np.array([float(self._number)]))
+        arrived = max(1, int(self._link.pop(stamp)[0]))
+        for number in [number for number in self._sent if number < arrived]:
+            del self._sent[number]
+        return self._sent[arrived]

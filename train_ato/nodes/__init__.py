@@ -1,0 +1,1 @@
+"""Nodes of the graph: thin shells around the roles, made from the topic table."""

@@ -1,0 +1,108 @@
+"""ROS parameters of the nodes, made from the declarations of laws and observers.
+
+Every double has a range, because rclpy accepts NaN where there is none; names that no node declares are refused,
+because rclpy ignores them silently.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+
+from train_ato.control.contract import Parameter
+from train_ato.control.parameters import closest
+
+_LARGEST = 1.7e308
+_INT64 = 2**63 - 1
+_CLOCK = frozenset({"use_sim_time", "start_type_description_service"})
+
+
+@dataclass(frozen=True)
+class Declared:
+    """One ROS parameter of a node: full name, value at the start, its declaration."""
+
+    name: str
+    value: Any
+    entry: Parameter
+    read_only: bool = False
+
+
+def declare(node: Node, parameters: list[Declared]) -> dict[str, Any]:
+    """Declare parameters on a node and return their values, those given at the start included.
+
+    Raises
+    ------
+    ValueError
+        For a value given at the start that is misspelt, of a wrong type or out of range; one line with the remedy.
+    """
+    _refuse_unknown(node, [parameter.name for parameter in parameters])
+    values = {}
+    for parameter in parameters:
+        try:
+            values[parameter.name] = node.declare_parameter(
+                parameter.name, parameter.value, descriptor(parameter)
+            ).value
+        except (InvalidParameterValueException, InvalidParameterTypeException) as error:
+            given = node._parameter_overrides.get(parameter.name)
+            text = parameter.value if given is None else given.value
+            raise ValueError(f"parameter {parameter.name}: {text!r} is refused: {_reason(error)}") from None
+        value = values[parameter.name]
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ValueError(f"parameter {parameter.name}: {value} is not finite; {_range(parameter.entry)}")
+    return values
+
+
+def _refuse_unknown(node: Node, names: list[str]) -> None:
+    for given in node._parameter_overrides:
+        if given not in names and given not in _CLOCK and not given.startswith("qos_overrides."):
+            raise ValueError(
+                f"parameter {given}: node {node.get_name()} has none of that name{closest(given, names)}; "
+                f"`ros2 param list` names all"
+            )
+
+
+def _reason(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _range(entry: Parameter) -> str:
+    return f"give {entry.low:g} ... {entry.high:g} {entry.unit}".rstrip()
+
+
+def descriptor(parameter: Declared) -> Any:
+    """Return the descriptor of a parameter: meaning, unit, range, allowed words."""
+    entry = parameter.entry
+    result = ParameterDescriptor(
+        name=parameter.name,
+        description=f"{entry.meaning} [{entry.unit}]" if entry.unit else entry.meaning,
+        read_only=parameter.read_only,
+        additional_constraints=f"one of: {', '.join(entry.choices)}" if entry.choices else "",
+    )
+    if isinstance(entry.default, (bool, str)):
+        return result
+    if isinstance(entry.default, int):
+        low, high = (int(min(max(bound, -_INT64), _INT64)) for bound in (entry.low, entry.high))
+        result.integer_range = [IntegerRange(from_value=low, to_value=high, step=0)]
+    else:
+        low_f, high_f = (float(min(max(bound, -_LARGEST), _LARGEST)) for bound in (entry.low, entry.high))
+        result.floating_point_range = [FloatingPointRange(from_value=low_f, to_value=high_f, step=0.0)]
+    return result
+
+
+def block_parameters(
+    block: str, entries: tuple[Parameter, ...], given: Mapping[str, Any], *, read_only: bool = False
+) -> list[Declared]:
+    """Return the ROS parameters of a law or an observer, ``block.name``, with the scenario's values as defaults."""
+    found = []
+    for entry in entries:
+        value = given.get(entry.name, entry.default)
+        if isinstance(entry.default, float):
+            value = float(value)
+        found.append(Declared(f"{block}.{entry.name}", value, entry, read_only))
+    return found

@@ -1,0 +1,88 @@
+"""Cascaded observer of paper 002, eqs. (6)-(11), in realisable form, for every driven vehicle.
+
+Per unit, with the known acceleration a = (u_applied - couplers - resistance - shoes)/m::
+
+    x' = v + d1,  v' = a + d2;     estimate = m (d2 + d1')
+
+which is what acts in the direction of the force after the paper's change of variable v~ = v + d1 (12), (35). How the
+signs are sampled stands in :mod:`train_ato.observe.cascade`; ``method: levant`` is best up to 1 ms, `eso` is
+better from 10 ms on. ``unmatched: false`` leaves d1 out (the estimate is then m d2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from train_ato.control.contract import parameter
+from train_ato.observe.balance import Balance, State
+from train_ato.observe.cascade import Cascade, ImplicitCascade, LevantCascade
+from train_ato.observe.contract import ObserverInput
+from train_ato.observe.guard import GuardedObserver
+
+if TYPE_CHECKING:
+    from train_ato.model import TrainModel
+
+
+@dataclass(frozen=True)
+class CascadedParameters:
+    """Parameters of :class:`Cascaded`."""
+
+    method: str = parameter(
+        "implicit", "", 0, 0, "implicit signs, or Levant's differentiators", choices=("implicit", "levant")
+    )
+    k1: float = parameter(20.0, "m/s", 0.0, 1e4, "gain of the position channel")
+    k2: float = parameter(20.0, "m/s²", 0.0, 1e4, "gain of the speed channel")
+    k3: float = parameter(10.0, "1/s", 0.0, 1e4, "gain of the second stage")
+    k4: float = parameter(100.0, "m/s²", 0.0, 1e5, "switching gain of the second stage")
+    filter_time: float = parameter(0.02, "s", 0.0, 10.0, "low-pass filter of the switching signals")
+    jerk_offset: float = parameter(100.0, "m/s³", 1e-6, 1e6, "bound of |d1''|, levant only")
+    jerk: float = parameter(30.0, "m/s³", 1e-6, 1e6, "bound of |d2'|, levant only")
+    unmatched: bool = parameter(True, "", 0, 1, "estimate the speed offset d1 as well")
+
+
+def make_cascade(parameters: CascadedParameters, period: float) -> Cascade:
+    """Return the cascade of one vehicle."""
+    p = parameters
+    if p.method == "levant":
+        return LevantCascade(period, p.jerk_offset, p.jerk)
+    return ImplicitCascade(period, p.k1, p.k2, p.k3, p.k4, p.filter_time)
+
+
+class Cascaded(GuardedObserver):
+    """Cascaded observer of matched and unmatched disturbance (paper 002)."""
+
+    Parameters: ClassVar[type] = CascadedParameters
+
+    def __init__(self, parameters: CascadedParameters, model: TrainModel, period: float) -> None:
+        super().__init__(parameters, model, period)
+        self._balance = Balance(model, "auto", 0.0, "cascaded", period)
+        self._unmatched = parameters.unmatched
+        self.cascades = [make_cascade(parameters, period) for _ in range(self._balance.count)]
+        self.forget()
+
+    def forget(self) -> None:
+        """Start anew with the next sample."""
+        for cascade in self.cascades:
+            cascade.reset()
+        self._before: list[State] | None = None
+
+    def missed(self) -> None:
+        """Begin again at the next sound sample; what was found is kept."""
+        for cascade in self.cascades:
+            cascade.restart()
+        self._before = None
+
+    def estimate(self, inputs: ObserverInput) -> list[float]:
+        """Return the disturbance force of every unit [N]."""
+        now = self._balance.known(inputs)
+        places = inputs.position.tolist()
+        for index, (cascade, state) in enumerate(zip(self.cascades, now, strict=True)):
+            known = 0.0
+            if self._before is not None:
+                before = self._before[index]
+                known = self._balance.mean_push(before.push, state.push) - 0.5 * (before.resisting + state.resisting)
+            cascade.step(places[index], state.speed, known)
+        self._before = now
+        offset = 1.0 if self._unmatched else 0.0
+        return self._balance.forces([cascade.d2 + offset * cascade.d1_rate for cascade in self.cascades])

@@ -1,0 +1,174 @@
+"""A line as a whole train feels it, tabulated over the way of the train's front."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from plant_sim.line import Line
+from plant_sim.track import Track
+from train_ato.plan.train_tables import TrainTables
+from train_ato.types import Array
+
+__all__ = ["Grid", "LineForce", "SpeedLimits"]
+
+
+def _compiled(function: Any) -> Any:
+    return njit(cache=True, error_model="numpy")(function)
+
+
+FINEST, COARSEST, CELLS = 0.05, 5.0, 8000
+"""Length of a cell in the middle of a run [m], and how many cells a run has where it lies between them."""
+SMALLEST, GROWTH = 0.002, 1.15
+"""Length of the cells at both ends of a run [m], where speeds are low, and by what factor they grow."""
+
+
+class Grid:
+    """Places of the front on one run between two stops, dense at both ends.
+
+    Parameters
+    ----------
+    begin, end
+        m; both are places of the grid.
+
+    Attributes
+    ----------
+    places : Array, shape (cells + 1,)
+        Rising [m].
+    steps : Array, shape (cells,)
+        Between them [m].
+    """
+
+    def __init__(self, begin: float, end: float) -> None:
+        length = end - begin
+        coarse = float(np.clip(length / CELLS, FINEST, COARSEST))
+        count = int(np.log(coarse / SMALLEST) / np.log(GROWTH))
+        ramp = np.cumsum(SMALLEST * GROWTH ** np.arange(count))
+        ramp = np.concatenate(([0.0], ramp[ramp < 0.3 * length]))
+        middle = length - 2 * ramp[-1]
+        inner = ramp[-1] + np.linspace(0.0, middle, max(10, int(np.ceil(middle / coarse))) + 1)[1:-1]
+        self.begin, self.end = begin, end
+        self.places: Array = begin + np.concatenate((ramp, inner, length - ramp[::-1]))
+        self.places[-1] = end
+        self.steps: Array = np.diff(self.places)
+        self.cells = self.steps.size
+
+
+class LineForce:
+    """Grade, curve and tunnel force on a whole train, every vehicle at its own place.
+
+    Parameters
+    ----------
+    line, train
+        Whose force.
+    over_length
+        Average over each vehicle's length instead of taking its centre.
+    """
+
+    def __init__(self, line: Line, train: TrainTables, over_length: bool = False) -> None:
+        self._train = train
+        track = Track(line)
+        lengths = np.unique(train.lengths) if over_length else np.zeros(1)
+        self._pieces = [track.over_length(float(length)) if over_length else track.at_points() for length in lengths]
+        self._kind = np.searchsorted(lengths, train.lengths) if over_length else np.zeros(train.masses.size, dtype=int)
+
+    def at(self, front: Array) -> Array:
+        """Return the force [N], > 0 resists, with the front at rising places; just beyond every place."""
+        total = np.zeros(front.size)
+        for mass, behind, kind in zip(self._train.masses, self._train.behind, self._kind, strict=True):
+            _add_force(total, front, self._pieces[kind], behind, mass * self._train.gravity, 0.0)
+        return total
+
+    def on_cells(self, grid: Grid) -> tuple[Array, Array, Array]:
+        """Return smallest, mean and largest force [N] over every cell, shape (cells,) each."""
+        places = grid.places
+        beyond, before, work = np.zeros(places.size), np.zeros(places.size), np.zeros(places.size)
+        for mass, behind, kind in zip(self._train.masses, self._train.behind, self._kind, strict=True):
+            weight = mass * self._train.gravity
+            _add_force(beyond, places, self._pieces[kind], behind, weight, 0.0)
+            _add_force(before, places, self._pieces[kind], behind, weight, 1e-9)
+            _add_work(work, places, self._pieces[kind], behind, weight)
+        mean = np.diff(work) / grid.steps
+        ends = np.stack((beyond[:-1], before[1:], mean))
+        return ends.min(axis=0), mean, ends.max(axis=0)
+
+
+@_compiled
+def _add_force(total: Array, front: Array, pieces: Array, behind: float, weight: float, back: float) -> None:
+    piece = 0
+    for k in range(front.size):
+        x = front[k] - behind - back
+        while piece + 1 < pieces.shape[1] and pieces[1, piece] <= x:
+            piece += 1
+        total[k] += weight * (pieces[2, piece] + pieces[3, piece] * (x - pieces[0, piece]) + pieces[4, piece])
+
+
+@_compiled
+def _add_work(total: Array, front: Array, pieces: Array, behind: float, weight: float) -> None:
+    """Add the work done from the first place on."""
+    piece, work = 0, 0.0
+    x0 = front[0] - behind
+    while piece + 1 < pieces.shape[1] and pieces[1, piece] <= x0:
+        piece += 1
+    for k in range(1, front.size):
+        x1 = front[k] - behind
+        while True:
+            stop = min(x1, pieces[1, piece])
+            middle = 0.5 * (x0 + stop) - pieces[0, piece]
+            work += (stop - x0) * (pieces[2, piece] + pieces[3, piece] * middle + pieces[4, piece])
+            x0 = stop
+            if stop >= x1:
+                break
+            piece += 1
+        total[k] += weight * work
+
+
+class SpeedLimits:
+    """Stretches of constant limit, each with the speed allowed to any part of the train on it.
+
+    Attributes
+    ----------
+    begin, end, speed : Array
+        m, m, m/s; the last stretch ends at infinity.
+    """
+
+    def __init__(self, line: Line, speed_max: float) -> None:
+        places = [limit.at for limit in line.speed_limits]
+        speeds = [min(limit.speed, speed_max) for limit in line.speed_limits]
+        self.begin: Array = np.array([-np.inf, *places])
+        self.end: Array = np.array([*places, np.inf])
+        self.speed: Array = np.array([speed_max, *speeds])
+
+    def over_train(self, grid: Grid, length: float, widen: float = 0.0, rate: float = 0.0) -> Array:
+        """Return the limit of the whole train at every place of its front [m/s], shape (cells + 1,).
+
+        A limit holds at the places of the grid on both sides of its own, so that it holds between them too.
+
+        Parameters
+        ----------
+        length
+            Of the train [m].
+        widen
+            Time by which a limit is kept earlier and longer than it must [s].
+        rate
+            Largest acceleration or deceleration in that time [m/s²].
+        """
+        limit = np.full(grid.cells + 1, np.inf)
+        for begin, end, speed in zip(self.begin, self.end, self.speed, strict=True):
+            reach = widen * (speed + widen * rate)
+            first = max(0, int(np.searchsorted(grid.places, begin - reach + 1e-9, side="right")) - 1)
+            last = int(np.searchsorted(grid.places, end + length + reach - 1e-9, side="left"))
+            if begin - reach >= grid.end or end + length + reach <= grid.begin:
+                continue
+            limit[first : last + 1] = np.minimum(limit[first : last + 1], speed)
+        return limit
+
+    def at(self, front: Array, length: float) -> Array:
+        """Return the limit of the whole train with its front anywhere [m/s]."""
+        limit = np.full(front.size, np.inf)
+        for begin, end, speed in zip(self.begin, self.end, self.speed, strict=True):
+            on = (front >= begin) & (front < end + length)
+            limit[on] = np.minimum(limit[on], speed)
+        return limit

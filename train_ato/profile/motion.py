@@ -1,0 +1,156 @@
+"""Motion in pieces of constant jerk, and its sampling into the knots of a profile.
+
+A change of speed under a limit on the acceleration that depends on the speed has a closed form in the plane of speed
+and ``y = a²/2``: since dy/dv = da/dt, a limit on the jerk is a limit on the slope of y, and the fastest change is the
+largest curve under ``a_max(v)²/2`` with that slope, found in one pass in each direction.  Between two grid points y is
+linear in v, so every cell is a piece of constant jerk and is integrated exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from train_ato.profile.profile import Profile, knot_count
+from train_ato.types import Array
+
+__all__ = ["CELLS", "Motion", "Piece", "change_of_speed"]
+
+CELLS = 1000
+"""Cells of speed of one change of speed."""
+SMALLEST = 1e-9
+"""Changes of speed below this are none [m/s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Constant jerk for a time [s], starting with an acceleration of its own: it may jump where jerk is unlimited."""
+
+    duration: float
+    acceleration: float
+    jerk: float
+
+
+def _advance(x: float, v: float, piece: Piece) -> tuple[float, float]:
+    t, a, j = piece.duration, piece.acceleration, piece.jerk
+    return x + t * (v + t * (a / 2 + t * j / 6)), v + t * (a + t * j / 2)
+
+
+@dataclass
+class Motion:
+    """A motion being put together.
+
+    Attributes
+    ----------
+    time, position, velocity, acceleration : float
+        Its present end: s, m, m/s, m/s².
+    pieces : list of Piece
+        What was put together so far.
+    """
+
+    time: float
+    position: float
+    velocity: float = 0.0
+    acceleration: float = 0.0
+    pieces: list[Piece] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.begin = (self.time, self.position, self.velocity)
+
+    def add(self, pieces: list[Piece]) -> None:
+        """Put pieces at the end."""
+        for piece in pieces:
+            self.position, self.velocity = _advance(self.position, self.velocity, piece)
+            self.time += piece.duration
+            self.acceleration = piece.acceleration + piece.jerk * piece.duration
+        self.pieces.extend(pieces)
+
+    def hold(self, duration: float) -> None:
+        """Go on at the present speed."""
+        if duration > 0:
+            self.add([Piece(duration, 0.0, 0.0)])
+            self.acceleration = 0.0
+
+    def settle(self, jerk: float | None) -> None:
+        """Bring a remaining acceleration to 0."""
+        if self.acceleration and jerk:
+            duration = abs(self.acceleration) / jerk
+            self.add([Piece(duration, self.acceleration, -math.copysign(jerk, self.acceleration))])
+        self.acceleration = 0.0
+
+    def set_velocity(self, velocity: float) -> None:
+        """Correct the rounding of the speed at a planned value."""
+        self.velocity = velocity
+
+    def sampled(self, period: float) -> Profile:
+        """Return the knots of the motion every ``period`` seconds from its begin; at rest at the end it is held."""
+        time, x, v = self.begin
+        states = np.empty((len(self.pieces) + 1, 5))
+        for row, piece in zip(states, self.pieces, strict=False):
+            row[:] = time, x, v, piece.acceleration, piece.jerk
+            x, v = _advance(x, v, piece)
+            v = 0.0 if abs(v) < SMALLEST else v
+            time += piece.duration
+        states[-1] = time, x, v, self.acceleration, 0.0
+        count = knot_count(max(2.0, math.ceil((time - self.begin[0]) / period - 1e-9) + 1))
+        knots = self.begin[0] + period * np.arange(count)
+        index = np.clip(np.searchsorted(states[:, 0], knots + 1e-12, side="right") - 1, 0, len(self.pieces))
+        t0, x0, v0, a0, j0 = states[index].T
+        s = np.maximum(knots - t0, 0.0)
+        position = x0 + s * (v0 + s * (a0 / 2 + s * j0 / 6))
+        velocity = v0 + s * (a0 + s * j0 / 2)
+        acceleration = a0 + s * j0
+        resting = np.flatnonzero((index == len(self.pieces)) & (abs(v) < SMALLEST))
+        position[resting], velocity[resting], acceleration[resting] = x, 0.0, 0.0
+        return Profile.uniform(self.begin[0], period, position, velocity, acceleration)
+
+
+def change_of_speed(
+    start: float, target: float, limit: Callable[[Array], Array], jerk: float | None, cells: int = CELLS
+) -> list[Piece]:
+    """Return the fastest change from one speed to another, from and to no acceleration.
+
+    Parameters
+    ----------
+    start, target
+        Speeds [m/s] of one sign (0 counts as either).
+    limit
+        Largest magnitude of the acceleration [m/s²] at magnitudes of the speed [m/s].
+    jerk
+        Its limit [m/s³]; None: the acceleration may jump.
+
+    Raises
+    ------
+    ValueError
+        If the limit leaves nothing at some speed on the way.
+    """
+    if abs(target - start) < SMALLEST:
+        return []
+    speed = np.linspace(abs(start), abs(target), cells + 1)
+    largest = np.asarray(limit(speed), dtype=np.float64)
+    none_left = np.flatnonzero(largest <= 0)
+    if none_left.size:
+        raise ValueError(
+            f"{3.6 * abs(target):.1f} km/h cannot be reached: nothing is left to change the speed at "
+            f"{3.6 * speed[none_left[0]]:.1f} km/h"
+        )
+    y = _under_slope(largest**2 / 2, abs(target - start) / cells, jerk)
+    a = np.sqrt(2 * y) * math.copysign(1.0, target - start)
+    duration = 2 * abs(target - start) / cells / np.abs(a[:-1] + a[1:])
+    slope = (a[1:] - a[:-1]) / duration
+    return [Piece(*row) for row in zip(duration.tolist(), a[:-1].tolist(), slope.tolist(), strict=True)]
+
+
+def _under_slope(y: Array, step: float, jerk: float | None) -> Array:
+    """Return the largest curve under ``y`` whose slope stays within the jerk, 0 at both ends."""
+    if jerk is None:
+        return y
+    y = y.copy()
+    y[0] = y[-1] = 0.0
+    ramp = jerk * step * np.arange(y.size)
+    y = np.minimum.accumulate(y - ramp) + ramp
+    y = (np.minimum.accumulate(y[::-1] - ramp) + ramp)[::-1]
+    return np.maximum(y, 0.0)

@@ -1,0 +1,1 @@
+"""Readers of other tools' files: trains and lines from open libraries."""

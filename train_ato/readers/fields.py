@@ -1,0 +1,114 @@
+"""Checked access to the keys of a foreign file: every error is one line with the file, the key and the value."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+__all__ = ["Fields", "number", "read_data"]
+
+LARGEST_FILE = 64 * 2**20
+"""Files beyond this many bytes are refused."""
+
+
+def read_data(path: Path) -> dict[str, Any]:
+    """Read a YAML or JSON file that holds keys and values.
+
+    Raises
+    ------
+    ValueError
+        One line that names the file and the reason.
+    """
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise ValueError(f"{path}: larger than {LARGEST_FILE} bytes; not a train or a line")
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: cannot be read ({error.__class__.__name__}); name a readable text file") from None
+    try:
+        data = json.loads(text) if path.suffix.lower() == ".json" else _yaml(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{path}: not valid: {' '.join(str(error).split())[:200]}; correct it there") from None
+    if not isinstance(data, dict):
+        raise ValueError(f"{path}: holds {type(data).__name__}, not keys and values; not a train or a line")
+    return data
+
+
+def _yaml(text: str) -> Any:
+    try:
+        return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except yaml.YAMLError as error:
+        raise ValueError(str(error)) from None
+
+
+class Fields:
+    """One mapping of a file with the place it stands at."""
+
+    def __init__(self, data: Any, place: str) -> None:
+        if not isinstance(data, dict):
+            raise ValueError(f"{place}: must hold keys and values, it holds {_shown(data)}")
+        self.data: dict[Any, Any] = data
+        self.place = place
+
+    def __contains__(self, key: str) -> bool:
+        return self.data.get(key) is not None
+
+    def below(self, key: str) -> Fields:
+        """Return the mapping under a key."""
+        return Fields(self.required(key), f"{self.place}: {key}")
+
+    def required(self, key: str) -> Any:
+        """Return a value that must be there."""
+        if self.data.get(key) is None:
+            raise ValueError(f"{self.place}: {key}: this key is missing; add it")
+        return self.data[key]
+
+    def text(self, key: str, default: str | None = None) -> str:
+        """Return a value as one line of text."""
+        value = self.data.get(key, default) if default is not None else self.required(key)
+        return " ".join(str(value).split())
+
+    def number(self, key: str, default: float | None = None, low: float = -math.inf, high: float = math.inf) -> float:
+        """Return a number within its range."""
+        if default is not None and key not in self:
+            return default
+        return number(self.required(key), f"{self.place}: {key}", low, high)
+
+    def entries(self, key: str, least: int = 1) -> list[Any]:
+        """Return a list of at least so many entries."""
+        value = self.required(key)
+        if not isinstance(value, list) or len(value) < least:
+            raise ValueError(f"{self.place}: {key} = {_shown(value)}: must be a list of at least {least}")
+        return value
+
+    def rows(self, key: str, columns: int, least: int = 1) -> list[list[Any]]:
+        """Return a list of rows that have so many entries each."""
+        rows = self.entries(key, least)
+        for place, row in enumerate(rows):
+            if not isinstance(row, list) or len(row) != columns:
+                raise ValueError(f"{self.place}: {key}[{place}] = {_shown(row)}: must be a list of {columns}")
+        return rows
+
+
+def number(value: Any, place: str, low: float = -math.inf, high: float = math.inf) -> float:
+    """Return a finite number within its range.
+
+    Raises
+    ------
+    ValueError
+        One line with the place and the value.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300:
+        raise ValueError(f"{place} = {_shown(value)}: must be a finite number")
+    if not low <= value <= high:
+        raise ValueError(f"{place} = {value:g}: must lie between {low:g} and {high:g}")
+    return float(value)
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:60] + "..."

@@ -1,0 +1,235 @@
+"""Trains and running paths in the railtoolkit schema (rolling-stock and running-path, 2022.05).
+
+Rules of the schema's running-time calculation (Bruenger and Dahlhaus in Hansen and Pachl, "Railway Timetabling and
+Operations", 2014, chapter 4; Wende, "Fahrdynamik des Schienenverkehrs", 2003, pages 151-153):
+
+* masses in t, every vehicle with its full load; g = 9.80665 m/s²;
+* resistances in per mille of the weight; the air term is ``air ((V + wind)/100 km/h)²`` with a head wind of 15 km/h
+  on locomotives, multiple units and passenger coaches, none on freight wagons; passenger coaches have a rolling term
+  ``rolling V/100 km/h``; of a locomotive or multiple unit, ``base`` holds for the driven and ``rolling`` for the other
+  axles, all of it without load;
+* rotating masses are weighted by the vehicles' own masses, without load;
+* braking at ``a_braking`` or else at -0.225 m/s² (freight) or -0.375 m/s² (passenger), whatever the grade.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from plant_sim.consist import Consist
+from plant_sim.library import check
+from plant_sim.line import Line
+from train_ato.readers.fields import Fields, number, read_data
+
+__all__ = ["ReadTrain", "is_railtoolkit", "line_from", "read_line", "read_train", "train_from"]
+
+TRAIN_SCHEMA = "railtoolkit.org/schema/rolling-stock"
+PATH_SCHEMA = "railtoolkit.org/schema/running-path"
+GRAVITY = 9.80665
+WIND = 15.0
+"""Head wind [km/h]."""
+ROTATING = {"traction unit": 1.09, "multiple unit": 1.08, "passenger": 1.06, "freight": 1.06}
+"""Rotating mass factors where the file gives none."""
+ADHESION = 0.33
+"""Traction over the weight on driven axles where the file gives no tractive effort."""
+BRAKED_GRADE = 0.05
+"""The deceleration is reached on falls up to this grade."""
+TYPES = ("traction unit", "multiple unit", "passenger", "freight")
+
+
+@dataclass(frozen=True, slots=True)
+class ReadTrain:
+    """A train with what its file says beyond the consist: service deceleration [m/s²] and largest speed [m/s]."""
+
+    consist: Consist
+    deceleration: float
+    speed_max: float
+
+
+def is_railtoolkit(data: dict[str, Any], what: str) -> bool:
+    """Return whether a file's data are a ``train`` or a ``line`` in this schema."""
+    schema = str(data.get("schema", ""))
+    if what == "train":
+        return TRAIN_SCHEMA in schema or ("vehicles" in data and "trains" in data)
+    return PATH_SCHEMA in schema or "paths" in data or (isinstance(data.get("path"), dict))
+
+
+def read_train(path: Path) -> ReadTrain:
+    """Read the first train of a rolling-stock file.
+
+    Raises
+    ------
+    ValueError
+        One line that names the file, the key, the value and the remedy.
+    """
+    return train_from(read_data(path), str(path))
+
+
+def train_from(data: dict[str, Any], place: str) -> ReadTrain:
+    """Return the first train of a rolling-stock file's data; see :func:`read_train`."""
+    top = Fields(data, place)
+    known: dict[str, Fields] = {}
+    for index, entry in enumerate(top.entries("vehicles")):
+        vehicle = Fields(entry, f"{place}: vehicles[{index}]")
+        known[vehicle.text("id")] = vehicle
+    train = Fields(top.entries("trains")[0], f"{place}: trains[0]")
+    formation = [str(name) for name in train.entries("formation")]
+    for name in formation:
+        if name not in known:
+            raise ValueError(f"{train.place}: formation names '{name}', vehicles has {', '.join(sorted(known))}")
+    used = {name: _Vehicle(known[name]) for name in dict.fromkeys(formation)}
+    return _assembled(train.text("name"), formation, used, train.place)
+
+
+class _Vehicle:
+    """One vehicle of the file in SI."""
+
+    def __init__(self, fields: Fields) -> None:
+        self.fields = fields
+        self.type = fields.text("vehicle_type")
+        if self.type not in TYPES:
+            raise ValueError(f"{fields.place}: vehicle_type = '{self.type}': must be one of {', '.join(TYPES)}")
+        self.powered = self.type in ("traction unit", "multiple unit")
+        self.length = fields.number("length", None, 0.1, 1e4)
+        self.own = fields.number("mass", None, 1e-3, 1e5) * 1e3
+        self.load = fields.number("load_limit", 0.0, 0, 1e5) * 1e3
+        self.mass = self.own + self.load
+        self.rotating = fields.number("rotation_mass", ROTATING[self.type], 1.0, 2.0)
+        self.speed = fields.number("speed_limit", 504.0, 0.1, 720.0) / 3.6
+        self.driven = min(fields.number("mass_traction", self.own / 1e3, 0, 1e5) * 1e3, self.own)
+        self.deceleration = abs(fields.number("a_braking", 0.0, -5, 5))
+
+    def resistance(self) -> tuple[float, float, float]:
+        """Return c0 + c1 v + c2 v² [N], v in m/s."""
+        base = self.fields.number("base_resistance", 0.0, 0, 1e3)
+        rolling = self.fields.number("rolling_resistance", 0.0, 0, 1e3)
+        air = self.fields.number("air_resistance", 0.0, 0, 1e3)
+        weight = self.mass * GRAVITY / 1e3
+        wind = 0.0 if self.type == "freight" else WIND / 100
+        per_speed = 3.6 / 100
+        if self.powered:
+            constant = (base * self.driven + rolling * (self.own - self.driven)) * GRAVITY / 1e3
+            linear, air_weight = 0.0, self.own * GRAVITY / 1e3
+        else:
+            constant, air_weight = base * weight, weight
+            linear = rolling * weight if self.type == "passenger" else 0.0
+        return (
+            constant + air * air_weight * wind**2,
+            (linear + 2 * air * air_weight * wind) * per_speed,
+            air * air_weight * per_speed**2,
+        )
+
+    def traction(self) -> list[dict[str, float]]:
+        """Return the tractive effort as segments, linear between the points of the file."""
+        if "tractive_effort" not in self.fields:
+            return [{"to": self.speed, "force": ADHESION * self.driven * GRAVITY}]
+        place = f"{self.fields.place}: tractive_effort"
+        rows = self.fields.rows("tractive_effort", 2)
+        points = [
+            (number(v, f"{place}[{k}][0]", 0, 1e3) / 3.6, number(f, f"{place}[{k}][1]", 0, 1e9))
+            for k, (v, f) in enumerate(rows)
+        ]
+        segments: list[dict[str, float]] = []
+        if len(points) == 1 or points[0][0] > 0:
+            segments.append({"to": points[0][0] or self.speed, "force": points[0][1]})
+        for k, ((v0, f0), (v1, f1)) in enumerate(pairwise(points)):
+            if v1 <= v0:
+                raise ValueError(f"{place}[{k + 1}] = [{3.6 * v1:g}, {f1:g}]: speeds must rise")
+            slope = (f1 - f0) / (v1 - v0)
+            segments.append({"to": v1, "force": f0 - slope * v0, "slope_kn_per_kmh": slope / 3600})
+        return segments
+
+
+def _assembled(name: str, formation: list[str], used: dict[str, _Vehicle], place: str) -> ReadTrain:
+    vehicles = [used[entry] for entry in formation]
+    if not any(vehicle.powered for vehicle in vehicles):
+        raise ValueError(f"{place}: formation holds no traction unit or multiple unit; add one")
+    mass = sum(vehicle.mass for vehicle in vehicles)
+    own = sum(vehicle.own for vehicle in vehicles)
+    rotating = sum(vehicle.own * vehicle.rotating for vehicle in vehicles) / own
+    passenger = any(vehicle.type in ("passenger", "multiple unit") for vehicle in vehicles)
+    given = [vehicle.deceleration for vehicle in vehicles if vehicle.powered and vehicle.deceleration > 0]
+    deceleration = min(given) if given else (0.375 if passenger else 0.225)
+    speed = min(vehicle.speed for vehicle in vehicles)
+    powered = sum(vehicle.powered for vehicle in vehicles)
+    brake = mass * (rotating * deceleration + BRAKED_GRADE * GRAVITY) / powered
+    types = {}
+    for key, vehicle in used.items():
+        types[key] = {
+            "mass": vehicle.mass,
+            "length": vehicle.length,
+            "rotating_mass_factor": rotating,
+            "resistance": {"n": vehicle.resistance()},
+        }
+        if vehicle.powered:
+            types[key] |= {"traction": vehicle.traction(), "brake": [{"to": 1.05 * speed, "force": brake}]}
+    parts: list[dict[str, Any]] = []
+    for entry in formation:
+        if parts and parts[-1]["type"] == entry:
+            parts[-1]["count"] += 1
+        else:
+            parts.append({"type": entry, "count": 1})
+    consist = check(
+        Consist,
+        {
+            "schema": "train_ato/consist/1",
+            "name": name,
+            "source": f"railtoolkit rolling stock, {Path(place.split(':')[0]).name}",
+            "gravity": GRAVITY,
+            "vehicle_types": types,
+            "train": parts,
+            "draft_gears": {"rigid": {"kind": "rigid"}},
+            "default_gear": "rigid",
+        },
+        place.split(": ")[0],
+    )
+    return ReadTrain(consist, deceleration, speed)
+
+
+def read_line(path: Path) -> Line:
+    """Read the first running path of a file.
+
+    Raises
+    ------
+    ValueError
+        One line that names the file, the key, the value and the remedy.
+    """
+    return line_from(read_data(path), str(path))
+
+
+def line_from(data: dict[str, Any], place: str) -> Line:
+    """Return the first running path of a file's data; see :func:`read_line`.
+
+    The sections' resistance is taken as their grade.  Points of interest are no stops.
+    """
+    top = Fields(data, place)
+    path = top.below("path") if "path" in top else Fields(top.entries("paths")[0], f"{place}: paths[0]")
+    key = f"{path.place}: characteristic_sections"
+    rows = [
+        (
+            number(at, f"{key}[{k}][0]", -1e8, 1e8),
+            number(speed, f"{key}[{k}][1]", 1e-3, 1e3),
+            number(grade, f"{key}[{k}][2]", -500, 500),
+        )
+        for k, (at, speed, grade) in enumerate(path.rows("characteristic_sections", 3, 2))
+    ]
+    rows.sort(key=lambda row: row[0])
+    for k, (before, after) in enumerate(pairwise(rows)):
+        if after[0] <= before[0]:
+            raise ValueError(f"{key}: two sections begin at {before[0]:g} m (number {k + 1}); keep one")
+    return check(
+        Line,
+        {
+            "schema": "train_ato/line/1",
+            "name": path.text("name", path.text("id", "path")),
+            "source": f"railtoolkit running path, {Path(place.split(':')[0]).name}",
+            "begin": rows[0][0],
+            "end": rows[-1][0],
+            "grades": [{"at": at, "grade": grade / 1e3} for at, _, grade in rows[:-1]],
+            "speed_limits": [{"at": at, "speed": speed / 3.6} for at, speed, _ in rows[:-1]],
+        },
+        place.split(": ")[0],
+    )

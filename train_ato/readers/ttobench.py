@@ -1,0 +1,127 @@
+"""Lines of TTOBench, an open library of train trajectory optimisation benchmarks (JSON, BSD-2).
+
+Stops, speed limits and gradients over the distance; gradients are positive uphill in the direction of running.
+Curvatures are linear in 1/R between their entries (transition curves); here every entry is a curve of the sharper of
+the radii at its two ends, so that the resistance is never too small.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from plant_sim.library import check
+from plant_sim.line import Line
+from train_ato.readers.fields import Fields, number, read_data
+
+__all__ = ["is_ttobench", "line_from", "read_line"]
+
+LENGTHS = {"m": 1.0, "km": 1e3}
+SPEEDS = {"km/h": 1 / 3.6, "m/s": 1.0}
+SLOPES = {"permil": 1e-3, "percent": 1e-2, "1": 1.0}
+STRAIGHT = 1e5
+"""Radii beyond this are straight [m]."""
+RUN_OUT = 500.0
+"""Line beyond the last entry, level and straight, where a file ends before its last stop [m]."""
+
+
+def is_ttobench(data: dict[str, Any]) -> bool:
+    """Return whether a file's data are a line of this library."""
+    return "stops" in data and isinstance(data.get("stops"), dict) and "speed limits" in data
+
+
+def read_line(path: Path) -> Line:
+    """Read a line.
+
+    Raises
+    ------
+    ValueError
+        One line that names the file, the key, the value and the remedy.
+    """
+    return line_from(read_data(path), str(path))
+
+
+def line_from(data: dict[str, Any], place: str) -> Line:
+    """Return the line of a file's data; see :func:`read_line`."""
+    top = Fields(data, place)
+    stops = _stops(top.below("stops"))
+    limits = _steps(top.below("speed limits"), "velocity", SPEEDS, 1e-3, 1e3)
+    grades = _steps(top.below("gradients"), "slope", SLOPES, -1e3, 1e3) if "gradients" in top else []
+    name = Path(place).stem
+    if isinstance(data.get("metadata"), dict):
+        name = Fields(data["metadata"], f"{place}: metadata").text("id", name)
+    begin, end = min(stops[0], 0.0), stops[-1]
+    return check(
+        Line,
+        {
+            "schema": "train_ato/line/1",
+            "name": name,
+            "source": f"TTOBench line {name}, BSD-2-Clause",
+            "begin": begin,
+            "end": end,
+            "grades": [{"at": at, "grade": value} for at, value in grades],
+            "curves": _curves(top, end),
+            "speed_limits": [{"at": at, "speed": value} for at, value in limits],
+            "stops": [{"at": at} for at in stops],
+        },
+        place.split(": ")[0],
+    )
+
+
+def _unit(fields: Fields, quantity: str, units: dict[str, float]) -> float:
+    name = fields.below("units").text(quantity) if "units" in fields else fields.text("unit")
+    if name not in units:
+        raise ValueError(f"{fields.place}: unit of {quantity} = '{name}': must be one of {', '.join(units)}")
+    return units[name]
+
+
+def _stops(fields: Fields) -> list[float]:
+    unit = _unit(fields, "position", LENGTHS)
+    values = fields.entries("values", 2)
+    stops = [number(at, f"{fields.place}: values[{k}]", -1e8, 1e8) * unit for k, at in enumerate(values)]
+    for k, (a, b) in enumerate(pairwise(stops)):
+        if b <= a:
+            raise ValueError(f"{fields.place}: values[{k + 1}] = {b:g}: stops must be listed by rising distance")
+    return stops
+
+
+def _steps(
+    fields: Fields, quantity: str, units: dict[str, float], low: float, high: float
+) -> list[tuple[float, float]]:
+    """Return place and value of every entry; of several at one place the last counts."""
+    length, unit = _unit(fields, "position", LENGTHS), _unit(fields, quantity, units)
+    steps: dict[float, float] = {}
+    for k, (at, value) in enumerate(fields.rows("values", 2)):
+        place = f"{fields.place}: values[{k}]"
+        where = number(at, f"{place}[0]", -1e8, 1e8) * length
+        if steps and where < next(reversed(steps)):
+            raise ValueError(f"{place}[0] = {where:g}: entries must be listed by rising distance")
+        steps[where] = number(value, f"{place}[1]", low, high) * unit
+    return list(steps.items())
+
+
+def _curves(top: Fields, end: float) -> list[dict[str, float]]:
+    if "curvatures" not in top:
+        return []
+    fields = top.below("curvatures")
+    unit = _unit(fields, "position", LENGTHS)
+    rows: list[tuple[float, float]] = []
+    for k, row in enumerate(fields.rows("values", 3)):
+        place = f"{fields.place}: values[{k}]"
+        radii = [_radius(value, f"{place}[{i + 1}]") for i, value in enumerate(row[1:])]
+        rows.append((number(row[0], f"{place}[0]", -1e8, 1e8) * unit, min(radii)))
+    ends = [at for at, _ in rows[1:]] + [end]
+    return [
+        {"begin": at, "end": stop, "radius": radius}
+        for (at, radius), stop in zip(rows, ends, strict=True)
+        if radius < STRAIGHT and stop > at
+    ]
+
+
+def _radius(value: Any, place: str) -> float:
+    """Return the magnitude of a radius; 0, null and 'infinity' are straight."""
+    if value is None or (isinstance(value, str) and "inf" in value.lower()) or value in (float("inf"), float("-inf")):
+        return STRAIGHT
+    radius = abs(number(value, place))
+    return radius if radius > 0 else STRAIGHT

@@ -1,0 +1,24 @@
+"""Wall time of the controller's steps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass
+class StepTimes:
+    """Wall time of the controller's steps [ns], one entry per tick."""
+
+    nanoseconds: list[int]
+
+    def percentile_us(self, percent: float) -> float | None:
+        """Return a percentile in microseconds, None before the first step."""
+        if not self.nanoseconds:
+            return None
+        return float(np.percentile(np.array(self.nanoseconds), percent)) / 1e3

@@ -1,0 +1,134 @@
+"""The folder of one run: log, metadata, resolved scenario, summary and figure."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from train_ato.figure import draw_run
+from train_ato.outcome import Outcome
+from train_ato.record.reading import log_file
+from train_ato.record.run_log import RunLog
+from train_ato.scenario import load
+from train_ato.setup import RunSetup, prepare
+from train_ato.topics import EPOCH_NS
+from train_ato.wire import Wire
+
+RUNS = Path("runs")
+
+
+class RunFolder:
+    """A run's folder; it is made before the run and holds everything that the run leaves."""
+
+    def __init__(self, path: Path, made: tuple[Path, ...] = ()) -> None:
+        self.path = path
+        self._made = made
+
+    @classmethod
+    def make(cls, wanted: Path | None, name: str) -> RunFolder:
+        """Make the folder of a new run.
+
+        Raises
+        ------
+        ValueError
+            If it exists already or cannot be written.
+        """
+        path = wanted if wanted is not None else _next_free(name)
+        try:
+            taken = path.exists()
+        except OSError as error:
+            raise ValueError(f"--out {str(path)[:60]}...: {error.strerror}; name another folder") from None
+        if taken:
+            raise ValueError(f"--out {path}: exists already; name a folder that does not")
+        made = (path, *(parent for parent in path.parents if not parent.exists()))
+        try:
+            path.mkdir(parents=True)
+        except OSError as error:
+            raise ValueError(f"--out {path}: cannot be made ({error.strerror}); name a writable place") from None
+        return cls(path, made)
+
+    def discard(self) -> None:
+        """Remove the folder of a run that never started, and the folders above that were made for it."""
+        shutil.rmtree(self.path, ignore_errors=True)
+        for path in self._made[1:]:
+            with suppress(OSError):
+                path.rmdir()
+
+    @contextmanager
+    def sink(self, setup: RunSetup) -> Iterator[Encoder]:
+        """Open the log for the engine; it is closed and renamed however the run ends."""
+        topics = [topic for topic in setup.shape.topics if topic.recorded]
+        with RunLog(self.path, topics) as log:
+            yield Encoder(log, Wire(setup.shape))
+
+    def begin(self, setup: RunSetup) -> None:
+        """Write the resolved scenario: whatever becomes of the run, this alone reproduces it."""
+        (self.path / "scenario.yaml").write_text(setup.resolved_yaml(), encoding="utf-8")
+
+    def finish(self, setup: RunSetup, outcome: Outcome) -> None:
+        """Write the summary and the figure."""
+        text = json.dumps(outcome.summary, indent=2, ensure_ascii=False)
+        (self.path / "summary.json").write_text(text + "\n", encoding="utf-8")
+        if outcome.history is not None:
+            draw_run(setup, outcome.history, outcome.summary, self.path / "figure.png")
+
+
+def open_run(path: Path) -> tuple[RunSetup, dict[str, Any]]:
+    """Return the setup and the summary of a recorded run.
+
+    Raises
+    ------
+    ValueError
+        If the folder is not that of a run.
+    """
+    summary = read_summary(path)
+    scenario, source = load(str(path / "scenario.yaml"))
+    return prepare(scenario, source), summary
+
+
+def read_summary(path: Path) -> dict[str, Any]:
+    """Return the summary of a recorded run.
+
+    Raises
+    ------
+    ValueError
+        If the folder is not that of a run.
+    """
+    if not (path / "scenario.yaml").is_file():
+        raise ValueError(f"{path}: not a run folder: no scenario.yaml; name a folder that `run` made")
+    log_file(path)
+    file = path / "summary.json"
+    if not file.is_file():
+        return {"status": "killed"}
+    summary: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    return summary
+
+
+class Encoder:
+    """Turns messages into bytes and hands them to the log, publish time = receipt time = stamp."""
+
+    def __init__(self, log: RunLog, wire: Wire) -> None:
+        self._log = log
+        self._wire = wire
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages written of every topic."""
+        return self._log.counts
+
+    def add(self, topic: str, message: object, stamp: int) -> None:
+        """Encode and record one message."""
+        moment = EPOCH_NS + stamp
+        self._log.add(topic, moment, moment, self._wire.encode(topic, message))
+
+
+def _next_free(name: str) -> Path:
+    stem = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)
+    taken = [path.name for path in RUNS.glob(f"{stem}-*")] if RUNS.is_dir() else []
+    numbers = [int(entry.rsplit("-", 1)[1]) for entry in taken if entry.rsplit("-", 1)[1].isdigit()]
+    return RUNS / f"{stem}-{max(numbers, default=0) + 1}"

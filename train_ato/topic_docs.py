@@ -1,0 +1,41 @@
+"""Documentation of the topics, made from the topic table.
+
+``python -m train_ato.topic_docs`` writes ``msgs_docs/topics.md`` again; a test fails when it is older than the table.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from train_ato.topics import TOPICS, Topic
+
+PAGE = Path(__file__).parent.parent / "msgs_docs" / "topics.md"
+
+
+def page() -> str:
+    """Return the page."""
+    lines = [
+        "# Topics",
+        "",
+        "Made from `train_ato/topics.py` by `python -m train_ato.topic_docs`; do not edit by hand.",
+        "",
+        "| topic | type | from | to | rate | QoS | meaning |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    lines += [_row(topic) for topic in TOPICS]
+    for topic in TOPICS:
+        lines += ["", f"## `{topic.name}`", "", f"{topic.meaning[0].upper()}{topic.meaning[1:]}.", ""]
+        lines += ["| field | unit | meaning |", "|---|---|---|"]
+        lines += [f"| `{field}` | {unit or '-'} | {meaning or '-'} |" for field, unit, meaning in topic.fields]
+    return "\n".join(lines) + "\n"
+
+
+def _row(topic: Topic) -> str:
+    senders = ", ".join(role.value for role in topic.publishers)
+    readers = ", ".join(role.value for role in topic.readers) or ("recorder" if topic.recorded else "-")
+    qos = f"reliable, {'transient local' if topic.latched else 'volatile'}, depth {topic.depth}"
+    return f"| `{topic.name}` | `{topic.type}` | {senders} | {readers} | {topic.rate.value} | {qos} | {topic.meaning} |"
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")
