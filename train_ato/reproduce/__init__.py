@@ -1,0 +1,1 @@
+"""The claims of the five papers beside what is measured here."""

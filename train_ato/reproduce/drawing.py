@@ -1,0 +1,89 @@
+"""Panels that the papers' figures have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from train_ato.figure import COLOURS, LONG_RUN_S
+from train_ato.types import Array
+
+__all__ = ["COLOURS", "Series", "inset", "panels", "save", "trace"]
+
+Series = tuple[str, Array, Array]
+"""Label, time [s], values."""
+GREY = "#4b4b4b"
+POINTS = 20_000
+"""Beyond so many points a line is thinned for drawing."""
+
+
+def panels(count: int, title: str, *, height: float = 2.6, shared: bool = True) -> tuple[Figure, list[Axes]]:
+    """Return a figure with panels below each other."""
+    figure = Figure(figsize=(11, 0.8 + height * count), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(count, 1, sharex=shared, squeeze=False)[:, 0]
+    figure.suptitle(title)
+    return figure, list(axes)
+
+
+def trace(
+    panel: Axes,
+    series: Iterable[Series],
+    label: str,
+    *,
+    reference: Series | None = None,
+    minutes: bool | None = None,
+    **style: Any,
+) -> None:
+    """Draw series over time with a legend, the reference below them wide and grey."""
+    if reference is not None:
+        name, time, values = reference
+        in_minutes = time[-1] > LONG_RUN_S if minutes is None else minutes
+        panel.plot(time / (60.0 if in_minutes else 1.0), values, label=name, color=GREY, lw=2.6, alpha=0.5)
+    for index, (name, time, values) in enumerate(series):
+        stride = max(1, time.size // POINTS)
+        in_minutes = time[-1] > LONG_RUN_S if minutes is None else minutes
+        panel.plot(
+            time[::stride] / (60.0 if in_minutes else 1.0),
+            values[::stride],
+            label=name,
+            **{"color": COLOURS[index % len(COLOURS)], "lw": 0.9, **style},
+        )
+    panel.set_ylabel(label)
+    panel.grid(alpha=0.3)
+    panel.margins(x=0.01, y=0.15)
+    panel.legend(loc="upper right", ncols=4, fontsize="small")
+
+
+def inset(
+    panel: Axes,
+    series: Iterable[Series],
+    begin: float,
+    end: float,
+    place: tuple[float, float, float, float],
+    reference: Series | None = None,
+) -> None:
+    """Draw a piece of time larger, inside a panel (place: x, y, width, height as parts of the panel)."""
+    small = panel.inset_axes(place)
+    if reference is not None:
+        part = (reference[1] >= begin) & (reference[1] <= end)
+        small.plot(reference[1][part], reference[2][part], color=GREY, lw=2.6, alpha=0.5)
+    for index, (_, time, values) in enumerate(series):
+        part = (time >= begin) & (time <= end)
+        small.plot(time[part], values[part], color=COLOURS[index % len(COLOURS)], lw=0.9)
+    small.set_xlim(begin, end)
+    small.set_xlabel("time in s", fontsize="x-small")
+    small.tick_params(labelsize="x-small")
+    small.grid(alpha=0.3)
+
+
+def save(figure: Figure, folder: Path, name: str) -> Path:
+    """Write a figure as PNG and return the file."""
+    path = folder / name
+    figure.savefig(path)
+    return path

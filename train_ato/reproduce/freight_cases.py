@@ -1,0 +1,112 @@
+"""Runs of the freight train for paper 002: the print's setting at 1 ms, and the realistic one over the delay."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from train_ato.reproduce.claims import Calculation, Case
+from train_ato.reproduce.freight_observers import observer_accuracy
+from train_ato.reproduce.freight_surface import nominal_settling
+
+__all__ = ["CASES", "DELAYS", "LAWS", "OBSERVER_TICKS", "RATIOS"]
+
+DELAYS: Mapping[float, str] = {0.3: "+delay_0_3", 0.6: "", 0.8: "+delay_0_8", 1.0: "+delay_1_0"}
+"""Delay of the command [s] to the variant of the scenario that has it."""
+
+RATIOS = (0.75, 0.9, 1.1, 1.25)
+"""True over believed delay, at a believed delay of 0.8 s."""
+
+
+def _fixed_time(gain: float, **more: Any) -> dict[str, Any]:
+    return {"fixed_time_smc": {"surface": gain, "reaching": gain, **more}}
+
+
+LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "print": (
+        "paper's law, gain 2, cascaded observer",
+        {
+            "controller": "fixed_time_smc",
+            "compensation": "none",
+            "observer": "cascaded",
+            "observers": {"cascaded": {"method": "implicit"}},
+            "controllers": _fixed_time(2, unmatched=True, offset_bandwidth=5),
+        },
+    ),
+    "scaled": (
+        "paper's law, gain .3, eso",
+        {"controller": "fixed_time_smc", "compensation": "none", "controllers": _fixed_time(0.3, unmatched=False)},
+    ),
+    "scaled predicted": (
+        "paper's law, gain .3, eso, predictor",
+        {"controller": "fixed_time_smc", "controllers": _fixed_time(0.3, unmatched=False)},
+    ),
+    "pd": (
+        "PD per car, ndo",
+        {
+            "controller": "pid",
+            "compensation": "none",
+            "observer": "ndo",
+            "observers": {"ndo": {"omega": 0.7}},
+            "controllers": {"pid": {"kp": 0.5, "ki": 0.06}},
+        },
+    ),
+    "unit": ("lag_smc per car (1, .25), eso, predictor", {}),
+    "unit slow": ("lag_smc per car (.6, .09), eso, predictor", {"controllers": {"lag_smc": {"c1": 0.6, "c0": 0.09}}}),
+    "common": (
+        "lag_smc common, damping .2, eso, predictor",
+        {"controllers": {"lag_smc": {"command": "common", "damping": 0.2}}},
+    ),
+    "common damped": (
+        "lag_smc common, damping .5, eso, predictor",
+        {"controllers": {"lag_smc": {"command": "common", "damping": 0.5}}},
+    ),
+}
+"""Key to label and changes, in the order of the table."""
+
+OBSERVER_TICKS: Mapping[str, tuple[float, float, float]] = {
+    "0.01 ms": (1e-5, 0.1, 0.06),
+    "0.1 ms": (1e-4, 0.5, 0.3),
+    "1 ms": (1e-3, 30.0, 0.5),
+    "10 ms": (1e-2, 30.0, 0.5),
+    "50 ms": (5e-2, 30.0, 0.5),
+}
+"""Sampling time to tick, length and begin of the scored part [s]."""
+
+PD = {"controller": "pid", "observer": "none", "plant": {"disturbances": []}, "duration": 10.0}
+"""A PD law, undisturbed: how fast it converges is a matter of its gains alone."""
+
+
+def _pd(kp: float, ki: float) -> Case:
+    gains = {"pid": {"kp": kp, "ki": ki, "integral_limit": 1000}}
+    return Case("freight_consensus", {**PD, "controllers": gains})
+
+
+def _cases() -> dict[str, Case | Calculation]:
+    cases: dict[str, Case | Calculation] = {
+        f"observers {key}": Calculation(observer_accuracy, {"tick": tick, "duration": duration, "settle": settle})
+        for key, (tick, duration, settle) in OBSERVER_TICKS.items()
+    }
+    cases["ideal"] = Case("freight_consensus", {})
+    cases["pd slow"] = _pd(1.6, 0.64)
+    cases["pd fast"] = _pd(9.0, 20.0)
+    for key, (_, changes) in LAWS.items():
+        for delay, variant in DELAYS.items():
+            cases[f"{key} {delay}"] = Case(f"freight_consensus:realistic{variant}", changes)
+    for key in ("unit", "common", "common damped"):
+        for ratio in RATIOS:
+            cases[f"{key} x{ratio}"] = Case(
+                "freight_consensus:realistic+delay_0_8",
+                {**LAWS[key][1], "links": {"command": {"delay": 0.8 * ratio}}, "model": {"delay": 0.8, "lag": 0.4}},
+            )
+    quiet: dict[str, Any] = {"plant": {"disturbances": [], "sensors": None}}
+    cases["unit undisturbed"] = Case("freight_consensus:realistic+delay_1_0", quiet)
+    for gain in (1.9, 50.0):
+        for error in (108.0, 748.0):
+            cases[f"gain {gain:g} from {error:g} m"] = Calculation(
+                nominal_settling, {"gain": gain, "error": error, "rate": -12.0}
+            )
+    return cases
+
+
+CASES = _cases()

@@ -1,0 +1,217 @@
+"""How well the cascade of paper 002 and its rivals find the disturbances, at any sampling time.
+
+The train of `freight_consensus:aligned` runs once; then every observer is given the same measurements and is compared
+with the truth, which the paper defines as d1 (speed offset), d2 (acceleration, with what the offsets do through the
+couplers' damping, (5)) and d1'.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from plant_sim.disturbances import Paper002
+from train_ato.control.laws.fixed_time_smc import SpeedOffset
+from train_ato.control.parts.sliding import sign
+from train_ato.engine import run_engine
+from train_ato.history import History
+from train_ato.model import TrainModel
+from train_ato.observe.balance import Balance, State
+from train_ato.observe.cascade import ImplicitCascade, LevantCascade
+from train_ato.observe.cascaded import CascadedParameters, make_cascade
+from train_ato.observe.contract import ObserverInput
+from train_ato.scenario import load
+from train_ato.setup import prepare
+from train_ato.types import Array
+
+__all__ = ["CARS", "FORMS", "PrintedCascade", "observer_accuracy", "truth"]
+
+CARS = 5
+DAMPING = 0.01
+"""theta = d/m of (5) [1/s]."""
+PARAMETERS = CascadedParameters()
+SETTLED = 0.1
+"""An estimate is there when its error stays below this part of the disturbance's largest magnitude."""
+JUMPS = (10.0, 20.0)
+"""Times at which d21 and d12 jump [s]."""
+MOST = 3000
+"""Samples that are kept for the figures."""
+
+
+class PrintedCascade:
+    """(7), (11) with explicit steps and bare signs, d1 replaced by the filtered phi1: the print as one simulates it."""
+
+    def __init__(self, period: float) -> None:
+        p = PARAMETERS
+        self._period = period
+        self._k1, self._k2, self._k3, self._k4 = p.k1, p.k2, p.k3, p.k4
+        self._keep = float(np.exp(-period / p.filter_time))
+        self._x: float | None = None
+        self._v, self._offset = 0.0, 0.0
+        self.d1, self.d1_rate, self.d2 = 0.0, 0.0, 0.0
+
+    def step(self, x: float, v: float, acceleration: float) -> None:
+        """Take position, speed [m, m/s] and the known acceleration over the sample that ends here [m/s²]."""
+        if self._x is None:
+            self._x, self._v = x, v
+            return
+        h, keep = self._period, self._keep
+        phi1, phi2 = self._k1 * sign(x - self._x), self._k2 * sign(v - self._v)
+        self._x += h * (self._v + phi1)
+        self._v += h * (acceleration + phi2)
+        self._offset = keep * self._offset + (1.0 - keep) * phi1
+        self.d2 = keep * self.d2 + (1.0 - keep) * phi2
+        rate = self._k3 * (phi1 - self.d1) - self._k4 * sign(self.d1 - self._offset)
+        self.d1 += h * rate
+        self.d1_rate = keep * self.d1_rate + (1.0 - keep) * rate
+
+
+class EsoPair:
+    """Two linear extended-state observers: `eso` on the speed for d2, the law's own on the position for d1."""
+
+    def __init__(self, period: float, omega: float) -> None:
+        pole = float(np.exp(-omega * period))
+        self._period = period
+        self._speed_gain, self._gain = 1.0 - pole * pole, (1.0 - pole) ** 2 / period
+        self._offset = SpeedOffset(omega, period)
+        self._speed: float | None = None
+        self.d1, self.d1_rate, self.d2 = 0.0, 0.0, 0.0
+
+    def step(self, x: float, v: float, acceleration: float) -> None:
+        """Take position, speed [m, m/s] and the known acceleration over the sample that ends here [m/s²]."""
+        before, self.d1 = self.d1, self._offset.step(x, v)
+        self.d1_rate = (self.d1 - before) / self._period
+        if self._speed is None:
+            self._speed = v
+            return
+        predicted = self._speed + self._period * (acceleration + self.d2)
+        miss = v - predicted
+        self._speed = predicted + self._speed_gain * miss
+        self.d2 += self._gain * miss
+
+
+Observer = PrintedCascade | ImplicitCascade | LevantCascade | EsoPair
+
+FORMS: Mapping[str, Callable[[float], Observer]] = {
+    "printed": PrintedCascade,
+    "implicit": lambda period: make_cascade(PARAMETERS, period),
+    "levant": lambda period: make_cascade(CascadedParameters(method="levant"), period),
+    "eso": lambda period: EsoPair(period, min(500.0, 1.0 / period)),
+}
+"""Forms that are compared; `eso` with a bandwidth of one over the sampling time, at most 500 1/s."""
+
+
+def truth(t: Array) -> tuple[Array, Array, Array]:
+    """Return d1 [m/s], d2 [m/s²] and d1' [m/s²] of every car, shape (k, 5)."""
+    source, h = Paper002(kind="paper002"), 1e-6
+
+    def offsets(at: Array) -> tuple[Array, Array]:
+        outside = source.tick(at, np.ones(CARS), np.zeros(CARS))
+        assert outside.drift is not None, "the set has speed offsets"
+        return outside.force, outside.drift
+
+    matched, d1 = offsets(t)
+    padded = np.pad(d1, ((0, 0), (1, 1)), mode="edge")
+    return d1, matched + DAMPING * (padded[:, :-2] + padded[:, 2:] - 2 * d1), (offsets(t + h)[1] - d1) / h
+
+
+@dataclass
+class _Drive:
+    """Known acceleration over every sample, from the measurements of a run [m/s²], shape (k, cars)."""
+
+    history: History
+    model: TrainModel
+    period: float
+
+    def known(self) -> Array:
+        history, balance = self.history, Balance(self.model, "vehicle", 0.0, "cascaded", self.period)
+        zeros = np.zeros(CARS)
+        result = np.zeros_like(history.velocity)
+        before: list[State] = []
+        rows = zip(history.position, history.velocity, history.applied, strict=True)
+        for tick, (place, speed, force) in enumerate(rows):
+            now = balance.known(ObserverInput(float(history.time[tick]), place, speed, force, np.zeros(0), zeros))
+            if before:
+                result[tick] = [
+                    balance.mean_push(a.push, b.push) - 0.5 * (a.resisting + b.resisting)
+                    for a, b in zip(before, now, strict=True)
+                ]
+            before = now
+        return result
+
+
+def _observed(make: Callable[[float], Observer], history: History, known: Array, period: float) -> Array:
+    """Return d1, d2, d1' as an observer finds them, shape (3, k, cars)."""
+    found = np.empty((3, *history.velocity.shape))
+    for car in range(CARS):
+        observer = make(period)
+        columns = (history.position[:, car].tolist(), history.velocity[:, car].tolist(), known[:, car].tolist())
+        for tick, sample in enumerate(zip(*columns, strict=True)):
+            observer.step(*sample)
+            found[:, tick, car] = observer.d1, observer.d2, observer.d1_rate
+    return found
+
+
+def observer_accuracy(
+    tick: float, duration: float, settle: float, forms: tuple[str, ...] = tuple(FORMS)
+) -> tuple[dict[str, float], dict[str, Any]]:
+    """Run the train once and every observer on it.
+
+    Parameters
+    ----------
+    tick
+        Sampling time of loop and observers [s]; the plant's step as well.
+    duration
+        s.
+    settle
+        Errors are taken from this time on [s].
+    forms
+        Keys of :data:`FORMS`.
+
+    Returns
+    -------
+    figures
+        ``FORM d1``, ``FORM d2``, ``FORM d1'``: rms error of the worst car over the rms of its disturbance from 0 to
+        10 s; ``FORM settling``: time after which all estimates of d1 and d2 stay within 10 % of the largest
+        magnitude up to 10 s [s]; ``FORM again``: the same after the jump of d21 at 10 s; NaN if never.
+    series
+        Time, truth and estimates for the figures, every few samples.
+    """
+    changes = {"tick": tick, "step": min(tick, 1e-3), "duration": duration, "profile": {"until": 30}}
+    scenario, path = load("freight_consensus:aligned", changes=changes)
+    setup = prepare(scenario, path)
+    history = run_engine(setup).history
+    if history is None:
+        raise ValueError(f"observers at {tick:g} s: the run left no tick")
+    known = _Drive(history, setup.model, tick).known()
+    true = np.stack(truth(history.time))
+    whole = np.stack(truth(np.linspace(0.0, JUMPS[0], 2001, endpoint=False)))
+    size, rms = np.abs(whole).max(axis=1), np.sqrt((whole**2).mean(axis=1))
+    scored = (history.time >= settle - 1e-12) & (history.time < JUMPS[0])
+    stride = max(1, history.time.size // MOST)
+    series: dict[str, Any] = {"time": history.time[::stride], "truth": true[:, ::stride]}
+    figures: dict[str, float] = {}
+    for name in forms:
+        found = _observed(FORMS[name], history, known, tick)
+        series[name] = found[:, ::stride]
+        error = found - true
+        for row, quantity in enumerate(("d1", "d2", "d1'")):
+            part = np.sqrt((error[row, scored] ** 2).mean(axis=0)) / rms[row]
+            figures[f"{name} {quantity}"] = float(part.max())
+        outside = (np.abs(error[:2]) > SETTLED * size[:2, None]).any(axis=(0, 2))
+        for key, begin, end in (("settling", 0.0, JUMPS[0]), ("again", *JUMPS)):
+            stretch = (history.time >= begin) & (history.time < end)
+            if stretch.any():
+                figures[f"{name} {key}"] = _last(history.time[stretch] - begin, outside[stretch])
+    return figures, series
+
+
+def _last(time: Array, outside: Array) -> float:
+    """Return the time of the first sample after which nothing is outside [s]; NaN if the last one is."""
+    late = np.flatnonzero(outside)
+    if late.size and late[-1] == time.size - 1:
+        return float("nan")
+    return float(time[late[-1] + 1]) if late.size else float(time[0])

@@ -1,0 +1,103 @@
+"""Runs of the CRH380A as one mass for paper 003: the 286 km where they matter, a shorter run with the same phases else.
+
+The largest errors of the short run are those of the long one: they fall into the same phases.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from train_ato.reproduce.claims import Case
+
+__all__ = ["CASES", "LAWS", "TRAINS"]
+
+
+def _funnel(**parameters: Any) -> dict[str, Any]:
+    return {"controller": "funnel", "compensation": "none", "controllers": {"funnel": parameters}}
+
+
+PRINTED = {"variant": "printed", "resistance": "model"}
+"""The printed law with f known: what its network adds is another row."""
+UNAWARE = {"model": {"consist": "crh380a_one_mass"}}
+"""The law believes in 240 kN where there are 200."""
+UNHANDLED = {"variant": "printed", "resistance": "network", "funnel": "prescribed", "outside": "printed"}
+"""A funnel that narrows all the same, gains that turn negative outside of it: the paper's comparison."""
+
+LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
+    "printed": ("printed, f known", _funnel(**PRINTED)),
+    "corrected": ("corrected", _funnel()),
+    "corrected slow": ("corrected, lam_h 1.2", _funnel(lam_h=1.2)),
+    "pid": ("PID + preview", {}),
+    "predictor": ("PID + predictor + eso", {"compensation": "predictor", "observer": "eso"}),
+    "quiet": (
+        "the same, kp .4, ki .05, eso .5, 0.2 s",
+        {
+            "compensation": "predictor",
+            "observer": "eso",
+            "observers": {"eso": {"omega": 0.5}},
+            "controllers": {"pid": {"kp": 0.4, "ki": 0.05}},
+            "control_period": 0.2,
+        },
+    ),
+}
+"""Key to label and changes, in the order of the table."""
+
+TRAINS: Mapping[str, tuple[str, str]] = {
+    "nominal": ("no saturation", ""),
+    "saturated": ("200 kN", "+saturated"),
+    "planned": ("200 kN, planned for", "+planned_ahead"),
+    "replanned": ("200 kN, found and re-planned", "+replanned"),
+    "half_more": ("delay x1.5", "+delay_half_more"),
+    "later": ("delay +0.6 s", "+delay_plus_0_6"),
+    "lagging": ("lag 0.4 s", "+lagging"),
+    "light": ("mass -20 %", "+light"),
+    "noise": ("noise .05 m/s", "+noise"),
+    "grade": ("12 per mille unknown", "+grade"),
+}
+"""Key to label and variants of the short run."""
+
+
+def _unhandled(variants: str, tick: float, full_only: bool = False, **parameters: Any) -> Case:
+    grid = {"tick": tick, "step": min(tick, 0.01)}
+    return Case(f"crh380a_funnel:{variants}", _funnel(**UNHANDLED | parameters) | UNAWARE | grid, full_only)
+
+
+def _cases() -> dict[str, Case]:
+    cases: dict[str, Case] = {}
+    for key in ("printed", "corrected", "pid", "predictor"):
+        cases[f"{key} long"] = Case("crh380a_funnel", LAWS[key][1])
+    cases["printed long saturated"] = Case("crh380a_funnel:saturated", LAWS["printed"][1])
+    cases["corrected long saturated"] = Case("crh380a_funnel:saturated", LAWS["corrected"][1])
+    cases["unhandled 1 ms"] = _unhandled("short+saturated", 0.001, full_only=True)
+    cases["unhandled long 10 ms"] = _unhandled("saturated", 0.01, full_only=True)
+    cases["unhandled long"] = _unhandled("saturated", 0.05)
+    cases["unhandled 10 ms"] = _unhandled("short+saturated", 0.01)
+    for key, (_, changes) in LAWS.items():
+        for train, (_, variants) in TRAINS.items():
+            if key != "quiet" or "planned" not in train:
+                cases[f"{key} {train}"] = Case(f"crh380a_funnel:short{variants}", changes)
+    saturated = "crh380a_funnel:short+saturated"
+    wide = {"funnel": "fixed", "phi1": 1e4, "phi2": 1e4}
+    cases["unhandled"] = _unhandled("short+saturated", 0.05)
+    cases["unhandled clipped"] = _unhandled("short+saturated", 0.05, outside="clip")
+    cases["unhandled aware"] = Case(saturated, _funnel(**UNHANDLED))
+    cases["fixed gains"] = Case(saturated, _funnel(**PRINTED, **wide))
+    cases["printed network"] = Case("crh380a_funnel:short", _funnel(variant="printed", resistance="network"))
+    cases["printed raw light"] = Case("crh380a_funnel:short+light", _funnel(**PRINTED, outside="printed"))
+    cases["corrected no delay state"] = Case("crh380a_funnel:short", _funnel(delay_state=False))
+    cases["corrected, f known"] = Case("crh380a_funnel:short", _funnel(resistance="model"))
+    cases["printed position noise"] = Case(
+        "crh380a_funnel:short", _funnel(**PRINTED) | {"plant": {"sensors": {"position_noise": 0.1}}}
+    )
+    cases["corrected position noise"] = Case(
+        "crh380a_funnel:short", _funnel() | {"plant": {"sensors": {"position_noise": 0.1}}}
+    )
+    cases["pid alone"] = Case(
+        "crh380a_funnel:short", {"compensation": "none", "controllers": {"pid": {"feedforward": False}}}
+    )
+    cases["lag modelled"] = Case("crh380a_funnel:short+lagging", {**LAWS["predictor"][1], "model": {"lag": 0.4}})
+    return cases
+
+
+CASES = _cases()

@@ -1,0 +1,119 @@
+"""Runs of the heavy-haul train for paper 000: its own setting, and one with lag 0.4 s and delay 0.8 s.
+
+Every case is over the driver's 2674 s, at a tick of 0.05 s (PID of the print: 0.01 s), unless its figures show sooner.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from train_ato.reproduce.claims import Case
+
+__all__ = ["CASES", "DURATION", "IDEAL_LAWS", "LAGGED_LAWS", "LAGGED_TRAINS", "LIMIT_DELAYS", "PERIOD"]
+
+DURATION = 2674
+"""Length of the driver's run [s]."""
+PERIOD = 0.05
+"""Tick of the tables [s]."""
+SHORT = 600
+"""Start from rest to 70 km/h: enough to show that a loop is unstable [s]."""
+
+Choice = dict[str, Any]
+
+
+def _law(name: str, parameters: Mapping[str, Any], omega: float | None = None, scope: str = "vehicle") -> Choice:
+    choice: Choice = {"controller": name, "controllers": {name: dict(parameters)}, "observer": "none"}
+    if omega is not None:
+        choice |= {"observer": "ndo", "observers": {"ndo": {"omega": omega, "scope": scope}}}
+    return choice
+
+
+PRINTED_PID = {
+    "gains": "force",
+    "kp": 1e7,
+    "ki": 1.0,
+    "kd": 1.0,
+    "integral": "speed",
+    "feedforward": False,
+    "filter_time": 0.0,
+}
+PRINTED = {"ks": 0.0, "anti_windup": False}
+"""The reaching law of the print has no linear term, and its integral runs on while the force is at a limit."""
+PRINTED_NETWORK = {**PRINTED, "clip": False}
+"""The network of the print is blind outside its bells."""
+
+IDEAL_LAWS: dict[str, tuple[str, Choice]] = {
+    "pid": ("PID (Tc .01)", _law("pid", PRINTED_PID) | {"tick": 0.01}),
+    "smc": ("SMC", _law("smc", PRINTED)),
+    "smc_ndo": ("SMC + NDO 1000", _law("smc", PRINTED, 1000.0)),
+    "rbf": ("RBFNN-SMC", _law("rbf_smc", PRINTED_NETWORK)),
+    "rbf_ndo": ("RBFNN-SMC + NDO 1000", _law("rbf_smc", PRINTED_NETWORK, 1000.0)),
+    "smc_ks": ("SMC + ks", _law("smc", {})),
+    "rbf_ks": ("RBFNN + ks", _law("rbf_smc", {})),
+    "rbf_ks_ndo": ("RBFNN + ks + NDO 20", _law("rbf_smc", {}, 20.0)),
+}
+"""Key to label and choice, in the order of the table; run undisturbed and with (40)."""
+
+LEAN = {"equivalent": "feedforward", "l1": 0.07, "l2": 0.002, "ks": 0.02, "phi": 1.0, "kappa": 0.01}
+"""Gains for lag and delay, chosen on the nominal train and on strong mismatch alone: M (l1 + ks + kappa/phi) is 1.07e6
+N s/m, the wave impedance of the couplers about 1e6."""
+
+PREDICTED = {"compensation": "train_predictor"}
+
+LAGGED_LAWS: dict[str, tuple[str, Choice]] = {
+    "twin_pid": ("twin + PID", {}),
+    "twin_smc": ("twin + SMC", _law("smc", LEAN)),
+    "twin_smc_ndo": ("twin + SMC + NDO .01", _law("smc", LEAN, 0.01, "train")),
+    "predicted": ("printed SMC on a full-train prediction", _law("smc", PRINTED) | PREDICTED),
+}
+LAGGED_TRAINS: dict[str, tuple[str, str]] = {
+    "nominal": ("nominal", ""),
+    "disturbed": ("disturbance (40)", "+disturbed"),
+    "mismatch": ("+ mismatch", "+disturbed+mismatch"),
+    "strong": ("+ strong mismatch", "+disturbed+strong_mismatch"),
+}
+"""Key to label and variants: the mismatches come on top of the disturbance, as on the spec page."""
+
+LIMIT_DELAYS = (0.05, 0.1, 0.15, 0.2, 0.4)
+"""Pure delays on both sides of the printed law's limit of 0.17 s [s]."""
+
+
+def _ideal(choice: Choice, variants: str = "", **more: Any) -> Case:
+    return Case(f"daqin_heavy_haul:ideal+paper_rate{variants}", {"duration": DURATION, **choice, **more})
+
+
+def _lagged(choice: Choice, variants: str = "", **more: Any) -> Case:
+    return Case(f"daqin_heavy_haul:twin+paper_rate{variants}", {"duration": DURATION, **choice, **more})
+
+
+def _cases() -> dict[str, Case]:
+    cases: dict[str, Case] = {}
+    for key, (_, choice) in IDEAL_LAWS.items():
+        cases[key] = _ideal(choice)
+        cases[f"{key} disturbed"] = _ideal(choice, "+disturbed")
+    exact = {"model_error": 0.0}
+    cases["smc exact"] = _ideal(_law("smc", PRINTED | exact))
+    cases["rbf exact"] = _ideal(_law("rbf_smc", PRINTED_NETWORK | exact))
+    for key, (_, choice) in LAGGED_LAWS.items():
+        for train, (_, variants) in LAGGED_TRAINS.items():
+            cases[f"{key} {train}"] = _lagged(choice, variants)
+    cases["twin_pid noise"] = _lagged(LAGGED_LAWS["twin_pid"][1], "+noise")
+    cases["preview_pid nominal"] = _lagged({"compensation": "preview"})
+    cases["raw_pid noise"] = _lagged({"controllers": {"pid": {"kp": 0.09, "filter_time": 0.0}}}, "+noise")
+    for delay in LIMIT_DELAYS:
+        cases[f"smc delay {delay}"] = _ideal(_law("smc", PRINTED), duration=SHORT, links={"command": {"delay": delay}})
+    bare: dict[str, Any] = {"compensation": "none", "duration": SHORT}
+    cases["pid lag"] = _lagged(IDEAL_LAWS["pid"][1], **bare, links={"command": {"delay": 0.0}})
+    for key in ("pid", "rbf_ndo", "rbf_ks_ndo"):
+        cases[f"{key} lagged"] = _lagged(IDEAL_LAWS[key][1], **bare)
+    cases["smc lagged"] = _lagged(IDEAL_LAWS["smc"][1], compensation="none")
+    for omega in (1000.0, 20.0):
+        cases[f"ndo {omega:g} noise"] = _ideal(
+            _law("rbf_smc", PRINTED_NETWORK, omega), duration=SHORT, plant={"sensors": {"velocity_noise": 0.01}}
+        )
+    longest = sorted(cases, key=lambda key: -cases[key].changes["duration"] / cases[key].changes.get("tick", PERIOD))
+    return {key: cases[key] for key in longest}
+
+
+CASES = _cases()

@@ -1,0 +1,130 @@
+"""The figures of paper 001 from our runs, numbered as there, and some for lag, delay and disturbance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from train_ato.reproduce.claims import Results
+from train_ato.reproduce.drawing import Series, inset, panels, save, trace
+from train_ato.reproduce.judges import history
+from train_ato.reproduce.metro_cases import INERTIA
+from train_ato.reproduce.metro_judges import truth_and_estimate
+
+__all__ = ["draw"]
+
+
+def draw(results: Results, folder: Path) -> list[Path]:
+    """Draw everything; returns the files."""
+    return [
+        _tracking(results, folder),
+        _chattering(results, folder),
+        _disturbed(results, folder),
+        _literal(results, folder),
+        _delay(results, folder),
+    ]
+
+
+def _errors(results: Results, named: Mapping[str, str]) -> list[Series]:
+    runs = {label: history(results[key]) for key, label in named.items()}
+    return [(label, run.time, run.front_velocity - run.reference_velocity) for label, run in runs.items()]
+
+
+def _tracking(results: Results, folder: Path) -> Path:
+    figure, (speed, ideal, lagged) = panels(3, "Paper 001, figures 4-7: speed tracking and its error", height=3.0)
+    runs = {label: history(results[f"ideal {key}"]) for key, label in (("pid", "PID"), ("rbf", "SMC with RBF network"))}
+    first = next(iter(runs.values()))
+    profile: Series = ("profile", first.time, 3.6 * first.reference_velocity)
+    lines: list[Series] = [(label, run.time, 3.6 * run.front_velocity) for label, run in runs.items()]
+    trace(speed, lines, "speed in km/h", reference=profile)
+    speed.legend(loc="lower center", ncols=3, fontsize="small")
+    inset(speed, lines, 129.0, 145.0, (0.5, 0.25, 0.2, 0.42), profile)
+    trace(ideal, _errors(results, {"ideal pid": "PID, ideal", "ideal rbf": "RBF, ideal"}), "v - v_d in m/s")
+    named = {
+        "pid nominal": "PID",
+        "pid_preview nominal": "PID + preview",
+        "rbf nominal": "RBF + preview",
+        "tanh_predictor nominal": "tanh + predictor",
+    }
+    trace(lagged, _errors(results, named), "v - v_d in m/s\nlag .4 s, delay .3 s")
+    lagged.set_xlabel("time in s")
+    return save(figure, folder, "001_tracking.png")
+
+
+def _chattering(results: Results, folder: Path) -> Path:
+    figure, axes = panels(
+        3, "Paper 001: command of the relay (9) and of the network (12), per mass", height=2.6, shared=False
+    )
+    for panel, (begin, end) in zip(axes[:2], ((0.0, 445.0), (20.0, 30.0)), strict=True):
+        lines: list[Series] = []
+        for key, label in (("ideal sign", "sgn(s)"), ("ideal rbf", "RBF network")):
+            run = history(results[key])
+            part = (run.time >= begin) & (run.time <= end)
+            lines.append((label, run.time[part], run.command[part, 0] / INERTIA))
+        trace(panel, lines, "ideal: u/M in m/s²", minutes=False)
+    run = history(results["sign nominal"])
+    smooth = history(results["tanh nominal"])
+    lines = [
+        (label, series.time, series.front_velocity - series.reference_velocity)
+        for label, series in (("sgn(s)", run), ("tanh(s/phi)", smooth))
+    ]
+    trace(axes[2], lines, "v - v_d in m/s\nlag .4 s, delay .3 s", minutes=False)
+    axes[2].set_xlabel("time in s")
+    return save(figure, folder, "001_chattering.png")
+
+
+def _disturbed(results: Results, folder: Path) -> Path:
+    figure, (error, force, estimate) = panels(
+        3, "Paper 001: disturbed, with noise, lag .4 s and delay .3 s", height=3.0
+    )
+    named = {
+        "pid disturbed": "PID",
+        "pid_preview disturbed": "PID + preview",
+        "rbf disturbed": "RBF + preview",
+        "tanh_predictor disturbed": "tanh + predictor + ESO",
+    }
+    trace(error, _errors(results, named), "v - v_d in m/s")
+    runs = {label: history(results[key]) for key, label in named.items()}
+    trace(force, [(label, run.time, run.applied[:, 0] / 1e3) for label, run in runs.items()], "applied force in kN")
+    time, truth, found = truth_and_estimate(results["tanh_predictor disturbed"])
+    trace(estimate, [("truth", time, truth), ("ESO, 3 1/s", time, found)], "disturbance in m/s²")
+    estimate.set_ylim(np.percentile(truth, 0.2) - 0.1, np.percentile(truth, 99.8) + 0.1)
+    estimate.set_xlabel("time in s")
+    return save(figure, folder, "001_disturbed.png")
+
+
+def _literal(results: Results, folder: Path) -> Path:
+    figure, (place, speed) = panels(2, "Paper 001: the networks learning as printed, objective e''", height=3.0)
+    runs = {
+        label: history(results[key])
+        for key, label in (
+            ("ideal literal", "printed, ideal"),
+            ("literal nominal", "printed, lag and delay"),
+            ("ideal rbf", "corrected, ideal"),
+        )
+    }
+    errors = [(label, run.time, run.front_position - run.reference_position) for label, run in runs.items()]
+    trace(place, errors, "position error in m")
+    place.legend(loc="lower left", fontsize="small")
+    place.set_yscale("symlog", linthresh=0.1)
+    trace(speed, [(label, run.time, 3.6 * run.front_velocity) for label, run in runs.items()], "speed in km/h")
+    speed.set_xlabel("time in s")
+    return save(figure, folder, "001_literal.png")
+
+
+def _delay(results: Results, folder: Path) -> Path:
+    figure, (slower, late) = panels(2, "Paper 001: a slower actuator than modelled, and a delay of 1 s", height=3.0)
+    for panel, train, label in (
+        (slower, "slower", "true lag .5 s, delay .45 s"),
+        (late, "long_delay", "delay 1.0 s"),
+    ):
+        named = {
+            f"pid_preview {train}": "PID + preview",
+            f"rbf {train}": "RBF + preview",
+            f"tanh_predictor {train}": "tanh + predictor + ESO",
+        }
+        trace(panel, _errors(results, named), f"v - v_d in m/s\n{label}")
+    late.set_xlabel("time in s")
+    return save(figure, folder, "001_delay.png")
