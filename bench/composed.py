@@ -1,0 +1,260 @@
+"""Time of one tick of the composed graph beside a bare rclpy ring, and where it goes.
+
+    python bench/composed.py [--scenario NAME] [--ticks N] [--rounds R] [--json]
+
+The ring is what rclpy itself takes for the same exchange: five nodes in one process on the same events executor, the
+same topics with the same types and sizes, published as ordinary messages with names, empty callbacks, a recorder with
+raw subscriptions that drops what it gets.  Both are run in turn, the best round of each counts (others on the
+machine only ever add), and
+
+    ratio = (time per tick of the graph - plant's own) / time per tick of the ring,
+
+which has to stay under 1.5.  Runs with clocks around the parts show where the time goes; their shares are laid on
+the unclocked time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import array
+import functools
+import json
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from plant_sim.train import compile_kernel
+from train_ato.graph.environment import applied, claim_domain, variables
+from train_ato.scenario import load
+from train_ato.setup import RunSetup, prepare
+from train_ato.topics import BY_NAME, Role
+from train_ato.wire import Shape
+
+LIMIT = 1.5
+TICKED: dict[Role, tuple[str, ...]] = {
+    Role.PLANT: ("/clock", "train/cars", "train/brake_pipe", "train/brake_cylinders", "train/measurement"),
+    Role.PROFILE: ("ato/reference",),
+    Role.OBSERVER: ("ato/estimate",),
+    Role.CONTROLLER: ("ato/brake_pipe", "ato/command"),
+}
+
+
+def messages_of(shape: Shape) -> dict[str, Any]:
+    """Return one ordinary ROS message for every topic of a tick, with the names and sizes of a run."""
+    from rosgraph_msgs.msg import Clock
+    from sensor_msgs.msg import FluidPressure, JointState
+    from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+    def joints(names: tuple[str, ...], *fields: str) -> Any:
+        zeros = array.array("d", np.zeros(len(names)).tobytes())
+        return JointState(name=list(names), **dict.fromkeys(fields, zeros))
+
+    state = ("position", "velocity", "effort")
+    point = JointTrajectoryPoint(positions=[0.0], velocities=[0.0], accelerations=[0.0])
+    return {
+        "/clock": Clock(),
+        "train/cars": joints(shape.cars, *state),
+        "train/measurement": joints(shape.units + shape.couplers, *state),
+        "train/brake_pipe": FluidPressure(),
+        "train/brake_cylinders": joints(shape.cars, "effort"),
+        "ato/reference": JointTrajectory(joint_names=["train"], points=[point]),
+        "ato/estimate": joints(shape.units, "effort"),
+        "ato/command": joints(shape.units, "effort"),
+        "ato/brake_pipe": FluidPressure(),
+    }
+
+
+def ring(shape: Shape, domain: int, ticks: int) -> float:
+    """Return the time of one tick of the bare ring [s]."""
+    from rclpy.node import Node
+
+    from train_ato.graph.assembly import executor_of
+    from train_ato.nodes.shell import quality_of_service
+
+    with executor_of(domain) as (context, executor):
+        nodes = {role: Node(role.value, context=context, enable_rosout=False) for role in (*TICKED, Role.RECORDER)}
+        messages = messages_of(shape)
+        send: dict[str, Callable[[], None]] = {}
+        kinds: dict[str, Any] = {}
+        publishers = []
+        for role, names in TICKED.items():
+            for name in names:
+                if shape.has(BY_NAME[name]):
+                    kinds[name] = type(messages[name])
+                    publisher = nodes[role].create_publisher(kinds[name], name, quality_of_service(BY_NAME[name]))
+                    publishers.append(publisher)
+                    send[name] = functools.partial(publisher.publish, messages[name])
+        state = {"tick": 0, "waiting": 2}
+        plant_sends = [send[name] for name in TICKED[Role.PLANT] if name in send]
+        controller_sends = [send[name] for name in TICKED[Role.CONTROLLER] if name in send]
+
+        def tick(_: Any) -> None:
+            state["tick"] += 1
+            if state["tick"] < ticks:
+                for publish in plant_sends:
+                    publish()
+
+        def joined(_: Any) -> None:
+            state["waiting"] -= 1
+            if state["waiting"] == 0:
+                state["waiting"] = 2
+                for publish in controller_sends:
+                    publish()
+
+        def nothing(_: Any) -> None:
+            pass
+
+        callbacks: list[tuple[Role, str, Callable[[Any], None], bool]] = [
+            (Role.PROFILE, "train/measurement", lambda _: send["ato/reference"](), False),
+            (Role.OBSERVER, "train/measurement", lambda _: send["ato/estimate"](), False),
+            (Role.CONTROLLER, "train/measurement", nothing, False),
+            (Role.CONTROLLER, "ato/reference", joined, False),
+            (Role.CONTROLLER, "ato/estimate", joined, False),
+            (Role.PLANT, "ato/command", tick, False),
+            (Role.PLANT, "ato/brake_pipe", nothing, False),
+            *((Role.RECORDER, name, nothing, True) for name in kinds),
+        ]
+        for role, name, callback, raw in callbacks:
+            if name in kinds:
+                qos = quality_of_service(BY_NAME[name])
+                nodes[role].create_subscription(kinds[name], name, callback, qos, raw=raw)
+        for node in nodes.values():
+            executor.add_node(node)
+        while any(publisher.get_subscription_count() == 0 for publisher in publishers):
+            executor.spin_once(timeout_sec=0.01)
+        begin = time.perf_counter()
+        for publish in plant_sends:
+            publish()
+        while state["tick"] < ticks:
+            executor.spin_once(timeout_sec=0.1)
+        return (time.perf_counter() - begin) / ticks
+
+
+def graph(setup: RunSetup, domain: int) -> float:
+    """Return the time of one tick of the recorded graph in lockstep [s]."""
+    from train_ato.graph.composed import run_composed
+    from train_ato.graph.run_end import GraphOptions
+
+    with tempfile.TemporaryDirectory() as folder:
+        end = run_composed(setup, Path(folder), domain, GraphOptions())
+    if end.failure is not None:
+        raise RuntimeError(end.failure)
+    return end.wall_s / end.ticks
+
+
+class Clocks:
+    """Adds up the time spent in functions, each without the clocked ones that it calls."""
+
+    def __init__(self) -> None:
+        self.seconds: Counter[str] = Counter()
+        self._inner = [0.0]
+        self._undo: list[tuple[Any, str, Any]] = []
+
+    def on(self, owner: Any, name: str, part: str) -> None:
+        """Clock a method under the name of a part."""
+        original = getattr(owner, name)
+
+        def clocked(*arguments: Any, **named: Any) -> Any:
+            self._inner.append(0.0)
+            begin = time.perf_counter()
+            try:
+                return original(*arguments, **named)
+            finally:
+                took = time.perf_counter() - begin
+                self.seconds[part] += took - self._inner.pop()
+                self._inner[-1] += took
+
+        self._undo.append((owner, name, original))
+        setattr(owner, name, clocked)
+
+    def off(self) -> None:
+        """Put the methods back."""
+        for owner, name, original in reversed(self._undo):
+            setattr(owner, name, original)
+
+
+def parts(setup: RunSetup, domain: int) -> dict[str, float]:
+    """Return the time of one tick by part [s]; the clocks themselves cost a little."""
+    from train_ato.nodes.recorder import RecorderNode
+    from train_ato.nodes.shell import Shell
+    from train_ato.roles.controller import ControllerRole
+    from train_ato.roles.observer import ObserverRole
+    from train_ato.roles.plant import PlantRole
+    from train_ato.roles.profile import ProfileRole
+    from train_ato.wire import Wire
+
+    clocks = Clocks()
+    clocks.on(PlantRole, "act", "plant")
+    clocks.on(PlantRole, "observe", "plant")
+    clocks.on(ControllerRole, "step", "law")
+    clocks.on(ObserverRole, "answer", "observer")
+    clocks.on(ProfileRole, "answer", "profile")
+    clocks.on(Wire, "encode", "messages: encode")
+    clocks.on(Shell, "publish", "messages: publish")
+    clocks.on(RecorderNode, "poll", "recorder")
+    try:
+        whole = graph(setup, domain)
+    finally:
+        clocks.off()
+    found = {part: seconds / setup.ticks for part, seconds in clocks.seconds.items()}
+    found["messages: receive, executor"] = whole - sum(found.values())
+    return found
+
+
+def main() -> int:
+    """Measure and print; the exit status tells whether the limit is kept."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--scenario", default="daqin_heavy_haul")
+    parser.add_argument("--ticks", type=int, default=2500)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    scenario, _ = load(options.scenario)
+    seconds = options.ticks * scenario.tick
+    setup = prepare(*load(options.scenario, (f"duration={seconds!r}",)))
+    compile_kernel()
+    with claim_domain() as domain, tempfile.TemporaryDirectory() as logs, applied(variables(domain, Path(logs))):
+        rounds = [(ring(setup.shape, domain, options.ticks), graph(setup, domain)) for _ in range(options.rounds)]
+        shares = min((parts(setup, domain) for _ in range(2)), key=lambda entry: sum(entry.values()))
+    bare, ours = (min(column) for column in zip(*rounds, strict=True))
+    clocked = sum(shares.values())
+    shares = {part: seconds * ours / clocked for part, seconds in shares.items()}
+    ratio = (ours - shares["plant"]) / bare
+    result = {
+        "scenario": options.scenario,
+        "vehicles": setup.shape.n_vehicles,
+        "ring_ticks_per_s": 1 / bare,
+        "graph_ticks_per_s": 1 / ours,
+        "real_time_factor": setup.tick / ours,
+        "ring_us": bare * 1e6,
+        "graph_us": ours * 1e6,
+        "parts_us": {part: seconds * 1e6 for part, seconds in shares.items()},
+        "ratio": ratio,
+        "limit": LIMIT,
+    }
+    if options.json:
+        print(json.dumps(result, indent=2))
+    else:
+        show(result)
+    return 0 if ratio <= LIMIT else 1
+
+
+def show(result: dict[str, Any]) -> None:
+    """Print the result for people."""
+    print(f"{result['scenario']}, {result['vehicles']} vehicles, recorded, lockstep, one process")
+    print(f"  bare rclpy ring  {result['ring_us']:7.1f} us a tick  {result['ring_ticks_per_s']:7.0f} ticks/s")
+    print(f"  graph            {result['graph_us']:7.1f} us a tick  {result['graph_ticks_per_s']:7.0f} ticks/s")
+    print(f"  simulated over wall time {result['real_time_factor']:.0f}")
+    for part, microseconds in sorted(result["parts_us"].items(), key=lambda entry: -entry[1]):
+        print(f"    {part:<30} {microseconds:7.1f} us")
+    print(f"  ratio without the plant {result['ratio']:.2f}, limit {result['limit']}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,66 @@
+"""Times of the planner once compiled: the lines and trains shipped, a timetable, and planning the rest again.
+
+Run: ``python bench/planner.py``; the first line counts the compilation (cached by numba for later runs).
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+
+from plant_sim.consist import Consist
+from plant_sim.library import load_consist, load_line
+from plant_sim.line import Line
+from train_ato.plan.planner import Plan, plan
+from train_ato.plan.replan import State, replan
+from train_ato.plan.settings import PlanSettings
+from train_ato.plan.train_tables import AvailableForce
+
+CASES = (
+    ("286 km high-speed line, one mass", "highspeed_286km", "crh380a_one_mass"),
+    ("52 km heavy-haul line, 106 vehicles", "daqin_section", "hxd1_c80_105"),
+    ("10 km metro line, one mass", "xuzhou_metro_test", "xuzhou_metro_3"),
+)
+FREIGHT_END = 48e3
+REPEATS = 5
+
+
+def _timed(what: str, call: Callable[[], Plan]) -> Plan:
+    taken = []
+    for _ in range(REPEATS):
+        begin = time.perf_counter()
+        result = call()
+        taken.append(time.perf_counter() - begin)
+    sys.stdout.write(f"{what:58s} {min(taken):8.3f} s   {len(result.profile)} knots, {result.running_time:.1f} s run\n")
+    return result
+
+
+def _replanned(line: Line, consist: Consist, first: Plan) -> Plan:
+    """Plan the second half again with 85 % of the brakes."""
+    knot = len(first.profile) // 2
+    x, v, a, _ = first.profile.at_stamp(first.profile.start_ns + knot * first.profile.period_ns)
+    now = State(float(first.profile.time[knot]), x, v, a)
+    return replan(now, first.profile, line, consist, PlanSettings(), AvailableForce(brake=0.85))
+
+
+def main() -> None:
+    """Print one line a case."""
+    begin = time.perf_counter()
+    plan(load_line("level"), load_consist("xuzhou_metro_3"), PlanSettings(end=1000))
+    sys.stdout.write(
+        f"{'first plan of this process, kernels loaded or compiled':58s} {time.perf_counter() - begin:8.3f} s\n"
+    )
+    for what, line_name, consist_name in CASES:
+        line, consist = load_line(line_name), load_consist(consist_name)
+        least = _timed(f"{what}: least time", partial(plan, line, consist))
+        slack = PlanSettings(time=1.05 * least.running_time)
+        _timed(f"{what}: 5 % more time", partial(plan, line, consist, slack))
+        _timed(f"{what}: the rest again", partial(_replanned, line, consist, least))
+    line, consist, asked = load_line("daqin_section"), load_consist("hxd1_c80_105"), PlanSettings(end=FREIGHT_END)
+    _timed("48 km of the heavy-haul line: least time", partial(plan, line, consist, asked))
+
+
+if __name__ == "__main__":
+    main()

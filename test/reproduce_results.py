@@ -1,0 +1,60 @@
+"""Results with chosen figures, for tests of judges."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from train_ato.history import History
+from train_ato.reproduce.claims import Claim, Paper, Result
+from train_ato.types import Array
+
+FIGURES = {
+    "speed_rmse_kmh": 0.01,
+    "speed_error_max_kmh": 0.05,
+    "coupler_draft_max_kn": 500.0,
+    "coupler_buff_max_kn": -400.0,
+    "command_variation_kn_per_s": 8.0,
+    "saturated_s": 0.0,
+    "stop_error_m": 0.01,
+    "position_error_max_m": 0.1,
+    "overspeed_max_kmh": 0.1,
+}
+
+
+def series(error: Array, command: Array, period: float = 0.05) -> History:
+    """Return the series of a train at 20 m/s with this speed error [m/s] and command [N]."""
+    count = error.size
+    time = period * np.arange(count)
+    column = np.zeros((count, 1))
+    speed = np.full(count, 20.0)
+    return History(
+        time=time,
+        position=(20.0 * time)[:, None],
+        velocity=(speed + error)[:, None],
+        front_position=20.0 * time,
+        front_velocity=speed + error,
+        coupler_high=np.zeros(count),
+        coupler_low=np.zeros(count),
+        coupler_some=np.zeros((count, 3)),
+        applied=command[:, None],
+        command=command[:, None],
+        estimate=column,
+        disturbance=column,
+        reference_position=20.0 * time,
+        reference_velocity=speed,
+        reference_acceleration=np.zeros(count),
+        final_position=float(20.0 * time[-1]),
+        final_velocity=20.0,
+        totals={},
+    )
+
+
+def result(history: History | None = None, **figures: float | None) -> Result:
+    """Return a result with the given figures in place of ordinary ones."""
+    return Result({**FIGURES, **figures}, history)
+
+
+def claim(paper: Paper, text: str) -> Claim:
+    """Return the one claim of a paper whose text begins so."""
+    (found,) = (entry for entry in paper.claims if entry.text.startswith(text))
+    return found

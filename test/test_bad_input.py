@@ -1,0 +1,158 @@
+"""Bad input: one line, exit status 2, nothing half-written. One table; each row is something a user does wrong."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from plant_sim.library import consist_path, line_path
+from train_ato.cli import main
+from train_ato.scenario import shipped_scenarios
+
+DEMO = yaml.safe_load(shipped_scenarios()["demo"].read_text())
+
+
+def consist(**changes: object) -> dict[str, object]:
+    return {**yaml.safe_load(consist_path("hxd1_c80_105").read_text()), **changes}
+
+
+def light(mass_t: float) -> dict[str, object]:
+    data = consist()
+    types = data["vehicle_types"]
+    assert isinstance(types, dict)
+    types["c80"]["mass_t"] = mass_t
+    return data
+
+
+def short_line() -> dict[str, object]:
+    return {**yaml.safe_load(line_path("daqin_section").read_text()), "end_km": 2.0}
+
+
+CASES: list[tuple[str, list[str], str]] = [
+    ("unknown scenario", ["run", "demmo"], r"unknown scenario 'demmo'; did you mean 'demo'\?"),
+    ("unknown variant", ["run", "daqin_heavy_haul:idael"], r"no variant 'idael'; did you mean 'ideal'\?"),
+    ("missing file", ["run", "no/such.yaml"], r"no/such\.yaml: no such file"),
+    ("unknown key", ["run", "demo", "--set", "plant.lagg=0.4"], r"plant\.lagg: unknown key; did you mean 'lag'"),
+    ("unknown top key", ["run", "demo", "--set", "durration=4"], r"durration: unknown key; did you mean 'duration'"),
+    ("unknown law", ["run", "demo", "--controller", "pidd"], r"unknown controller 'pidd'.*did you mean 'pid'"),
+    ("unknown observer", ["run", "demo", "--observer", "x"], r"unknown observer 'x'.*known: .*ndo"),
+    ("unknown compensation", ["run", "demo", "--compensation", "x"], r"unknown compensation 'x'.*known: .*preview"),
+    ("unknown law parameter", ["run", "demo", "--set", "controllers.pid.kpp=1"], r"kpp.*did you mean 'kp'"),
+    ("law parameter out of range", ["run", "demo", "--set", "controllers.pid.kp=-1"], r"pid\.kp.*-1"),
+    ("law parameter not a number", ["run", "demo", "--set", "controllers.pid.kp=fast"], r"pid\.kp.*fast"),
+    ("law that needs a sensor", ["run", "demo", "--controller", "smc", "--set", "plant.sensors.couplers=[]"], "sensor"),
+    ("delay NaN", ["run", "demo", "--set", "links.command.delay=.nan"], r"links\.command\.delay.* = nan: .*finite"),
+    ("delay negative", ["run", "demo", "--set", "links.command.delay=-1"], r"links\.command\.delay: -1.*negative"),
+    ("lag infinite", ["run", "demo", "--set", "plant.lag=.inf"], r"plant\.lag.* = inf"),
+    ("tick no multiple", ["run", "demo", "--set", "step=0.03"], r"tick 0\.1 s is not a multiple of step 0\.03 s"),
+    ("period no multiple", ["run", "demo", "--set", "control_period=0.15"], r"control_period 0\.15 s is not"),
+    ("duration negative", ["run", "demo", "--set", "duration=-5"], r"duration = -5: input should be greater than 0"),
+    ("schema of another version", ["run", "demo", "--set", "schema=train_ato/scenario/9"], "this version reads"),
+    ("unknown consist", ["run", "demo", "--set", "plant.consist=hxd2"], r"train 'hxd2'"),
+    ("set without value", ["run", "demo", "--set", "plant.lag"], r"write it as key\.key=value"),
+    ("set through a value", ["run", "demo", "--set", "seed.a=1"], r"'seed' is a value, not a block"),
+    ("real time factor 0", ["run", "demo", "--realtime", "0"], r"--realtime 0\.0: give a positive number"),
+    ("tick far too small", ["run", "demo", "--set", "tick=1e-300"], r"tick = 1e-300"),
+    ("step too large to be true", ["run", "demo", "--set", "step=0.5"], r"step = 0\.5: .*less than or equal"),
+    ("delay beyond reason", ["run", "demo", "--set", "links.command.delay=1e300"], r"delay: 1e\+300 s is longer"),
+    ("name that is a path", ["run", "demo", "--set", "name=../../evil"], r"name = '\.\./\.\./evil'"),
+    ("name of the folder too long", ["run", "demo", "--out", "a" * 300], r"--out a+\.\.\.: "),
+    ("drive to nowhere", ["drive", "daqin_section", "hxd1_c80_105", "--until-km", "nan", "--out", "p.csv"],
+     r"--until-km nan"),
+    ("drive without knots", ["drive", "level", "hxd1_c80_105", "--until-km", "1", "--spacing", "0", "--out", "p.csv"],
+     r"--spacing 0\.0"),
+    ("set without a run", ["set", "controller=smc", "--domain", "77"], r"--domain 77: no run holds it"),
+    ("verify nothing", ["verify", "nowhere"], r"nowhere: not a run folder"),
+    ("compare with an unknown law", ["compare", "demo", "--controllers", "pid,pidd"], r"unknown controller 'pidd'"),
+    ("two ways at once", ["run", "demo", "--engine", "--processes"], r"not allowed with argument"),
+    ("no command", [], r"required: COMMAND"),
+    ("not a run", ["info", "."], r"not a run folder"),
+    ("recover nothing", ["recover", "nothing.partial"], r"nothing\.partial"),
+    ("domain out of range", ["run", "demo", "--domain", "400"], r"400.*1.*101"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("arguments", "message"), [case[1:] for case in CASES], ids=[case[0] for case in CASES])
+def test_bad_input_is_one_line_and_status_2(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Breaks on a traceback, another exit status, a vague message, or a folder that stays behind."""
+    refused(arguments, message, tmp_path, monkeypatch, capsys)
+
+
+FILES: list[tuple[str, str, dict[str, object], str]] = [
+    ("negative mass", "consist", light(-3), r"train\.yaml: vehicle_types\.c80\.mass = -3000\.0: .*greater than 0"),
+    ("empty consist", "consist", consist(train=[]), r"train\.yaml: train.*at least 1"),
+    ("unknown type", "consist", consist(train=[{"type": "c70"}]), r"train\.yaml: .*'c70'"),
+    ("profile beyond the line", "line", short_line(), r"beyond the end of line 'daqin_section' at km 2\.000"),
+]
+
+
+@pytest.mark.parametrize(("what", "data", "message"), [case[1:] for case in FILES], ids=[case[0] for case in FILES])
+def test_bad_data_files(
+    what: str,
+    data: dict[str, object],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Breaks if a train or line file is taken as it comes, or the message does not name it."""
+    name = "train.yaml" if what == "consist" else "track.yaml"
+    (tmp_path / name).write_text(yaml.safe_dump(data))
+    refused(["run", "demo", "--set", f"plant.{what}={name}"], message, tmp_path, monkeypatch, capsys)
+
+
+def test_existing_and_unwritable_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a run writes into another's folder, or begins without a place to record to."""
+    (tmp_path / "there").mkdir()
+    (tmp_path / "file").write_text("")
+    refused(["run", "demo", "--out", "there"], r"--out there: exists already", tmp_path, monkeypatch, capsys)
+    refused(["run", "demo", "--out", "file/run"], r"--out file/run: cannot be made", tmp_path, monkeypatch, capsys)
+
+
+BOMB = "a: &a [x, x]\n" + "".join(
+    f"{k}: &{k} [{', '.join(['*' + p] * 9)}]\n" for p, k in zip("abcdefgh", "bcdefghi", strict=True)
+)
+"""A few hundred bytes that unfold to 10^8 words."""
+
+
+@pytest.mark.parametrize(
+    "text", ["[1, 2]", "{a: [", "!!python/object/apply:os.system ['true']", "\x00", "[" * 5000, "a: 1\na: 2\n", BOMB]
+)
+def test_scenario_files_that_are_none(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if YAML is loaded unsafely or a parser's traceback reaches the user."""
+    (tmp_path / "mine.yaml").write_text(text)
+    refused(["run", "mine.yaml"], r"mine\.yaml: ", tmp_path, monkeypatch, capsys)
+
+
+def refused(
+    arguments: list[str],
+    message: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(folder)
+    before = sorted(path.name for path in folder.rglob("*"))
+    try:
+        status = main(arguments)
+    except SystemExit as end:
+        status = int(end.code or 0)
+    captured = capsys.readouterr()
+    assert status == 2, captured.err
+    assert captured.out == ""
+    assert len(captured.err.strip().splitlines()) == 1, captured.err
+    assert re.search(message, captured.err), captured.err
+    assert sorted(path.name for path in folder.rglob("*")) == before

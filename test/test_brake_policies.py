@@ -1,0 +1,85 @@
+"""When the air brake is applied: the electric brake alone cannot hold a heavy train on a long fall."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from train_ato.brake.policy import BrakeSpec, make_brake_policy
+from train_ato.engine import run_engine
+from train_ato.outcome import Outcome
+from train_ato.scenario import load
+from train_ato.setup import prepare
+
+
+@pytest.fixture
+def long_fall(tmp_path: Path) -> Path:
+    """16 km, -10 per mille from km 3 to km 12."""
+    grades = [{"at": 0, "grade": 0}, {"at_km": 3, "grade_permille": -10}, {"at_km": 12, "grade": 0}]
+    line = {"schema": "train_ato/line/1", "name": "fall", "end_km": 16, "grades": grades}
+    path = tmp_path / "fall.yaml"
+    path.write_text(yaml.safe_dump(line))
+    return path
+
+
+def run(line: Path, policy: str) -> Outcome:
+    """Start at 50 km/h before the fall and hold it."""
+    points = [{"time": 0, "speed_kmh": 50}, {"time": 760, "speed_kmh": 50}]
+    changes = {
+        "duration": 700,
+        "plant": {"line": str(line), "start": {"position": 1500, "speed_kmh": 50}},
+        "profile": {"phases": None, "points": points, "start": 1500, "allow_rolling_end": True},
+        "brake": {"policy": policy},
+    }
+    setup = prepare(*load("demo", (), changes))
+    return run_engine(setup)
+
+
+def test_electric_brake_alone_runs_away(long_fall: Path) -> None:
+    """Spec 06: 461 kN hold about -6.3 per mille; the surplus of 3.7 per mille makes 0.04 m/s²."""
+    outcome = run(long_fall, "none")
+    assert outcome.history is not None
+    assert outcome.history.velocity.max() * 3.6 > 90
+
+
+def test_blended_air_holds_the_speed(long_fall: Path) -> None:
+    """Breaks if air is never called, never released, or pumped on and off."""
+    outcome = run(long_fall, "blend")
+    history = outcome.history
+    assert history is not None
+    on_fall = (history.front_position > 5000) & (history.front_position < 11000)
+    speed = 3.6 * history.front_velocity[on_fall]
+    assert speed.min() > 35
+    assert speed.max() < 65
+    assert abs(outcome.summary["coupler_buff_max_kn"]) < 1000
+
+
+def test_blending_rules_on_the_share_of_the_electric_brake() -> None:
+    """Share .95 for 5 s calls, .2 for 5 s releases, and then nothing for 60 s."""
+    model = prepare(*load("demo")).model
+    policy = make_brake_policy(BrakeSpec.model_validate({"policy": "blend"}), model, model.line)
+    there = -float(model.force_limits(np.array([15.0]))[0].sum())
+
+    def pressures(begin: int, end: int, share: float) -> list[float]:
+        return [policy.step(float(t), 0.0, 15.0, -share * there) for t in range(begin, end)]
+
+    assert pressures(0, 5, 0.95) == [600e3] * 5
+    assert pressures(5, 20, 0.95) == [550e3] * 15
+    assert pressures(20, 24, 0.2) == [550e3] * 4
+    assert pressures(24, 25, 0.6) == [550e3]
+    assert pressures(25, 31, 0.2)[-2:] == [550e3, 600e3]
+    assert set(pressures(31, 90, 0.95)) == {600e3}
+    assert pressures(90, 97, 0.95)[-1] == 550e3
+
+
+def test_air_is_not_released_below_the_limit() -> None:
+    """Paper 000: below 35 km/h a release risks a broken coupler."""
+    model = prepare(*load("demo")).model
+    policy = make_brake_policy(BrakeSpec.model_validate({"policy": "blend"}), model, model.line)
+    there = -float(model.force_limits(np.array([15.0]))[0].sum())
+    for t in range(10):
+        policy.step(float(t), 0.0, 15.0, -there)
+    assert {policy.step(float(t), 0.0, 9.0, 0.0) for t in range(10, 100)} == {550e3}

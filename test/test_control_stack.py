@@ -1,0 +1,222 @@
+"""The control stack: guards, held output, bumpless swap, feed-forward through delay and lag, brake policy."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from law_trains import FIVE, HAULED, HILLY, LEVEL, SINGLE, asked, measured, model, profile, stack
+
+from plant_sim.consist import Consist
+from plant_sim.line import Line
+from train_ato.brake.policy import BrakeSpec, make_brake_policy
+
+TICK = 100_000_000
+
+
+def run(control, of, along, count, error=0.0, start=0):
+    """Let a train run along the reference, off by a speed error; return forces and the last pressure."""
+    forces, pressure = [], None
+    for k in range(start, start + count):
+        reference, estimate = asked(of, along, k * TICK)
+        seen = measured(of, k * TICK, reference.position, reference.velocity + error, 0.0)
+        force, pressure = control.step(seen, reference, estimate)
+        forces.append(force)
+    return np.array(forces), pressure
+
+
+def test_feedforward_is_newtons_law_on_the_hill():
+    """M a + R(v) + grade, along the whole run; breaks if a term or the air gap between knots is lost."""
+    of, along = model(SINGLE, HILLY), profile()
+    forces, _ = run(stack(of, along=along), of, along, 1500)
+    k = np.arange(1500)
+    expected = [of.rigid_force(along.position[i], along.velocity[i], along.acceleration[i]) for i in k]
+    assert forces[:, 0] == pytest.approx(np.array(expected), abs=1e-6 * 80e3)
+    assert np.ptp(expected) > 30e3
+
+
+def test_preview_inverts_delay_and_lag():
+    """Sent through 0.8 s of delay and 0.4 s of lag the preview's force arrives as the one that is needed."""
+    of, along = model(SINGLE, LEVEL, delay=0.8, lag=0.4), profile()
+    needed, _ = run(stack(of, along=along), of, along, 1400)
+    sent, _ = run(stack(of, compensation="preview", along=along), of, along, 1400)
+    acting, now = np.zeros(1400), float(needed[8, 0])
+    keep = np.exp(-0.1 / 0.4)
+    for k in range(8, 1400):
+        acting[k] = now
+        now = sent[k - 8, 0] + (now - sent[k - 8, 0]) * keep
+    led = np.abs(acting - needed[:, 0])[60:].max()
+    late = np.abs(np.roll(needed[:, 0], 12) - needed[:, 0])[60:].max()
+    assert led < 0.06 * late
+    assert late > 1e3
+
+
+def test_delay_by_the_sign_of_the_command():
+    """A braking unit looks ahead by its brake delay, a pulling one by its traction delay."""
+    of, along = model(SINGLE, LEVEL, delay=1.0, delay_brake=0.5), profile()
+    sent, _ = run(stack(of, compensation="preview", along=along), of, along, 1700)
+    needed = np.append(run(stack(of, along=along), of, along, 1700)[0][:, 0], np.zeros(20))
+    pulling, braking = slice(10, 300), slice(1500, 1600)
+    assert sent[pulling, 0] == pytest.approx(needed[20:310], abs=1.0)
+    assert sent[braking, 0] == pytest.approx(needed[1505:1605], abs=1.0)
+    assert needed[1505] < -1e3
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e300])
+@pytest.mark.parametrize("field", ["position", "velocity", "applied"])
+def test_an_unsound_measurement_holds_the_last_command(wrong, field):
+    """Breaks if a NaN, an infinity or nonsense reaches the law, or the law does not go on afterwards."""
+    of, along = model(FIVE), profile()
+    control, other = stack(of, along=along), stack(of, along=along)
+    before, _ = run(control, of, along, 50)
+    run(other, of, along, 50)
+    reference, estimate = asked(of, along, 50 * TICK)
+    good = measured(of, 50 * TICK, reference.position, reference.velocity, 0.0)
+    bad = dataclasses.replace(good, **{field: np.where(np.arange(5) == 2, wrong, getattr(good, field))})
+    held, _ = control.step(bad, reference, estimate)
+    assert (held == before[-1]).all()
+    other.step(good, reference, estimate)
+    after, _ = run(control, of, along, 5, start=51)
+    expected, _ = run(other, of, along, 5, start=51)
+    assert (after == expected).all()
+    assert control.diagnostics()["unsound_measurements"] == "1"
+
+
+def test_output_stays_inside_the_limits_at_the_present_speed():
+    """An error of 9 m/s asks for far more than 400 kN."""
+    of, along = model(SINGLE), profile()
+    control = stack(of, parameters={"kp": 5.0}, along=along)
+    forces, _ = run(control, of, along, 100, error=-9.0)
+    assert forces.max() == 400e3
+    assert int(control.diagnostics()["saturated_steps"]) > 50
+
+
+def test_swap_is_bumpless_and_worn_off_after_a_second():
+    """First output equals the last command exactly; after 1 s the new law acts alone; in between a straight line."""
+    of, along = model(SINGLE), profile()
+    control, alone = stack(of, along=along), stack(of, "pid", {"kp": 0.5}, along=along)
+    before, _ = run(control, of, along, 200, error=-0.1)
+    run(alone, of, along, 200, error=-0.1)
+    control.swap("pid", {"kp": 0.5})
+    after, _ = run(control, of, along, 30, error=-0.1, start=200)
+    new, _ = run(alone, of, along, 30, error=-0.1, start=200)
+    assert after[0, 0] == pytest.approx(before[-1, 0], abs=1e-6)
+    assert abs(new[0, 0] - before[-1, 0]) > 3e3
+    weight = (after - new)[:10, 0] / (after - new)[0, 0]
+    assert weight == pytest.approx(1 - np.arange(10) / 10, abs=1e-9)
+    assert (after[10:] == new[10:]).all()
+
+
+def test_a_refused_swap_leaves_the_old_law_running():
+    """Breaks if half a swap is left behind."""
+    of, along = model(SINGLE), profile()
+    control, other = stack(of, along=along), stack(of, along=along)
+    run(control, of, along, 20)
+    run(other, of, along, 20)
+    with pytest.raises(ValueError, match=r"pid\.kp"):
+        control.swap("pid", {"kp": -1.0})
+    assert (run(control, of, along, 20, start=20)[0] == run(other, of, along, 20, start=20)[0]).all()
+
+
+def test_longer_period_holds_the_output():
+    """A law at 0.5 s under a tick of 0.1 s answers every fifth tick; 0.25 s is refused."""
+    of, along = model(SINGLE), profile()
+    forces, _ = run(stack(of, along=along, period=0.5), of, along, 100)
+    full, _ = run(stack(of, along=along), of, along, 100)
+    assert (forces[:, 0] == np.repeat(full[::5, 0], 5)).all()
+    with pytest.raises(ValueError, match=r"control_period 0\.25 s is not a multiple of the tick 0\.1 s"):
+        stack(of, along=along, period=0.25)
+
+
+def test_same_inputs_same_bits():
+    """Two stacks fed the same give the same bits."""
+    of, along = model(FIVE, HILLY, delay=0.7, lag=0.4), profile()
+    first, _ = run(stack(of, compensation="preview", along=along), of, along, 300, 0.03)
+    second, _ = run(stack(of, compensation="preview", along=along), of, along, 300, 0.03)
+    assert first.tobytes() == second.tobytes()
+
+
+BRAKED = Consist.model_validate(
+    {
+        "schema": "train_ato/consist/1",
+        "name": "braked",
+        "vehicle_types": {
+            "loco": {
+                "mass": 184e3,
+                "length": 35.222,
+                "resistance": {"n_per_kn": [1.2, 0.0065, 0.000279]},
+                "traction": [{"to": 33.3, "force": 760e3}],
+                "brake": [{"to": 33.3, "force": 461e3}],
+                "shoes": {"count": 32, "force": 6.93e3, "friction": 0.441},
+            },
+            "wagon": {
+                "mass": 100e3,
+                "length": 12.0,
+                "resistance": {"n_per_kn": [0.92, 0.0048, 0.000125]},
+                "shoes": {"count": 8, "force": 16.18e3, "friction": 0.481},
+            },
+        },
+        "train": [{"type": "loco"}, {"type": "wagon", "count": 4}],
+        "draft_gears": {"gear": {"kind": "linear", "stiffness": 20e6}},
+        "default_gear": "gear",
+        "air_brake": {},
+    }
+)
+
+
+def test_planned_brake_is_demanded_and_taken_off_the_feedforward():
+    """50 kPa at 40 s: the pipe is asked for 550 kPa and the locomotive holds back less by the shoes' force."""
+    of, along = model(BRAKED), profile()
+    spec = BrakeSpec.model_validate({"policy": "planned", "events": [{"time": 40.0, "reduction_kpa": 50}]})
+    braked, pressure = run(stack(of, along=along, brake=spec), of, along, 800)
+    free, charged = run(stack(of, along=along), of, along, 800)
+    assert (pressure, charged) == (550e3, 600e3)
+    assert (braked[:400] == free[:400]).all()
+    speed = 3.6 * along.velocity[799]
+    full = (
+        0.17
+        * (2 * speed + 150)
+        / (3 * speed + 150)
+        * sum(
+            count * 1e3 * force * factor * (force + 200) / (4 * force + 200)
+            for count, force, factor in [(32, 6.93, 0.441), (4 * 8, 16.18, 0.481)]
+        )
+    )
+    assert braked[-1, 0] - free[-1, 0] == pytest.approx(full, rel=1e-3)
+
+
+def test_brake_rules_of_paper_000():
+    """Applied above 60 km/h before four steep pieces, released 10 km/h lower, not again within 160 s."""
+    falls = [{"at": 5000 + 600 * i, "grade": -0.009 - 0.0005 * (i % 2)} for i in range(12)]
+    line = Line.model_validate(
+        {"schema": "train_ato/line/1", "name": "falls", "end": 40e3, "grades": [*falls, {"at": 12200, "grade": 0.0}]}
+    )
+    of = model(BRAKED, line)
+    policy = make_brake_policy(BrakeSpec.model_validate({"policy": "trigger"}), of, line)
+    assert policy.step(0.0, 4000.0, 59 / 3.6) == 600e3
+    assert policy.step(1.0, 4600.0, 70 / 3.6) == 600e3
+    assert policy.step(2.0, 4905.0, 70 / 3.6) == 550e3
+    assert policy.step(30.0, 5500.0, 61 / 3.6) == 550e3
+    assert policy.step(40.0, 5600.0, 60.4 / 3.6) == 600e3
+    assert policy.step(161.0, 6190.0, 70 / 3.6) == 600e3
+    assert policy.step(162.0, 6190.0, 70 / 3.6) == 550e3
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ({"policy": "planned"}, "policy planned needs events"),
+        ({"events": [{"time": 1, "reduction": 5e4}]}, "set policy: planned"),
+        ({"policy": "planned", "events": [{"reduction": 5e4}]}, "exactly one of time and place"),
+    ],
+)
+def test_wrong_brake_plans_are_refused(spec, message):
+    with pytest.raises(ValueError, match=message):
+        BrakeSpec.model_validate(spec)
+
+
+def test_air_brake_needs_an_air_brake():
+    of = model(HAULED)
+    with pytest.raises(ValueError, match="the consist has no air_brake; set policy: none"):
+        make_brake_policy(BrakeSpec.model_validate({"policy": "trigger"}), of, of.line)

@@ -1,0 +1,172 @@
+"""Every law under hostile inputs, and the checker itself: what it must let through and what it must find."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from law_trains import FIVE, SINGLE, inputs, model
+
+from train_ato.control.check import check_law, table
+from train_ato.control.contract import LawInput, LawOutput
+from train_ato.control.laws.pid import Pid
+from train_ato.control.registry import LAWS, load
+
+TEMPLATE = Path(__file__).parents[1] / "examples" / "my_law.py"
+NAMES = LAWS.names()
+FIELDS = [
+    entry.name
+    for entry in dataclasses.fields(LawInput)
+    if entry.name not in ("preview", "saturated", "force_min", "force_max", "under_way", "deflection", "rate")
+]
+WILD = st.one_of(
+    st.floats(allow_nan=True, allow_infinity=True), st.floats(-1e12, 1e12), st.sampled_from([math.nan, 1e300, -1e300])
+)
+
+
+def failures(findings):
+    return [finding for finding in findings if finding.passed is False]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_law_passes_the_contract(name):
+    """Bounds, determinism, reset, hostile inputs, recovery after NaN, on four shipped trains."""
+    found = check_law(LAWS.get(name))
+    assert not failures(found), table(found)
+    assert sum(finding.test == "recovers after NaN" for finding in found) >= 2
+
+
+@pytest.mark.parametrize("name", NAMES)
+@given(steps=st.lists(st.dictionaries(st.sampled_from(FIELDS), WILD, max_size=4), min_size=1, max_size=8))
+def test_no_law_ever_returns_a_force_that_may_not_be_sent(name, steps):
+    """Any sequence of any values: every force is finite and within the limits."""
+    of = model(FIVE)
+    law = LAWS.make(name, {}, of, 0.1)
+    for spoilt in steps:
+        base = inputs(of)
+        changes = {
+            field: np.full_like(getattr(base, field), value) if isinstance(getattr(base, field), np.ndarray) else value
+            for field, value in spoilt.items()
+        }
+        out = law.step(dataclasses.replace(base, **changes))
+        assert np.isfinite(out.force).all()
+        assert (np.abs(out.force) <= 400e3).all()
+
+
+def test_the_template_passes(monkeypatch):
+    """The example that newcomers copy is itself fit for the loop, and as short as it says."""
+    monkeypatch.syspath_prepend(str(TEMPLATE.parent))
+    assert not failures(check_law("my_law:MyLaw"))
+    assert len(TEMPLATE.read_text(encoding="utf-8").splitlines()) <= 55
+
+
+class Leaky(Pid):
+    """Does not forget on reset()."""
+
+    def reset(self):
+        pass
+
+    def demand(self, given):
+        self.steps = getattr(self, "steps", 0) + 1
+        return [force + self.steps for force in super().demand(given)]
+
+
+class Unbounded(Pid):
+    """Sends what it likes."""
+
+    def step(self, given):
+        return LawOutput(np.array(self.demand(given)) * 50.0)
+
+
+class Scribbler(Pid):
+    """Writes into its inputs."""
+
+    def demand(self, given):
+        given.velocity[0] += 1.0
+        return super().demand(given)
+
+
+class Poisoned(Pid):
+    """One NaN stays in its state for ever."""
+
+    total = 0.0
+
+    def step(self, given):
+        self.total += float(given.velocity[0]) * 0.0
+        return LawOutput(np.clip(np.array(self.demand(given)) + self.total, given.force_min, given.force_max))
+
+
+class Brittle(Pid):
+    """Raises when a speed is not finite."""
+
+    def step(self, given):
+        if not np.isfinite(given.velocity).all():
+            raise RuntimeError("no speed")
+        return super().step(given)
+
+
+class Deaf(Pid):
+    """Never moves again after a NaN."""
+
+    dead = False
+
+    def step(self, given):
+        self.dead = self.dead or not np.isfinite(given.velocity).all()
+        out = super().step(given)
+        return LawOutput(out.force * 0.0) if self.dead else out
+
+
+@pytest.mark.parametrize(
+    ("law", "test"),
+    [
+        (Leaky, "reset forgets everything"),
+        (Unbounded, "finite and inside the limits"),
+        (Scribbler, "leaves its inputs alone"),
+        (Poisoned, "hostile inputs"),
+        (Brittle, "hostile inputs"),
+        (Deaf, "recovers after NaN"),
+    ],
+)
+def test_the_checker_finds_faults(law, test):
+    """Breaks if a contract test lets a law through that it exists to stop."""
+    assert test in {finding.test for finding in failures(check_law(law))}
+
+
+def test_the_checker_wants_described_parameters():
+    class Bare:
+        pass
+
+    assert failures(check_law(Bare))[0].test == "describes its parameters"
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        ("no_such_module:Law", "module 'no_such_module' cannot be imported"),
+        ("train_ato.control.laws.pid:Pidd", r"has no class 'Pidd' \(did you mean 'Pid'\?\)"),
+        ("law", "'law' does not name a class; write package.module:Class"),
+    ],
+)
+def test_what_names_no_law_is_refused(target, message):
+    with pytest.raises(ValueError, match=message):
+        load(target)
+
+
+def test_refusals_are_reported_not_raised():
+    """A law that only likes trains with one unit is fit, and says which trains it refused."""
+
+    class Picky(Pid):
+        def __init__(self, parameters, of, period):
+            if of.n_units > 1:
+                raise ValueError("one unit only")
+            super().__init__(parameters, of, period)
+
+    found = check_law(Picky)
+    assert not failures(found)
+    assert sum("one unit only" in finding.detail for finding in found) == 2
+    assert model(SINGLE).n_units == 1

@@ -1,0 +1,165 @@
+"""Papers 000 and 001: the networks, the Padé form, the learnt switching term, against numbers worked out by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from law_trains import FIVE, HILLY, LEVEL, SINGLE, asked, inputs, measured, model, profile, stack
+
+from train_ato.compensate.pade import pade_coefficients
+from train_ato.control.parts.rbf import CENTRES, Weights, bells
+from train_ato.control.parts.sliding import sig
+from train_ato.control.registry import LAWS
+
+MASS = 80e3
+
+
+def test_bells_and_weights_by_hand():
+    """h_j of (25); dw with momentum; a weight never leaves its bound."""
+    hidden = bells((0.01, -0.005), [0.01 * c for c in CENTRES], 0.005)
+    assert hidden[4] == pytest.approx(math.exp(-(0.015**2) / (2 * 0.005**2)))
+    assert hidden[2] == pytest.approx(math.exp(-(0.01**2 + 0.005**2) / (2 * 0.005**2)))
+    weights = Weights([0.0, 0.0], 0.25, momentum=0.5)
+    weights.learn(0.1, (1.0, -1.0))
+    weights.learn(0.1, (1.0, -1.0))
+    assert weights.values == pytest.approx([0.25, -0.25])
+    weights.reset()
+    assert weights.values == [0.0, 0.0]
+
+
+def test_rbf_smc_learns_by_gamma_s_h():
+    """(28), then (35): the second step's force holds m W'h of the first one's learning, with the minus sign."""
+    of = model(SINGLE)
+    plain = LAWS.make("smc", {}, of, 0.1)
+    net = LAWS.make("rbf_smc", {"gamma": 0.2, "clip": False}, of, 0.1)
+    for step, (e, de) in enumerate([(0.004, 0.002), (0.006, -0.001)]):
+        given_now = inputs(of, position=np.array([500.0 + e]), velocity=np.array([10.0 + de]))
+        difference = net.step(given_now).force[0] - plain.step(given_now).force[0]
+        if step == 0:
+            assert difference == 0.0
+            learnt = 0.2 * 0.1 * (de + e) * np.array(bells((e, de), [0.01 * c for c in CENTRES], 0.005))
+        else:
+            seen = np.array(bells((e, de), [0.01 * c for c in CENTRES], 0.005))
+            assert difference == pytest.approx(-MASS * float(learnt @ seen), rel=1e-6)
+            assert difference < -0.1
+
+
+def test_the_network_holds_in_saturation():
+    """At the limit for 100 s: the weights are those of the first step, not the product of a hundred seconds."""
+    of = model(SINGLE)
+    law = LAWS.make("rbf_smc", {"gamma": 5.0}, of, 0.1)
+    stuck = inputs(of, position=np.array([480.0]), velocity=np.array([9.99]))
+    for _ in range(1000):
+        law.step(stuck)
+    once = LAWS.make("rbf_smc", {"gamma": 5.0}, of, 0.1)
+    once.step(stuck)
+    near = inputs(of, position=np.array([500.001]))
+    assert law.step(near).force[0] == pytest.approx(once.step(near).force[0], abs=MASS * 0.1 * 60)
+    assert law._weights[0].values == pytest.approx(once._weights[0].values, rel=1e-6)
+
+
+@given(lag=st.floats(0.05, 2.0), delay=st.floats(0.05, 2.0), omega=st.floats(0.01, 30.0))
+def test_pade_form_equals_the_pade_plant(lag, delay, omega):
+    """(5) as corrected, a (1 - b1 s² - b2 s) = a_s (1 + b3 s), is (lam - s)/((lam + s)(tau s + 1)) to rounding.
+
+    The printed b1 = -2/lam misses it by far more.
+    """
+    s = 1j * omega
+    lam = 2.0 / delay
+    b1, b2, b3 = pade_coefficients(lag, delay)
+    plant = (lam - s) / ((lam + s) * (lag * s + 1.0))
+    form = (1.0 + b3 * s) / (1.0 - b1 * s * s - b2 * s)
+    assert abs(form - plant) <= 3e-16 * 8
+    printed = (1.0 + b3 * s) / (1.0 + 2.0 / lam * s * s - b2 * s)
+    if abs(lag - 2.0) > 0.1 and omega > 0.5:
+        assert abs(printed - plant) > 1e-4
+
+
+def test_pade_compensation_leads_a_ramp_exactly():
+    """On a force that rises linearly the Padé lead (sigma + tau) F' is exact; without it the force is 1.2 s late."""
+    of, along = model(SINGLE, LEVEL, delay=0.8, lag=0.4), profile()
+    control, now = stack(of, compensation="pade", along=along), stack(of, along=along)
+    k = 100
+    reference, estimate = asked(of, along, k * 100_000_000)
+    seen = measured(of, k * 100_000_000, reference.position, reference.velocity, 0.0)
+    led = float(control.step(seen, reference, estimate)[0][0])
+    needed = float(now.step(seen, reference, estimate)[0][0])
+    wanted = [of.rigid_force(*along.at(0.1 * k + later)[:3]) for later in (0.0, 1.2)]
+    assert needed == pytest.approx(wanted[0], rel=1e-6)
+    assert abs(led - wanted[1]) < 0.12 * abs(wanted[1] - wanted[0])
+
+
+def test_rbf_switching_term_by_hand():
+    """(11)-(13): start weights, clipped input, one step of learning down the gradient of s²/2."""
+    of = model(FIVE)
+    p = {"c": 0.4, "k_w": 1.4, "phi": 1.0, "eta": 0.5, "alpha": 0.0, "width": 0.5, "identify": False}
+    law = LAWS.make("rbf_switching_smc", p, of, 0.1)
+    e, de = 0.3, 0.1
+    s = 0.4 * e + de
+    out = law.step(inputs(of, position=500.0 + e - of.offsets, velocity=np.full(5, 10.0 + de)))
+    hidden = np.array(bells((s,), CENTRES, 0.5))
+    weights = -0.9 * 1.4 * np.array(CENTRES) - 0.5 * 0.1 * s * hidden
+    assert out.force == pytest.approx(np.full(5, MASS * (float(weights @ hidden) - 0.4 * de)), rel=1e-9)
+    far = LAWS.make("rbf_switching_smc", p | {"eta": 0.0}, of, 0.1)
+    forces = [far.step(inputs(of, position=500.0 + x - of.offsets)).force[0] for x in (2.6, 40.0)]
+    assert forces[0] == forces[1] < -MASS
+
+
+@pytest.mark.parametrize(
+    ("switching", "value"), [("sign", -1.4), ("tanh", -1.4 * math.tanh(0.05 / 0.2)), ("rbf", None)]
+)
+def test_other_switching_terms(switching, value):
+    """(9) with the relay and with its smooth form; the network pushes the same way."""
+    of = model(SINGLE)
+    law = LAWS.make("rbf_switching_smc", {"switching": switching, "phi": 0.2}, of, 0.1)
+    out = law.step(inputs(of, velocity=np.array([10.05])))
+    own = out.force[0] / MASS + 0.4 * 0.05
+    assert own == pytest.approx(value) if value else -1.4 < own < -0.05
+
+
+@given(surface=st.floats(-50, 50), power=st.sampled_from([5 / 7, 5 / 3, 5.0]))
+def test_sig_is_odd_and_monotone(surface, power):
+    """sig^p is odd, keeps the sign and grows with |z|."""
+    assert sig(-surface, power) == -sig(surface, power)
+    assert sig(surface, power) * surface >= 0.0
+    assert abs(sig(1.1 * surface, power)) >= abs(sig(surface, power))
+
+
+def drive(law, of, steps, start=(0.0, 0.0), push=0.0, period=0.05):
+    """Let a law drive one vehicle without lag on a level line at 10 m/s against a constant force; return e and e'."""
+    e, de = start
+    found = []
+    for _ in range(steps):
+        seen = inputs(of, position=np.array([500.0 + e]), velocity=np.array([10.0 + de]))
+        force = float(law.step(seen).force[0])
+        own = float(of.own_resistance(np.array([10.0 + de]), np.array([500.0]))[0])
+        pull = (force + push - own) / MASS
+        e, de = e + (de + 0.5 * pull * period) * period, de + pull * period
+        found.append((e, de))
+    return np.array(found)
+
+
+def test_smc_reaches_its_surface_monotonically():
+    """Lyapunov: V = S²/2 falls at every sample until it is below what one sample of the switching term moves."""
+    of = model(SINGLE, HILLY)
+    law = LAWS.make("smc", {"model_error": 0.0, "l2": 0.0}, of, 0.05)
+    path = drive(law, of, 400, start=(0.5, -0.2))
+    surface = np.abs(path[:, 1] + path[:, 0])
+    above = surface > 2 * 0.05 * 0.05
+    assert (np.diff(surface)[above[1:] & above[:-1]] < 0).all()
+    assert surface[-1] < 2e-3
+    assert surface[0] > 0.2
+
+
+def test_the_network_takes_over_a_constant_push():
+    """400 N that nobody told of: smc with ks alone keeps S = d/(m ks), with the network S goes on to 0."""
+    of = model(SINGLE)
+    plain = LAWS.make("smc", {"model_error": 0.0, "kappa": 0.0, "l2": 0.0}, of, 0.05)
+    net = LAWS.make("rbf_smc", {"model_error": 0.0, "kappa": 0.0, "l2": 0.0, "gamma": 0.5}, of, 0.05)
+    settled = [np.abs(drive(law, of, 6000, push=400.0)[-1] @ np.ones(2)) for law in (plain, net)]
+    assert settled[0] == pytest.approx(400.0 / (MASS * 0.5), rel=0.05)
+    assert settled[1] < 0.05 * settled[0]

@@ -1,0 +1,174 @@
+"""Paper 004: the sampled model, the Diophantine identity, the optimum, identification, the sampling that decides."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from law_trains import FIVE, SINGLE, inputs, model
+
+from train_ato.control.contract import Preview
+from train_ato.control.laws.gpc import Gpc, GpcParameters, linear_law
+from train_ato.control.parts.chain import exponential
+from train_ato.control.parts.diophantine import diophantine, response_and_past, sampled_actuator
+from train_ato.control.parts.identification import Increments, Residual
+from train_ato.control.registry import LAWS
+
+
+def multiply(p, q, length):
+    """Return the product of two polynomials in z⁻¹, cut or filled to a length."""
+    product = np.convolve(p, q)
+    return np.pad(product, (0, max(0, length - product.size)))[:length]
+
+
+@given(
+    a=st.lists(st.floats(-1.5, 1.5), min_size=3, max_size=3),
+    b=st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3),
+    horizon=st.integers(1, 12),
+)
+def test_diophantine_identity(a, b, horizon):
+    """(13), (14) for every j: E_j A + z^-j F_j = 1 and G_j + z^-j H_j = E_j B, coefficient by coefficient."""
+    a, b = np.array([1.0, *a]), np.array(b)
+    e, f = diophantine(a, horizon)
+    g, h = response_and_past(e, b, horizon)
+    for j in range(1, horizon + 1):
+        size = j + 3
+        one = multiply(e[:j], a, size) + np.concatenate((np.zeros(j), f[j - 1]))
+        assert one == pytest.approx(np.eye(size)[0], abs=1e-9 * 3.0**j)
+        split = np.concatenate((g[:j], h[j - 1], [0.0]))[:size]
+        assert split == pytest.approx(multiply(e[:j], b, size), abs=1e-9 * 3.0**j)
+
+
+@pytest.mark.parametrize(("delay", "lag", "period"), [(1.0, 0.4, 1.2), (0.6, 0.4, 0.4), (1.2, 0.4, 0.1)])
+def test_sampled_model_is_the_padé_plant_under_a_held_command(delay, lag, period):
+    """Simulated in 20 000 steps a sample; a bilinear transform would answer within the first sample's instant."""
+    a, b = sampled_actuator(delay, lag, period)
+    assert abs(a.sum()) < 1e-9
+    rng = np.random.default_rng(1)
+    commands = rng.normal(size=8)
+    pole, n = 2 / delay, 20_000
+    h, x, y, v = period / n, 0.0, 0.0, 0.0
+    speeds = [0.0]
+    for u in commands:
+        for _ in range(n):
+            xm = x + 0.5 * h * (u - pole * x)
+            ym = y + 0.5 * h * (2 * pole * x - u - y) / lag
+            x, y, v = x + h * (u - pole * xm), y + h * (2 * pole * xm - u - ym) / lag, v + h * ym
+        speeds.append(v)
+    past_v, past_u = [0.0] * 3, [0.0] * 3
+    for k, u in enumerate(commands):
+        past_u = [u, *past_u[:2]]
+        predicted = -a[1:] @ np.array(past_v) + b @ np.array(past_u)
+        assert predicted == pytest.approx(speeds[k + 1], abs=2e-6)
+        past_v = [predicted, *past_v[:2]]
+
+
+def test_matrix_exponential():
+    """Against a rotation and a nilpotent shift, where it is known exactly."""
+    turn = exponential(np.array([[0.0, -30.0], [30.0, 0.0]]))
+    assert turn == pytest.approx(np.array([[np.cos(30), -np.sin(30)], [np.sin(30), np.cos(30)]]), abs=1e-10)
+    assert exponential(np.array([[0.0, 2.0], [0.0, 0.0]])) == pytest.approx(np.array([[1.0, 2.0], [0.0, 1.0]]))
+
+
+@pytest.mark.parametrize("beyond", ["zero", "hold"])
+def test_first_command_minimises_the_cost(beyond):
+    """Brute force: roll (7) out for any U and minimise (12) by least squares; its first command is (18)'s."""
+    p = GpcParameters(n=5, nu=2, lam=0.3, beyond=beyond)
+    a, b = sampled_actuator(1.0, 0.4, 1.2)
+    v, u, xi = [5.0, 4.9, 4.85], [0.1, -0.2], 0.03
+    target = np.array([5.2, 5.3, 5.5, 5.6, 5.8])
+
+    def rollout(first, second):
+        speeds, sent, found = list(v), list(u), []
+        for j in range(p.n):
+            now = (first, second)[j] if j < 2 else (second if beyond == "hold" else 0.0)
+            sent = [now, *sent]
+            speeds = [float(-a[1:] @ np.array(speeds[:3]) + b @ np.array(sent[:3]) + xi), *speeds]
+            found.append(speeds[0])
+        return np.array(found)
+
+    base = rollout(0.0, 0.0)
+    effect = np.column_stack((rollout(1.0, 0.0) - base, rollout(0.0, 1.0) - base))
+    rows = np.vstack((effect, np.sqrt(p.lam) * np.eye(2)))
+    best = np.linalg.lstsq(rows, np.concatenate((target - base, np.zeros(2))), rcond=None)[0]
+    law = linear_law(a, b, p)
+    found = law.tracking @ target - law.feedback @ np.array(v) - law.past @ np.array(u) - xi * law.unmodelled
+    assert found == pytest.approx(best[0], rel=1e-9)
+    assert law.scale == pytest.approx(1.0, abs=1e-9)
+
+
+def test_identification_on_increments_finds_the_gain():
+    """A plant of 0.8 the gain and a constant push: the model's static gain goes from 1 to 0.8, the pole at 1 stays."""
+    a, b = sampled_actuator(1.0, 0.4, 1.2)
+    found = Increments(a, b)
+    rng = np.random.default_rng(2)
+    speeds, sent = [10.0] * 4, [0.0] * 4
+    first = last = 0.0
+    for k in range(4000):
+        new = float(-a[1:] @ np.array(speeds[:3]) + 0.8 * b @ np.array(sent[:3]))
+        speeds = [new, *speeds[:3]]
+        miss = found.miss(speeds, sent)
+        first, last = (abs(miss) if k < 50 else 0.0) + first, 0.99 * last + 0.01 * abs(miss)
+        found.learn(speeds, sent, miss, absolute=False)
+        sent = [float(rng.uniform(-1, 1)), *sent[:3]]
+    new_a, new_b = found.polynomials()
+    assert abs(new_a.sum()) < 1e-12
+    inner = np.cumsum(new_a)[:3].sum()
+    assert new_b.sum() / inner == pytest.approx(0.8 * b.sum() / np.cumsum(a)[:3].sum(), rel=0.03)
+    assert last < 0.02 * first / 50
+
+
+def test_residual_network_integrates_slowly_to_a_constant():
+    """A constant residual is learnt without offset, in tens of samples and not in one."""
+    net = Residual(6)
+    estimates = []
+    for _ in range(200):
+        net.learn(0.05, 0.15)
+        estimates.append(net.estimate([20.0] * 3, [0.1] * 3))
+    assert 0.0 < estimates[0] < 0.03
+    assert estimates[-1] == pytest.approx(0.05, rel=1e-3)
+
+
+def drive(law, of, delay, period, steps, push=0.0):
+    """Drive one vehicle through delay and lag 0.4 s from 10 m/s at a reference of 11 m/s; return its speeds."""
+    speed, acting, queue, speeds = 10.0, 0.0, [0.0] * round(delay / period), []
+    keep = np.exp(-period / 0.4)
+    for _ in range(steps):
+        seen = inputs(
+            of,
+            velocity=np.array([speed]),
+            reference_velocity=np.array([11.0]),
+            preview=Preview(np.zeros(80), np.full(80, 11.0), np.zeros(80)),
+        )
+        queue.append(float(law.step(seen).force[0]))
+        due = queue.pop(0)
+        acting = due + (acting - due) * keep
+        speed += ((acting - of.running_resistance(speed)) / of.inertia + push) * period
+        speeds.append(speed)
+    return np.array(speeds)
+
+
+@pytest.mark.parametrize(("sampling", "good"), [(1.2, True), (0.4, False), (0.2, False)])
+def test_the_sampling_period_decides(sampling, good):
+    """N = 3, Nu = 2 with a delay of 1.2 s: settled at a sampling of 1.2 s, swinging at 0.4 s and below."""
+    of = model(SINGLE, delay=1.2, lag=0.4)
+    law = LAWS.make("gpc", {"sampling": sampling, "identify": "none"}, of, 0.1)
+    speeds = drive(law, of, 1.2, 0.1, 2400)
+    assert bool(np.ptp(speeds[-300:]) < 0.01) is good
+    if good:
+        assert speeds[-1] == pytest.approx(11.0, abs=0.005)
+
+
+def test_between_samples_the_command_is_held():
+    of = model(FIVE, delay=1.0, lag=0.4)
+    law = LAWS.make("gpc", {"sampling": 0.5}, of, 0.1)
+    forces = [law.step(inputs(of, velocity=np.full(5, 10.0 - 0.01 * k))).force[0] for k in range(10)]
+    assert forces == [forces[0]] * 5 + [forces[5]] * 5
+    assert forces[0] != forces[5]
+    assert law.horizon == 16
+
+
+def test_horizons_must_nest():
+    with pytest.raises(ValueError, match="nu 4 is longer than n 3"):
+        Gpc(GpcParameters(nu=4), model(SINGLE), 0.1)

@@ -1,0 +1,140 @@
+"""Delays on topics: what arrives, when, in which order, and that nothing depends on how a window is cut."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from train_ato.engine import run_engine
+from train_ato.links import DelayJump, Link, LinkSpec, MessageLink, VaryingDelay
+from train_ato.scenario import load
+from train_ato.setup import prepare
+
+STEP = 5_000_000
+TICK = 20 * STEP
+
+
+def run(link: Link, values: list[float], window: int = 20) -> np.ndarray:
+    """Push one value each tick and return what acts at every step."""
+    parts = []
+    for tick, value in enumerate(values):
+        link.push(tick * TICK, np.array([value]))
+        parts += [link.window(tick * TICK + start * STEP, window) for start in range(0, 20, window)]
+    return np.concatenate(parts)[:, 0]
+
+
+@pytest.mark.parametrize(
+    ("delay_ms", "first_step"),
+    [(0, 0), (5, 1), (100, 20), (102, 20), (103, 21), (800, 160)],
+    ids=["none", "one step", "one tick", "rounded down", "rounded up", "eight ticks"],
+)
+def test_constant_delay_shifts_by_whole_steps(delay_ms: float, first_step: int) -> None:
+    """Breaks if the delay is rounded to the tick, cut instead of rounded, or off by one step."""
+    acting = run(Link(LinkSpec(delay=delay_ms / 1e3), 1, STEP, 1, "c"), [7.0] * 12)
+    assert np.flatnonzero(acting).min() == first_step
+    assert set(acting) <= {0.0, 7.0}
+
+
+def test_newer_command_overtakes_and_replaces_older_ones() -> None:
+    """Traction 1 s, brake .3 s: a brake command sent .4 s later arrives first and the traction never comes."""
+    link = Link(LinkSpec(delay=1.0, delay_brake=0.3), 1, STEP, 1, "c")
+    acting = run(link, [5.0, 5.0, 5.0, 5.0, *[-3.0] * 20])
+    assert 5.0 not in acting
+    assert np.flatnonzero(acting == -3.0).min() == (4 * TICK + 300_000_000) // STEP
+
+
+def test_each_unit_has_its_own_delay() -> None:
+    """Breaks if the units share one queue."""
+    link = Link(LinkSpec(delay=(1.0, 0.1)), 2, STEP, 1, "c")
+    link.push(0, np.array([1.0, 2.0]))
+    acting = link.window(0, 400)
+    assert [int(np.flatnonzero(acting[:, unit]).min()) for unit in (0, 1)] == [200, 20]
+
+
+def test_varying_delay_is_that_of_the_receiver() -> None:
+    """Paper 003 delays u(t - tau(t)): at every step the newest command not younger than tau(t) ago acts."""
+    link = Link(LinkSpec(varying=VaryingDelay(amplitude=0.2)), 1, STEP, 1, "c")
+    acting = run(link, [float(k + 1) for k in range(60)])
+    steps = np.arange(acting.size)
+    late = np.rint(0.2 * np.abs(np.sin(steps * STEP * 1e-9)) * 1e9 / STEP).astype(int)
+    expected = np.maximum.accumulate(np.floor((steps - late) / 20).astype(int) + 1)
+    assert np.array_equal(acting, np.maximum(expected, 0))
+
+
+def test_jump_changes_the_delay_from_its_time_on() -> None:
+    """Breaks if a jump is ignored or acts on commands already under way."""
+    link = Link(LinkSpec(delay=0.2, jump=DelayJump(at=0.5, factor=2.0)), 1, STEP, 1, "c")
+    acting = run(link, [float(k + 1) for k in range(20)])
+    first_seen = {value: int(np.flatnonzero(acting == value).min()) for value in (5.0, 6.0)}
+    assert first_seen == {5.0: 80 + 40, 6.0: 100 + 80}
+
+
+@given(
+    delay=st.floats(0, 1.5),
+    jitter=st.floats(0, 0.5),
+    loss=st.floats(0, 0.9),
+    window=st.sampled_from([1, 2, 4, 5, 10, 20]),
+)
+def test_what_acts_is_ordered_known_and_independent_of_the_window(
+    delay: float, jitter: float, loss: float, window: int
+) -> None:
+    """Breaks if a late old command comes back after a newer one, a value is made up, or windows change the result."""
+    spec = LinkSpec(delay=delay, jitter=jitter, loss=loss)
+    values = [float(k + 1) for k in range(40)]
+    acting = run(Link(spec, 1, STEP, 3, "c"), values, window)
+    assert np.array_equal(acting, run(Link(spec, 1, STEP, 3, "c"), values, 20))
+    assert set(acting) <= {0.0, *values}
+    assert (np.diff(acting) >= 0).all()
+    younger = (np.arange(acting.size) * STEP * 1e-9 - delay + STEP * 1e-9) / (TICK * 1e-9) + 1
+    assert (acting <= np.maximum(0, younger)).all()
+
+
+def test_loss_holds_the_last_value_and_seeds_differ() -> None:
+    """Breaks if a lost command acts as 0 or the stream ignores its key."""
+    values = [float(k + 1) for k in range(200)]
+
+    def acting(seed: int, name: str) -> np.ndarray:
+        return run(Link(LinkSpec(loss=0.3), 1, STEP, seed, name), values)
+
+    one = acting(1, "a")
+    arrived = set(one) - {0.0}
+    assert 110 < len(arrived) < 170
+    assert np.array_equal(one, acting(1, "a"))
+    assert not np.array_equal(one, acting(2, "a"))
+    assert not np.array_equal(one, acting(1, "b"))
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        (LinkSpec(delay=(0.1, 0.2)), r"links\.x\.delay: 2 values for 3 units"),
+        (LinkSpec(delay=-0.1), r"links\.x\.delay: -0\.1 s is negative"),
+        (LinkSpec(delay=0.1, delay_brake=(0.1,)), r"links\.x\.delay_brake: 1 values for 3 units"),
+    ],
+)
+def test_wrong_delays_are_refused(spec: LinkSpec, message: str) -> None:
+    """Breaks if a wrong list is spread silently."""
+    with pytest.raises(ValueError, match=message):
+        Link(spec, 3, STEP, 1, "x")
+
+
+def test_messages_arrive_late_and_the_first_counts_until_then() -> None:
+    """Breaks if a delayed topic starts from nothing, or a message overtakes a newer one."""
+    link = MessageLink(LinkSpec(delay=0.3), STEP, 1, "measurement")
+    assert [link.pass_on(tick * TICK, tick) for tick in range(8)] == [0, 0, 0, 0, 1, 2, 3, 4]
+    at_once = MessageLink(LinkSpec(), STEP, 1, "measurement")
+    assert [at_once.pass_on(tick * TICK, tick) for tick in range(3)] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("topic", ["measurement", "reference", "estimate"])
+def test_a_delay_on_a_topic_reaches_the_law(topic: str) -> None:
+    """Breaks if a link that a scenario names is not in the loop."""
+
+    def commands(*assignments: str) -> np.ndarray:
+        outcome = run_engine(prepare(*load("demo", ("duration=30", "observer=ndo", *assignments))))
+        assert outcome.history is not None
+        return outcome.history.command
+
+    assert not np.array_equal(commands(), commands(f"links.{topic}.delay=0.5"))

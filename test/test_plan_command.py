@@ -1,0 +1,101 @@
+"""``train-ato plan``: inputs in several formats, files out, bad input in one line."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import pytest
+
+from plant_sim.library import load_consist, load_line
+from train_ato.plan.command import add_arguments, execute, planned
+from train_ato.plan.planner import plan
+from train_ato.plan.settings import PlanSettings
+from train_ato.profile.file import read_profile
+from train_ato.profile.spec import ProfileSpec
+
+
+def options(*words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    return parser.parse_args(words)
+
+
+METRO = ("xuzhou_metro_test", "xuzhou_metro_3")
+
+
+def test_json_has_the_promised_figures(capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(options(*METRO, "--from", "0.5", "--to", "3", "--json")) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["distance_m"] == 2500.0
+    assert 125 < result["running_time_s"] < 150 and 5 < result["energy_kwh"] < 40
+    assert result["speed_max_kmh"] == pytest.approx(80, abs=0.1)
+
+
+def test_the_table_names_them_too(capsys: pytest.CaptureFixture[str]) -> None:
+    assert execute(options(*METRO, "--to", "1")) == 0
+    assert "running_time_s" in capsys.readouterr().out
+
+
+def test_files_hold_the_profile_and_a_figure(tmp_path: Path) -> None:
+    names = [tmp_path / name for name in ("run.csv", "run.yaml", "run.png")]
+    result = planned(options(*METRO, "--to", "2", *(word for name in names for word in ("--out", str(name)))))
+    first, second = read_profile(names[0]), read_profile(names[1])
+    assert first == second
+    assert first.position[-1] + 59 == pytest.approx(2000)
+    assert names[2].read_bytes()[:4] == b"\x89PNG" and names[2].stat().st_size > 20_000
+    assert result["files"] == [str(name) for name in names]
+
+
+def test_options_reach_the_plan() -> None:
+    slow = planned(options(*METRO, "--to", "2", "--time", "150"))
+    assert slow["running_time_s"] == pytest.approx(150, abs=0.1)
+    free = planned(options(*METRO, "--to", "2", "--jerk", "none", "--margin", "0", "--acceleration", "none"))
+    usual = planned(options(*METRO, "--to", "2"))
+    assert free["running_time_s"] < usual["running_time_s"] < slow["running_time_s"]
+    capped = planned(options(*METRO, "--to", "2", "--speed-max-kmh", "50"))
+    assert capped["speed_max_kmh"] == pytest.approx(50, abs=0.1)
+
+
+def test_foreign_lines_and_trains_are_read(shared_data: Path) -> None:
+    path = str(shared_data / "ttobench" / "00_var_speed_limit_100.json")
+    result = planned(options(path, str(shared_data / "railtoolkit" / "longdistance.yaml")))
+    assert result["distance_m"] == 48531.0 and result["settings"]["deceleration"] == 0.375
+    assert planned(options(path, "crh380a_one_mass"))["speed_max_kmh"] == pytest.approx(140, abs=0.1)
+
+
+def test_a_scenario_can_ask_for_a_plan() -> None:
+    line, consist = load_line(METRO[0]), load_consist(METRO[1])
+    block = ProfileSpec.model_validate({"plan": {"end_km": 2, "force_margin": 0.2}})
+    profile = block.build(consist, line, 0.05)
+    assert profile == plan(line, consist, PlanSettings(end=2000, force_margin=0.2), 0.05).profile
+    assert ProfileSpec.model_validate(block.inlined()) == block
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("nowhere", "xuzhou_metro_3"), "line 'nowhere' is neither shipped nor a file"),
+        ((METRO[0], "nobody"), "'nobody' is neither shipped nor a file"),
+        ((*METRO, "--to", "11"), r"km 11\.000 lies beyond line"),
+        ((*METRO, "--from", "3", "--to", "2"), "must lie beyond begin"),
+        ((*METRO, "--time", "60"), "timetable too tight"),
+        ((*METRO, "--margin", "1.5"), "force_margin = 1.5"),
+        ((*METRO, "--period", "0"), "--period 0"),
+        ((*METRO, "--out", "run.txt"), "end it in .csv"),
+        ((*METRO, "--out", "/no/such/folder/run.csv"), "folder '/no/such/folder' does not exist"),
+        ((__file__, METRO[1]), "test_plan_command.py: not valid|test_plan_command.py: holds"),
+    ],
+)
+def test_bad_input_is_one_line(words: tuple[str, ...], message: str) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
+        planned(options(*words))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("words", [("--time", "soon"), ("--jerk", "nan"), ("--from", "inf"), ("--dwell", "-1")])
+def test_numbers_are_checked_by_the_parser(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        options(*METRO, *words)
+    assert caught.value.code == 2 and words[0] in capsys.readouterr().err

@@ -1,0 +1,219 @@
+"""Power units: envelopes, limits, lag, rate, dead band, faults, adhesion; and jumps of parameters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from plant_trains import RIGID, drive, heavy, plain_line, slope, train
+
+from plant_sim import kernel as k
+from plant_sim.consist import Consist
+from plant_sim.library import load_consist
+from plant_sim.track import Track
+from plant_sim.train import Train
+
+LEVEL = plain_line(begin_km=-10)
+
+
+def locomotive(speed_kmh: float, **setup: Any) -> Train:
+    """Return the HXD1 alone, a tick of one step of 1 ms."""
+    setup = {"start": {"speed_kmh": speed_kmh}, **setup}
+    return train(heavy(wagons=0), LEVEL, step_ns=1_000_000, tick_ns=1_000_000, **setup)
+
+
+def applied(speed_kmh: float, demand: float, **setup: Any) -> float:
+    """Force that acts in the first step."""
+    return float(drive(locomotive(speed_kmh, **setup), 0.001, demand).applied[0])
+
+
+@pytest.mark.parametrize(
+    ("speed", "traction", "brake"),
+    [
+        (0.0, 760, 0), (3.0, 760, 276.6), (4.99, 760, 460.1), (5.01, 760.0, 461), (40.0, 627, 461), (64.9, 532.4, 461),
+        (75.1, 460.2, 460.2), (100.0, 345.6, 345.6), (121.0, 0, 0),
+    ],
+)  # fmt: skip
+def test_envelopes_of_the_hxd1(speed: float, traction: float, brake: float) -> None:
+    """Eqs. (1) and (2) of paper 000 at places where the pieces meet, by hand in kN; nothing beyond 120 km/h."""
+    assert applied(speed, 1e6) == pytest.approx(1e3 * traction, rel=1e-3)
+    assert applied(speed, -1e6) == pytest.approx(-1e3 * brake, rel=1e-3, abs=1.0)
+
+
+def test_first_order_lag_is_exact() -> None:
+    """A step of 100 kN through a lag of 0.4 s is 1 - exp(-t/0.4) at any plant step; a lag of 0 passes."""
+    for step_ns in (1_000_000, 20_000_000):
+        plant = train(heavy(wagons=0), LEVEL, step_ns=step_ns, tick_ns=20_000_000, start={"speed_kmh": 30}, lag=0.4)
+        drive(plant, 0.4, 100e3)
+        assert plant.applied[0] == pytest.approx(100e3 * (1 - np.exp(-1.0)), rel=1e-9)
+    assert applied(30.0, 100e3) == 100e3
+
+
+def test_rate_limit_dead_band_and_gain() -> None:
+    """50 kN/s gives 5 kN after 0.1 s; 900 N inside a dead band of 1 kN give none; a gain fault of 0.8 gives 0.8."""
+    plant = drive(locomotive(30.0, rate_limit_kn_per_s=50), 0.1, 100e3)
+    assert plant.applied[0] == pytest.approx(5e3, rel=1e-9)
+    assert applied(30.0, 900.0, dead_band_kn=1) == 0.0
+    assert applied(30.0, 1100.0, dead_band_kn=1) == 1100.0
+    assert applied(30.0, 100e3, mismatch={"actuator_gain": 0.8}) == pytest.approx(80e3)
+
+
+def test_force_limit_is_shared() -> None:
+    """200 kN on a train of three units is 75, 50 and 75 kN; on one mass 200 kN; time at the limit is counted."""
+    single = drive(train(load_consist("crh380a_one_mass"), LEVEL, force_limit_kn=200), 1.0, 230e3)
+    assert single.applied[0] == 200e3
+    three = drive(train(load_consist("crh380a_three_units"), LEVEL, force_limit_kn=200), 1.0, 90e3)
+    assert three.applied == pytest.approx([75e3, 50e3, 75e3])
+    assert three.totals.saturated == pytest.approx([0.8, 0.8, 0.8], abs=0.3)
+    free = drive(train(load_consist("crh380a_one_mass"), LEVEL), 1.0, 230e3)
+    assert free.totals.saturated_any == 0.0
+
+
+def test_adhesion() -> None:
+    """A coefficient of 0.2 on 184 t holds 361 kN; Curtius-Kniffler at 40 km/h gives mu = 0.161 + 7.5/84 = 0.2503."""
+    assert applied(40.0, 1e6, adhesion={"kind": "constant", "coefficient": 0.2}) == pytest.approx(0.2 * 184e3 * 9.81)
+    by_speed = {"kind": "curtius_kniffler", "factor": 0.7}
+    assert applied(40.0, 1e6, adhesion=by_speed) == pytest.approx(0.7 * (0.161 + 7.5 / 84) * 184e3 * 9.81)
+    assert applied(40.0, -1e6, adhesion={"kind": "constant", "coefficient": 0.1}) == pytest.approx(-0.1 * 184e3 * 9.81)
+
+
+def test_unlimited_and_reversing() -> None:
+    """The papers' ideal actuator gives any force; with reversing a negative one drives backwards (paper 002)."""
+    assert applied(100.0, 1e7, unlimited=True) == 1e7
+    freight = load_consist("freight_five")
+    back = drive(train(freight, LEVEL, reversing=True, holding=0.0), 5.0, -30e3)
+    assert back.velocity.max() < -1.0
+    stays = drive(train(freight, LEVEL, holding=0.0), 5.0, -30e3)
+    assert not stays.velocity.any()
+    assert back.totals.traction > 0.0
+
+
+def test_lag_per_unit() -> None:
+    """One lag for each unit; a wrong count is refused."""
+    plant = drive(train(load_consist("crh380a_three_units"), LEVEL, lag=[0.0, 0.4, 0.8]), 0.4, 50e3)
+    assert plant.applied == pytest.approx([50e3, 50e3 * (1 - np.exp(-1)), 50e3 * (1 - np.exp(-0.5))], rel=1e-6)
+    with pytest.raises(ValueError, match="lag has 2 entries"):
+        train(load_consist("crh380a_three_units"), LEVEL, lag=[0.1, 0.2])
+
+
+def test_mismatch_changes_the_plant() -> None:
+    """Mass, resistance, envelopes, shoes and gears of the true train are scaled, each by its own factor."""
+    scales = {"mass_scale": 1.03, "resistance_scale": 1.5, "traction_scale": 0.9, "brake_scale": 0.92}
+    other = {"kind": "linear", "stiffness": 3e7}
+    true = train(heavy(), mismatch={**scales, "electric_brake_scale": 0.5, "gears": {"mt2_mt2": other}})
+    nominal = train(heavy())
+    ratio = true.arrays.vehicle / np.where(nominal.arrays.vehicle == 0, 1, nominal.arrays.vehicle)
+    assert ratio[k.MASS] == pytest.approx(1.03)
+    assert ratio[k.C0] == pytest.approx(1.03 * 1.5)
+    assert ratio[k.SHOE] == pytest.approx(0.92)
+    assert drive(true, 0.1, 1e6).applied[0] == pytest.approx(0.9 * 760e3)
+    assert [entry[2] for entry in true.arrays.run] == [k.SMOOTHED, k.LINEAR]
+    alias = train(heavy(), mismatch={"gears": {"mt2_mt2": "qkx100_mt2"}})
+    assert [entry[2] for entry in alias.arrays.run] == [k.SMOOTHED]
+    with pytest.raises(ValueError, match="draft gear 'nosuch'"):
+        train(heavy(), mismatch={"gears": {"nosuch": other}})
+
+
+def test_rotating_mass() -> None:
+    """Only inertia grows with rotating masses: 192.17 kN give the metro 1.0 m/s² less its resistance, 181.3 t weigh."""
+    plant = train(load_consist("xuzhou_metro_3"), LEVEL, step_ns=1_000_000, tick_ns=1_000_000)
+    drive(plant, 0.001, 1e6)
+    dry = 0.11e-3 * 181292.5 * 9.8
+    assert plant.velocity[0] / 1e-3 == pytest.approx((192.17e3 - dry) / 192170.05, rel=1e-6)
+    hill = train(load_consist("xuzhou_metro_3"), slope(-20), step_ns=1_000_000, tick_ns=1_000_000, holding=0.0)
+    drive(hill, 0.001)
+    assert hill.velocity[0] / 1e-3 == pytest.approx((0.02 * 181292.5 * 9.8 - dry) / 192170.05, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("what", "factor", "change"),
+    [("mass", 2.0, 0.5), ("gain", 0.5, 0.5), ("adhesion", 0.5, 0.5)],
+)
+def test_jumps_in_time_act_at_their_step(what: str, factor: float, change: float) -> None:
+    """A jump at 0.53 s, inside a tick, changes the acceleration from that step on and not before."""
+    data = heavy(wagons=0).model_dump(by_alias=True, exclude_none=True)
+    data["vehicle_types"]["hxd1"]["resistance"] = {"n": (0, 0, 0)}
+    setup = {"jumps": [{"at": 0.53, "what": what, "factor": factor}], "start": {"speed_kmh": 10}}
+    if what == "adhesion":
+        setup["adhesion"] = {"kind": "constant", "coefficient": 0.05}
+    plant = train(Consist.model_validate(data), LEVEL, **setup)
+    force = 200e3 if what == "adhesion" else 50e3
+    drive(plant, 1.0, force)
+    first = (0.05 * 184e3 * 9.81 if what == "adhesion" else force) / 184e3
+    gained = first * 0.53 + change * first * 0.47
+    assert plant.velocity[0] - 10 / 3.6 == pytest.approx(gained, rel=1e-9)
+    assert abs(plant.totals.balance) < 1e-3
+
+
+def test_jump_at_a_place_and_of_lag() -> None:
+    """A jump when vehicle 0 passes 10 m; a lag that doubles; listed vehicles only."""
+    jumps = [{"place": 10.0, "what": "mass", "factor": 1.5, "vehicles": [3]}]
+    plant = train(heavy(RIGID, 5), LEVEL, jumps=jumps, start={"speed_kmh": 36})
+    mass = plant.arrays.vehicle[k.MASS].copy()
+    drive(plant, 0.9)
+    assert (plant.arrays.vehicle[k.MASS] == mass).all()
+    drive(plant, 0.4)
+    assert plant.arrays.vehicle[k.MASS, 3] == 1.5 * mass[3]
+    assert plant.arrays.vehicle[k.MASS, 2] == mass[2]
+    slow = locomotive(30.0, lag=0.2, jumps=[{"at": 0.0, "what": "lag", "factor": 2.0}])
+    assert drive(slow, 0.4, 1e5).applied[0] == pytest.approx(1e5 * (1 - np.exp(-1.0)), rel=1e-9)
+
+
+def test_jump_outside_the_train_is_refused() -> None:
+    """A jump that lists a vehicle or unit the train does not have is an error before the start."""
+    for wrong in ({"what": "mass", "vehicles": [9]}, {"what": "gain", "units": [1]}):
+        with pytest.raises(ValueError, match=r"jump.* the train has"):
+            train(heavy(wagons=3), jumps=[{"at": 1.0, "factor": 1.1, **wrong}])
+
+
+@pytest.mark.parametrize("place", [300.0, 1000.0, 2222.0])
+def test_grade_under_every_vehicle_of_its_own(place: float) -> None:
+    """Work of the grade equals weight times height for every vehicle, forward over breaks and rolling back.
+
+    To 0.4 mm of height: the work is taken at the mean speed of a step, the way at the new one.
+    """
+    grades = [{"at": at, "grade_permille": g} for at, g in ((0, 2), (250, -7.5), (700, 11), (1500, 0.5), (1600, -3))]
+    line = plain_line(begin_km=-3, grades=grades)
+    plant = train(
+        heavy({"kind": "linear", "stiffness": 2e7, "damping": 1e6}, 8), line, start={"position": place, "speed": 8}
+    )
+    track, start = Track(line), plant.position
+    for force in (0.0, -3e5):
+        drive(plant, 20.0, force)
+        height = track.elevation(plant.position) - track.elevation(start)
+        wanted = -float((plant.arrays.vehicle[k.WEIGHT] * height).sum())
+        assert plant.totals.grade == pytest.approx(wanted, abs=4e-4 * float(plant.arrays.vehicle[k.WEIGHT].sum()))
+
+
+def test_grade_averaged_over_the_length() -> None:
+    """A train as one mass feels the height between its ends: force = weight (h(front) - h(rear)) / length."""
+    line = plain_line(
+        begin_km=-3,
+        grades=[{"at": 300, "grade_permille": 8}, {"at": 340, "grade_permille": -20}, {"at": 700, "grade_permille": 0}],
+        curves=[{"begin": 320, "end": 420, "radius": 400}],
+    )
+    track = Track(line)
+    plant = train(load_consist("xuzhou_metro_3"), line, grade_over_length=True, start={"position": 200, "speed": 15})
+    weight = plant.arrays.vehicle[k.WEIGHT, 0]
+    for _ in range(300):
+        drive(plant, 0.1, 2e4)
+        x = plant.position
+        slope_here = (track.elevation(x + 59) - track.elevation(x - 59)) / 118
+        state = plant.arrays.state
+        assert state[k.GRADE_A, 0] + state[k.GRADE_B, 0] * x[0] == pytest.approx(
+            -weight * slope_here[0], abs=1e-6 * weight
+        )
+    inside = train(load_consist("xuzhou_metro_3"), line, grade_over_length=True, start={"position": 370, "speed": 1})
+    assert inside.arrays.state[k.CURVE, 0] == pytest.approx(weight * 0.6 / 400 * 100 / 118, rel=0.03)
+
+
+def test_curve_and_tunnel_resistance() -> None:
+    """600/R N/kN in curves and the tunnel's own, at each vehicle's place; none outside."""
+    line = plain_line(
+        curves=[{"begin": 100, "end": 200, "radius": 300}],
+        tunnels=[{"begin": 150, "end": 300, "resistance_n_per_kn": 0.5}],
+    )
+    for place, wanted in ((50, 0.0), (120, 2.0), (170, 2.5), (250, 0.5), (350, 0.0)):
+        plant = train(heavy(wagons=0), line, start={"position": place})
+        assert plant.arrays.state[k.CURVE, 0] == pytest.approx(wanted * 184 * 9.81, abs=1e-9)

@@ -1,0 +1,205 @@
+"""The air brake: waves, cylinders, shoe forces by hand, cancelled releases, reservoirs, and the closed form."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plant_trains import RIGID, chain, drive, heavy, plain_line, train
+
+from plant_sim import kernel as k
+from plant_sim.air_brake import BrakeForecast, braking_factor
+from plant_sim.consist import Consist
+from plant_sim.library import load_consist
+from plant_sim.states import Array
+from plant_sim.train import Train
+
+APPLIED, CHARGED = 550e3, 600e3
+
+
+def fine(consist: Consist | None = None, **start: Any) -> Train:
+    """Return the heavy train with a tick of one step of 5 ms."""
+    begin = {"speed_kmh": 70, **start}
+    where = plain_line(begin_km=-10)
+    return train(heavy(RIGID) if consist is None else consist, where, tick_ns=5_000_000, start=begin)
+
+
+def arrivals(plant: Train, seconds: float, braking: bool) -> Array:
+    """Time after which every vehicle's cylinder moved [s]; NaN where it did not."""
+    first = np.full(plant.n, np.nan)
+    begin, none = plant.time, np.zeros((1, 1))
+    before = plant.arrays.state[k.CYLINDER, : plant.n].copy()
+    for _ in range(round(seconds / 5e-3)):
+        t = plant.time - begin
+        plant.advance(none)
+        after = plant.arrays.state[k.CYLINDER, : plant.n]
+        moved = (after > before) if braking else (after < before)
+        first[np.isnan(first) & moved] = t
+        before = after.copy()
+    return first
+
+
+def test_waves_reach_the_last_vehicle() -> None:
+    """Paper 000 and spec 01: 6.36 s at 200 m/s, 35.32 s at 36 m/s over 1271.6 m, to within a step of 5 ms."""
+    plant = fine()
+    plant.advance(np.zeros((1, 1)), APPLIED)
+    applied = arrivals(plant, 7.0, True) + 5e-3
+    assert applied[-1] == pytest.approx(6.36, abs=0.005 + 1e-9)
+    assert applied[1] == pytest.approx(23.611 / 200, abs=0.005 + 1e-9)
+    drive(plant, 30.0)
+    plant.advance(np.zeros((1, 1)), CHARGED)
+    released = arrivals(plant, 36.0, False) + 5e-3
+    assert released[-1] == pytest.approx(35.32, abs=0.005 + 1e-9)
+    assert released[53] == pytest.approx((23.611 + 52 * 12) / 36, abs=0.005 + 1e-9)
+
+
+def test_shoe_forces_by_hand() -> None:
+    """Spec 01: 743 kN on the whole train at 70 km/h and 50 kPa; 4 s to 63 %, 6 s to release 63 %.
+
+    One wagon: 0.17 x 8 x 16.18 kN x .481 x (216.18/264.72) x (290/360) = 6.962 kN.
+    """
+    plant = fine()
+    plant.advance(np.zeros((1, 1)), APPLIED)
+    drive(plant, 4.0)
+    assert plant.arrays.state[k.CYLINDER, 0] == pytest.approx(0.17 * (1 - np.exp(-1.0)), rel=2e-3)
+    drive(plant, 60.0)
+    plant.arrays.state[k.V] = 70 / 3.6
+    drive(plant, 0.005)
+    shoe = plant.shoe_force
+    assert shoe.sum() == pytest.approx(743e3, rel=1e-3)
+    assert shoe[50] == pytest.approx(6.962e3, rel=1e-3)
+    plant.advance(np.zeros((1, 1)), CHARGED)
+    drive(plant, 6.0)
+    assert plant.arrays.state[k.CYLINDER, 0] == pytest.approx(0.17 * np.exp(-1.0), rel=2e-3)
+
+
+def test_a_new_application_cancels_a_release_under_way() -> None:
+    """Spec 01: the last issued event wins.  Released at 60 s, applied again at 70 s: the rear never released."""
+    plant = fine()
+    plant.advance(np.zeros((1, 1)), APPLIED)
+    drive(plant, 60.0)
+    plant.advance(np.zeros((1, 1)), CHARGED)
+    drive(plant, 10.0)
+    front, rear = plant.arrays.state[k.CYLINDER, [0, 105]]
+    assert front < 0.04
+    plant.advance(np.zeros((1, 1)), APPLIED)
+    lowest = rear
+    for _ in range(8000):
+        drive(plant, 0.005)
+        lowest = min(lowest, plant.arrays.state[k.CYLINDER, 105])
+    assert lowest == rear, "the overtaken release still reached the last wagon"
+    assert plant.arrays.state[k.CYLINDER, 0] > 0.16
+
+
+def test_factor_table_and_pressure() -> None:
+    """Half the reduction gives half the factor; the head shows the demanded pressure; beyond the table it holds."""
+    brake = load_consist("hxd1_c80_105").air_brake
+    assert brake is not None
+    assert braking_factor(brake, 575e3) == pytest.approx(0.085)
+    assert braking_factor(brake, 500e3) == 0.17
+    plant = fine()
+    plant.advance(np.zeros((1, 1)), 575e3)
+    seen = plant.observe()
+    assert seen.brake_pipe is not None
+    assert seen.brake_pipe.pressure == 575e3
+    drive(plant, 60.0)
+    np.testing.assert_allclose(plant.arrays.state[k.CYLINDER, :106], 0.085, rtol=1e-3)
+
+
+def test_second_locomotive_vents_the_pipe_too() -> None:
+    """With a locomotive in the middle the wave starts at both: no vehicle is further than half the train."""
+    plant = fine(load_consist("hxd1_c80_210"))
+    plant.advance(np.zeros((1, 1 * 2)), APPLIED)
+    distance = plant.arrays.vehicle[k.PIPE_DISTANCE]
+    assert distance[[0, 106]].tolist() == [0.0, 0.0]
+    assert distance[211] == pytest.approx(1271.611)
+    assert distance[105] == pytest.approx(23.611)
+    for _ in range(1400):
+        plant.advance(np.zeros((1, 2)))
+    assert plant.arrays.state[k.CYLINDER, :212].min() > 0.0
+
+
+def with_brake(**changes: Any) -> Consist:
+    data = heavy(RIGID).model_dump(by_alias=True, exclude_none=True)
+    data["air_brake"].update(changes)
+    return Consist.model_validate(data)
+
+
+def test_reservoirs_are_used_up_and_recharge() -> None:
+    """A second application too soon finds less air; after the recharge time it is whole again.  Off by default."""
+    reached = {}
+    for wait in (5.0, 600.0):
+        plant = train(with_brake(reservoir_use=0.4, recharge_time=60.0), start={"speed_kmh": 70})
+        drive(plant, 40.0, 0.0, APPLIED)
+        assert plant.arrays.state[k.TARGET, 50] == pytest.approx(0.17)
+        drive(plant, 40.0 + wait, 0.0, CHARGED)
+        drive(plant, 40.0, 0.0, APPLIED)
+        reached[wait] = plant.arrays.state[k.TARGET, 0]
+    assert reached[600.0] == pytest.approx(0.17, rel=1e-3)
+    expected = 0.17 * (1.0 - 0.4 * np.exp(-45.0 / 60.0))
+    assert reached[5.0] == pytest.approx(expected, rel=2e-3)
+    plant = train(heavy(RIGID), start={"speed_kmh": 70})
+    for pipe in (APPLIED, CHARGED) * 3:
+        drive(plant, 2.0, 0.0, pipe)
+    assert (plant.arrays.state[k.RESERVOIR, :106] == 1.0).all()
+
+
+@settings(max_examples=20)
+@given(
+    gaps=st.lists(st.floats(0.1, 50.0), min_size=1, max_size=6),
+    levels=st.lists(st.sampled_from([600e3, 590e3, 575e3, 550e3]), min_size=6, max_size=6),
+    ahead=st.floats(0.0, 60.0),
+)
+def test_forecast_equals_the_kernel(gaps: list[float], levels: list[float], ahead: float) -> None:
+    """The closed form says for any later time what the kernel then has, whatever waves overtake each other."""
+    consist = with_brake(apply_wave=200.0)
+    plant = train(consist, plain_line(begin_km=-10), tick_ns=20_000_000, start={"speed_kmh": 70})
+    forecast = BrakeForecast(consist)
+    for gap, level in zip(gaps, levels, strict=False):
+        forecast.demand(plant.time, level)
+        drive(plant, 0.02, 0.0, level)
+        drive(plant, 0.02 * round(gap / 0.02))
+    later = plant.time + 0.02 * round(ahead / 0.02)
+    expected = forecast.factors(later)
+    forecast.commit(plant.time)
+    np.testing.assert_allclose(forecast.factors(later), expected, atol=1e-12)
+    drive(plant, later - plant.time)
+    # Waves are noticed at the next step of 5 ms: at most 5 ms / 4 s of the level.
+    np.testing.assert_allclose(plant.arrays.state[k.CYLINDER, :106], expected, atol=0.17 * 5e-3 / 4.0 * 2)
+
+
+def test_forecast_force_and_rest() -> None:
+    """The forecast's total is the 743 kN of spec 01; a released brake is idle again; no air brake, no forecast."""
+    forecast = BrakeForecast(load_consist("hxd1_c80_105"))
+    assert forecast.idle
+    forecast.demand(0.0, APPLIED)
+    assert forecast.force(100.0, 70 / 3.6) == pytest.approx(743e3, rel=1e-3)
+    assert forecast.force(0.0, 70 / 3.6) == 0.0
+    forecast.demand(100.0, CHARGED)
+    forecast.commit(300.0)
+    assert forecast.idle
+    with pytest.raises(ValueError, match="no air brake"):
+        BrakeForecast(load_consist("xuzhou_metro_3"))
+
+
+def test_many_events_under_way() -> None:
+    """A pressure moved every tick puts hundreds of waves on the way; all are kept and the last one wins."""
+    plant = train(heavy(RIGID), plain_line(begin_km=-10), start={"speed_kmh": 70})
+    for tick in range(200):
+        drive(plant, 0.1, 0.0, 600e3 - 250.0 * tick)
+    for tick in range(200):
+        drive(plant, 0.1, 0.0, 550e3 + 250.0 * (tick + 1))
+    drive(plant, 120.0)
+    assert not plant.shoe_force.any()
+
+
+def test_air_brake_needs_shoes_to_act() -> None:
+    """Vehicles without shoes feel nothing, and a train without air brake reports no cylinders."""
+    plant = drive(train(chain(3, RIGID), start={"speed": 5.0}), 1.0)
+    seen = plant.observe()
+    assert seen.brake_pipe is None
+    assert seen.brake_cylinders is None
+    assert not plant.shoe_force.any()

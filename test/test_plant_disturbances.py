@@ -1,0 +1,186 @@
+"""Disturbances and sensors: values by hand, seeds, streams that do not disturb each other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from plant_trains import RIGID, chain, drive, heavy, plain_line, train
+from pydantic import TypeAdapter, ValidationError
+
+from plant_sim.disturbances import Disturbance
+from plant_sim.library import load_consist
+from plant_sim.states import Array
+from plant_sim.streams import stream
+from plant_sim.train import Train
+
+LEVEL = plain_line(begin_km=-10)
+_SOURCE: TypeAdapter[Any] = TypeAdapter(Disturbance)
+
+
+def acting(t: float, mass: list[float], **data: Any) -> tuple[Array, Array, Array]:
+    """Force, force per speed and drift at one time."""
+    parts = _SOURCE.validate_python(data).tick(np.array([t]), np.array(mass), np.zeros(len(mass)))
+    force, per_speed, drift = (np.zeros((1, len(mass))) if part is None else part for part in parts)
+    return force[0], per_speed[0], drift[0]
+
+
+def test_equation_40_by_hand() -> None:
+    """Paper 000, eq. (40) with the first power of speed, at t = 2 s on 100 t: 214.1 N, and 14.2 N s/m."""
+    force, per_speed, drift = acting(2.0, [1e5], kind="eq40")
+    assert force[0] == pytest.approx(1e5 * (0.002 + 0.001 * np.sin(3.0)))
+    assert per_speed[0] == pytest.approx(1e5 * 0.0003 * (np.sin(6.0) + np.cos(7.0)))
+    assert (force[0], per_speed[0]) == (pytest.approx(214.1, abs=0.1), pytest.approx(14.2, abs=0.1))
+    assert not drift.any()
+    default = _SOURCE.validate_python({"kind": "eq40"})
+    assert default.listed(106) == (0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 100)
+
+
+def test_paper_002_by_hand() -> None:
+    """The printed set at t = 15 s, 80 t: d21 has changed sign, drift and force come in their own units."""
+    force, _, drift = acting(15.0, [8e4] * 5, kind="paper002", unmatched_scale=0.05, matched_scale=0.02)
+    t = 15.0
+    d21 = -6 * np.sin(3 * t) * np.cos(t)
+    unmatched = [3 * np.sin(t + np.pi / 6), d21, np.sin(t) * np.cos(t), np.tanh(np.sin(t)), 2 * np.tanh(t) * np.sin(t)]
+    matched = [d21, -d21, 5 * np.sin(3 * t), 3 * np.cos(4 * t), 6 * np.sin(np.cos(t))]
+    assert drift == pytest.approx(0.05 * np.array(unmatched))
+    assert force == pytest.approx(0.02 * 8e4 * np.array(matched))
+
+
+@pytest.mark.parametrize(
+    ("t", "wanted"),
+    [(30.0, 0.03 * np.sin(15.0)), (70.0, 0.10 + 0.03 * np.sin(35.0)), (305.0, -0.12 + 0.03 * np.sin(152.5))],
+)
+def test_paper_001_by_hand(t: float, wanted: float) -> None:
+    """D > 0 opposes: the force is -M D."""
+    assert acting(t, [192170.0], kind="paper001")[0][0] == pytest.approx(-192170.0 * wanted)
+
+
+def test_gust_and_travelling_load() -> None:
+    """A trapezoid with 1 s of ramp; a load that reaches the second vehicle 5 s after the first."""
+    gust = {"kind": "gust", "begin": 10, "end": 20, "acceleration": 0.1, "force_kn": 2}
+    assert [acting(t, [1e5], **gust)[0][0] for t in (9.9, 10.5, 15, 19.5, 20)] == pytest.approx([0, 6e3, 12e3, 6e3, 0])
+    load = {"kind": "travelling_load", "acceleration": -0.1, "begin": 10, "duration": 4, "interval": 5}
+    assert acting(12.0, [1e5, 1e5], **load)[0] == pytest.approx([-1e4, 0.0])
+    assert acting(17.0, [1e5, 1e5], **load)[0] == pytest.approx([0.0, -1e4])
+    again = {**load, "period": 20}
+    assert acting(37.0, [1e5, 1e5], **again)[0] == pytest.approx([0.0, -1e4])
+    terms = [{"acceleration": 0.01, "omega": 0.5}, {"force_kn": 1, "omega": 0, "phase": np.pi / 2}]
+    assert acting(3.0, [1e5], kind="harmonic", terms=terms)[0][0] == pytest.approx(1e3 * np.sin(1.5) + 1e3)
+
+
+def test_forces_act_in_the_plant() -> None:
+    """0.1 m/s² on every vehicle for 2 s gives 0.2 m/s; their work is accounted; the sum of sources acts."""
+    gusts = [{"kind": "gust", "begin": 1, "end": 3, "ramp": 0, "acceleration": a} for a in (0.06, 0.04)]
+    plant = drive(train(chain(4, RIGID), LEVEL, disturbances=gusts, start={"speed": 5.0}), 5.0)
+    assert plant.velocity == pytest.approx(5.2)
+    assert plant.totals.outside == pytest.approx(0.5 * 4e5 * (5.2**2 - 25.0))
+    drive(plant, 0.1)
+    assert not plant.outside_force.any()
+
+
+def test_drift_moves_without_speed() -> None:
+    """Paper 002: x' = v + d1.  A standing train held by its holding brake is moved by the drift alone."""
+    setup = {"disturbances": [{"kind": "paper002", "matched_scale": 0.0}], "holding": 1.0}
+    plant = train(load_consist("freight_five"), LEVEL, **setup)
+    drive(plant, 1.0)
+    expected = 3 * (np.cos(np.pi / 6) - np.cos(1 + np.pi / 6))
+    assert plant.position[0] == pytest.approx(expected, rel=5e-3)
+    with pytest.raises(ValueError, match="rigidly joined"):
+        train(chain(5, RIGID), LEVEL, disturbances=[{"kind": "paper002"}])
+
+
+def test_unmodelled_grade_is_line() -> None:
+    """An extra grade adds to the line's under every vehicle, at its place only."""
+    pieces = [{"begin": 0, "end": 100, "grade_permille": 10}]
+    on = train(heavy(wagons=0), LEVEL, start={"position": 50}, disturbances=[{"kind": "grade", "pieces": pieces}])
+    off = train(heavy(wagons=0), LEVEL, start={"position": 150}, disturbances=[{"kind": "grade", "pieces": pieces}])
+    assert on.arrays.state[7, 0] == pytest.approx(-0.01 * 184e3 * 9.81)
+    assert off.arrays.state[7, 0] == 0.0
+
+
+def test_turbulence() -> None:
+    """Random wind has the rms asked for, the correlation time asked for, and the run's seed."""
+    wind = {"kind": "turbulence", "acceleration_rms": 0.05, "correlation": 2.0, "vehicles": [0]}
+    plant = train(heavy(RIGID, 3), LEVEL, disturbances=[wind], start={"speed": 20})
+    seen = []
+    for _ in range(3000):
+        drive(plant, 0.1)
+        seen.append(plant.outside_force[0] / 184e3)
+    values = np.array(seen)
+    assert values.std() == pytest.approx(0.05, rel=0.2)
+    assert np.corrcoef(values[:-20], values[20:])[0, 1] == pytest.approx(np.exp(-1.0), abs=0.15)
+
+
+def test_a_disturbance_on_a_missing_vehicle_is_refused() -> None:
+    """Listing vehicle 100 of a train of 6 is an error that names it; so is a gust that ends before it begins."""
+    with pytest.raises(ValueError, match="lists vehicle 10"):
+        train(heavy(wagons=5), disturbances=[{"kind": "eq40"}])
+    with pytest.raises(ValidationError, match="end after its begin"):
+        _SOURCE.validate_python({"kind": "gust", "begin": 3, "end": 2})
+
+
+def test_streams_are_named_and_seeded() -> None:
+    """Key (seed, crc32(name)): equal for equal, different for another name or seed."""
+    first = stream(3, "sensor/position").standard_normal(4)
+    assert (stream(3, "sensor/position").standard_normal(4) == first).all()
+    assert (stream(4, "sensor/position").standard_normal(4) != first).any()
+    assert (stream(3, "sensor/velocity").standard_normal(4) != first).any()
+
+
+def measured(ticks: int, **sensors: Any) -> tuple[Train, Array, Array]:
+    """Measured position and velocity errors of unit 0 of a train at 10 m/s, one row per tick."""
+    plant = train(heavy(RIGID, 3), LEVEL, start={"speed": 10}, sensors=sensors)
+    x, v = [], []
+    for _ in range(ticks):
+        seen = plant.observe()
+        x.append(seen.measurement.position[0] - seen.cars.position[0])
+        v.append(seen.measurement.velocity[0] - seen.cars.velocity[0])
+        drive(plant, 0.1)
+    return plant, np.array(x), np.array(v)
+
+
+def test_noise_and_bias() -> None:
+    """Errors have the rms and the mean asked for; without any the measurement is the truth."""
+    _, x, v = measured(2000, position_noise=0.5, velocity_noise=0.02, velocity_bias=0.1)
+    assert x.std() == pytest.approx(0.5, rel=0.08)
+    assert v.std() == pytest.approx(0.02, rel=0.08)
+    assert v.mean() == pytest.approx(0.1, abs=2e-3)
+    assert not np.any(measured(10)[1:])
+
+
+def test_one_noise_does_not_change_another() -> None:
+    """Switching position noise on leaves every velocity error as it was."""
+    _, _, alone = measured(50, velocity_noise=0.02)
+    _, _, both = measured(50, velocity_noise=0.02, position_noise=1.0, couplers=[0], force_noise=10.0)
+    np.testing.assert_array_equal(alone, both)
+
+
+def test_quantisation_freeze_and_slip() -> None:
+    """Speeds in steps of 0.1 m/s; a frozen channel repeats; slip of 10 % for 2 s leaves 2 m in the odometer."""
+    plant = train(heavy(RIGID, 3), LEVEL, start={"speed": 9.97}, sensors={"velocity_quantum": 0.1})
+    assert plant.observe().measurement.velocity[0] == pytest.approx(10.0)
+    _, x, v = measured(60, freeze=[{"begin": 1.0, "end": 2.0, "quantity": "position"}])
+    assert x[10:20].min() < -8.0
+    assert not x[20:].any()
+    assert not v.any()
+    _, x, v = measured(60, wheel_slip=[{"begin": 1.0, "end": 3.0, "slip": 0.1}])
+    assert v[15] == pytest.approx(1.0, rel=0.01)
+    assert x[-1] == pytest.approx(2.0, rel=0.02)
+    assert v[-1] == 0.0
+
+
+def test_coupler_sensors() -> None:
+    """A sensor behind vehicle i sees deflection, rate and force of that coupling."""
+    plant = train(heavy(wagons=4), LEVEL, sensors={"couplers": [0, 2]})
+    drive(plant, 3.0, 3e5)
+    seen = plant.observe()
+    x, v, force = seen.cars.position, seen.cars.velocity, seen.cars.coupler_force
+    assert seen.measurement.force.tolist() == force[[0, 2]].tolist()
+    assert seen.measurement.deflection == pytest.approx([x[0] - x[1] - 23.611, x[2] - x[3] - 12.0])
+    assert seen.measurement.rate.tolist() == [v[0] - v[1], v[2] - v[3]]
+    assert seen.measurement.force[0] > 1e5
+    for wrong in ({"couplers": [4]}, {"freeze": [{"unit": 1, "begin": 0, "end": 1}]}):
+        with pytest.raises(ValueError, match="names"):
+            train(heavy(wagons=4), LEVEL, sensors=wrong)

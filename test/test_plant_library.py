@@ -1,0 +1,157 @@
+"""Shipped trains and lines say what their sources say; wrong files are refused in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plant_trains import train
+
+from plant_sim.library import consist_names, line_names, load_consist, load_line
+
+
+@pytest.mark.parametrize(
+    ("name", "vehicles", "mass_t", "length", "units"),
+    [
+        ("hxd1_c80_105", 106, 10_684, 35.222 + 105 * 12, 1),
+        ("hxd1_c80_210", 212, 21_368, 2 * (35.222 + 105 * 12), 2),
+        ("xuzhou_metro_3", 1, 181.2925, 118, 1),
+        ("crh380a_one_mass", 1, 442, 203, 1),
+        ("crh380a_three_units", 3, 442, 203, 3),
+        ("crh380a_eight_cars", 8, 442, 203, 6),
+        ("freight_five", 5, 400, 400, 5),
+    ],
+)
+def test_trains(name: str, vehicles: int, mass_t: float, length: float, units: int) -> None:
+    """Counts, masses and lengths of the papers; every file names its source and runs."""
+    consist = load_consist(name)
+    assert (len(consist.vehicles), len(consist.power_units)) == (vehicles, units)
+    assert consist.mass == pytest.approx(1e3 * mass_t)
+    assert consist.length == pytest.approx(length)
+    assert consist.name == name
+    assert len(consist.source) > 40
+    plant = train(consist)
+    plant.advance(np.zeros((plant.substeps, units)))
+
+
+def test_every_shipped_file_is_tested() -> None:
+    """A file added without a row above or a line below would go untested."""
+    assert set(consist_names()) == {
+        "hxd1_c80_105", "hxd1_c80_210", "xuzhou_metro_3", "crh380a_one_mass", "crh380a_three_units",
+        "crh380a_eight_cars", "freight_five",
+    }  # fmt: skip
+    assert set(line_names()) == {"daqin_section", "xuzhou_metro_test", "highspeed_286km", "level"}
+    for name in line_names():
+        assert load_line(name).name == name
+        assert load_line(name).source
+
+
+def test_resistance_of_crh380a_is_shared() -> None:
+    """Paper 003: f(v) = 2475.2 + 57.28 v + 6.931 v² N, the same total in all three files."""
+    for name in ("crh380a_one_mass", "crh380a_three_units", "crh380a_eight_cars"):
+        consist = load_consist(name)
+        total = np.sum([v.resistance.polynomial(v.mass, consist.gravity) for v in consist.vehicles], axis=0)
+        assert total == pytest.approx([2475.2, 57.28, 6.931])
+        assert sum(v.traction[0].force for v in consist.vehicles if v.traction) == pytest.approx(240e3)
+
+
+def test_daqin_section_obeys_the_spec() -> None:
+    """Spec 01: the long falls and their pieces, the undulation, 13 curves, 80 km/h, level before 0 and beyond 45 km."""
+    line = load_line("daqin_section")
+    at = np.array([entry.at for entry in line.grades] + [line.end])
+    grade = 1e3 * np.array([entry.grade for entry in line.grades])
+    falling = np.zeros(len(grade), dtype=bool)
+    for begin, end in ((19.4e3, 25.3e3), (33.4e3, 36.3e3), (39.3e3, 42.2e3)):
+        inside = (at[:-1] >= begin - 1e-6) & (at[1:] <= end + 1e-6)
+        falling |= inside
+        lengths = np.diff(at)[inside]
+        assert lengths.sum() == pytest.approx(end - begin)
+        assert lengths.min() >= 560 - 1e-6
+        assert lengths.max() <= 640 + 1e-6
+        assert grade[inside].min() >= -11.2 - 1e-9
+        assert grade[inside].max() <= -8.6 + 1e-9
+    others = grade[~falling]
+    assert (others.min(), others.max()) == pytest.approx((-5.0, 2.0))
+    assert at[-2] == pytest.approx(45e3)
+    assert grade[-1] == 0.0
+    assert line.end >= 48e3
+    assert len(line.curves) == 13
+    assert min(c.radius for c in line.curves) == 600
+    assert max(c.radius for c in line.curves) == 1200
+    assert [entry.speed for entry in line.speed_limits] == [pytest.approx(80 / 3.6)]
+
+
+def test_trigger_sees_four_falls_ahead() -> None:
+    """Spec 01's brake trigger needs 4 pieces steeper than -8 per mille with over 500 m inside the next 2500 m.
+
+    On each long fall there must be places where that holds, and none on the undulating rest.
+    """
+    line = load_line("daqin_section")
+    at = np.array([entry.at for entry in line.grades] + [line.end])
+    steep = np.array([entry.grade < -8e-3 for entry in line.grades])
+
+    def pieces(place: float) -> int:
+        inside = np.minimum(at[1:], place + 2500.0) - np.maximum(at[:-1], place)
+        return int((steep & (inside > 500.0)).sum())
+
+    for first, last in ((17.5e3, 22.8e3), (33.0e3, 33.9e3), (38.9e3, 39.7e3)):
+        assert max(pieces(place) for place in np.arange(first, last, 50.0)) >= 4
+    assert max(pieces(place) for place in np.arange(0.0, 17.0e3, 50.0)) < 4
+
+
+BAD = {
+    "text: [": "line 1",
+    "[1, 2]": "keys and values",
+    "schema: train_ato/line/1\nname: x\nend_km: 1\ngradez: []": "gradez",
+    "schema: train_ato/line/1\nname: x": "end",
+    "schema: train_ato/line/1\nname: x\nend: -5": "end must lie beyond begin",
+    "schema: train_ato/line/1\nname: x\nend: .nan": "end",
+    "schema: train_ato/line/9\nname: x\nend: 5": "schema",
+    "schema: train_ato/line/1\nname: x\nend: 5\nend_km: 1": "same thing",
+}
+
+
+@pytest.mark.parametrize("text", BAD)
+def test_bad_line_files(tmp_path: Path, text: str) -> None:
+    """One line that names the file and the key or place; never a traceback of YAML or pydantic."""
+    file = tmp_path / "own.yaml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=r"own\.yaml") as caught:
+        load_line(str(file))
+    assert BAD[text] in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "names"),
+    [
+        ("mass_t: 184", "mass_t: -184", "mass"),
+        ("count: 105", "count: 0", "count"),
+        ("default_gear: mt2_mt2", "default_gear: mt3", "mt3"),
+        ("kind: clip", "kind: clap", "draft_gears"),
+        ("name: hxd1_c80_105", "nom: hxd1_c80_105", "nom"),
+        ("traction:", "tracktion:", "did you mean 'traction'"),
+    ],
+)
+def test_bad_consist_files(tmp_path: Path, old: str, new: str, names: str) -> None:
+    """The mistakes of a user's own train file, each named."""
+    from plant_sim import library
+
+    shipped = Path(library.__file__).parent / "data" / "consists" / "hxd1_c80_105.yaml"
+    text = shipped.read_text(encoding="utf-8")
+    assert old in text
+    file = tmp_path / "own.yaml"
+    file.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(ValueError, match=r"own\.yaml") as caught:
+        load_consist(str(file))
+    assert names in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_names() -> None:
+    """Neither shipped nor a file: the message lists what is shipped and the nearest name."""
+    with pytest.raises(ValueError, match="did you mean 'daqin_section'"):
+        load_line("daquin_section")
+    with pytest.raises(ValueError, match="freight_five"):
+        load_consist("no_such_train")

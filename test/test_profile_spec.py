@@ -1,0 +1,240 @@
+"""Profiles from phases, points, steps and files: limits kept, places met, bad input refused in one line."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from plant_sim.consist import Consist
+from plant_sim.line import Line
+from train_ato.profile.file import read_profile, write_profile
+from train_ato.profile.profile import Profile
+from train_ato.profile.spec import ProfileSpec
+
+CONSIST = Consist.model_validate(
+    {
+        "schema": "train_ato/consist/1",
+        "name": "unit",
+        "vehicle_types": {
+            "unit": {
+                "mass_t": 200,
+                "length": 120,
+                "rotating_mass_factor": 1.05,
+                "resistance": {"n_per_kn": [1.2, 0.01, 0.0005]},
+                "traction": [{"to_kmh": 40, "force_kn": 210}, {"to_kmh": 120, "power_kw": 2333.333}],
+                "brake": [{"to_kmh": 120, "force_kn": 250}],
+            }
+        },
+        "train": [{"type": "unit"}],
+    }
+)
+LINE = Line.model_validate({"schema": "train_ato/line/1", "name": "flat", "end_km": 10})
+
+
+def build(period: float = 0.05, **block: Any) -> Profile:
+    return ProfileSpec.model_validate(block).build(CONSIST, LINE, period)
+
+
+METRO = {
+    "start": 0,
+    "limits": {"jerk": 0.6, "acceleration": 0.8, "deceleration": 0.8},
+    "phases": [
+        {"cruise_until": 2},
+        {"accelerate_to_kmh": 80},
+        {"cruise_until": 130},
+        {"brake_to_kmh": 60},
+        {"cruise_until": 235},
+        {"accelerate_to_kmh": 80},
+        {"cruise_until": 410},
+        {"brake_to": 0},
+    ],
+}
+
+
+def test_phases_run_the_trapezoid_that_can_be_worked_out_by_hand() -> None:
+    """A change of speed dv takes dv/a + a/j and is run at the mean speed: S-curves are symmetric."""
+    profile = build(**METRO)
+    top, low, extra = 80 / 3.6, 60 / 3.6, 0.8 / 0.6
+    full, part = top / 0.8 + extra, (top - low) / 0.8 + extra
+    way = top / 2 * full + top * (130 - 2 - full) + (top + low) / 2 * part * 2
+    way += low * (235 - 130 - part) + top * (410 - 235 - part) + top / 2 * full
+    assert profile.position[-1] == pytest.approx(way, abs=1e-6)
+    assert profile.end == pytest.approx(410 + full, abs=0.05)
+    assert np.abs(profile.jerk()).max() <= 0.6 + 1e-9
+    assert 0.8 - 1e-6 <= -profile.acceleration.min() <= 0.8 + 1e-9
+
+
+@given(
+    st.lists(st.floats(1, 30), min_size=1, max_size=5),
+    st.floats(0.1, 2.0),
+    st.floats(0.2, 1.2),
+    st.floats(0.2, 1.2),
+)
+@settings(max_examples=60, deadline=None)
+def test_phases_keep_every_limit(speeds: list[float], jerk: float, up: float, down: float) -> None:
+    phases: list[dict[str, float]] = []
+    now = 0.0
+    for speed in [*speeds, 0.0]:
+        phases += [{"accelerate_to" if speed >= now else "brake_to": speed}, {"cruise_for": 3.0}]
+        now = speed
+    limits = {"jerk": jerk, "acceleration": up, "deceleration": down, "traction_fraction": 0.9}
+    profile = build(limits=limits, phases=phases) if sum(speeds) < 80 else None
+    if profile is None:
+        return
+    v = np.maximum(profile.velocity, 1e-9)
+    force = np.where(v <= 40 / 3.6, 210e3, 2333.333e3 / v) * 0.9
+    weight = 200e3 * 9.81e-3
+    resistance = weight * (1.2 + 0.01 * 3.6 * v + 0.0005 * (3.6 * v) ** 2)
+    assert np.all(profile.acceleration <= np.minimum(up, (force - resistance) / 210e3) + 2e-3)
+    assert profile.acceleration.min() >= -down - 1e-9
+    assert np.abs(profile.jerk()).max() <= jerk * (1 + 1e-6)
+    assert profile.velocity[-1] == 0.0 and profile.velocity.min() > -1e-9
+
+
+@pytest.mark.parametrize(
+    ("phases", "place"),
+    [
+        ([{"accelerate_to_kmh": 80}, {"stop_at_km": 4.321}], 4321.0),
+        ([{"accelerate_to_kmh": 80}, {"brake_to_kmh": 30, "at_km": 2}, {"stop_at": 2500}], 2500.0),
+        ([{"accelerate_to_kmh": 50}, {"cruise_to": 1000}, {"brake_to": 0, "at": 1500}], 1500.0),
+    ],
+)
+def test_the_front_stops_exactly_at_the_place(phases: list[dict[str, float]], place: float) -> None:
+    assert build(phases=phases).position[-1] + 60 == pytest.approx(place, abs=1e-9)
+
+
+def test_a_speed_is_reached_at_its_place() -> None:
+    profile = build(0.01, phases=[{"accelerate_to_kmh": 80}, {"brake_to_kmh": 30, "at_km": 2}, {"stop_at": 2500}])
+    knot = int(np.searchsorted(profile.position, 2000 - 60))
+    assert profile.velocity[knot] == pytest.approx(30 / 3.6, abs=1e-3)
+    assert profile.velocity[knot - 100] > 30 / 3.6 + 0.05
+
+
+def test_running_backwards_passes_through_rest() -> None:
+    profile = build(start=2000, phases=[{"accelerate_to": 12}, {"accelerate_to": -12}, {"brake_to": 0}])
+    assert profile.velocity.min() == pytest.approx(-12, abs=0.01)
+    assert profile.velocity.max() == pytest.approx(12, abs=0.01)
+
+
+def test_points_keep_distance_and_jerk() -> None:
+    points = [{"time": t, "speed": v} for t, v in ((0, 0), (20, 15), (100, 15), (110, 10), (150, 10), (170, 0))]
+    profile = build(limits={"jerk": 0.4}, points=points)
+    assert profile.position[-1] == pytest.approx(150 + 1200 + 125 + 400 + 100, abs=1e-6)
+    assert np.abs(profile.jerk()).max() <= 0.4 + 1e-9
+    assert profile.end == pytest.approx(170 + 1.25 / 0.4, abs=0.05)
+    assert profile.velocity.max() == pytest.approx(15, abs=1e-9)
+
+
+def test_points_over_places_stop_there() -> None:
+    points = [{"place": s, "speed": v} for s, v in ((60, 0), (400, 20), (2000, 20), (2300, 0))]
+    profile = build(points=points)
+    assert profile.position[0] == 0.0
+    assert profile.position[-1] == pytest.approx(2300 - 60, abs=1e-6)
+
+
+def test_steps_are_the_reference_of_paper_002() -> None:
+    steps = [{"at": 0, "speed": 12}, {"at": 10, "speed": 0}, {"at": 20, "speed": -12}]
+    profile = build(0.01, start=320, steps=steps, until=30, allow_rolling_end=True)
+    for t, x, v in ((0, 320, 12), (9.99, 439.88, 12), (10, 440, 0), (19.99, 440, 0), (25, 380, -12), (30, 320, -12)):
+        assert profile.at(t)[:2] == (pytest.approx(x, abs=1e-9), v)
+
+
+def test_a_file_comes_back_bit_for_bit_and_inlined(tmp_path: Path) -> None:
+    profile = build(**METRO)
+    for name in ("run.csv", "run.yaml"):
+        write_profile(profile, tmp_path / name, "a source\nof two lines")
+        assert read_profile(tmp_path / name) == profile
+    block = ProfileSpec.model_validate({"file": "run.csv"})
+    inlined = ProfileSpec.model_validate(block.inlined(tmp_path))
+    assert inlined.file is None
+    assert inlined.build(CONSIST, LINE, 0.05) == block.build(CONSIST, LINE, 0.05, tmp_path) == profile
+
+
+def test_units_missing_columns_and_uneven_times(tmp_path: Path) -> None:
+    """A run of constant acceleration written in km and km/h at uneven times must come out on even knots."""
+    time = np.array([0.0, 0.3, 1.1, 2.0, 2.7, 4.0, 5.5, 6.0])
+    rows = "\n".join(f"{t},{3.6 * 0.5 * t}" for t in time)
+    (tmp_path / "a.csv").write_text(f"# by hand\ntime_s,speed_kmh\n{rows}\n")
+    profile = read_profile(tmp_path / "a.csv", 0.1)
+    assert profile.position[-1] == pytest.approx(0.25 * 36, abs=1e-9)
+    assert profile.velocity[10] == pytest.approx(0.5, abs=1e-12)
+    with pytest.raises(ValueError, match="not evenly spaced"):
+        read_profile(tmp_path / "a.csv")
+
+
+def test_phases_go_on_where_a_rolling_file_ends(tmp_path: Path) -> None:
+    time = 0.1 * np.arange(101)
+    rolling = Profile(time, 10 * time, np.full(101, 10.0), np.zeros(101))
+    write_profile(rolling, tmp_path / "rolling.csv")
+    block = {"file": "rolling.csv", "limits": {"deceleration": 0.5, "jerk": 0.5}, "then": [{"brake_to": 0}]}
+    profile = ProfileSpec.model_validate(block).build(CONSIST, LINE, 0.1, tmp_path)
+    assert profile.position[-1] == pytest.approx(100 + 5 * (20 + 1), abs=1e-6)
+    with pytest.raises(ValueError, match=r"ends rolling at 36\.0 km/h"):
+        ProfileSpec.model_validate({"file": "rolling.csv"}).build(CONSIST, LINE, 0.1, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        ({}, "exactly one of"),
+        ({"file": "a", "phases": [{"cruise_for": 1}]}, "exactly one of"),
+        ({"steps": [{"at": 0, "speed": 1}]}, "until"),
+        ({"phases": [{"cruise_for": 1, "brake_to": 0}]}, "exactly one of"),
+        ({"phases": [{"cruise_for": 1, "at": 0}]}, "'at' goes with"),
+        ({"phases": [{"accelerate_to": math.inf}]}, "finite"),
+        ({"phases": [{"accelerate_to": 5}], "limits": {"jerk": -1}}, "greater than 0"),
+        ({"points": [{"time": 0, "place": 0, "speed": 1}, {"time": 1, "speed": 0}]}, "either a time or a place"),
+    ],
+)
+def test_a_wrong_block_is_refused_by_its_model(block: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        ProfileSpec.model_validate(block)
+
+
+@pytest.mark.parametrize(
+    ("block", "message"),
+    [
+        ({"phases": [{"accelerate_to_kmh": 80}, {"stop_at_km": 12}]}, r"km 12\.000 .* beyond the end of line 'flat'"),
+        ({"phases": [{"accelerate_to_kmh": 80}, {"stop_at": 200}]}, r"phase 1: stop_at = km 0\.200 .* earliest is km"),
+        ({"phases": [{"accelerate_to_kmh": 80}]}, "ends rolling"),
+        ({"phases": [{"accelerate_to_kmh": 50}, {"accelerate_to_kmh": 20}]}, "phase 1: accelerate_to is below"),
+        ({"phases": [{"cruise_for": 9}, {"cruise_until": 5}]}, r"phase 1: cruise_until = 5 s, but it is already 9\.00"),
+        ({"phases": [{"accelerate_to_kmh": 150}, {"brake_to": 0}], "limits": {"traction_fraction": 0.8}}, "150.0 km/h"),
+        ({"start": 100, "phases": [{"accelerate_to": -9}, {"cruise_for": 60}, {"brake_to": 0}]}, "before the begin"),
+        ({"points": [{"time": 0, "speed": 1}, {"time": 0, "speed": 0}]}, "number 1"),
+        ({"points": [{"place": 0, "speed": 0}, {"place": 9, "speed": 0}]}, "at rest"),
+        ({"file": "missing.csv"}, "missing.csv: cannot be read"),
+        ({"knots": "time,speed\n0,0\n1,x\n"}, "line 3, speed"),
+        ({"knots": "time,speed\n0,0\n1\n"}, "line 3: 1 values for the 2 columns"),
+        ({"knots": "time,pace\n0,0\n1,1\n"}, "column 'pace' is not known"),
+        ({"knots": "time,speed\n0,0\n1,nan\n2,0\n"}, "it must be finite"),
+        ({"knots": "time,speed\n1,0\n0,0\n"}, "does not lie beyond"),
+        ({"knots": "time,speed\n0,0\n1e12,0\n"}, "at most"),
+        ({"knots": "time,speed\n0,0\n5e7,0\n"}, "5e.08 knots"),
+        ({"knots": "# nothing\n"}, "no row of column names"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(block: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
+        ProfileSpec.model_validate(block).build(CONSIST, LINE, 0.1, Path())
+    assert "\n" not in str(caught.value)
+
+
+@given(st.binary(max_size=200))
+@settings(max_examples=100, deadline=None)
+def test_random_bytes_are_a_profile_or_one_line(tmp_path_factory: pytest.TempPathFactory, noise: bytes) -> None:
+    for suffix in ("csv", "yaml"):
+        path = tmp_path_factory.getbasetemp() / f"noise_{hash(noise)}.{suffix}"
+        path.write_bytes(noise)
+        try:
+            read_profile(path, 0.1)
+        except ValueError as error:
+            assert "\n" not in str(error) and path.name in str(error)
+        path.unlink()

@@ -1,0 +1,207 @@
+"""The log of a run: readable by other tools, complete, and never worse than the disk allows."""
+
+import errno
+import re
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+from test_wire import LONG, message, same
+
+from train_ato.record.definitions import definition, from_typestore, installed
+from train_ato.record.layout import log_name, table_name
+from train_ato.record.reading import iter_raw, log_file, message_counts, read_log
+from train_ato.record.recover import recover
+from train_ato.record.run_log import RunLog
+from train_ato.topics import EPOCH_NS, TOPICS, Rate
+from train_ato.wire import Wire
+
+TICK = 100_000_000
+WIRE = Wire(LONG)
+
+
+def write(folder, ticks, close=True):
+    """Write a run of so many ticks; return the log and what was sent."""
+    log, sent = RunLog(folder, LONG.topics), []
+    for tick in range(ticks):
+        for topic in LONG.topics:
+            if topic.recorded and (topic.rate is Rate.TICK or tick == 0):
+                content = message(topic.name, LONG, tick * TICK, seed=tick)
+                moment = EPOCH_NS + tick * TICK
+                log.add(topic.name, moment, moment + 500, WIRE.encode(topic.name, content))
+                sent.append((topic.name, tick * TICK, content))
+    if close:
+        log.close()
+    return log, sent
+
+
+def test_everything_comes_back_in_order(tmp_path):
+    """Fails when a message is lost, doubled, reordered or decoded to other bits."""
+    log, sent = write(tmp_path, 300)
+    back = list(read_log(tmp_path, WIRE.decode))
+    assert [entry[:2] for entry in back] == [entry[:2] for entry in sent]
+    assert all(same(a[2], b[2]) for a, b in zip(back, sent, strict=True))
+    assert sum(log.counts.values()) == len(sent)
+    assert not (tmp_path / "run.mcap.partial").exists()
+    chosen = [entry for entry in sent if entry[0] in ("ato/command", "/clock")]
+    assert [e[:2] for e in iter_raw(tmp_path, ("ato/command", "/clock"))] == [e[:2] for e in chosen]
+
+
+def test_other_tools_read_the_log(tmp_path):
+    """Rosbags gives no message at all when the QoS texts differ; mcap checks every checksum and the summary."""
+    _, sent = write(tmp_path, 120)
+    with (tmp_path / "run.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert reader.get_header().profile == "ros2"
+        assert summary.statistics.message_count == len(sent)
+        assert sum(1 for _ in reader.iter_messages()) == len(sent)
+        assert [entry.name for entry in reader.iter_metadata()] == ["rosbag2"]
+        for channel in summary.channels.values():
+            assert channel.message_encoding == "cdr"
+            assert summary.schemas[channel.schema_id].encoding == "ros2msg"
+            assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
+            (qos,) = yaml.safe_load(channel.metadata["offered_qos_profiles"])
+            latched = channel.topic in ("/ato/profile", "/ato/limits")
+            assert qos["durability"] == ("transient_local" if latched else "volatile")
+    with Reader(tmp_path) as bag:
+        assert bag.message_count == len(sent)
+        read = [(connection.topic, time) for connection, time, _ in bag.messages()]
+        assert read == [(f"/{name.lstrip('/')}", EPOCH_NS + stamp + 500) for name, stamp, _ in sent]
+
+
+def test_metadata_says_what_the_log_holds(tmp_path):
+    log, sent = write(tmp_path, 30)
+    (information,) = yaml.safe_load((tmp_path / "metadata.yaml").read_text()).values()
+    assert information["version"] == 9
+    assert information["message_count"] == len(sent)
+    assert information["duration"]["nanoseconds"] == 29 * TICK
+    assert information["relative_file_paths"] == ["run.mcap"]
+    counts = {e["topic_metadata"]["name"]: e["message_count"] for e in information["topics_with_message_count"]}
+    assert counts == message_counts(tmp_path)
+    assert {name.lstrip("/"): count for name, count in counts.items()} == {
+        name.lstrip("/"): count for name, count in log.counts.items()
+    }
+
+
+def _sections(text):
+    """Return the definitions in a schema text without comments, spacing, order and package prefixes of fields."""
+    sections = re.split(r"={80}\n", text)
+    plain = []
+    for section in sections:
+        lines = [re.sub(r"\s+", " ", line.split("#")[0]).strip() for line in section.splitlines()]
+        plain.append(
+            tuple(re.sub(r"^(?:\w+/)?(\w+)", r"\1", line) if "MSG" not in line else line for line in lines if line)
+        )
+    return plain[0], frozenset(plain[1:])
+
+
+@pytest.mark.parametrize("kind", sorted({topic.type for topic in TOPICS}))
+def test_definitions_are_the_installed_ones(kind):
+    """The engine's log (no ROS needed) must say the same as the recorder's."""
+    there, shipped = installed(kind), from_typestore(kind)
+    assert there is not None, "the message packages are installed with the tests"
+    assert there.hash == shipped.hash
+    assert _sections(there.text) == _sections(shipped.text)
+    assert definition(kind) == there
+
+
+@pytest.mark.parametrize(
+    ("namespace", "name", "expected"),
+    [("", "ato/command", "/ato/command"), ("/two/", "ato/command", "/two/ato/command"), ("two", "/clock", "/clock")],
+)
+def test_names_in_the_log(namespace, name, expected):
+    topic = next(topic for topic in TOPICS if topic.name == name)
+    assert log_name(topic, namespace) == expected
+    assert table_name(expected) == name
+    assert table_name("/somewhere/else") is None
+
+
+@pytest.mark.parametrize("cut", [0, 1, 1000, 100_000])
+def test_a_killed_run_is_recovered(tmp_path, cut):
+    """Every closed chunk comes back wherever the file breaks off; index readers alone would refuse it."""
+    log, sent = write(tmp_path, 700, close=False)
+    log._file.flush()
+    partial = tmp_path / "run.mcap.partial"
+    whole = partial.read_bytes()
+    partial.write_bytes(whole[: len(whole) - cut])
+    with pytest.raises(ValueError, match="train-ato recover"):
+        log_file(tmp_path)
+    path, count = recover(tmp_path)
+    back = list(read_log(path, WIRE.decode))
+    assert len(back) == count
+    assert all(a[:2] == b[:2] and same(a[2], b[2]) for a, b in zip(back, sent, strict=False))
+    assert count == len(sent) if cut == 0 else len(sent) * 0.5 < count <= len(sent)
+    with Reader(tmp_path) as bag:
+        assert bag.message_count == count
+
+
+def test_recover_refuses_what_it_cannot_help(tmp_path):
+    with pytest.raises(ValueError, match="no such file"):
+        recover(tmp_path)
+    (tmp_path / "run.mcap.partial").write_bytes(b"rubbish")
+    with pytest.raises(ValueError, match="nothing can be recovered"):
+        recover(tmp_path)
+    (tmp_path / "run.mcap").write_bytes(b"")
+    with pytest.raises(ValueError, match="exists already"):
+        recover(tmp_path)
+
+
+def test_damage_is_an_error_of_one_line(tmp_path):
+    write(tmp_path, 400)
+    path = tmp_path / "run.mcap"
+    data = bytearray(path.read_bytes())
+    data[len(data) // 3 : len(data) // 3 + 2000] = bytes(2000)
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match=r"run\.mcap: damaged"):
+        list(iter_raw(tmp_path))
+
+
+class FullDisk:
+    """A raw file whose disk is full after some bytes."""
+
+    def __init__(self, raw, room):
+        self._raw, self._room = raw, room
+        self.refused = 0
+
+    def write(self, data):
+        if len(data) > self._room:
+            self.refused += 1
+            raise OSError(errno.ENOSPC, "No space left on device")
+        self._room -= len(data)
+        return self._raw.write(data)
+
+    def __getattr__(self, name):
+        return getattr(self._raw, name)
+
+
+def test_after_a_failed_write_nothing_more_is_written(tmp_path):
+    """A second attempt on a full disk can leave a file that looks whole and is not."""
+    log = RunLog(tmp_path, LONG.topics)
+    disk = FullDisk(log._file._raw, 40_000)
+    log._file._writer._stream = disk
+    data = WIRE.encode("train/cars", message("train/cars", LONG, 0))
+    with pytest.raises(OSError, match=r"writing failed .No space left"):
+        for tick in range(5000):
+            log.add("train/cars", tick, tick, WIRE.encode("train/cars", message("train/cars", LONG, tick, seed=tick)))
+    for _ in range(3):
+        with pytest.raises(OSError, match="writing failed"):
+            log.add("train/cars", 0, 0, data)
+    log.close()
+    assert disk.refused == 1
+    assert not (tmp_path / "run.mcap").exists()
+    assert "train-ato recover" in log.failure
+
+
+def test_an_existing_log_is_never_overwritten(tmp_path):
+    write(tmp_path, 2)
+    before = (tmp_path / "run.mcap").read_bytes()
+    with pytest.raises(ValueError, match="exists already"):
+        RunLog(tmp_path, LONG.topics)
+    assert (tmp_path / "run.mcap").read_bytes() == before
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(ValueError, match="cannot be written"):
+        RunLog(tmp_path / "absent", LONG.topics)

@@ -1,0 +1,239 @@
+"""The frame of ``train-ato reproduce``: cases run once in workers, failures become verdicts, nobody is left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from train_ato.cli.main import main
+from train_ato.reproduce.claims import Calculation, Case, Claim, Judgement, Paper, Result, Results, Table, Verdict
+from train_ato.reproduce.judging import claims_of, judge_paper
+from train_ato.reproduce.pool import Finished, WorkerPool, carry_out
+from train_ato.reproduce.session import Judged, load_paper, paper_numbers, reproduce
+
+SHORT = Case("demo", {"duration": 2})
+
+
+def measure(log: str, value: float) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Leave a line in a file and return a figure: a calculation whose calls can be counted."""
+    with Path(log).open("a", encoding="utf-8") as file:
+        file.write(f"{os.getpid()}\n")
+    return {"value": value}, {"squares": [value, value**2]}
+
+
+def die() -> tuple[dict[str, Any], dict[str, Any]]:
+    os._exit(7)
+
+
+def _holds(results: Results) -> Judgement:
+    value = next(iter(results.values())).summary["value"]
+    verdict = Verdict.REPRODUCED if value < 2 else Verdict.NOT_REPRODUCED
+    return Judgement(f"{value}", verdict, "below 2")
+
+
+def _no_figures(results: Results, folder: Path) -> list[Path]:
+    return []
+
+
+def _paper(cases: dict[str, Case | Calculation], *claims: Claim, **more: Any) -> Paper:
+    return Paper("999", "a paper", cases, claims, more.pop("figures", _no_figures), **more)
+
+
+def _run(papers: list[Paper], folder: Path, full: bool = False) -> list[Judged]:
+    done: list[Judged] = []
+    reproduce(papers, folder, full=full, jobs=2, done=done.append, progress=lambda event, total: None)
+    return done
+
+
+def test_equal_cases_of_several_papers_run_once(tmp_path: Path) -> None:
+    """Breaks if a case is run for every claim or key that names it."""
+    log = tmp_path / "calls"
+    case = Calculation(measure, {"log": str(log), "value": 1.0})
+    claims = [Claim("first", "1", ("a",), _holds), Claim("second", "1", ("b",), _holds)]
+    done = _run([_paper({"a": case, "b": case}, *claims), _paper({"c": case})], tmp_path)
+    assert len(log.read_text().split()) == 1
+    assert str(os.getpid()) not in log.read_text().split()
+    assert [row["verdict"] for row in done[0].rows] == ["reproduced", "reproduced"]
+    assert done[1].results["c"].series["squares"] == [1.0, 1.0]
+
+
+def test_rows_have_the_documented_keys_and_are_written(tmp_path: Path) -> None:
+    """Breaks if ``reproduce.json`` is not the list of {paper, claim, stated, measured, verdict, reason}."""
+    case = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 3.0})
+    _run([_paper({"a": case}, Claim("small", "below 2", ("a",), _holds))], tmp_path)
+    assert json.loads((tmp_path / "reproduce.json").read_text()) == [
+        {
+            "paper": "999",
+            "claim": "small",
+            "stated": "below 2",
+            "measured": "3.0",
+            "verdict": "not reproduced",
+            "reason": "below 2",
+        }
+    ]
+    assert json.loads((tmp_path / "cases.json").read_text())["999"]["a"] == {"value": 3.0}
+
+
+def test_an_engine_case_brings_summary_and_series() -> None:
+    """Breaks if the overlay of a case is not applied or the series are lost on the way."""
+    result = carry_out(SHORT)
+    assert result.failure is None
+    assert result.summary["simulated_s"] == 2
+    assert result.history is not None and result.history.time.size == 20
+
+
+@pytest.mark.parametrize(
+    ("case", "says"),
+    [
+        pytest.param(Case("no_such_scenario"), "no_such_scenario", id="unknown scenario"),
+        pytest.param(Case("demo", {"duration": -1}), "duration", id="refused value"),
+        pytest.param(Case("demo", {"controllers": {"pid": {"kq": 1}}}), "kq", id="unknown parameter"),
+        pytest.param(Calculation(measure, {"wrong": 1}), "TypeError", id="wrong argument"),
+        pytest.param(Calculation(die), "exit code 7", id="process that dies"),
+    ],
+)
+def test_a_failing_case_is_not_reproduced_with_its_reason(case: Any, says: str, tmp_path: Path) -> None:
+    """Breaks if a failure ends the whole reproduction, or is judged as if it had run."""
+    good = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 1.0})
+    claims = [Claim("bad", "-", ("bad",), _holds), Claim("good", "-", ("good",), _holds)]
+    (done,) = _run([_paper({"bad": case, "good": good}, *claims)], tmp_path)
+    bad, fine = done.rows
+    assert bad["verdict"] == "not reproduced" and says in bad["reason"]
+    assert "\n" not in bad["reason"] and "Traceback" not in bad["reason"]
+    assert fine["verdict"] == "reproduced"
+
+
+def test_a_judge_may_ask_for_failed_runs() -> None:
+    """Breaks if a claim that a law diverges cannot be judged because its run ended early."""
+
+    def diverged(results: Results) -> Judgement:
+        return Judgement(results["a"].failure or "", Verdict.REPRODUCED, "it diverged")
+
+    results = {"a": Result({}, None, "controller: too far")}
+    strict, lenient = (Claim("x", "-", ("a",), diverged, takes_failures=taken) for taken in (False, True))
+    rows = judge_paper(_paper({"a": SHORT}, strict, lenient), results, full=False)
+    assert [row["verdict"] for row in rows] == ["not reproduced", "reproduced"]
+
+
+def test_a_judge_that_cannot_work_with_the_figures_is_no_traceback() -> None:
+    """Breaks if a missing figure ends the command."""
+    row = judge_paper(_paper({"a": SHORT}, Claim("x", "-", ("a",), _holds)), {"a": Result({}, None)}, full=False)[0]
+    assert row["verdict"] == "not reproduced" and "value" in row["reason"]
+
+
+def test_long_cases_and_their_claims_wait_for_full(tmp_path: Path) -> None:
+    """Breaks if a long case is run, or a claim is judged without its case."""
+    log = str(tmp_path / "calls")
+    cases: dict[str, Case | Calculation] = {
+        "short": Calculation(measure, {"log": log, "value": 1.0}),
+        "long": Calculation(measure, {"log": log, "value": 2.0}, full_only=True),
+    }
+    claims = (Claim("s", "-", ("short",), _holds), Claim("l", "-", ("short", "long"), _holds))
+    paper = _paper(cases, *claims)
+    assert [claim.text for claim in claims_of(paper, False)] == ["s"]
+    (quick,) = _run([paper], tmp_path)
+    assert list(quick.results) == ["short"] and len(quick.rows) == 1
+    (whole,) = _run([paper], tmp_path, full=True)
+    assert list(whole.results) == ["short", "long"] and len(whole.rows) == 2
+
+
+def test_figures_that_cannot_be_drawn_are_a_complaint(tmp_path: Path) -> None:
+    """Breaks if one bad drawing loses the verdicts."""
+
+    def fails(results: Results, folder: Path) -> list[Path]:
+        raise KeyError("gone")
+
+    case = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 1.0})
+    (done,) = _run([_paper({"a": case}, Claim("s", "-", ("a",), _holds), figures=fails)], tmp_path)
+    assert len(done.rows) == 1 and "gone" in done.complaints[0]
+
+
+def test_leaving_the_pool_ends_its_workers(tmp_path: Path) -> None:
+    """Breaks if Ctrl-C in the middle of a run leaves a process behind."""
+    cases = [(str(number), Case("demo", {"seed": number})) for number in range(4)]
+    with pytest.raises(KeyboardInterrupt), WorkerPool(2) as pool:
+        for _ in pool.run(cases):
+            processes = list(pool._workers.values())
+            raise KeyboardInterrupt
+    assert len(processes) == 2
+    assert not any(process.is_alive() for process in processes)
+
+
+def test_progress_comes_while_a_case_runs() -> None:
+    """Breaks if nothing is heard of a case until it is done."""
+    with WorkerPool(1) as pool:
+        events = list(pool.run([("a", Case("demo", {"duration": 400}))]))
+    assert isinstance(events[-1], Finished) and events[-1].result.failure is None
+    fractions = [event.fraction for event in events if not isinstance(event, Finished)]
+    assert fractions and fractions == sorted(fractions) and 0 < fractions[-1] <= 1
+
+
+@pytest.mark.parametrize("number", paper_numbers())
+def test_every_paper_is_consistent(number: str) -> None:
+    """Breaks if a claim names a case that is not there, a case cannot be prepared, or a paper has no claim."""
+    from train_ato.scenario import load
+
+    paper = load_paper(number)
+    assert paper.number == number and paper.claims and paper.title
+    assert len({claim.text for claim in paper.claims}) == len(paper.claims)
+    for claim in paper.claims:
+        assert claim.cases and set(claim.cases) <= set(paper.cases), claim.text
+        assert "\n" not in claim.text + claim.stated
+    for key, case in paper.cases.items():
+        if isinstance(case, Case):
+            scenario, _ = load(case.scenario, changes=dict(case.changes))
+            assert scenario.duration > 0, key
+    assert all(isinstance(table, Table) for table in paper.tables)
+
+
+def test_an_unknown_paper_is_refused_by_name() -> None:
+    """Breaks if a wrong number ends in a traceback."""
+    with pytest.raises(ValueError, match="paper '017': unknown"):
+        load_paper("017")
+
+
+def _command(monkeypatch: pytest.MonkeyPatch, paper: Paper, folder: Path, *options: str) -> int:
+    monkeypatch.setattr("train_ato.cli.reproduce.load_paper", lambda number: paper)
+    monkeypatch.setattr("train_ato.cli.reproduce.note_compilation", lambda: None)
+    return main(["reproduce", "000", "--out", str(folder), "--jobs", "1", *options])
+
+
+def test_the_command_keeps_its_folder_and_prints_one_json_value(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if anything but the list is on standard output, or the folder is cleared away at the end."""
+    case = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 1.0})
+    table = Table("a table", ("case", "value"), lambda results: [("a", results["a"].summary["value"])])
+    paper = _paper({"a": case}, Claim("[small] claim", "below 2", ("a",), _holds), tables=(table,))
+    folder = tmp_path / "out"
+    assert _command(monkeypatch, paper, folder, "--json") == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert rows == json.loads((folder / "reproduce.json").read_text()) and rows[0]["verdict"] == "reproduced"
+    printed = (folder / "paper999.txt").read_text()
+    assert "[small] claim" in printed and "a table" in printed
+
+
+def test_an_interrupted_command_leaves_no_empty_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if Ctrl-C before the first verdict leaves a folder, a traceback or exit status 0."""
+
+    def interrupted(*_: Any, **__: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("train_ato.cli.reproduce.reproduce", interrupted)
+    folder = tmp_path / "out"
+    assert _command(monkeypatch, _paper({"a": SHORT}), folder) == 1
+    assert capsys.readouterr().err == "train-ato: interrupted\n"
+    assert not folder.exists()
+
+
+@pytest.mark.parametrize("options", [["017"], ["000", "--jobs", "0"], ["000", "--out", "."]])
+def test_bad_options_are_one_line(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a wrong paper, number of processes or an existing folder gets as far as a run."""
+    assert main(["reproduce", *options]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,85 @@
+"""What is shipped fits together: schemas, topic page, scenarios, version."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import jsonschema
+import pytest
+import yaml
+
+from plant_sim.library import consist_names, consist_path, line_names, line_path
+from train_ato import topic_docs
+from train_ato.json_schema import MODELS, schema_path, schema_text
+from train_ato.scenario import load, shipped_scenarios, variants_of
+from train_ato.setup import prepare
+from train_ato.version import VERSION
+
+REPO = Path(__file__).resolve().parents[1]
+SCENARIOS = [
+    name
+    for stem, path in shipped_scenarios().items()
+    for name in (stem, *(f"{stem}:{variant}" for variant in variants_of(path)))
+]
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_schema_is_that_of_the_models(kind: str) -> None:
+    """Breaks if a model changes and the shipped schema does not: python -m train_ato.json_schema."""
+    assert schema_path(kind).read_text() == schema_text(kind)
+
+
+FILES = [
+    *(("scenario", path) for path in shipped_scenarios().values()),
+    *(("consist", consist_path(name)) for name in consist_names()),
+    *(("line", line_path(name)) for name in line_names()),
+]
+
+
+@pytest.mark.parametrize(("kind", "path"), FILES, ids=[path.stem for _, path in FILES])
+def test_shipped_files_keep_to_their_schema(kind: str, path: Path) -> None:
+    """Breaks if an editor would mark a shipped file, suffixed units included."""
+    jsonschema.validate(yaml.safe_load(path.read_text()), json.loads(schema_text(kind)))
+
+
+def test_schema_refuses_what_the_models_refuse() -> None:
+    """Breaks if the schema lets everything pass."""
+    data = yaml.safe_load(shipped_scenarios()["demo"].read_text())
+    data["plant"]["lagg"] = 1
+    with pytest.raises(jsonschema.ValidationError, match="lagg"):
+        jsonschema.validate(data, json.loads(schema_text("scenario")))
+
+
+def test_topic_page_is_that_of_the_table() -> None:
+    """Breaks if a topic changes and its documentation does not: python -m train_ato.topic_docs."""
+    assert (REPO / "msgs_docs" / "topics.md").read_text() == topic_docs.page()
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_shipped_scenario_can_start(name: str) -> None:
+    """Breaks if a scenario or a variant names something that is not there."""
+    setup = prepare(*load(name))
+    assert setup.scenario.name == name
+    assert setup.scenario.summary
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_resolved_scenario_prepares_the_same_run(name: str, tmp_path: Path) -> None:
+    """Breaks if a value is lost or rounded when the scenario is written out."""
+    setup = prepare(*load(name))
+    path = tmp_path / "scenario.yaml"
+    path.write_text(setup.resolved_yaml())
+    again = prepare(*load(str(path)))
+    assert again.consist == setup.consist
+    assert again.line == setup.line
+    assert again.resolved_yaml() == setup.resolved_yaml()
+    for column in ("time", "position", "velocity", "acceleration"):
+        assert getattr(again.profile, column).tobytes() == getattr(setup.profile, column).tobytes()
+
+
+def test_version_is_the_same_everywhere() -> None:
+    """Breaks if package.xml or the changelog is left behind."""
+    assert f"<version>{VERSION}</version>" in (REPO / "package.xml").read_text()
+    assert re.search(rf"^## {re.escape(VERSION)}", (REPO / "CHANGELOG.md").read_text(), re.M)
