@@ -31,8 +31,8 @@ import numpy as np
 
 from plant_sim.train import compile_kernel
 from train_ato.graph.environment import applied, claim_domain, variables
+from train_ato.run_setup import RunSetup, prepare
 from train_ato.scenario import load
-from train_ato.setup import RunSetup, prepare
 from train_ato.topics import BY_NAME, Role
 from train_ato.wire import Shape
 

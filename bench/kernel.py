@@ -19,7 +19,7 @@ from plain_numpy_train import PlainTrain
 from plant_sim import kernel as k
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
-from plant_sim.setup import PlantSetup
+from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train, compile_kernel
 
 STEP_NS, TICK_NS = 5_000_000, 100_000_000

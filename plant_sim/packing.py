@@ -23,7 +23,7 @@ from plant_sim.consist import (
 )
 from plant_sim.disturbances import UnmodelledGrade
 from plant_sim.line import Line
-from plant_sim.setup import PlantSetup, SpeedAdhesion
+from plant_sim.plant_setup import PlantSetup, SpeedAdhesion
 from plant_sim.states import Array
 from plant_sim.track import Track
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.setup import Sensors
+from plant_sim.plant_setup import Sensors
 from plant_sim.states import Array, Measurement
 from plant_sim.streams import stream
 

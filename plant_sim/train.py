@@ -12,8 +12,8 @@ from plant_sim.consist import Consist
 from plant_sim.disturbances import OutsideForces
 from plant_sim.line import Line
 from plant_sim.packing import lag_keep, pack
+from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.sensors import SensorSet
-from plant_sim.setup import Jump, PlantSetup
 from plant_sim.states import Array, BrakeCylinders, CarStates, Measurement, Pipe
 from plant_sim.streams import stream
 

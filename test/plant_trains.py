@@ -9,7 +9,7 @@ import numpy as np
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
-from plant_sim.setup import PlantSetup
+from plant_sim.plant_setup import PlantSetup
 from plant_sim.states import Array
 from plant_sim.train import Train
 

@@ -11,8 +11,8 @@ import yaml
 from train_ato.brake.policy import BrakeSpec, make_brake_policy
 from train_ato.engine import run_engine
 from train_ato.outcome import Outcome
+from train_ato.run_setup import prepare
 from train_ato.scenario import load
-from train_ato.setup import prepare
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from train_ato.engine import run_engine
+from train_ato.run_setup import prepare
 from train_ato.scenario import load
-from train_ato.setup import prepare
 
 
 @functools.cache

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, HAULED, HILLY, LEVEL, SINGLE, SPRING, asked, consist, measured, model, profile, stack
 
-from plant_sim.setup import PlantSetup
+from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train
 from train_ato.compensate.contract import Situation
 from train_ato.compensate.delay_estimate import DelayEstimate

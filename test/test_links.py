@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from train_ato.engine import run_engine
 from train_ato.links import DelayJump, Link, LinkSpec, MessageLink, VaryingDelay
+from train_ato.run_setup import prepare
 from train_ato.scenario import load
-from train_ato.setup import prepare
 
 STEP = 5_000_000
 TICK = 20 * STEP

@@ -9,8 +9,8 @@ from plant_sim.line import Line
 from train_ato.engine import run_engine
 from train_ato.history import History
 from train_ato.metrics import differences, limit_over_train, overspeed, scored_part, stop_error, summarise
+from train_ato.run_setup import RunSetup, prepare
 from train_ato.scenario import load
-from train_ato.setup import RunSetup, prepare
 
 
 def setup_of(name: str = "demo", *assignments: str) -> RunSetup:

@@ -31,8 +31,8 @@ from train_ato.roles.controller import ControllerRole
 from train_ato.roles.observer import ObserverRole
 from train_ato.roles.plant import PlantRole
 from train_ato.roles.profile import ProfileRole
+from train_ato.run_setup import prepare
 from train_ato.scenario import load
-from train_ato.setup import prepare
 from train_ato.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by
 from train_ato.types import Command, Tick
 from train_ato.wire import Wire

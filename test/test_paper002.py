@@ -20,8 +20,8 @@ from train_ato.reproduce.freight_observers import observer_accuracy, truth
 from train_ato.reproduce.freight_surface import fixed_time_bound, nominal_settling
 from train_ato.reproduce.paper002 import PAPER
 from train_ato.reproduce.tracking import mean_speed_error, position_error, rms
+from train_ato.run_setup import prepare
 from train_ato.scenario import load
-from train_ato.setup import prepare
 
 GOOD, ELSEWHERE, BAD = Verdict.REPRODUCED, Verdict.OTHER_SETTING, Verdict.NOT_REPRODUCED
 OFFSETS = 80.0 * np.arange(5)

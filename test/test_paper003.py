@@ -18,8 +18,8 @@ from train_ato.reproduce.funnel_cases import CASES, LAWS, TRAINS
 from train_ato.reproduce.funnel_series import ALONE, boundaries, last_saturation, off_profile
 from train_ato.reproduce.paper003 import PAPER
 from train_ato.reproduce.tracking import last_outside, position_error, speed_error, written
+from train_ato.run_setup import prepare
 from train_ato.scenario import load
-from train_ato.setup import prepare
 
 GOOD, ELSEWHERE, BAD = Verdict.REPRODUCED, Verdict.OTHER_SETTING, Verdict.NOT_REPRODUCED
 COUNT = 2000

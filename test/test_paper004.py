@@ -15,8 +15,8 @@ from train_ato.reproduce import gpc_judges
 from train_ato.reproduce.claims import Result, Verdict
 from train_ato.reproduce.gpc_cases import CASES, LAWS, SAMPLINGS, TRAINS, WEIGHTS
 from train_ato.reproduce.paper004 import PAPER
+from train_ato.run_setup import prepare
 from train_ato.scenario import load
-from train_ato.setup import prepare
 
 GOOD, ELSEWHERE, BAD = Verdict.REPRODUCED, Verdict.OTHER_SETTING, Verdict.NOT_REPRODUCED
 

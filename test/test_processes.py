@@ -22,8 +22,8 @@ from train_ato.graph.run_end import GraphOptions
 from train_ato.graph.runner import run_graph
 from train_ato.record.reading import message_counts, read_log, stream
 from train_ato.record.recover import recover
+from train_ato.run_setup import prepare
 from train_ato.scenario import load
-from train_ato.setup import prepare
 from train_ato.wire import Wire
 
 ROOT = Path(__file__).resolve().parents[1]

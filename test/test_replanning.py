@@ -19,8 +19,8 @@ from train_ato.record.difference import differences
 from train_ato.roles.profile import ProfileRole
 from train_ato.roles.trajectories import profile_of
 from train_ato.run_folder import open_run
+from train_ato.run_setup import RunSetup, prepare
 from train_ato.scenario import check, load
-from train_ato.setup import RunSetup, prepare
 from train_ato.types import DisturbanceEstimate, Measurement, Reference, Trajectory
 from train_ato.wire import Wire
 

@@ -14,8 +14,8 @@ from train_ato.open_loop import replay_open_loop
 from train_ato.record.reading import iter_raw, message_counts, stream
 from train_ato.replay import ReplayOptions, chosen_topics, parse_remap, replay
 from train_ato.run_folder import RunFolder
+from train_ato.run_setup import prepare
 from train_ato.scenario import load
-from train_ato.setup import prepare
 from train_ato.wire import stamp_of
 
 SECONDS = 15

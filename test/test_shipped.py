@@ -13,8 +13,8 @@ import yaml
 from plant_sim.library import consist_names, consist_path, line_names, line_path
 from train_ato import topic_docs
 from train_ato.json_schema import MODELS, schema_path, schema_text
+from train_ato.run_setup import prepare
 from train_ato.scenario import load, shipped_scenarios, variants_of
-from train_ato.setup import prepare
 from train_ato.version import VERSION
 
 REPO = Path(__file__).resolve().parents[1]

@@ -18,7 +18,7 @@ from train_ato.roles.outgoing import Outgoing
 from train_ato.roles.plant import PlantRole
 from train_ato.roles.profile import ProfileRole
 from train_ato.roles.trajectories import profile_of
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 
 
 class Sink(Protocol):

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from train_ato.history import History
 from train_ato.metrics import limit_over_train, scored_part
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 
 LONG_RUN_S = 600.0
 """From this length on the time axis is in minutes."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from plant_sim.line import Line
 from train_ato.history import History
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 from train_ato.types import Array
 
 MOVING = 0.01

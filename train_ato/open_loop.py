@@ -17,7 +17,7 @@ from train_ato.nodes.inputs import StepInputs
 from train_ato.record.reading import read_log
 from train_ato.roles.controller import ControllerRole
 from train_ato.roles.trajectories import profile_of
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 from train_ato.types import Array
 from train_ato.wire import Wire
 

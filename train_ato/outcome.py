@@ -8,7 +8,7 @@ from typing import Any
 from train_ato.history import History, HistoryBuilder
 from train_ato.metrics import summarise
 from train_ato.roles.step_times import StepTimes
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 from train_ato.version import VERSION
 
 

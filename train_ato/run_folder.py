@@ -14,8 +14,8 @@ from train_ato.figure import draw_run
 from train_ato.outcome import Outcome
 from train_ato.record.reading import log_file
 from train_ato.record.run_log import RunLog
+from train_ato.run_setup import RunSetup, prepare
 from train_ato.scenario import load
-from train_ato.setup import RunSetup, prepare
 from train_ato.topics import EPOCH_NS
 from train_ato.wire import Wire
 

@@ -19,7 +19,7 @@ from plant_sim.consist import Consist
 from plant_sim.input_error import close_match, explain
 from plant_sim.library import StrictLoader, read_yaml
 from plant_sim.line import Line
-from plant_sim.setup import PlantSetup
+from plant_sim.plant_setup import PlantSetup
 from plant_sim.units import Length, SiModel, Time
 from train_ato.brake.policy import BrakeSpec
 from train_ato.links import LinkSpec

@@ -18,7 +18,7 @@ from train_ato.engine import run_engine
 from train_ato.figure import draw_comparison
 from train_ato.history import History
 from train_ato.run_folder import RunFolder
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 
 COLUMNS: tuple[tuple[str, str], ...] = (
     ("controller", "law"),

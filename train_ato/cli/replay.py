@@ -12,8 +12,8 @@ from train_ato.cli.screen import print_json, table
 from train_ato.record.reading import log_file
 from train_ato.replay import ReplayOptions, parse_remap, replay
 from train_ato.run_folder import open_run
+from train_ato.run_setup import prepare
 from train_ato.scenario import load
-from train_ato.setup import prepare
 
 ROWS: tuple[tuple[str, str], ...] = (
     ("ticks", "ticks compared"),

@@ -15,7 +15,7 @@ from train_ato.graph.environment import check_domain
 from train_ato.interrupt import interruptible
 from train_ato.outcome import Outcome
 from train_ato.run_folder import RunFolder
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 
 RESULT_ROWS: tuple[tuple[str, str], ...] = (
     ("speed_rmse_kmh", "speed error, rms in km/h"),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from train_ato.run_setup import RunSetup, prepare
 from train_ato.scenario import load
-from train_ato.setup import RunSetup, prepare
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from plant_sim.setup import PlantSetup
+from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train
 from train_ato.compensate.contract import Situation, View
 from train_ato.compensate.preview import Preview

@@ -23,7 +23,7 @@ from train_ato.record.run_log import RunLog
 from train_ato.roles.controller import ControllerRole
 from train_ato.roles.plant import PlantRole
 from train_ato.roles.profile import ProfileRole
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 from train_ato.topics import Role
 
 TURN_S = 0.1

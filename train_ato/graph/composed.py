@@ -14,7 +14,7 @@ from train_ato.graph.assembly import TURN_S, executor_of, make_node
 from train_ato.graph.run_end import ANSWERING, STOPPING_S, GraphOptions, Report, RunEnd
 from train_ato.interrupt import Interrupt, interruptible
 from train_ato.nodes.shell import ROLES, Shell
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 from train_ato.topics import Role
 from train_ato.wire import Wire
 

@@ -14,7 +14,7 @@ from train_ato.graph.environment import variables
 from train_ato.graph.run_end import ANSWERING, STOPPING_S, GraphOptions, Report, RunEnd
 from train_ato.interrupt import Interrupt, interruptible
 from train_ato.record.layout import LOG, PARTIAL
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 from train_ato.topics import Role
 
 ROLES = (Role.RECORDER, Role.PLANT, Role.CONTROLLER, Role.OBSERVER, Role.PROFILE)

@@ -14,7 +14,7 @@ from train_ato.outcome import Outcome, Progress
 from train_ato.record.layout import LOG
 from train_ato.record.reading import read_log
 from train_ato.roles.step_times import StepTimes
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 from train_ato.wire import Wire
 
 

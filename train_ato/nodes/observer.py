@@ -10,7 +10,7 @@ from train_ato.nodes.parameters import Declared, block_parameters, declare
 from train_ato.nodes.shell import Shell
 from train_ato.observe.registry import OBSERVERS
 from train_ato.roles.observer import ObserverRole
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 from train_ato.types import Measurement
 
 

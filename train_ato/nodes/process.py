@@ -68,8 +68,8 @@ def _run(role: Role, options: argparse.Namespace, stopped: dict[str, bool]) -> i
     from train_ato.nodes.alone import AloneNode
     from train_ato.nodes.piped import PipedNode
     from train_ato.nodes.shell import ROLES, Shell
+    from train_ato.run_setup import prepare
     from train_ato.scenario import load
-    from train_ato.setup import prepare
     from train_ato.wire import Wire
 
     setup = prepare(*load(options.scenario, tuple(options.set)))

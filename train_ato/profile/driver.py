@@ -14,7 +14,7 @@ import numpy as np
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from plant_sim.setup import PlantSetup
+from plant_sim.plant_setup import PlantSetup
 from plant_sim.traction import Envelope
 from plant_sim.train import Train
 from train_ato.brake.policy import BrakeSpec, make_brake_policy

@@ -23,8 +23,8 @@ from train_ato.observe.balance import Balance, State
 from train_ato.observe.cascade import ImplicitCascade, LevantCascade
 from train_ato.observe.cascaded import CascadedParameters, make_cascade
 from train_ato.observe.contract import ObserverInput
+from train_ato.run_setup import prepare
 from train_ato.scenario import load
-from train_ato.setup import prepare
 from train_ato.types import Array
 
 __all__ = ["CARS", "FORMS", "PrintedCascade", "observer_accuracy", "truth"]

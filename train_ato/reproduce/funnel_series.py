@@ -12,8 +12,8 @@ from train_ato.control.registry import LAWS
 from train_ato.history import History
 from train_ato.profile.profile import Profile
 from train_ato.reproduce.claims import Case
+from train_ato.run_setup import RunSetup, prepare
 from train_ato.scenario import load
-from train_ato.setup import RunSetup, prepare
 from train_ato.types import Array
 
 __all__ = ["ALONE", "boundaries", "last_saturation", "off_profile", "setup_of"]

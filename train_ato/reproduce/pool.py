@@ -18,8 +18,8 @@ from typing import Any
 from train_ato.engine import run_engine
 from train_ato.outcome import Progress
 from train_ato.reproduce.claims import Calculation, Case, Result
+from train_ato.run_setup import prepare
 from train_ato.scenario import load
-from train_ato.setup import prepare
 
 __all__ = ["Finished", "Moved", "WorkerPool", "carry_out"]
 

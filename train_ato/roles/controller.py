@@ -12,7 +12,7 @@ from train_ato.links import MessageLink
 from train_ato.profile.profile import Profile
 from train_ato.roles.outgoing import Outgoing, due, stamped
 from train_ato.roles.step_times import StepTimes
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 from train_ato.topics import Role
 from train_ato.types import (
     Command,

@@ -8,7 +8,7 @@ from train_ato.links import MessageLink
 from train_ato.observe.registry import OBSERVERS
 from train_ato.observe.stack import ObserverStack
 from train_ato.roles.outgoing import Outgoing, due, stamped
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 from train_ato.topics import Role
 from train_ato.types import (
     Diagnostic,

@@ -9,7 +9,7 @@ import numpy as np
 from plant_sim.train import Observation, Train
 from train_ato.links import Link
 from train_ato.roles.outgoing import Outgoing, due
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 from train_ato.topics import Role
 from train_ato.types import (
     Command,

@@ -8,7 +8,7 @@ from train_ato.links import MessageLink
 from train_ato.profile.profile import Profile
 from train_ato.roles.outgoing import Outgoing, due
 from train_ato.roles.trajectories import limits_of, trajectory_of
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 from train_ato.topics import Role
 from train_ato.types import (
     Diagnostic,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from train_ato.profile.profile import Profile
-from train_ato.setup import RunSetup
+from train_ato.run_setup import RunSetup
 from train_ato.types import (
     Array,
     Trajectory,
