@@ -166,7 +166,7 @@ DraftGear = Annotated[ClipGear | SmoothedGear | LinearGear | RigidGear | TableGe
 
 
 class AirBrake(SiModel):
-    """Brake pipe and cylinders of the whole train: paper 000, section 1.1.4, and the choices of its spec page."""
+    """Brake pipe and cylinders of the whole train: paper 000, section 1.1.4, and what it leaves open."""
 
     charged: Pressure = Field(600e3, gt=0, description="absolute pressure of the charged brake pipe")
     apply_wave: Speed = Field(200.0, gt=0, description="speed of the application wave along the train")

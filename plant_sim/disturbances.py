@@ -140,7 +140,7 @@ class UnmodelledGrade(_Source):
 
 
 class Paper001(_Source):
-    """Paper 001's disturbance as spec page 02 chose it: D > 0 opposes the motion.
+    """Paper 001's disturbance, its numbers chosen here: D > 0 opposes the motion.
 
     +0.10 m/s² at 60-80 s, -0.12 m/s² at 300-312 s, and 0.03 sin 0.5 t m/s².
     """

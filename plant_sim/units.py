@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, model_validator
+from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, ValidationInfo, field_validator, model_validator
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
+from pydantic_core import CoreSchema, PydanticCustomError
 
 GRAVITY = 9.81
 """Acceleration of free fall used where a data file names no other [m/s²]."""
@@ -62,6 +62,17 @@ def _unit_of(metadata: list[Any], annotation: Any) -> Unit | None:
     return None
 
 
+def _types_in(annotation: Any) -> set[Any]:
+    """Return the plain types of an annotation, also inside list[...], tuple[...] and X | None."""
+    arguments = get_args(annotation)
+    return set().union(*(_types_in(argument) for argument in arguments)) if arguments else {annotation}
+
+
+def _scalars(value: Any) -> list[Any]:
+    """Return a value, or what a list of lists of values holds."""
+    return [scalar for entry in value for scalar in _scalars(entry)] if isinstance(value, (list, tuple)) else [value]
+
+
 def _divide(value: Any, divisor: float) -> Any:
     if isinstance(value, bool) or not isinstance(value, (int, float, list, tuple)):
         return value
@@ -71,7 +82,7 @@ def _divide(value: Any, divisor: float) -> Any:
 
 
 class SiModel(BaseModel):
-    """Base of every model that is read from a file: strict keys, finite numbers, unit suffixes."""
+    """Base of every model that is read from a file: strict keys, finite plain numbers, unit suffixes."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, populate_by_name=True)
 
@@ -99,6 +110,21 @@ class SiModel(BaseModel):
                     raise ValueError(f"{name} and {key} say the same thing: keep one of them")
                 result[name] = _divide(result.pop(key), divisor)
         return result
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _plain_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """Refuse what pydantic would turn into a number or a truth value: true as 1, '5' as 5, 1 as true."""
+        kinds = _types_in(cls.model_fields[str(info.field_name)].annotation)
+        scalars = _scalars(value)
+        if kinds & {int, float}:
+            if bool not in kinds and any(isinstance(scalar, bool) for scalar in scalars):
+                raise PydanticCustomError("number_wanted", "input should be a number, not true or false")
+            if str not in kinds and any(isinstance(scalar, str) for scalar in scalars):
+                raise PydanticCustomError("number_wanted", "input should be a number, not text")
+        elif bool in kinds and str not in kinds and not isinstance(value, bool):
+            raise PydanticCustomError("truth_wanted", "input should be true or false")
+        return value
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:

@@ -39,7 +39,7 @@ def run(line: Path, policy: str) -> Outcome:
 
 
 def test_electric_brake_alone_runs_away(long_fall: Path) -> None:
-    """Spec 06: 461 kN hold about -6.3 per mille; the surplus of 3.7 per mille makes 0.04 m/s²."""
+    """461 kN hold about -6.3 per mille; the surplus of 3.7 per mille makes 0.04 m/s²."""
     outcome = run(long_fall, "none")
     assert outcome.history is not None
     assert outcome.history.velocity.max() * 3.6 > 90

@@ -31,7 +31,7 @@ def test_shipped_profile_is_what_the_command_makes(tmp_path: Path, capsys: pytes
 
 
 def test_reference_keeps_the_limits_of_the_line() -> None:
-    """Spec page 01: at most 79.3 km/h of 80, four applications, from rest to 45 km."""
+    """At most 79.3 km/h of 80, four applications, from rest to 45 km."""
     profile = np.loadtxt(SHIPPED.parent / "daqin_driver.csv", delimiter=",", comments=("#", "time"))
     events = yaml.safe_load(SHIPPED.read_text())["brake"]["events"]
     assert 70 < 3.6 * profile[:, 2].max() < 79.3

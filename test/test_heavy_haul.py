@@ -53,7 +53,7 @@ def test_the_train_stops_on_its_place() -> None:
 
 @pytest.mark.slow
 def test_the_printed_law_is_lost_with_lag_and_delay() -> None:
-    """Spec page 01: unstable beyond 0.17 s of total lag. With 1.2 s it winds up and misses the stop by far."""
+    """Unstable beyond 0.17 s of total lag. With 1.2 s it winds up and misses the stop by far."""
     result = summary("daqin_heavy_haul", *PRINTED, "compensation=none")
     assert result["speed_rmse_kmh"] > 2
     assert result["speed_error_max_kmh"] > 10
@@ -62,7 +62,7 @@ def test_the_printed_law_is_lost_with_lag_and_delay() -> None:
 
 @pytest.mark.slow
 def test_disturbance_costs_the_printed_law_little() -> None:
-    """The page: by about a quarter; a disturbance that never reaches the train would cost nothing."""
+    """By about a quarter; a disturbance that never reaches the train would cost nothing."""
     calm = summary("daqin_heavy_haul:ideal", *PRINTED)["speed_rmse_kmh"]
     rough = summary("daqin_heavy_haul:ideal+disturbed", *PRINTED)["speed_rmse_kmh"]
     assert 1.05 * calm < rough < 1.6 * calm

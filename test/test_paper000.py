@@ -178,8 +178,8 @@ def test_unexplained_motion_is_the_model_error_and_the_disturbance() -> None:
     np.testing.assert_allclose(found[:-1], -2.0 * 0.01 / 1.01 + sigma[:-1], atol=1e-9)
 
 
-def test_both_tables_of_the_page_are_run() -> None:
-    """Breaks if a row or a column of the spec page's tables is not run, or not over the whole run."""
+def test_both_tables_are_run() -> None:
+    """Breaks if a row or a column of the two tables is not run, or not over the whole run."""
     ideal = ("pid", "smc", "rbf", "rbf_ndo", "smc_ks", "rbf_ks", "rbf_ks_ndo")
     lagged = ("twin_pid", "twin_smc_ndo", "predicted")
     wanted = [f"{law}{suffix}" for law in ideal for suffix in ("", " disturbed")]

@@ -137,8 +137,8 @@ def test_truth_of_the_disturbance_is_what_the_model_leaves() -> None:
     np.testing.assert_allclose(found, 0.0, atol=1e-12)
 
 
-def test_every_row_of_the_page_is_run() -> None:
-    """Breaks if a row of the spec page's table loses its law or its train."""
+def test_every_row_of_the_table_is_run() -> None:
+    """Breaks if a row of the table loses its law or its train."""
     for law in ("pid", "pid_preview", "rbf", "tanh_predictor"):
         for train, (_, variant) in TRAINS.items():
             assert CASES[f"{law} {train}"].scenario == f"xuzhou_metro{variant}"
@@ -149,7 +149,7 @@ def test_every_row_of_the_page_is_run() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_whole_paper_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if the command's JSON, its folder or what the spec page asks of paper 001 is lost."""
+    """Breaks if the command's JSON, its folder or what is to be shown of paper 001 is lost."""
     folder = tmp_path / "out"
     assert main(["reproduce", "001", "--json", "--out", str(folder)]) == 0
     rows = json.loads(capsys.readouterr().out)

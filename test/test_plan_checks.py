@@ -1,4 +1,4 @@
-"""The planner against numbers worked out by hand or published (spec page 06)."""
+"""The planner against numbers worked out by hand or published."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_railtoolkit_running_times(shared_data: Path, name: str, time: float) ->
     ("name", "time"), [("freight", 748.4), ("local", 393.9), ("longdistance", 330.9)]
 )  # fmt: skip
 def test_railtoolkit_times_of_a_fine_integration(shared_data: Path, name: str, time: float) -> None:
-    """A 1 ms integration of the same rules (spec page 06): +-0.1 %, tighter than the published 20 m steps."""
+    """A 1 ms integration of the same rules: +-0.1 %, tighter than the published 20 m steps."""
     consist, asked = find_train(str(shared_data / "railtoolkit" / f"{name}.yaml"))
     path = find_line(str(shared_data / "railtoolkit" / "const.yaml"))
     assert plan(path, consist, asked).running_time == pytest.approx(time, rel=0.001)

@@ -43,7 +43,7 @@ def arrivals(plant: Train, seconds: float, braking: bool) -> Array:
 
 
 def test_waves_reach_the_last_vehicle() -> None:
-    """Paper 000 and spec 01: 6.36 s at 200 m/s, 35.32 s at 36 m/s over 1271.6 m, to within a step of 5 ms."""
+    """Paper 000: 6.36 s at 200 m/s, 35.32 s at 36 m/s over 1271.6 m, to within a step of 5 ms."""
     plant = fine()
     plant.advance(np.zeros((1, 1)), APPLIED)
     applied = arrivals(plant, 7.0, True) + 5e-3
@@ -57,7 +57,7 @@ def test_waves_reach_the_last_vehicle() -> None:
 
 
 def test_shoe_forces_by_hand() -> None:
-    """Spec 01: 743 kN on the whole train at 70 km/h and 50 kPa; 4 s to 63 %, 6 s to release 63 %.
+    """743 kN on the whole train at 70 km/h and 50 kPa; 4 s to 63 %, 6 s to release 63 %.
 
     One wagon: 0.17 x 8 x 16.18 kN x .481 x (216.18/264.72) x (290/360) = 6.962 kN.
     """
@@ -77,7 +77,7 @@ def test_shoe_forces_by_hand() -> None:
 
 
 def test_a_new_application_cancels_a_release_under_way() -> None:
-    """Spec 01: the last issued event wins.  Released at 60 s, applied again at 70 s: the rear never released."""
+    """The last issued event wins.  Released at 60 s, applied again at 70 s: the rear never released."""
     plant = fine()
     plant.advance(np.zeros((1, 1)), APPLIED)
     drive(plant, 60.0)
@@ -172,7 +172,7 @@ def test_forecast_equals_the_kernel(gaps: list[float], levels: list[float], ahea
 
 
 def test_forecast_force_and_rest() -> None:
-    """The forecast's total is the 743 kN of spec 01; a released brake is idle again; no air brake, no forecast."""
+    """The forecast's total is the 743 kN by hand; a released brake is idle again; no air brake, no forecast."""
     forecast = BrakeForecast(load_consist("hxd1_c80_105"))
     assert forecast.idle
     forecast.demand(0.0, APPLIED)

@@ -44,7 +44,7 @@ def work(force: Array, deflection: Array) -> Array:
     ids=["MT-2", "QKX100"],
 )
 def test_curves_of_the_spec(data: dict[str, Any], stroke: float, at_stroke: float, ratio: float) -> None:
-    """Spec 01: loading reaches fl(D) at the stroke, unloading is r fl, the stop adds 200 MN/m, buff mirrors draft.
+    """Loading reaches fl(D) at the stroke, unloading is r fl, the stop adds 200 MN/m, buff mirrors draft.
 
     Without damping.  Loading at d = 20 mm by hand for MT-2: 60 kN 20/22 + 2.5 MN/m 20 mm + a2 d² = 130.6 kN.
     """

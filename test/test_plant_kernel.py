@@ -61,7 +61,7 @@ def test_kernel_equals_plain_numpy(consist: Consist, setup: dict[str, Any]) -> N
 
 @pytest.mark.parametrize("name", GEARS)
 def test_energy_closes_for_every_draft_gear(name: str) -> None:
-    """Kinetic energy is explained by the works to 1e-9 of them (spec 06 asks 1e-6); a force left out misses by far."""
+    """Kinetic energy is explained by the works to 1e-9 of them (1e-6 would do); a force left out misses by far."""
     line = plain_line(
         begin_km=-5,
         grades=[{"at": -5000, "grade_permille": 4}, {"at": 300, "grade_permille": -6}],
@@ -129,7 +129,7 @@ def test_rigid_train_is_one_mass() -> None:
 def test_convergence_of_the_largest_coupler_force() -> None:
     """Halving the default 5 ms moves the largest force of the 106-vehicle train by under 1 % (measured 0.01 %).
 
-    100 s with traction, brake, air application and release; spec 01 warns that too large a step chatters at 400 kN
+    100 s with traction, brake, air application and release; too large a step chatters at 400 kN
     instead of exploding, which this catches (20 ms: +43 %).
     """
     coarse = run_ramps(train(heavy(), start={"speed_kmh": 50})).totals

@@ -57,7 +57,7 @@ def test_resistance_of_crh380a_is_shared() -> None:
 
 
 def test_daqin_section_obeys_the_spec() -> None:
-    """Spec 01: the long falls and their pieces, the undulation, 13 curves, 80 km/h, level before 0 and beyond 45 km."""
+    """The long falls and their pieces, the undulation, 13 curves, 80 km/h, level before 0 and beyond 45 km."""
     line = load_line("daqin_section")
     at = np.array([entry.at for entry in line.grades] + [line.end])
     grade = 1e3 * np.array([entry.grade for entry in line.grades])
@@ -83,7 +83,7 @@ def test_daqin_section_obeys_the_spec() -> None:
 
 
 def test_trigger_sees_four_falls_ahead() -> None:
-    """Spec 01's brake trigger needs 4 pieces steeper than -8 per mille with over 500 m inside the next 2500 m.
+    """The brake trigger needs 4 pieces steeper than -8 per mille with over 500 m inside the next 2500 m.
 
     On each long fall there must be places where that holds, and none on the undulating rest.
     """

@@ -1,4 +1,4 @@
-"""Statics and modes of the heavy-haul train (spec 06): one HXD1 of 184 t and 105 C80 of 100 t, 10 684 t.
+"""Statics and modes of the heavy-haul train: one HXD1 of 184 t and 105 C80 of 100 t, 10 684 t.
 
 Numbers worked out by hand there from masses, resistances and eq. (1) of paper 000, g = 9.81.
 """
@@ -33,7 +33,7 @@ def one_step(grade_permille: float, speed_kmh: float) -> Train:
 
 
 def test_pull_of_760_kn_at_the_first_instant() -> None:
-    """Spec 06: 0.062 m/s²; couplers 1 / 53 / 105 carry 746.4 / 376.8 / 7.11 kN (+-0.5 %), falling linearly."""
+    """0.062 m/s²; couplers 1 / 53 / 105 carry 746.4 / 376.8 / 7.11 kN (+-0.5 %), falling linearly."""
     plant = one_step(0.0, 0.0)
     assert acceleration(plant, 760e3) == pytest.approx(0.0621, rel=5e-3)
     force = plant.coupler_force[:-1]
@@ -53,19 +53,19 @@ def test_pull_through_linear_couplers_settles_to_the_same() -> None:
 
 @pytest.mark.parametrize(("grade", "speed"), [(0, 110.0), (1, 94.0), (2, 79.9), (4, 52.5)])
 def test_balancing_speed(grade: float, speed: float) -> None:
-    """Spec 06: full traction balances at 110.0 / 94.0 / 79.9 / 52.5 km/h on 0 / 1 / 2 / 4 per mille (+-0.2)."""
+    """Full traction balances at 110.0 / 94.0 / 79.9 / 52.5 km/h on 0 / 1 / 2 / 4 per mille (+-0.2)."""
     assert acceleration(one_step(grade, speed - 0.2), 1e6) > 0.0
     assert acceleration(one_step(grade, speed + 0.2), 1e6) < 0.0
 
 
 def test_steepest_start() -> None:
-    """Spec 06: the train starts on 6.3 per mille at most; on 6.4 it stands, and dry friction lets nothing roll."""
+    """The train starts on 6.3 per mille at most; on 6.4 it stands, and dry friction lets nothing roll."""
     assert acceleration(one_step(6.3, 0.0), 1e6) > 0.0
     assert acceleration(one_step(6.4, 0.0), 1e6) == 0.0
 
 
 def test_electric_brake_alone_cannot_hold_the_fall() -> None:
-    """Spec 06: 1060 kN would hold 70 km/h on -12 per mille, the electric brake has 461 kN: 599 kN are missing."""
+    """1060 kN would hold 70 km/h on -12 per mille, the electric brake has 461 kN: 599 kN are missing."""
     plant = one_step(-12.0, 70.0)
     missing = 10_684e3 * acceleration(plant, -1e6)
     assert missing == pytest.approx(1060e3 - 461e3, rel=0.01)
@@ -73,7 +73,7 @@ def test_electric_brake_alone_cannot_hold_the_fall() -> None:
 
 
 def test_what_the_brakes_hold_at_70_kmh() -> None:
-    """Spec 01: the electric brake alone holds about -6.3 per mille at 70 km/h, with 50 kPa of air about -13.4."""
+    """The electric brake alone holds about -6.3 per mille at 70 km/h, with 50 kPa of air about -13.4."""
     assert acceleration(one_step(-6.2, 70.0), -1e6) < 0.0 < acceleration(one_step(-6.4, 70.0), -1e6)
     for grade, sign in ((-13.2, -1.0), (-13.6, 1.0)):
         where = slope(grade)
@@ -101,7 +101,7 @@ def stiffness_matrix(plant: Train) -> Array:
     ("stiffness", "lowest", "highest"), [(98.0, (0.146, 0.293, 0.439), 9.96), (20.0, (0.066,), 4.50)]
 )
 def test_free_modes(stiffness: float, lowest: tuple[float, ...], highest: float) -> None:
-    """Spec 06: free-free modes .146 .293 .439 ... 9.96 Hz at 98 MN/m, .066 ... 4.50 Hz at 20 MN/m (+-2 %)."""
+    """Free-free modes .146 .293 .439 ... 9.96 Hz at 98 MN/m, .066 ... 4.50 Hz at 20 MN/m (+-2 %)."""
     plant = train(heavy({"kind": "linear", "stiffness_mn_per_m": stiffness}))
     root = np.sqrt(plant.arrays.vehicle[k.MASS])
     squares = np.linalg.eigvalsh(-stiffness_matrix(plant) / np.outer(root, root))
@@ -148,7 +148,7 @@ def ringing(transition_damping: float) -> float:
 def test_steady_pull_decays_to_the_tail_without_ringing() -> None:
     """In a steady pull the coupler force falls towards the tail; nothing rings on below 0.2 Hz.
 
-    A known fault of two of the nine simulators of the international benchmark (Wu et al. 2018, spec 06).  The clip law
+    A known fault of two of the nine simulators of the international benchmark (Wu et al. 2018).  The clip law
     as printed has it too: 11 % of the mean, against 1 % with the transition damping of the shipped train.
     """
     assert ringing(5e6) < 0.015
@@ -157,7 +157,7 @@ def test_steady_pull_decays_to_the_tail_without_ringing() -> None:
 
 @pytest.mark.parametrize("grade", [-8.0, -3.0, 0.0, 3.0, 12.0, 25.0])
 def test_standstill_never_rolls_back_or_creeps(grade: float) -> None:
-    """Spec 00: stopped on any grade, brakes and holding brake; then without demand: not a micrometre in 60 s.
+    """Stopped on any grade, brakes and holding brake; then without demand: not a micrometre in 60 s.
 
     On 12 and 25 per mille the air brake alone (about 1000 kN) would let the train roll back.
     """

@@ -1,4 +1,4 @@
-"""Figures of a run: definitions of the design page, section Conventions, Metrics."""
+"""Figures of a run: how each is defined."""
 
 from __future__ import annotations
 

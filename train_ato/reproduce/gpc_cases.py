@@ -1,4 +1,4 @@
-"""Runs of the CRH380A as three power units for paper 004: the 286 km where the page has them, else the short run."""
+"""Runs of the CRH380A as three power units for paper 004: the 286 km where a figure is stated for them, else short."""
 
 from __future__ import annotations
 

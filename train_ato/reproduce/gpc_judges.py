@@ -222,7 +222,7 @@ def comfort(results: Results) -> Judgement:
 
 
 def limited(results: Results) -> Judgement:
-    """Judge the 200 kN of the spec page."""
+    """Judge the run with 200 kN."""
     ours, plain, preview = (place(results[f"{key} limited"]) for key in ("gpc", "pid", "pid preview"))
     history = series_of(results["pid preview planned"])
     off, _ = off_profile(history, "crh380a_gpc:short")

@@ -73,7 +73,7 @@ LAGGED_TRAINS: dict[str, tuple[str, str]] = {
     "mismatch": ("+ mismatch", "+disturbed+mismatch"),
     "strong": ("+ strong mismatch", "+disturbed+strong_mismatch"),
 }
-"""Key to label and variants: the mismatches come on top of the disturbance, as on the spec page."""
+"""Key to label and variants: the mismatches come on top of the disturbance."""
 
 LIMIT_DELAYS = (0.05, 0.1, 0.15, 0.2, 0.4)
 """Pure delays on both sides of the printed law's limit of 0.17 s [s]."""

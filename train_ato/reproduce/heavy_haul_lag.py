@@ -45,7 +45,7 @@ def printed_lost(results: Results) -> Judgement:
     saturated = results["smc lagged"].summary["saturated_s"]
     reason = (
         f"a limit cycle that grows until the force limits hold it (SMC {saturated:.0f} s at a limit; the others over "
-        "600 s from the start). The spec page's 20-28 km/h are of another driver's run; lost all the same"
+        "600 s from the start). An independent implementation has 20-28 km/h on another driver's run; lost all the same"
     )
     holds = all(largest(results[key]) > 0.15 and rms(results[key]) > 0.1 for key in keys)
     return judged(f"{text}; {pid} km/h", not holds, reason)
@@ -130,7 +130,7 @@ def _goal(train: str, bound: float, worst: float, reason: str) -> Claim:
 TWIN_KEYS = tuple(f"twin_pid {train}" for train in LAGGED_TRAINS)
 CLAIMS: tuple[Claim, ...] = (
     Claim(
-        "the printed law is unstable beyond a total lag of m_0 l1/(M l2) (spec page, not the paper)",
+        "the printed law is unstable beyond a total lag of m_0 l1/(M l2) (derived from the model, not in the paper)",
         "0.17 s",
         tuple(f"smc delay {delay}" for delay in LIMIT_DELAYS),
         limit,
@@ -143,13 +143,13 @@ CLAIMS: tuple[Claim, ...] = (
     ),
     Claim(
         "a twin of the whole train is needed, a rigid feed-forward is not enough",
-        ".012 against .22-.32 km/h (spec page)",
+        ".012 against .22-.32 km/h (independent)",
         ("preview_pid nominal", "twin_pid nominal"),
         needs_train,
     ),
     Claim(
         "a printed law works on a prediction of the full train, and is lost with strong mismatch",
-        ".015, .019, .086 km/h, diverges (spec page)",
+        ".015, .019, .086 km/h, diverges (independent)",
         tuple(f"predicted {train}" for train in LAGGED_TRAINS),
         predicted,
     ),

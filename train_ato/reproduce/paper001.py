@@ -12,7 +12,7 @@ from train_ato.reproduce.metro_figures import draw
 
 __all__ = ["PAPER"]
 
-PAGE: Mapping[str, tuple[str, str, str, str]] = {
+INDEPENDENT: Mapping[str, tuple[str, str, str, str]] = {
     "nominal": (".081 / .62", ".015 / .11", ".015 / .11", ".002 / .014"),
     "disturbed": (".085 / .64", ".039 / .13", ".039 / .14", ".025 / .11"),
     "mismatch": (".100 / .68", ".054 / .42", ".055 / .42", ".043 / .41"),
@@ -27,7 +27,7 @@ def _rows(results: Results) -> list[tuple[Any, ...]]:
     for train, (label, _) in TRAINS.items():
         here = (judges.pair(results[f"{key} {train}"]) for key in LAWS)
         rows.append((label, *here))
-        rows.append(("   spec page", *PAGE[train][:3], "", "", PAGE[train][3]))
+        rows.append(("   independent", *INDEPENDENT[train][:3], "", "", INDEPENDENT[train][3]))
     return rows
 
 
@@ -72,7 +72,7 @@ PAPER = Paper(
             judges.chattering,
         ),
         Claim(
-            "corrected network, ideal actuator (spec page)",
+            "corrected network, ideal actuator (independent)",
             ".0004 m/s rms at 10 ms, .0011 at 50 ms, within a factor of 2",
             ("ideal rbf", "ideal rbf 10 ms"),
             judges.ideal_figures,
@@ -149,7 +149,7 @@ PAPER = Paper(
         ),
         Claim(
             "held out: mismatch and slower actuator",
-            ".043 / .41 and .036 / .16 m/s (spec page)",
+            ".043 / .41 and .036 / .16 m/s (independent)",
             ("tanh_predictor mismatch", "tanh_predictor slower"),
             judges.goal_mismatch,
         ),

@@ -78,7 +78,7 @@ CLAIMS = (
     ),
     Claim(
         "goals of the realistic version: lag_smc, eso, predictor",
-        "per car .20 m and coupler .43 m; slow .08 m/s, .27 m; common .6 m, .27 m; undisturbed .02 m (spec page)",
+        "per car .20 m and coupler .43 m; slow .08 m/s, .27 m; common .6 m, .27 m; undisturbed .02 m (goal)",
         (
             *(f"{key} {delay}" for key in ("unit", "unit slow") for delay in DELAYS),
             *(f"common x{ratio}" for ratio in RATIOS),
@@ -88,7 +88,7 @@ CLAIMS = (
     ),
     Claim(
         "one law that meets the three goals at once",
-        "not reached before (spec page)",
+        "not reached before (goal)",
         (*(f"common damped {delay}" for delay in DELAYS), *(f"common damped x{ratio}" for ratio in RATIOS)),
         judge.all_at_once,
     ),

@@ -116,11 +116,11 @@ CLAIMS = (
     ),
     Claim(
         "goal at 200 kN: a profile planned for the force",
-        "13 m and 1 m/s (spec page)",
+        "13 m and 1 m/s (goal)",
         ("predictor planned", "predictor replanned"),
         judge.planned,
     ),
-    Claim("goal with 0.05 m/s of noise: variation of the command", "60 kN/s (spec page)", NOISY, judge.quiet),
+    Claim("goal with 0.05 m/s of noise: variation of the command", "60 kN/s (goal)", NOISY, judge.quiet),
 )
 
 PAPER = Paper(

@@ -86,7 +86,7 @@ CLAIMS = (
     Claim("punctual, safe and comfortable", "met", ("gpc long",), judge.comfort),
     Claim(
         "with 200 kN for the train",
-        "43 m as printed; 11 m with a long look ahead (spec page)",
+        "43 m as printed; 11 m with a long look ahead (independent)",
         ("gpc limited", "pid limited", "pid preview limited", "pid preview planned"),
         judge.limited,
     ),

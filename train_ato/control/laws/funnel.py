@@ -10,14 +10,14 @@ m the train's inertia, s and v its mean position and speed (by the units' shares
     phi2' = -a2 phi2 + beta2 + phi2 kappa/max(|e2|, delta),  kappa = |u - sat u|/m                (8), (9)
     f_hat = m (W'Phi(v) + eps),  W' = -gamma_w e2 Phi,  eps' = -gamma_eps e2                      (24)-(28)
 
-``variant: corrected`` (numbers of the spec page):
+``variant: corrected``:
 
 1. lam_h in 1/s: the print's lambda = 5 inside (...)/m leaks with 24 hours, e1 -> h/k1, and Theorem 1 does not hold.
    Keep lam_h tau <= 0.5.
-3. e²/phi² is clipped at 0.5: outside the funnel the print's k_i turn negative, which is its "kilometres of error".
-4. beta2 = 1e-4 (3 cm/s): the print's funnel of 9e-5 m/s no sampled loop can hold.
-5. alpha1' = a_d - k1 (v - v_d) in place of the 5 ms filter (13), which turns 0.1 m of noise into MN/s.
-6. h runs on sat(u), here the force sent and the force measured; learning (in m/s², with the minus sign lost in
+2. e²/phi² is clipped at 0.5: outside the funnel the print's k_i turn negative, which is its "kilometres of error".
+3. beta2 = 1e-4 (3 cm/s): the print's funnel of 9e-5 m/s no sampled loop can hold.
+4. alpha1' = a_d - k1 (v - v_d) in place of the 5 ms filter (13), which turns 0.1 m of noise into MN/s.
+5. h runs on sat(u), here the force sent and the force measured; learning (in m/s², with the minus sign lost in
    (27), (28)) holds while the force is at a limit.
 
 ``variant: printed`` keeps (13) with Mh' = gamma_M |z| (19), sigma(t) = .001 exp(-.001 t) + .0001, the leak, k_i0 = 1,
