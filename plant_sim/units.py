@@ -10,9 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, get_args
 
-from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, ValidationInfo, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, ValidationError, model_validator
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 
 GRAVITY = 9.81
 """Acceleration of free fall used where a data file names no other [m/s²]."""
@@ -73,6 +73,19 @@ def _scalars(value: Any) -> list[Any]:
     return [scalar for entry in value for scalar in _scalars(entry)] if isinstance(value, (list, tuple)) else [value]
 
 
+def _misfit(annotation: Any, value: Any) -> str | None:
+    """Say what a value should be that pydantic would turn into another: true into 1, '5' into 5, 1 into true."""
+    kinds, scalars = _types_in(annotation), _scalars(value)
+    if kinds & {int, float}:
+        if bool not in kinds and any(isinstance(scalar, bool) for scalar in scalars):
+            return "input should be a number, not true or false"
+        if str not in kinds and any(isinstance(scalar, str) for scalar in scalars):
+            return "input should be a number, not text"
+    elif bool in kinds and not isinstance(value, bool):
+        return "input should be true or false"
+    return None
+
+
 def _divide(value: Any, divisor: float) -> Any:
     if isinstance(value, bool) or not isinstance(value, (int, float, list, tuple)):
         return value
@@ -109,22 +122,22 @@ class SiModel(BaseModel):
                 if name in data:
                     raise ValueError(f"{name} and {key} say the same thing: keep one of them")
                 result[name] = _divide(result.pop(key), divisor)
+        cls._refuse_misfits(data)
         return result
 
-    @field_validator("*", mode="before")
     @classmethod
-    def _plain_number(cls, value: Any, info: ValidationInfo) -> Any:
-        """Refuse what pydantic would turn into a number or a truth value: true as 1, '5' as 5, 1 as true."""
-        kinds = _types_in(cls.model_fields[str(info.field_name)].annotation)
-        scalars = _scalars(value)
-        if kinds & {int, float}:
-            if bool not in kinds and any(isinstance(scalar, bool) for scalar in scalars):
-                raise PydanticCustomError("number_wanted", "input should be a number, not true or false")
-            if str not in kinds and any(isinstance(scalar, str) for scalar in scalars):
-                raise PydanticCustomError("number_wanted", "input should be a number, not text")
-        elif bool in kinds and str not in kinds and not isinstance(value, bool):
-            raise PydanticCustomError("truth_wanted", "input should be true or false")
-        return value
+    def _refuse_misfits(cls, data: dict[Any, Any]) -> None:
+        """Raise for the values that only look like what their key wants, each under the key it was written with."""
+        suffixed = cls.suffixed_keys()
+        names = {field.alias or name: name for name, field in cls.model_fields.items()}
+        errors: list[InitErrorDetails] = []
+        for key, value in data.items():
+            name = suffixed[key][0] if key in suffixed else names.get(key)
+            wanted = _misfit(cls.model_fields[name].annotation, value) if name else None
+            if wanted:
+                errors.append({"type": PydanticCustomError("misfit", wanted), "loc": (key,), "input": value})
+        if errors:
+            raise ValidationError.from_exception_data(cls.__name__, errors)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:

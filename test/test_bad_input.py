@@ -27,6 +27,12 @@ def light(mass_t: float) -> dict[str, object]:
     return data
 
 
+def tilted(grade_permille: float) -> dict[str, object]:
+    data = yaml.safe_load(line_path("daqin_section").read_text())
+    data["grades"] = [{"at": data.get("begin", 0.0), "grade_permille": grade_permille}]
+    return dict(data)
+
+
 def short_line() -> dict[str, object]:
     return {**yaml.safe_load(line_path("daqin_section").read_text()), "end_km": 2.0}
 
@@ -50,6 +56,18 @@ CASES: list[tuple[str, list[str], str]] = [
     ("tick no multiple", ["run", "demo", "--set", "step=0.03"], r"tick 0\.1 s is not a multiple of step 0\.03 s"),
     ("period no multiple", ["run", "demo", "--set", "control_period=0.15"], r"control_period 0\.15 s is not"),
     ("duration negative", ["run", "demo", "--set", "duration=-5"], r"duration = -5: input should be greater than 0"),
+    ("truth value for a number", ["run", "demo", "--set", "duration=true"],
+     r"duration = True: input should be a number, not true or false"),
+    ("truth value among numbers", ["run", "demo", "--set", "plant.lag=[0.4, true]"],
+     r"plant\.lag = \[0\.4, True\]: input should be a number"),
+    ("truth value for a whole number", ["run", "demo", "--set", "seed=false"],
+     r"seed = False: input should be a number"),
+    ("truth value under a unit's key", ["run", "demo", "--set", "links.command.jitter_ms=true"],
+     r"links\.command\.jitter_ms = True: input should be a number"),
+    ("text for a number", ["run", "demo", "--set", "duration='60'"], r"duration = '60': input should be a number"),
+    ("number for a truth value", ["run", "demo", "--set", "plant.unlimited=1"],
+     r"plant\.unlimited = 1: input should be true or false"),
+    ("truth value for a law's number", ["run", "demo", "--set", "controllers.pid.kp=true"], r"pid\.kp: True is not a"),
     ("schema of another version", ["run", "demo", "--set", "schema=train_ato/scenario/9"], "this version reads"),
     ("unknown consist", ["run", "demo", "--set", "plant.consist=hxd2"], r"train 'hxd2'"),
     ("set without value", ["run", "demo", "--set", "plant.lag"], r"write it as key\.key=value"),
@@ -89,6 +107,13 @@ def test_bad_input_is_one_line_and_status_2(
 
 FILES: list[tuple[str, str, dict[str, object], str]] = [
     ("negative mass", "consist", light(-3), r"train\.yaml: vehicle_types\.c80\.mass = -3000\.0: .*greater than 0"),
+    (
+        "mass that is a truth value",
+        "consist",
+        light(True),
+        r"train\.yaml: vehicle_types\.c80\.mass_t = True: .*a number",
+    ),
+    ("grade that is a truth value", "line", tilted(True), r"track\.yaml: grades\.0\.grade_permille = True: .*a number"),
     ("empty consist", "consist", consist(train=[]), r"train\.yaml: train.*at least 1"),
     ("unknown type", "consist", consist(train=[{"type": "c70"}]), r"train\.yaml: .*'c70'"),
     ("profile beyond the line", "line", short_line(), r"beyond the end of line 'daqin_section' at km 2\.000"),
