@@ -58,6 +58,8 @@ setup(
         "rich>=13",
         "matplotlib>=3.8",
         "filelock>=3.12",
+        "pandas>=2.1",
+        "pyarrow>=14",
         *ros_wheels(),
     ],
     extras_require={

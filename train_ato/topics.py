@@ -210,6 +210,28 @@ TOPICS: tuple[Topic, ...] = (
     ),
 )
 
+DIAGNOSTIC_UNITS: dict[str, str] = {
+    "coupler_draft_max": "N",
+    "coupler_buff_max": "N",
+    "energy_traction": "J",
+    "energy_regenerated": "J",
+    "energy_running": "J",
+    "energy_curve": "J",
+    "energy_grade": "J",
+    "energy_air_brake": "J",
+    "energy_couplers": "J",
+    "energy_outside": "J",
+    "energy_kinetic": "J",
+    "saturated": "s",
+    "period": "s",
+    "remaining": "s",
+    "planned": "s",
+    "delay": "s",
+    "delay_brake": "s",
+    "lag": "s",
+}
+"""Units of the values in ``/diagnostics`` by their key; counts, names and reasons have none."""
+
 BY_NAME: dict[str, Topic] = {topic.name: topic for topic in TOPICS}
 
 

@@ -1,0 +1,213 @@
+"""Where every number of a message stands in its CDR bytes.
+
+The layout of one message is found by walking its type's definition along its bytes.  Every other message with the
+same lengths and texts has the same layout, and then thousands are read as one array, whatever their type is.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import Nodetype
+
+__all__ = ["Layout", "Leaf", "Typestore", "layout_of"]
+
+Typestore = Any
+HEAD = 4
+"""Bytes of the encapsulation; alignment counts behind it."""
+TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+MOST_LEAVES = 20_000
+"""Messages of more parts are refused: a table of so many columns is of no use."""
+_DTYPES = {
+    "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
+    "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """One part of a message that is no message itself.
+
+    Attributes
+    ----------
+    path
+        Field names as one writes them: ``points[0].positions``, ``name[3]``.
+    dtype
+        Of a number or an array of numbers; None for a text; ``time`` for stamps and durations (i4, u4).
+    start, count
+        Offset in the message, number of elements; None: a single one.
+    text
+        Of a text.
+    """
+
+    path: str
+    dtype: np.dtype[Any] | None
+    start: int
+    count: int | None = None
+    text: str = ""
+
+    @property
+    def is_time(self) -> bool:
+        """Whether it is a stamp or a duration."""
+        return self.dtype is not None and self.dtype.names is not None
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Layout of one message.
+
+    Attributes
+    ----------
+    length
+        Of the message [bytes].
+    leaves
+        In the order of the message.
+    fixed : ndarray of bool, shape (length,)
+        Bytes that make the layout: encapsulation, lengths and texts.
+    sample
+        The message it was found in.
+    """
+
+    length: int
+    leaves: tuple[Leaf, ...]
+    fixed: NDArray[np.bool_]
+    sample: NDArray[np.uint8]
+
+    def fits(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """Tell which of so many messages, shape (n, length), have this layout."""
+        same = np.ones(len(rows), dtype=np.bool_)
+        for begin, end in self._spans():
+            same &= (rows[:, begin:end] == self.sample[begin:end]).all(axis=1)
+        return same
+
+    def _spans(self) -> list[tuple[int, int]]:
+        """Return the stretches of fixed bytes."""
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], self.fixed.astype(np.int8), [0]))))
+        return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+    def read(self, rows: NDArray[np.uint8], leaf: Leaf) -> NDArray[Any]:
+        """Return one part of so many messages as a view: shape (n,), for an array (count, n)."""
+        assert leaf.dtype is not None
+        stride = rows.strides[0]
+        if leaf.count is None:
+            return np.ndarray((len(rows),), leaf.dtype, rows.data, leaf.start, (stride,))
+        shape = (leaf.count, len(rows))
+        return np.ndarray(shape, leaf.dtype, rows.data, leaf.start, (leaf.dtype.itemsize, stride))
+
+
+def layout_of(types: Typestore, type_name: str, data: bytes) -> Layout:
+    """Return the layout of a message.
+
+    Parameters
+    ----------
+    types
+        Type store of ``rosbags`` that knows the type.
+    type_name
+        Such as ``sensor_msgs/msg/JointState``.
+    data
+        CDR bytes.
+
+    Raises
+    ------
+    ValueError
+        If the bytes are no message of that type.
+    """
+    walk = _Walk(types, data)
+    try:
+        walk.message(type_name, "")
+    except (struct.error, KeyError, UnicodeDecodeError) as error:
+        raise ValueError(f"not a {type_name} ({type(error).__name__})") from None
+    if len(data) - walk.place >= 8:  # a few bytes of padding at the end are usual
+        raise ValueError(f"not a {type_name} ({len(data) - walk.place} bytes too long)")
+    return Layout(len(data), tuple(walk.leaves), walk.fixed, np.frombuffer(data, np.uint8))
+
+
+class _Walk:
+    """A walk along the bytes of one message."""
+
+    def __init__(self, types: Typestore, data: bytes) -> None:
+        if len(data) < HEAD or data[0] != 0 or data[1] > 1:
+            raise ValueError("not CDR")
+        self.place = HEAD
+        self.leaves: list[Leaf] = []
+        self.fixed: NDArray[np.bool_] = np.zeros(len(data), dtype=np.bool_)
+        self.fixed[:2] = True
+        self._types = types
+        self._data = data
+        self._order = "<" if data[1] & 1 else ">"
+        self._length = struct.Struct(f"{self._order}I")
+        self._time = np.dtype([("sec", f"{self._order}i4"), ("nanosec", f"{self._order}u4")])
+
+    def message(self, type_name: str, path: str) -> None:
+        """Walk along a message inside the message."""
+        if type_name in TIMES:
+            self._number(self._time, 4, path, None)
+            return
+        for name, described in self._types.fielddefs[type_name][1]:
+            self._field(described, f"{path}.{name}" if path else name)
+
+    def _field(self, described: tuple[Any, Any], path: str) -> None:
+        kind, detail = described
+        if kind == Nodetype.BASE:
+            self._base(detail[0], path)
+        elif kind == Nodetype.NAME:
+            self.message(detail, path)
+        else:
+            element, size = detail
+            count = size if kind == Nodetype.ARRAY else self._count()
+            if element[0] == Nodetype.BASE and element[1][0] in _DTYPES:
+                dtype = np.dtype(self._order + _DTYPES[element[1][0]])
+                self._number(dtype, dtype.itemsize, path, count)
+                return
+            if count > MOST_LEAVES:
+                raise ValueError(f"{path} has {count} entries, at most {MOST_LEAVES} make a table")
+            for index in range(count):
+                self._field(element, f"{path}[{index}]")
+
+    def _base(self, name: str, path: str) -> None:
+        if name in _DTYPES:
+            dtype = np.dtype(self._order + _DTYPES[name])
+            self._number(dtype, dtype.itemsize, path, None)
+            return
+        if name != "string":
+            raise ValueError(f"{path} is a {name}, which is not read")
+        size = self._count()
+        begin, self.place = self.place, self.place + size
+        self._check()
+        self.fixed[begin : self.place] = True
+        text = self._data[begin : self.place].rstrip(b"\0").decode()
+        self.leaves.append(Leaf(path, None, begin, None, text))
+
+    def _number(self, dtype: np.dtype[Any], alignment: int, path: str, count: int | None) -> None:
+        if count != 0:  # an empty array takes no room and aligns nothing
+            self._align(alignment)
+        self.leaves.append(Leaf(path, dtype, self.place, count))
+        self.place += dtype.itemsize * (1 if count is None else count)
+        self._check()
+        if len(self.leaves) > MOST_LEAVES:
+            raise ValueError(f"more than {MOST_LEAVES} parts in one message")
+
+    def _count(self) -> int:
+        """Read a length; lengths make the layout."""
+        self._align(4)
+        (count,) = self._length.unpack_from(self._data, self.place)
+        self.fixed[self.place : self.place + 4] = True
+        self.place += 4
+        return int(count)
+
+    def _align(self, size: int) -> None:
+        self.place += -(self.place - HEAD) % size
+
+    def _check(self) -> None:
+        if self.place > len(self._data):
+            raise struct.error("too short")
+
+
+def rows_of(payloads: Sequence[Any], length: int) -> NDArray[np.uint8]:
+    """Return messages of one length as rows of bytes, shape (n, length)."""
+    return np.frombuffer(b"".join(payloads), np.uint8).reshape(len(payloads), length)

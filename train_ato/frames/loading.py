@@ -1,0 +1,206 @@
+"""A recorded run as tables: one pandas DataFrame for each topic."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from mcap.records import Channel, Schema
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from plant_sim.input_error import close_match
+from train_ato.cdr import typestore
+from train_ato.frames.messages import diagnostic_table, trajectory_table
+from train_ato.frames.records import Portion, Reader
+from train_ato.frames.series import Series
+from train_ato.frames.tables import foreign_table, known_part, known_table
+from train_ato.record.layout import table_name
+from train_ato.record.reading import log_file
+from train_ato.topics import BY_NAME, EPOCH_NS
+
+__all__ = ["Frames", "load"]
+
+_VARIABLE = ("ato/profile", "ato/limits", "/diagnostics")
+
+
+class Frames(dict[str, pd.DataFrame]):
+    """Tables of a run by topic: ``frames["train/cars"]``; a leading slash does no harm.
+
+    Attributes
+    ----------
+    left_out : dict
+        Topics of the log that make no table, and why.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.left_out: dict[str, str] = {}
+
+    def __missing__(self, name: str) -> pd.DataFrame:
+        for other in (name.lstrip("/"), f"/{name}"):
+            if other in self:
+                return self[other]
+        reason = self.left_out.get(name)
+        hint = f" ({reason})" if reason else close_match(name, self)
+        raise KeyError(f"no table '{name}'{hint}; there are {', '.join(self)}")
+
+
+def load(run: str | Path, topics: Collection[str] | None = None) -> Frames:
+    """Return the tables of a recorded run.
+
+    Every table is indexed by simulated time, ``time_s``; the name of a column carries its unit, as in
+    ``car_17_coupler_force_n`` or ``unit_0_speed_m_s``.  ``ato/profile`` and ``ato/limits`` have one row for each knot
+    or step, ``/diagnostics`` one for each message with a column for each key.
+
+    Parameters
+    ----------
+    run
+        Run folder or MCAP file.  Topics that are not of the topic table are read too where their messages are ROS 2
+        ones: over publish time, without units.
+    topics
+        Only these topics, named as in the topic table or in the log; default: all.
+
+    Returns
+    -------
+    Frames
+        A ``dict`` of DataFrames by topic.
+
+    Raises
+    ------
+    ValueError
+        One line: no such log, the log of a killed run (``train-ato recover`` makes it readable), a damaged one, or a
+        topic that is not in it.
+    """
+    path = log_file(Path(run))
+    return _Loading(path, topics).run()
+
+
+class _Loading:
+    """One reading of a log."""
+
+    def __init__(self, path: Path, topics: Collection[str] | None) -> None:
+        if isinstance(topics, str):
+            raise ValueError(f"topics: '{topics}' is one name; give a list of names")
+        self._asked = None if topics is None else tuple(topics)
+        self._reader = Reader(path, self._wanted)
+        self._path = path
+        self._series: dict[str, Series] = {}
+        self._payloads: dict[str, list[Any]] = {}
+        self._left_out: dict[str, str] = {}
+
+    def run(self) -> Frames:
+        """Read the log and make the tables."""
+        for portion in self._reader.portions():
+            name = portion.channel.topic
+            if name not in self._left_out:
+                try:
+                    self._take(name, portion)
+                except ValueError as error:
+                    self._refuse(name, error)
+        self._check_asked()
+        names = [channel.topic for channel, _ in self._reader.channels]
+        frames = Frames()
+        for name in dict.fromkeys(names):
+            try:
+                table = self._table(name)
+            except ValueError as error:
+                self._refuse(name, error)
+                continue
+            if table is not None:
+                frames[self._key(name)] = table
+        frames.left_out = {self._key(name): reason for name, reason in self._left_out.items()}
+        return frames
+
+    def _wanted(self, channel: Channel, schema: Schema) -> bool:
+        if self._asked is not None and not any(_named(channel.topic, name) for name in self._asked):
+            return False
+        if channel.message_encoding != "cdr" or schema.encoding != "ros2msg":
+            self._left_out[channel.topic] = f"encoding {channel.message_encoding}, {schema.encoding}: not ROS 2"
+            return False
+        return True
+
+    def _take(self, name: str, portion: Portion) -> None:
+        """Keep a portion of a topic."""
+        known = _known(name, portion.schema)
+        if known in _VARIABLE:
+            self._payloads.setdefault(name, []).extend(portion.payloads)
+            return
+        if name not in self._series:
+            if known is not None:
+                chosen = partial(known_part, known)
+                self._series[name] = Series(typestore(), portion.schema.name, chosen)
+            else:
+                self._series[name] = Series(_types(portion.schema), portion.schema.name)
+        self._series[name].add(portion)
+
+    def _table(self, name: str) -> pd.DataFrame | None:
+        """Make the table of a topic, None if it has no message."""
+        known = self._known_name(name)
+        if name in self._payloads:
+            payloads = self._payloads.pop(name)
+            return diagnostic_table(payloads) if known == "/diagnostics" else trajectory_table(str(known), payloads)
+        series = self._series.pop(name, None)
+        if series is None or name in self._left_out:
+            return None
+        return known_table(known, series) if known is not None else foreign_table(series, self._begin())
+
+    def _refuse(self, name: str, error: ValueError) -> None:
+        """Leave a topic out, unless it is one of the table or was asked for: those must be readable."""
+        if self._known_name(name) is not None or self._asked is not None:
+            raise ValueError(f"{self._path}: {name}: {error}") from None
+        self._left_out[name] = str(error)
+
+    def _known_name(self, name: str) -> str | None:
+        return next(_known(name, schema) for channel, schema in self._reader.channels if channel.topic == name)
+
+    def _key(self, name: str) -> str:
+        """Return the name of a table: that of the topic table, unless the log holds several trains."""
+        known = self._known_name(name)
+        same = {channel.topic for channel, schema in self._reader.channels if _known(channel.topic, schema) == known}
+        return known if known is not None and len(same) == 1 else name
+
+    def _begin(self) -> int:
+        """Return time 0: the start of the simulation where the log is one of ours, else its first message."""
+        ours = any(_known(channel.topic, schema) for channel, schema in self._reader.channels)
+        first = self._reader.first_ns or 0
+        return EPOCH_NS if ours and first >= EPOCH_NS else first
+
+    def _check_asked(self) -> None:
+        """Refuse names that are not in the log."""
+        names = sorted({channel.topic for channel, _ in self._reader.channels})
+        for asked in self._asked or ():
+            if not any(_named(name, asked) for name in names):
+                match = close_match(asked if asked.startswith("/") else f"/{asked}", names)
+                raise ValueError(f"{self._path}: holds no topic '{asked}'{match} (it has: {', '.join(names)})")
+            if (reason := self._left_out.get(asked)) is not None:
+                raise ValueError(f"{self._path}: {asked}: {reason}")
+
+
+def _named(name: str, asked: str) -> bool:
+    """Tell whether a topic of the log is meant by a name."""
+    return name == asked or name == f"/{asked}" or table_name(name) == asked.lstrip("/") or table_name(name) == asked
+
+
+def _known(name: str, schema: Schema) -> str | None:
+    """Return the topic of the topic table that a topic of the log is, if it has its type."""
+    found = table_name(name)
+    return found if found is not None and BY_NAME[found].type == schema.name else None
+
+
+def _types(schema: Schema) -> Any:
+    """Return a type store with the types that a schema defines.
+
+    Raises
+    ------
+    ValueError
+        If the text is no definition.
+    """
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(get_types_from_msg(schema.data.decode(), schema.name))
+    except Exception as error:
+        raise ValueError(f"the definition of {schema.name} is not readable ({type(error).__name__})") from None
+    return store

@@ -1,0 +1,137 @@
+"""The messages of one topic as arrays, thousands at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from train_ato.cdr import SECOND
+from train_ato.frames.cdr_layout import Layout, Leaf, Typestore, layout_of, rows_of
+from train_ato.frames.records import Portion
+
+__all__ = ["Group", "Series", "nanoseconds"]
+
+MOST_LAYOUTS = 64
+"""Where messages of one length have more layouts, as texts do, the others are taken apart one by one."""
+
+
+def nanoseconds(times: NDArray[Any]) -> NDArray[np.int64]:
+    """Return stamps or durations (sec, nanosec) in ns."""
+    return np.asarray(times["sec"].astype(np.int64) * SECOND + times["nanosec"])
+
+
+@dataclass
+class Group:
+    """All messages of one layout.
+
+    Attributes
+    ----------
+    leaves
+        Parts that were asked for.
+    rows : list of arrays
+        Places of the messages in their topic.
+    """
+
+    layout: Layout
+    leaves: tuple[Leaf, ...]
+    rows: list[NDArray[np.int64]] = field(default_factory=list)
+    _parts: list[list[NDArray[Any]]] = field(default_factory=list)
+
+    def add(self, numbers: NDArray[np.int64], messages: NDArray[np.uint8]) -> None:
+        """Take messages of this layout, shape (n, length), and their places."""
+        self.rows.append(numbers)
+        self._parts.append([self.layout.read(messages, leaf).copy() for leaf in self.leaves if leaf.dtype is not None])
+
+    def numbers(self) -> NDArray[np.int64]:
+        """Return the places of the messages."""
+        return np.concatenate(self.rows)
+
+    def values(self) -> Iterator[tuple[Leaf, NDArray[Any]]]:
+        """Return every part that is a number, shape (n,), or an array, shape (count, n), and let go of it."""
+        for leaf in [leaf for leaf in self.leaves if leaf.dtype is not None]:
+            assert leaf.dtype is not None
+            joined = np.concatenate([parts.pop(0) for parts in self._parts], axis=-1)
+            yield leaf, joined.astype(leaf.dtype.newbyteorder("="), copy=False)
+
+
+class Series:
+    """Collects the messages of one topic.
+
+    Parameters
+    ----------
+    types
+        Type store that knows the type.
+    type_name
+        Of the messages.
+    choose
+        Which parts are wanted.
+
+    Attributes
+    ----------
+    groups : list of Group
+        The messages by layout.
+    """
+
+    def __init__(self, types: Typestore, type_name: str, choose: Callable[[Leaf], bool] = lambda leaf: True) -> None:
+        self._types = types
+        self._type_name = type_name
+        self._choose = choose
+        self._known: dict[int, list[Group]] = {}
+        self._publish: list[int] = []
+        self.groups: list[Group] = []
+
+    @property
+    def publish_ns(self) -> NDArray[np.int64]:
+        """Publish times of all messages [ns since 1970]."""
+        return np.array(self._publish, dtype=np.int64)
+
+    def add(self, portion: Portion) -> None:
+        """Take a portion of the log.
+
+        Raises
+        ------
+        ValueError
+            For bytes that are no message of the type.
+        """
+        lengths = np.array([len(payload) for payload in portion.payloads])
+        for length in np.unique(lengths).tolist():
+            places = np.flatnonzero(lengths == length)
+            whole = places.size == lengths.size
+            payloads = portion.payloads if whole else [portion.payloads[place] for place in places.tolist()]
+            self._sort(len(self._publish) + places, rows_of(payloads, length))
+        self._publish += portion.publish_ns
+
+    def _sort(self, numbers: NDArray[np.int64], messages: NDArray[np.uint8]) -> None:
+        """Give messages of one length to the groups of their layouts."""
+        known = self._known.setdefault(messages.shape[1], [])
+        for group in known:
+            if not numbers.size:
+                return
+            numbers, messages = _taken(group, numbers, messages)
+        while numbers.size:
+            layout = layout_of(self._types, self._type_name, messages[0].tobytes())
+            group = Group(layout, tuple(leaf for leaf in layout.leaves if self._choose(leaf)))
+            self.groups.append(group)
+            if len(known) < MOST_LAYOUTS:
+                known.append(group)
+                numbers, messages = _taken(group, numbers, messages)
+            else:
+                group.add(numbers[:1], messages[:1])
+                numbers, messages = numbers[1:], messages[1:]
+
+
+def _taken(
+    group: Group, numbers: NDArray[np.int64], messages: NDArray[np.uint8]
+) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+    """Give a group what has its layout; return the rest."""
+    fits = group.layout.fits(messages)
+    if fits.all():
+        group.add(numbers, messages)
+        return numbers[:0], messages[:0]
+    if fits.any():
+        group.add(numbers[fits], messages[fits])
+    return numbers[~fits], messages[~fits]

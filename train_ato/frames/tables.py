@@ -1,0 +1,170 @@
+"""Arrays of one topic as a table with a unit in the name of every column."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from train_ato.frames.cdr_layout import Layout, Leaf
+from train_ato.frames.columns import TIME, column, has_column
+from train_ato.frames.series import Group, Series, nanoseconds
+from train_ato.topics import EPOCH_NS
+from train_ato.types import Array
+
+__all__ = ["LONGEST_ARRAY", "STAMPS", "foreign_table", "known_part", "known_table"]
+
+STAMPS = ("header.stamp", "clock")
+"""Where the stamp stands in messages of the topic table."""
+LONGEST_ARRAY = 1000
+"""An array of more numbers, such as an image, makes no columns."""
+
+
+def seconds(moments: NDArray[np.int64]) -> Array:
+    """Return times in s; the same rounding as everywhere in the stack."""
+    return np.asarray(moments * 1e-9, dtype=np.float64)
+
+
+def known_part(topic: str, leaf: Leaf) -> bool:
+    """Tell whether a part of a message of the topic table is needed for its table."""
+    if leaf.path in STAMPS:
+        return True
+    return leaf.dtype is not None and leaf.count != 0 and has_column(topic, leaf.path)
+
+
+def known_table(topic: str, series: Series) -> pd.DataFrame:
+    """Return the table of a topic of the topic table: float64 columns over simulated time.
+
+    Raises
+    ------
+    ValueError
+        If names and numbers in a message do not fit together.
+    """
+    parts = []
+    for group in series.groups:
+        stamps: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        names: list[str] = []
+        rows: list[Array] = []
+        owners = _owners(group.layout)
+        for leaf, values in group.values():
+            if leaf.path in STAMPS:
+                stamps = nanoseconds(values) - EPOCH_NS
+            if not has_column(topic, leaf.path):
+                continue
+            names += _names(topic, leaf, owners)
+            if leaf.path in STAMPS:
+                values = seconds(stamps)
+            elif leaf.is_time:
+                values = seconds(nanoseconds(values))
+            rows.append(np.atleast_2d(values))
+        block = np.concatenate(rows, axis=0, dtype=np.float64)
+        index = pd.Index(seconds(stamps), name=TIME)
+        parts.append((group.numbers(), pd.DataFrame(block.T, index=index, columns=_unique(names), copy=False)))
+    return in_order(_joined(parts))
+
+
+def _owners(layout: Layout) -> list[str]:
+    """Return the names of a JointState's entries."""
+    return [leaf.text for leaf in layout.leaves if leaf.dtype is None and leaf.path.startswith("name[")]
+
+
+def _names(topic: str, leaf: Leaf, owners: list[str]) -> list[str]:
+    """Return the names of the columns that a part makes."""
+    if not owners and leaf.count in (None, 1):
+        return [column(topic, leaf.path) or leaf.path]
+    if leaf.count != len(owners):
+        raise ValueError(f"{leaf.path} has {leaf.count} values for {len(owners)} names")
+    return [column(topic, leaf.path, owner) or f"{owner}_{leaf.path}" for owner in owners]
+
+
+def _unique(names: list[str]) -> list[str]:
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise ValueError(f"two columns would be called '{twice[0]}'")
+    return names
+
+
+def _joined(parts: list[tuple[NDArray[np.int64], pd.DataFrame]]) -> pd.DataFrame:
+    """Put the parts of a topic together in the order of the log."""
+    if len(parts) == 1:
+        return parts[0][1]
+    order = np.argsort(np.concatenate([numbers for numbers, _ in parts]), kind="stable")
+    return pd.concat([part for _, part in parts]).iloc[order]
+
+
+def in_order(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows by rising time."""
+    return table if table.index.is_monotonic_increasing else table.sort_index(kind="stable")
+
+
+def foreign_table(series: Series, begin_ns: int) -> pd.DataFrame:
+    """Return the table of a topic of somebody else: what its messages hold, over publish time.
+
+    Parts of parts are joined by ``_``; arrays are numbered, those of a JointState carry their names; stamps are whole
+    ns.  No units: the message types do not say them.
+
+    Parameters
+    ----------
+    series
+        The messages.
+    begin_ns
+        Time 0 of the table [ns since 1970].
+
+    Raises
+    ------
+    ValueError
+        For arrays that are too long for columns.
+    """
+    publish = series.publish_ns
+    found: dict[str, NDArray[Any]] = {}
+    for group in series.groups:
+        numbers = group.numbers()
+        for name, values in _foreign_columns(group):
+            if numbers.size == publish.size:
+                found[name] = values
+            else:
+                _scatter(found, name, numbers, values, publish.size)
+    index = pd.Index(seconds(publish - begin_ns), name=TIME)
+    return in_order(pd.DataFrame(found, index=index, copy=False))
+
+
+def _foreign_columns(group: Group) -> Iterator[tuple[str, NDArray[Any]]]:
+    owners = _owners(group.layout)
+    size = group.numbers().size
+    for leaf in group.leaves:
+        if leaf.dtype is None and not (owners and leaf.path.startswith("name[")):
+            yield _plain(leaf.path), np.full(size, leaf.text, dtype=object)
+    for leaf, values in group.values():
+        name = _plain(leaf.path)
+        if leaf.is_time:
+            yield f"{name}_ns", nanoseconds(values)
+        elif leaf.count is None:
+            yield name, values
+        elif leaf.count > LONGEST_ARRAY:
+            raise ValueError(f"{leaf.path} is an array of {leaf.count} numbers, at most {LONGEST_ARRAY} make columns")
+        else:
+            named = len(owners) == leaf.count and "." not in leaf.path
+            for index, row in enumerate(values):
+                yield f"{owners[index]}_{name}" if named else f"{name}_{index}", row
+
+
+def _scatter(
+    found: dict[str, NDArray[Any]], name: str, numbers: NDArray[np.int64], values: NDArray[Any], size: int
+) -> None:
+    """Put the values of some messages into a column; the others have none or come later."""
+    text = values.dtype == object
+    if name not in found:
+        found[name] = np.full(size, None if text else np.nan, dtype=object if text else np.float64)
+    column_ = found[name]
+    if column_.dtype != object and text:
+        column_ = found[name] = column_.astype(object)
+    column_[numbers] = values
+
+
+def _plain(path: str) -> str:
+    """Return a path as one writes a column: ``pose.position.x`` becomes ``pose_position_x``."""
+    return path.replace("].", "_").replace("[", "_").replace("]", "").replace(".", "_")
