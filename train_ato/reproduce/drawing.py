@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from train_ato.figure import COLOURS, LONG_RUN_S
 from train_ato.types import Array
 
-__all__ = ["COLOURS", "Series", "inset", "panels", "save", "trace"]
+__all__ = ["COLOURS", "Series", "blank", "inset", "panels", "save", "trace"]
 
 Series = tuple[str, Array, Array]
 """Label, time [s], values."""
@@ -22,13 +22,18 @@ POINTS = 20_000
 """Beyond so many points a line is thinned for drawing."""
 
 
+def blank(title: str, rows: int, columns: int, size: tuple[float, float], *, shared: bool) -> tuple[Figure, Any]:
+    """Return a figure and its (rows, columns) panels; the panels of a column can share their time axis."""
+    figure = Figure(figsize=size, dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title)
+    return figure, figure.subplots(rows, columns, sharex="col" if shared else False, squeeze=False)
+
+
 def panels(count: int, title: str, *, height: float = 2.6, shared: bool = True) -> tuple[Figure, list[Axes]]:
     """Return a figure with panels below each other."""
-    figure = Figure(figsize=(11, 0.8 + height * count), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(count, 1, sharex=shared, squeeze=False)[:, 0]
-    figure.suptitle(title)
-    return figure, list(axes)
+    figure, axes = blank(title, count, 1, (11, 0.8 + height * count), shared=shared)
+    return figure, list(axes[:, 0])
 
 
 def trace(

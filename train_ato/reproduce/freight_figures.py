@@ -32,7 +32,9 @@ def draw(results: Results, folder: Path) -> list[Path]:
 def _observers(results: Results, path: Path) -> Path:
     """Figures 3 to 10: d1, d2 and d1' of every car."""
     series = results["observers 1 ms"].series
-    sheet = Sheet("disturbances of every car and their estimates, sampled at 1 ms", 5, 3, height=2.0, width=16)
+    sheet = Sheet(
+        "Paper 002: disturbances of every car and their estimates, sampled at 1 ms", 5, 3, height=2.0, width=16
+    )
     heads = ("d1 in m/s", "d2 in m/s²", "d1' in m/s²")
     for car in range(5):
         for column, head in enumerate(heads):
@@ -45,7 +47,7 @@ def _observers(results: Results, path: Path) -> Path:
                     panel.plot(series["time"], found, color=colour, label=name, lw=width, alpha=alpha)
             panel.plot(series["time"], true, color=COLOURS[1], lw=1.0, ls="--", label="truth")
             room = 1.3 * float(np.abs(true).max())
-            panel.set_ylim(-room, room)
+            panel.set_ylim(-room, room if car else 1.7 * room)
             panel.set_ylabel(f"car {car + 1}: {head}")
     return sheet.save(path, legends=1)
 
@@ -54,7 +56,7 @@ def _tracking(results: Results, path: Path) -> Path:
     """Figures 11 to 13 and the force: left the whole run, right the first three seconds."""
     history = series_of(results["ideal"])
     t = history.time
-    sheet = Sheet("fixed-time law, gain 1.9, cascaded observer, tick 1 ms", 5, 2, height=2.1, width=15)
+    sheet = Sheet("Paper 002: fixed-time law, gain 1.9, cascaded observer, tick 1 ms", 5, 2, height=2.1, width=15)
     motion = np.gradient(history.position, t, axis=0)
     stretch = -np.diff(history.position, axis=1) - np.diff(OFFSETS)
     error = position_error(history, OFFSETS)
@@ -91,7 +93,7 @@ def _tracking(results: Results, path: Path) -> Path:
 
 def _settling(results: Results, path: Path) -> Path:
     """Draw what the error dynamics alone need."""
-    sheet = Sheet("error dynamics of the fixed-time law without limits, from 108 m", 2)
+    sheet = Sheet("Paper 002: error dynamics of the fixed-time law without limits, from 108 m", 2)
     for index, gain in enumerate(("1.9", "50")):
         series = results[f"gain {gain} from 108 m"].series
         later = series["time"] > 1e-9
@@ -107,7 +109,7 @@ def _settling(results: Results, path: Path) -> Path:
 
 def _realistic(results: Results, path: Path) -> Path:
     """Draw the realistic version at a delay of 1 s: worst position error, mean speed error, couplers, force."""
-    sheet = Sheet("limits, lag 0.4 s, delay 1.0 s, noise, travelling load of 0.1 m/s²", 5)
+    sheet = Sheet("Paper 002: limits, lag 0.4 s, delay 1.0 s, noise, travelling load of 0.1 m/s²", 5)
     choices = (
         ("print", "paper's law, gain 2"),
         ("scaled predicted", "gain .3, predictor"),

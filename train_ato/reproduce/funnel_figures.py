@@ -37,7 +37,7 @@ def _tracking(
     results: Results, keys: Mapping[str, str], title: str, path: Path, zoom: tuple[float, float] | None = None
 ) -> Path:
     """Figures 1 to 5: speed, position error, speed error, force; on the right a stretch of it [min]."""
-    sheet = Sheet(title, 4, 1 if zoom is None else 2, width=11 if zoom is None else 15)
+    sheet = Sheet(f"Paper 003: {title}", 4, 1 if zoom is None else 2, width=11 if zoom is None else 15)
     for index, (key, label) in enumerate(keys.items()):
         history = series_of(results[key])
         series = (
@@ -63,7 +63,9 @@ def _tracking(
 
 def _funnels(results: Results, path: Path) -> Path:
     """Draw errors and funnels of the short saturated run, printed and corrected."""
-    sheet = Sheet("funnels with 200 kN (short run): printed left, corrected right", 2, 2, height=3.0, width=14)
+    sheet = Sheet(
+        "Paper 003: funnels with 200 kN (short run): printed left, corrected right", 2, 2, height=3.0, width=14
+    )
     for column, key in enumerate(("printed saturated", "corrected saturated")):
         case, history = CASES[key], series_of(results[key])
         phi1, phi2 = boundaries(case, history)
@@ -79,7 +81,7 @@ def _funnels(results: Results, path: Path) -> Path:
 
 def _planned(results: Results, path: Path) -> Path:
     """Draw how far 200 kN lead the train off the profile that asks for more."""
-    sheet = Sheet("200 kN: off the profile that asks for 225.7 kN (short run)", 3)
+    sheet = Sheet("Paper 003: 200 kN: off the profile that asks for 225.7 kN (short run)", 3)
     choices = (
         ("predictor saturated", "followed"),
         ("predictor planned", "planned for beforehand"),

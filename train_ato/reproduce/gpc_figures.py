@@ -35,7 +35,7 @@ def draw(results: Results, folder: Path) -> list[Path]:
 
 def _runs(results: Results, keys: Mapping[str, str], title: str, path: Path, minutes: bool = False) -> Path:
     """Figures 5 to 8: speed, error of the first unit, position error, force, couplers."""
-    sheet = Sheet(title, 5)
+    sheet = Sheet(f"Paper 004: {title}", 5)
     for index, (key, label) in enumerate(keys.items()):
         history = series_of(results[key])
         t, colour = history.time / (60.0 if minutes else 1.0), COLOURS[index]
@@ -61,7 +61,7 @@ def _runs(results: Results, keys: Mapping[str, str], title: str, path: Path, min
 
 def _sampling(results: Results, path: Path) -> Path:
     """Draw the rms speed error over the sampling period and over lambda."""
-    sheet = Sheet("N = 3, Nu = 2 (short run)", 1, 2, height=4.0, share=False)
+    sheet = Sheet("Paper 004: N = 3, Nu = 2 (short run)", 1, 2, height=4.0, share=False)
     left, right = sheet.panel(0, 0), sheet.panel(0, 1)
     for index, (suffix, label) in enumerate((("", "U = 0 beyond Nu (print)"), (" held", "U held beyond Nu"))):
         errors = [1e3 * speed_rms(results[f"Ts {period}{suffix}"]) for period in SAMPLINGS]

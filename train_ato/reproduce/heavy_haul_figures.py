@@ -59,7 +59,7 @@ def _tracking(results: Results, folder: Path, suffix: str, number: str) -> Path:
     trace(error, errors, "speed error v - v_d in km/h")
     error.axhspan(-0.15, 0.15, color="0.5", alpha=0.12, lw=0)
     error.set_xlabel("time in min (grey: +-0.15 km/h)")
-    return save(figure, folder, f"000_tracking{suffix.replace(' ', '_')}.png")
+    return save(figure, folder, f"paper000_tracking{suffix.replace(' ', '_')}.png")
 
 
 def _network(results: Results, folder: Path) -> Path:
@@ -76,7 +76,7 @@ def _network(results: Results, folder: Path) -> Path:
         trace(axes[2 * row + 1], [("error of the estimate", run.time, found - truth)], "error in m/s²", color="#d1495b")
         axes[2 * row + 1].axhspan(-5e-5, 5e-5, color="0.3", alpha=0.5, lw=0)
     axes[-1].set_xlabel("time in min (dark band: +-5e-5 m/s²)")
-    return save(figure, folder, "000_network.png")
+    return save(figure, folder, "paper000_network.png")
 
 
 def _force(results: Results, folder: Path) -> Path:
@@ -97,7 +97,7 @@ def _force(results: Results, folder: Path) -> Path:
         minutes=False,
     )
     detail.set_xlabel("time in s: the air brake is applied")
-    return save(figure, folder, "000_force.png")
+    return save(figure, folder, "paper000_force.png")
 
 
 def _couplers(results: Results, folder: Path) -> Path:
@@ -111,7 +111,7 @@ def _couplers(results: Results, folder: Path) -> Path:
         trace(panel, lines, "coupler force in kN")
         panel.set_title(title + " (grey: all couplers)", fontsize="medium")
     axes[-1].set_xlabel("time in min")
-    return save(figure, folder, "000_couplers.png")
+    return save(figure, folder, "paper000_couplers.png")
 
 
 def _observer(results: Results, folder: Path) -> Path:
@@ -129,7 +129,7 @@ def _observer(results: Results, folder: Path) -> Path:
     part = (run.time >= 600) & (run.time <= 620)
     trace(detail, [(label, time[part], d[part]) for label, time, d in lines], "d in m/s²", minutes=False)
     detail.set_xlabel("time in s")
-    return save(figure, folder, "000_observer.png")
+    return save(figure, folder, "paper000_observer.png")
 
 
 def _limit(results: Results, folder: Path) -> Path:
@@ -138,7 +138,7 @@ def _limit(results: Results, folder: Path) -> Path:
     trace(error, [(name, run.time, speed_error(run)) for name, run in runs.items()], "speed error in km/h")
     trace(force, [(name, run.time, run.applied[:, 0] / 1e3) for name, run in runs.items()], "applied force in kN")
     force.set_xlabel("time in s")
-    return save(figure, folder, "000_delay_limit.png")
+    return save(figure, folder, "paper000_delay_limit.png")
 
 
 def _twin(results: Results, folder: Path) -> Path:
@@ -152,4 +152,4 @@ def _twin(results: Results, folder: Path) -> Path:
     trace(error, [(label, run.time, speed_error(run)) for label, run in runs.items()], "speed error in km/h")
     trace(force, [(label, run.time, run.applied[:, 0] / 1e3) for label, run in runs.items()], "applied force in kN")
     force.set_xlabel("time in min")
-    return save(figure, folder, "000_twin.png")
+    return save(figure, folder, "paper000_twin.png")

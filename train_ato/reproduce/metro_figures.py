@@ -50,7 +50,7 @@ def _tracking(results: Results, folder: Path) -> Path:
     }
     trace(lagged, _errors(results, named), "v - v_d in m/s\nlag .4 s, delay .3 s")
     lagged.set_xlabel("time in s")
-    return save(figure, folder, "001_tracking.png")
+    return save(figure, folder, "paper001_tracking.png")
 
 
 def _chattering(results: Results, folder: Path) -> Path:
@@ -72,7 +72,7 @@ def _chattering(results: Results, folder: Path) -> Path:
     ]
     trace(axes[2], lines, "v - v_d in m/s\nlag .4 s, delay .3 s", minutes=False)
     axes[2].set_xlabel("time in s")
-    return save(figure, folder, "001_chattering.png")
+    return save(figure, folder, "paper001_chattering.png")
 
 
 def _disturbed(results: Results, folder: Path) -> Path:
@@ -92,7 +92,7 @@ def _disturbed(results: Results, folder: Path) -> Path:
     trace(estimate, [("truth", time, truth), ("ESO, 3 1/s", time, found)], "disturbance in m/s²")
     estimate.set_ylim(np.percentile(truth, 0.2) - 0.1, np.percentile(truth, 99.8) + 0.1)
     estimate.set_xlabel("time in s")
-    return save(figure, folder, "001_disturbed.png")
+    return save(figure, folder, "paper001_disturbed.png")
 
 
 def _literal(results: Results, folder: Path) -> Path:
@@ -111,7 +111,7 @@ def _literal(results: Results, folder: Path) -> Path:
     place.set_yscale("symlog", linthresh=0.1)
     trace(speed, [(label, run.time, 3.6 * run.front_velocity) for label, run in runs.items()], "speed in km/h")
     speed.set_xlabel("time in s")
-    return save(figure, folder, "001_literal.png")
+    return save(figure, folder, "paper001_literal.png")
 
 
 def _delay(results: Results, folder: Path) -> Path:
@@ -127,4 +127,4 @@ def _delay(results: Results, folder: Path) -> Path:
         }
         trace(panel, _errors(results, named), f"v - v_d in m/s\n{label}")
     late.set_xlabel("time in s")
-    return save(figure, folder, "001_delay.png")
+    return save(figure, folder, "paper001_delay.png")

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from train_ato.figure import COLOURS
+from train_ato.reproduce.drawing import COLOURS, blank
 
 __all__ = ["COLOURS", "Sheet"]
 
@@ -34,10 +31,7 @@ class Sheet:
     def __init__(
         self, title: str, rows: int, columns: int = 1, *, height: float = 2.4, width: float = 11.0, share: bool = True
     ) -> None:
-        self._figure = Figure(figsize=(width, 0.8 + height * rows), dpi=110, layout="constrained")
-        FigureCanvasAgg(self._figure)
-        self.panels: Any = self._figure.subplots(rows, columns, sharex="col" if share else False, squeeze=False)
-        self._figure.suptitle(title)
+        self._figure, self.panels = blank(title, rows, columns, (width, 0.8 + height * rows), shared=share)
 
     def panel(self, row: int, column: int = 0) -> Axes:
         """Return one panel."""
