@@ -25,6 +25,7 @@ from train_ato.compensate.delay_estimate import DelayEstimate
 from train_ato.compensate.preview import Preview, PreviewParameters
 from train_ato.control.contract import parameter
 from train_ato.control.parts.chain import Chain
+from train_ato.control.parts.shares import mean_over_units
 from train_ato.types import Array
 
 if TYPE_CHECKING:
@@ -108,7 +109,7 @@ class Predictor(Preview):
         force, wanted = float(now.applied.sum()), due.sum(axis=1).tolist()
         push, mass = float(disturbance.sum()), self.model.inertia
         speed, moved = 0.0, 0.0
-        start = sum(s * v for s, v in zip(self._share, now.velocity.tolist(), strict=True))
+        start = mean_over_units(self._share, now.velocity.tolist())
         for command, resistance in zip(wanted, resisting, strict=True):
             mean = command + (force - command) * lasting
             pull = (mean + push - resistance) / mass
@@ -125,7 +126,7 @@ class Predictor(Preview):
     def _resistance(self, now: Situation, count: int, h: float, shoes: float) -> list[float]:
         """Return what holds the train back in the middle of every sub-interval [N]."""
         model, rigid = self.model, self.rigid
-        speed = sum(s * v for s, v in zip(self._share, now.velocity.tolist(), strict=True))
+        speed = mean_over_units(self._share, now.velocity.tolist())
         place = float(now.position[0]) + float(self._offsets[0])
         base = model.running_resistance(speed) + model.line_force(place) + shoes - rigid.resistance(now.t)
         return [base + rigid.resistance(now.t + (k + 0.5) * h) for k in range(count)]

@@ -19,6 +19,7 @@ import numpy as np
 from train_ato.compensate.contract import Situation, View
 from train_ato.compensate.none import NoCompensation
 from train_ato.control.contract import parameter
+from train_ato.control.parts.shares import mean_over_units
 from train_ato.types import Array
 
 if TYPE_CHECKING:
@@ -75,4 +76,4 @@ class Preview(NoCompensation):
         else:
             last = under_way[-1].tolist()
             delays = [b if u < 0 else f for f, b, u in zip(self.forward, self.backward, last, strict=True)]
-        return float(sum(share * delay for share, delay in zip(self._share, delays, strict=True)))
+        return mean_over_units(self._share, delays)

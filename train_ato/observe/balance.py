@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from train_ato.control.parts.couplers import UnitCouplers
+from train_ato.control.parts.shares import mean_over_units
 from train_ato.observe.contract import ObserverInput
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ class Balance:
 
     def _train(self, inputs: ObserverInput) -> State:
         speeds = inputs.velocity.tolist()
-        speed = sum(share * value for share, value in zip(self._share, speeds, strict=True))
+        speed = mean_over_units(self._share, speeds)
         place = float(inputs.position[0] + self._model.offsets[0])
         resisting = self._model.running_resistance(speed) + self._model.line_force(place) + inputs.train_shoe_force
         inertia = self._model.inertia

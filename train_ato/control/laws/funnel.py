@@ -32,6 +32,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from operator import sub
 from typing import TYPE_CHECKING, ClassVar
 
 from train_ato.control.contract import LawInput, parameter
@@ -94,17 +95,16 @@ class Funnel(GuardedLaw):
         self._leak = leak
         self._keep = math.exp(-leak * period)
         self._charge = -math.expm1(-leak * period) / leak if leak > 0.0 else period
-        self._share: list[float] = model.share.tolist()
         self._width = p.fastest / max(1, p.bells - 1)
+        self._narrow = math.exp(-A2 * period)
         self._centres = [index * self._width for index in range(p.bells)]
         self._weights = Weights([0.0] * p.bells, p.weight_limit)
-        self._offset = Weights([0.0], p.weight_limit)
         self.forget()
 
     def forget(self) -> None:
         """Close the funnels, empty the delay state and the network."""
         self._weights.reset()
-        self._offset.reset()
+        self._offset = 0.0
         self.phi1, self.phi2 = self.parameters.phi1, self.parameters.phi2
         self._h, self._bound, self._t = 0.0, 0.0, 0.0
         self._alpha: float | None = None
@@ -118,9 +118,9 @@ class Funnel(GuardedLaw):
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force wanted [N]."""
         mass = self.model.inertia
-        place_error = self._mean((inputs.position - inputs.reference_position).tolist())
-        speed, target = self._mean(inputs.velocity.tolist()), self._mean(inputs.reference_velocity.tolist())
-        pull = self._mean(inputs.reference_acceleration.tolist())
+        place_error = self.mean(list(map(sub, inputs.position.tolist(), inputs.reference_position.tolist())))
+        speed, target = self.mean(inputs.velocity.tolist()), self.mean(inputs.reference_velocity.tolist())
+        pull = self.mean(inputs.reference_acceleration.tolist())
         self._remember(inputs)
         k1 = self._gain(self._k10, place_error, self.phi1)
         alpha, rate = self._surface(target - k1 * place_error, pull - k1 * (speed - target))
@@ -130,10 +130,7 @@ class Funnel(GuardedLaw):
         wanted -= sum(inputs.disturbance.tolist())
         self._widen(wanted, error, inputs)
         self._wanted = wanted
-        return [wanted * share for share in self._share]
-
-    def _mean(self, values: list[float]) -> float:
-        return sum(share * value for share, value in zip(self._share, values, strict=True))
+        return [wanted * share for share in self.share]
 
     def _remember(self, inputs: LawInput) -> None:
         """Move the delay state (21) over the sample that ends here."""
@@ -184,23 +181,25 @@ class Funnel(GuardedLaw):
         if p.resistance == "model":
             return force
         hidden = bells((speed,), self._centres, self._width)
-        found = self._weights.output(hidden) + self._offset.output((1.0,))
+        found = self._weights.output(hidden) + self._offset
         if self._printed or not any(self.cut):
             self._weights.learn(-p.gamma_w * error * self.period, hidden)
-            self._offset.learn(-p.gamma_eps * error * self.period, (1.0,))
+            offset = self._offset - p.gamma_eps * error * self.period
+            self._offset = min(max(offset, -p.weight_limit), p.weight_limit)
         return force + model.inertia * found
 
     def _widen(self, wanted: float, error: float, inputs: LawInput) -> None:
         """Move the funnels (7), (8) over the coming sample."""
         if self.parameters.funnel == "fixed":
             return
-        low, high = sum(inputs.force_min.tolist()), sum(inputs.force_max.tolist())
-        cut = abs(wanted - min(max(wanted, low), high)) / self.model.inertia
-        grow = cut / max(abs(error), self.parameters.delta) if self.parameters.funnel == "dynamic" else 0.0
-        h, beta2 = self.period, self._beta2
-        before = self.phi2
+        h, beta2, before = self.period, self._beta2, self.phi2
         rest = beta2 / A2
-        faster = (self.phi2 - rest) * math.exp(-A2 * h) + rest
-        self.phi2 = min(faster * math.exp(min(grow * h, 20.0)), WIDEST)
+        wide = (before - rest) * self._narrow + rest
+        low, high = sum(inputs.force_min.tolist()), sum(inputs.force_max.tolist())
+        if not low <= wanted <= high and self.parameters.funnel == "dynamic":
+            cut = abs(wanted - min(max(wanted, low), high)) / self.model.inertia
+            grow = cut / max(abs(error), self.parameters.delta)
+            wide *= math.exp(min(grow * h, 20.0))
+        self.phi2 = min(wide, WIDEST)
         slope = P1 * before - A1 * self.phi1 + BETA1 - P1 * beta2 / A2
         self.phi1 = min(max(self.phi1 + h * slope, BETA1 / A1), WIDEST)

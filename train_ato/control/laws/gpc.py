@@ -78,13 +78,12 @@ class Gpc(GuardedLaw):
         self._every = max(1, round(p.sampling / period))
         self._sampling = self._every * period
         self.horizon = math.ceil(p.n * self._every) + 1
-        self._share: list[float] = model.share.tolist()
         self._single = p.loops == "mean"
         forward, backward, lag = model.delay.tolist(), model.delay_brake.tolist(), model.lag
         if p.delay == "none":
             forward, backward = [0.0] * self.n, [0.0] * self.n
         if self._single:
-            forward, backward = [self._mean(forward)], [self._mean(backward)]
+            forward, backward = [self.mean(forward)], [self.mean(backward)]
         self._mass = [model.inertia] if self._single else (model.inertia * model.share).tolist()
         self._loops = [Loop(p, a, b, lag, self._sampling) for a, b in zip(forward, backward, strict=True)]
         self.forget()
@@ -106,7 +105,7 @@ class Gpc(GuardedLaw):
         errors: list[float] = (inputs.position - inputs.reference_position).tolist()
         sent, cut = self._held, any(self.cut)
         if self._single:
-            speeds, errors, sent = [self._mean(speeds)], [self._mean(errors)], [sum(sent)]
+            speeds, errors, sent = [self.mean(speeds)], [self.mean(errors)], [sum(sent)]
         ahead = self._ahead(inputs)
         pushes = [
             loop.step(speed, force / mass, ahead - self.parameters.position * error, cut)
@@ -115,15 +114,12 @@ class Gpc(GuardedLaw):
         disturbance = inputs.disturbance.tolist()
         if self._single:
             total = pushes[0] * self._mass[0] - sum(disturbance)
-            self._wanted = [total * share for share in self._share]
+            self._wanted = [total * share for share in self.share]
         else:
             self._wanted = [
                 push * mass - force for push, mass, force in zip(pushes, self._mass, disturbance, strict=True)
             ]
         return self._wanted
-
-    def _mean(self, values: list[float]) -> float:
-        return sum(share * value for share, value in zip(self._share, values, strict=True))
 
     def _ahead(self, inputs: LawInput) -> Array:
         """Return the reference speed at the coming samples, shape (N,)."""

@@ -53,7 +53,6 @@ class LagSmc(GuardedLaw):
         self._couplers = UnitCouplers(model)
         self._common = parameters.command == "common" or bool(self._couplers.missing)
         self._mass: list[float] = (model.inertia * model.share).tolist()
-        self._share: list[float] = model.share.tolist()
 
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force wanted [N]."""
@@ -66,14 +65,14 @@ class LagSmc(GuardedLaw):
                 force + mass * self._lag * self._push(error, rate, net, inputs)
                 for force, mass, error, rate, net in zip(applied, self._mass, errors, rates, nets, strict=True)
             ]
-        mean = self._mean(rates)
+        mean = self.mean(rates)
         total = sum(applied)
         net = self._train_net(inputs, total)
-        wanted = total + self.model.inertia * self._lag * self._push(self._mean(errors), mean, net, inputs)
+        wanted = total + self.model.inertia * self._lag * self._push(self.mean(errors), mean, net, inputs)
         damping = self.parameters.damping
         return [
             share * wanted - mass * damping * (rate - mean)
-            for share, mass, rate in zip(self._share, self._mass, rates, strict=True)
+            for share, mass, rate in zip(self.share, self._mass, rates, strict=True)
         ]
 
     def _push(self, error: float, rate: float, net: float, inputs: LawInput) -> float:
@@ -83,9 +82,6 @@ class LagSmc(GuardedLaw):
         surface = off + p.c1 * rate + p.c0 * error
         switching = p.k * surface / (abs(surface) + p.phi)
         return float(inputs.acting_jerk - p.c1 * off - p.c0 * rate - switching - p.k_i * surface)
-
-    def _mean(self, values: list[float]) -> float:
-        return sum(share * value for share, value in zip(self._share, values, strict=True))
 
     def _unit_nets(self, inputs: LawInput, applied: list[float]) -> list[float]:
         own = self.model.own_resistance(inputs.velocity, inputs.position).tolist()
@@ -100,7 +96,7 @@ class LagSmc(GuardedLaw):
 
     def _train_net(self, inputs: LawInput, total: float) -> float:
         model = self.model
-        speed = self._mean(inputs.velocity.tolist())
+        speed = self.mean(inputs.velocity.tolist())
         place = float(inputs.position[0] + model.offsets[0])
         resisting = model.running_resistance(speed) + model.line_force(place) + inputs.train_shoe_force
         return float((total + sum(inputs.disturbance.tolist()) - resisting) / model.inertia)

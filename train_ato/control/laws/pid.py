@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from operator import sub
 from typing import TYPE_CHECKING, ClassVar
 
 from train_ato.control.contract import LawInput, parameter
@@ -70,6 +71,7 @@ class Pid(GuardedLaw):
         self._keep = math.exp(-period / parameters.derivative_time) if parameters.derivative_time > 0 else 0.0
         self._smooth = math.exp(-period / parameters.filter_time) if parameters.filter_time > 0 else 0.0
         self._of_position = parameters.integral == "position"
+        self._nothing = [0.0] * self.n
         self.forget()
 
     def forget(self) -> None:
@@ -86,17 +88,18 @@ class Pid(GuardedLaw):
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force wanted [N]."""
         p = self.parameters
-        errors: list[float] = (inputs.velocity - inputs.reference_velocity).tolist()
+        errors = list(map(sub, inputs.velocity.tolist(), inputs.reference_velocity.tolist()))
         if self._smooth:
             errors = self._filter(errors)
-        distances: list[float] = (inputs.position - inputs.reference_position).tolist()
-        known = inputs.feedforward.tolist() if p.feedforward else [0.0] * self.n
-        disturbance = inputs.disturbance.tolist() if p.disturbance else [0.0] * self.n
+        integrals = self._distances(inputs) if self._of_position else self._summed(errors)
+        known = inputs.feedforward.tolist() if p.feedforward else self._nothing
+        disturbance = inputs.disturbance.tolist() if p.disturbance else self._nothing
         wanted = []
-        for unit, error in enumerate(errors):
-            kp, ki, kd = self._gains[unit]
-            rate = self._derivative(unit, error) if kd else 0.0
-            force = kp * error + ki * self._integrated(unit, error, distances[unit]) + kd * rate
+        for unit, (kp, ki, kd) in enumerate(self._gains):
+            error = errors[unit]
+            force = kp * error + ki * integrals[unit]
+            if kd:
+                force += kd * self._derivative(unit, error)
             wanted.append(known[unit] - disturbance[unit] - force)
         self._before = errors
         return wanted
@@ -112,14 +115,17 @@ class Pid(GuardedLaw):
             self._rate[unit] = self._keep * self._rate[unit] + (1.0 - self._keep) * raw
         return self._rate[unit]
 
-    def _integrated(self, unit: int, error: float, distance: float) -> float:
+    def _distances(self, inputs: LawInput) -> list[float]:
+        """Return the measured position errors, clamped [m]."""
         limit: float = self.parameters.integral_limit
-        if self._of_position:
-            total = distance
-        else:
-            total = self._integral[unit]
+        errors = map(sub, inputs.position.tolist(), inputs.reference_position.tolist())
+        return [error if -limit <= error <= limit else math.copysign(limit, error) for error in errors]
+
+    def _summed(self, errors: list[float]) -> list[float]:
+        """Return the summed speed errors, clamped; a unit at a limit holds its own while that drives it further [m]."""
+        limit: float = self.parameters.integral_limit
+        for unit, error in enumerate(errors):
             if not (self.cut[unit] and (self._held[unit] > 0) == (error < 0)):
-                total += error * self.period
-        total = min(max(total, -limit), limit)
-        self._integral[unit] = total
-        return total
+                total = self._integral[unit] + error * self.period
+                self._integral[unit] = min(max(total, -limit), limit)
+        return self._integral

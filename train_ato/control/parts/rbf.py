@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import mul
 
 CENTRES = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """The five centres that papers 000 and 001 use, up to a scale."""
@@ -21,11 +22,14 @@ def bells(inputs: Sequence[float], centres: Sequence[float], width: float) -> li
     width
         b > 0.
     """
-    scale = -0.5 / (width * width)
+    scale, exp = -0.5 / (width * width), math.exp
     if len(inputs) == 1:
         x = inputs[0]
-        return [math.exp(scale * (x - centre) * (x - centre)) for centre in centres]
-    return [math.exp(scale * sum((x - centre) * (x - centre) for x in inputs)) for centre in centres]
+        return [exp(scale * (x - centre) * (x - centre)) for centre in centres]
+    if len(inputs) == 2:
+        x, y = inputs
+        return [exp(scale * ((x - c) * (x - c) + (y - c) * (y - c))) for c in centres]
+    return [exp(scale * sum([(x - centre) * (x - centre) for x in inputs])) for centre in centres]
 
 
 class Weights:
@@ -54,13 +58,19 @@ class Weights:
 
     def output(self, hidden: Sequence[float]) -> float:
         """Return W'h."""
-        return sum(w * h for w, h in zip(self.values, hidden, strict=True))
+        total: float = sum(map(mul, self.values, hidden))
+        return total
 
     def learn(self, rate: float, hidden: Sequence[float]) -> None:
         """Move every weight by ``rate h_j`` and the momentum of the last move."""
-        bound = self._bound
+        bound, momentum, values, moved = self._bound, self._momentum, self.values, self._moved
         for j, h in enumerate(hidden):
-            old = self.values[j]
-            new = min(max(old + rate * h + self._momentum * self._moved[j], -bound), bound)
-            self._moved[j] = new - old
-            self.values[j] = new
+            old = values[j]
+            new = old + rate * h
+            if momentum:
+                new += momentum * moved[j]
+            if not -bound <= new <= bound:
+                new = min(max(new, -bound), bound)
+            if momentum:
+                moved[j] = new - old
+            values[j] = new

@@ -1,0 +1,142 @@
+"""Time of one step of every law, around `step()` alone, beside a law that only returns its output.
+
+    python bench/laws.py [LAW ...]
+
+Every law drives a train it is made for first; the inputs it was given there are kept and fed to it again, several
+times.  A step's time is the best of these rounds, because others may use the machine too; median and 99th percentile
+are over the steps, so a step that costs more than the others (a model identified anew) stays in.  The exit status is 1
+when a law's median is more than twice its goal.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from train_ato.control.contract import LawInput, LawOutput
+from train_ato.control.registry import LAWS
+from train_ato.engine import run_engine
+from train_ato.run_setup import prepare
+from train_ato.scenario import load
+
+ROUNDS = 9
+STEPS = 1000
+"""Longest run that is kept, in steps of the law."""
+WARM = 50
+"""Steps at the start that are not counted."""
+
+
+@dataclass(frozen=True)
+class Ride:
+    """A law on a train it is made for, and the time that one step may take [us]; None: no goal is set."""
+
+    law: str
+    scenario: str
+    goal: float | None = None
+    changes: dict[str, Any] = field(default_factory=dict)
+    note: str = ""
+
+
+GPC = {"control_period": 1.2, "compensation": "none"}
+RIDES = (
+    Ride("pid", "demo", 5.0),
+    Ride("smc", "daqin_heavy_haul:ideal", 15.0),
+    Ride("rbf_smc", "daqin_heavy_haul:ideal", 15.0),
+    Ride("rbf_switching_smc", "xuzhou_metro", 15.0),
+    Ride("fixed_time_smc", "freight_consensus", None, note="five units"),
+    Ride("lag_smc", "freight_consensus:realistic", None, note="five units"),
+    Ride("funnel", "crh380a_funnel:short", 10.0),
+    Ride("gpc", "crh380a_gpc:short", 100.0, GPC, "three units, one loop on their mean, every step a sample"),
+    Ride(
+        "gpc", "crh380a_gpc:short+free", 100.0, GPC | {"controllers": {"gpc": {"loops": "unit"}}},
+        "three units, a loop each, every step a sample",
+    ),
+)  # fmt: skip
+
+
+class Floor:
+    """A law that does nothing but return an output."""
+
+    def __init__(self, units: int) -> None:
+        self._force = [0.0] * units
+
+    def reset(self) -> None:
+        """Forget nothing."""
+
+    def step(self, inputs: LawInput) -> LawOutput:
+        """Return 0 N for every unit."""
+        return LawOutput(np.array(self._force))
+
+
+def recorded(ride: Ride) -> tuple[Any, list[LawInput]]:
+    """Let the law drive its ride; return a fresh copy of it and what it was given."""
+    inner = LAWS.get(ride.law)
+    given: list[LawInput] = []
+
+    class Recording(inner):  # type: ignore[misc, valid-type]
+        def step(self, inputs: LawInput) -> LawOutput:
+            given.append(inputs)
+            output: LawOutput = super().step(inputs)
+            return output
+
+    LAWS.register(name := f"{ride.law}_recorded_{id(ride)}", Recording)
+    scenario, path = load(ride.scenario, changes=ride.changes)
+    period = scenario.control_period or scenario.tick
+    parameters = scenario.controllers.get(ride.law, {})
+    changes = {
+        "controller": name,
+        "controllers": {name: parameters},
+        "duration": min(scenario.duration, STEPS * period),
+    }
+    setup = prepare(scenario.model_copy(update=changes), path)
+    outcome = run_engine(setup)
+    if outcome.failure:
+        raise SystemExit(f"{ride.law} on {ride.scenario}: {outcome.failure}")
+    return LAWS.make(ride.law, parameters, setup.model, period), given
+
+
+def step_times(law: Any, given: Sequence[LawInput]) -> tuple[float, float]:
+    """Return median and 99th percentile over the steps [us], every step the best of several rounds."""
+    taken = np.empty((ROUNDS, len(given)))
+    clock = time.perf_counter_ns
+    for row in taken:
+        law.reset()
+        for index, inputs in enumerate(given):
+            begin = clock()
+            law.step(inputs)
+            row[index] = clock() - begin
+    median, high = np.percentile(taken[:, WARM:].min(axis=0), [50, 99]) / 1e3
+    return float(median), float(high)
+
+
+def main() -> int:
+    """Print the table; return the exit status."""
+    asked = sys.argv[1:] or [name for name in LAWS.names() if name in LAWS.loadable()]
+    for name in asked:
+        LAWS.get(name)
+    known = {ride.law for ride in RIDES}
+    rides = [ride for ride in RIDES if ride.law in asked]
+    rides += [Ride(name, "demo") for name in asked if name not in known]
+    print(f"{'law':18} {'units':>5} {'median us':>10} {'99 % us':>9} {'floor us':>9} {'ratio':>7} {'goal us':>8}  ride")
+    slow = False
+    for ride in rides:
+        law, given = recorded(ride)
+        units = given[0].force_min.size
+        floor, _ = step_times(Floor(units), given)
+        median, high = step_times(law, given)
+        slow |= ride.goal is not None and median > 2.0 * ride.goal
+        goal = "-" if ride.goal is None else f"{ride.goal:g}"
+        print(
+            f"{ride.law:18} {units:5d} {median:10.2f} {high:9.2f} {floor:9.2f} {median / floor:7.1f} {goal:>8}  "
+            f"{ride.scenario}{', ' if ride.note else ''}{ride.note}"
+        )
+    return 1 if slow else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
