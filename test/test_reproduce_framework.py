@@ -78,6 +78,20 @@ def test_rows_have_the_documented_keys_and_are_written(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "cases.json").read_text())["999"]["a"] == {"value": 3.0}
 
 
+def test_the_page_has_claims_counts_and_tables(tmp_path: Path) -> None:
+    """Breaks if a claim, its verdict's count or a table is missing from the page, or a bar in a text breaks a row."""
+    case = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 3.0})
+    table = Table("squares", ("law", "square"), lambda results: [("pid", results["a"].summary["value"])])
+    broken = Table("lost", ("law",), lambda results: [(results["b"],)])
+    paper = _paper({"a": case}, Claim("small | fast", "below 2", ("a",), _holds), tables=(table, broken))
+    _run([paper], tmp_path)
+    page = (tmp_path / "reproduce.md").read_text(encoding="utf-8")
+    assert "| small \\| fast | below 2 | 3.0 | not reproduced | below 2 |" in page
+    assert f"| {paper.number}: {paper.title} | 0 | 0 | 1 |" in page
+    assert "| pid | 3.0 |" in page
+    assert "not available: KeyError" in page
+
+
 def test_an_engine_case_brings_summary_and_series() -> None:
     """Breaks if the overlay of a case is not applied or the series are lost on the way."""
     result = carry_out(SHORT)

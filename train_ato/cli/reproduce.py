@@ -20,6 +20,7 @@ from train_ato.cli.run import note_compilation
 from train_ato.cli.screen import console, shown
 from train_ato.reproduce.claims import Table
 from train_ato.reproduce.judging import claims_of
+from train_ato.reproduce.page import table_rows
 from train_ato.reproduce.pool import Finished, Moved
 from train_ato.reproduce.session import Judged, load_paper, paper_numbers, reproduce
 from train_ato.run_folder import RunFolder
@@ -56,7 +57,9 @@ def execute(options: argparse.Namespace) -> int:
     try:
         note_compilation()
         with _bar() as progress:
-            reproduce(papers, folder.path, full=options.full, jobs=options.jobs, done=take, progress=progress)
+            reproduce(
+                papers, folder.path, full=options.full, jobs=options.jobs, done=take, progress=progress, shown=shown
+            )
     finally:
         if not judged:
             folder.discard()
@@ -129,10 +132,6 @@ def _grid(table: Table, judged: Judged) -> Grid:
     grid = Grid(title=table.title, title_justify="left")
     for number, head in enumerate(table.columns):
         grid.add_column(head, justify="left" if number == 0 else "right", overflow="fold")
-    try:
-        rows = table.rows(judged.results)
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        rows = [(f"not available: {type(error).__name__}: {error}",)]
-    for row in rows:
+    for row in table_rows(table, judged.results):
         grid.add_row(*(escape(shown(entry)) for entry in row))
     return grid

@@ -13,6 +13,7 @@ from typing import Any
 import train_ato.reproduce
 from train_ato.reproduce.claims import Calculation, Case, Paper, Result
 from train_ato.reproduce.judging import Row, cases_of, judge_paper
+from train_ato.reproduce.page import overview, section
 from train_ato.reproduce.pool import Finished, Moved, WorkerPool
 
 __all__ = ["Judged", "load_paper", "paper_numbers", "reproduce"]
@@ -68,6 +69,7 @@ def reproduce(
     jobs: int,
     done: Callable[[Judged], None],
     progress: Callable[[Moved | Finished, int], None],
+    shown: Callable[[Any], str] = str,
 ) -> None:
     """Run every case of the papers once and judge each paper as soon as its cases are complete.
 
@@ -76,7 +78,7 @@ def reproduce(
     papers
         In the order in which they are run.
     folder
-        Takes ``reproduce.json`` (rewritten after every paper), ``cases.json`` and the figures.
+        Takes ``reproduce.json`` and ``reproduce.md`` (rewritten after every paper), ``cases.json`` and the figures.
     full
         Long cases and claims too.
     jobs
@@ -85,9 +87,12 @@ def reproduce(
         Called with every paper when it is judged.
     progress
         Called with everything that happens and the number of tasks in all.
+    shown
+        Turns a figure of a table into text.
     """
     pending, tasks = _plan(papers, full)
     rows: list[Row] = []
+    sections: dict[str, str] = {}
     summaries: dict[str, dict[str, Any]] = {}
     with WorkerPool(jobs) as pool:
         for event in pool.run(tasks.items()):
@@ -103,6 +108,9 @@ def reproduce(
                     summaries[entry.paper.number] = _figures_of(judged)
                     _write(folder / "reproduce.json", sorted(rows, key=lambda row: row["paper"]))
                     _write(folder / "cases.json", summaries)
+                    names = [path.name for path in judged.figures]
+                    sections[judged.paper.number] = section(judged.paper, judged.rows, judged.results, names, shown)
+                    _write_page(folder, papers, rows, sections, full)
                     done(judged)
 
 
@@ -128,6 +136,13 @@ def _judge(entry: _Pending, folder: Path, full: bool) -> Judged:
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         figures, complaints = [], [f"paper {paper.number}: figures not drawn: {type(error).__name__}: {error}"]
     return Judged(paper, rows, results, figures, complaints)
+
+
+def _write_page(folder: Path, papers: list[Paper], rows: list[Row], sections: dict[str, str], full: bool) -> None:
+    known = {paper.number: paper for paper in papers if paper.number in sections}
+    options = (" all" if len(papers) == len(paper_numbers()) else f" {papers[0].number}") + (" --full" if full else "")
+    head = overview(rows, known, options)
+    (folder / "reproduce.md").write_text("\n".join([head, *(sections[key] for key in sorted(sections))]), "utf-8")
 
 
 def _figures_of(judged: Judged) -> dict[str, Any]:
