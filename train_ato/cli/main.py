@@ -7,8 +7,8 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
 
+from train_ato.arguments import BAD_INPUT, OneLineParser
 from train_ato.version import VERSION
 
 COMMANDS: tuple[tuple[str, str], ...] = (
@@ -25,26 +25,19 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("plan", "the driving profile alone"),
     ("drive", "a profile driven by a smooth driver on the flexible train"),
 )
-DONE, FAILED, BAD_INPUT = 0, 1, 2
+DONE, FAILED = 0, 1
 
 
 class RunFailed(Exception):
     """A run that ended by a failure; the message says which node and why."""
 
 
-class _Parser(argparse.ArgumentParser):
-    """Argument parser whose errors are one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(BAD_INPUT, f"{self.prog}: {message}; see `{self.prog} --help`\n")
-
-
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
+    parser = OneLineParser(
         prog="train-ato", description="Onboard automatic train operation on ROS 2, with the train it drives."
     )
     parser.add_argument("--version", action="version", version=f"train-ato {VERSION}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Parser)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=OneLineParser)
     for name, summary in COMMANDS:
         module = importlib.import_module(f"train_ato.cli.{name.replace('-', '_')}")
         command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")

@@ -8,14 +8,10 @@ from contextlib import suppress
 from pathlib import Path
 
 from train_ato.graph.environment import applied, claim_domain, variables
+from train_ato.graph.recorded import outcome_of
 from train_ato.graph.run_end import GraphOptions, RunEnd
-from train_ato.history import SERIES, HistoryBuilder
 from train_ato.outcome import Outcome, Progress
-from train_ato.record.layout import LOG
-from train_ato.record.reading import read_log
-from train_ato.roles.step_times import StepTimes
 from train_ato.run_setup import RunSetup
-from train_ato.wire import Wire
 
 
 def run_graph(
@@ -63,7 +59,7 @@ def run_graph(
             folder.rmdir()
         raise
     _tidy(folder / "log")
-    return _outcome(setup, folder, end)
+    return outcome_of(setup, folder, end)
 
 
 def _run(
@@ -80,16 +76,6 @@ def _run(
         from train_ato.graph.composed import run_composed
 
         return run_composed(setup, folder, domain, options, report)
-
-
-def _outcome(setup: RunSetup, folder: Path, end: RunEnd) -> Outcome:
-    builder = HistoryBuilder(setup)
-    if (folder / LOG).is_file():
-        for topic, _, message in read_log(folder, Wire(setup.shape).decode, SERIES):
-            builder.add(topic, message)
-    return Outcome.of(
-        setup, builder, end.wall_s, end.ticks, StepTimes(end.step_ns), end.interrupted, end.failure, end.published
-    )
 
 
 def _tidy(log_folder: Path) -> None:

@@ -9,13 +9,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from train_ato.arguments import BAD_INPUT, OneLineParser
 from train_ato.graph.environment import discovery_profile
 from train_ato.graph.run_end import LOCKSTEP_TIMEOUT_S, PACED_TIMEOUT_S
 from train_ato.topics import Role
 
 
 def _arguments(role: Role) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(prog=role.value, description=f"Node {role.value} of a train_ato graph.")
+    parser = OneLineParser(prog=f"{role.value}_node", description=f"Node {role.value} of a train_ato graph.")
     parser.add_argument("--scenario", required=True, metavar="SCENARIO[:VARIANT]", help="shipped name or a file")
     parser.add_argument("--set", action="append", default=[], metavar="A.B=V", help="change one key of the scenario")
     parser.add_argument("--pipes", action="store_true", help=argparse.SUPPRESS)
@@ -24,6 +25,7 @@ def _arguments(role: Role) -> argparse.Namespace:
         parser.add_argument(
             "--timeout", type=float, metavar="S", help="wall time after which a silent node ends the run"
         )
+        parser.add_argument("--recorded", action="store_true", help="do not begin without a recorder")
     if role is Role.RECORDER:
         parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the log")
     own, ros = sys.argv[1:], []
@@ -58,7 +60,7 @@ def run_role(role: Role) -> int:
             sys.stdout.write(json.dumps({"event": "failed", "reason": f"node {role.value} failed: {text}"}) + "\n")
         else:
             sys.stderr.write(f"{role.value}: {text}\n")
-        return 2
+        return BAD_INPUT
 
 
 def _run(role: Role, options: argparse.Namespace, stopped: dict[str, bool]) -> int:
@@ -74,7 +76,9 @@ def _run(role: Role, options: argparse.Namespace, stopped: dict[str, bool]) -> i
 
     setup = prepare(*load(options.scenario, tuple(options.set)))
     realtime = getattr(options, "realtime", None)
-    timeout = getattr(options, "timeout", None) or (LOCKSTEP_TIMEOUT_S if realtime is None else PACED_TIMEOUT_S)
+    timeout = getattr(options, "timeout", None)
+    if timeout is None:
+        timeout = LOCKSTEP_TIMEOUT_S if realtime is None else PACED_TIMEOUT_S
     folder: Path | None = getattr(options, "out", None)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -86,5 +90,12 @@ def _run(role: Role, options: argparse.Namespace, stopped: dict[str, bool]) -> i
         if role is not Role.RECORDER:
             executor.add_node(shell.node)
         node = make_node(role, setup, shell, folder, realtime, timeout, recorded=options.pipes)
-        turner = PipedNode if options.pipes else AloneNode
-        return turner(role, node, shell, executor, stopped).run()
+        if options.pipes:
+            return PipedNode(role, node, shell, executor, stopped).run()
+        turner = AloneNode(role, node, shell, executor, stopped, getattr(options, "recorded", False))
+        status = turner.run()
+        if folder is not None and not node.log.failure:
+            from train_ato.graph.recorded import complete_folder
+
+            complete_folder(setup, folder, node.log.counts, turner.last_heard - turner.first_heard)
+        return status

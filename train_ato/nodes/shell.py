@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import importlib
+import time
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any
 
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
@@ -169,21 +171,33 @@ class Shell:
         except Exception as error:
             self.watch.fail(self.name, error)
 
-    def missing(self) -> list[str]:
-        """Name the endpoints of other nodes that this node has not met yet."""
+    def missing(self, besides: Collection[Role] = ()) -> list[str]:
+        """Name the endpoints of other nodes that this node has not met yet, those of further roles included."""
+        roles = {*self._roles, *besides}
         absent = []
         for name, publisher in self._publishers.items():
             topic = BY_NAME[name]
-            readers = [role for role in topic.readers if role in self._roles]
-            if topic.recorded and Role.RECORDER in self._roles:
+            readers = [role for role in topic.readers if role in roles]
+            if topic.recorded and Role.RECORDER in roles:
                 readers.append(Role.RECORDER)
             if publisher.get_subscription_count() < len(readers):
                 absent.append(f"a reader of {name} ({', '.join(role.value for role in readers)})")
         for name, subscription in self._subscriptions.items():
-            senders = [role for role in BY_NAME[name].publishers if role in self._roles]
+            senders = [role for role in BY_NAME[name].publishers if role in roles]
             if subscription.get_publisher_count() < len(senders):
                 absent.append(f"a publisher of {name} ({', '.join(role.value for role in senders)})")
         return absent
+
+    @property
+    def subscribed(self) -> tuple[str, ...]:
+        """Topics that this node reads."""
+        return tuple(self._subscriptions)
+
+    def deliver(self, limit: float) -> None:
+        """Wait until every reader has what was published, at most so long [s]; then the node can leave."""
+        last = time.monotonic() + limit
+        for publisher in self._publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=max(0.0, last - time.monotonic())))
 
     def senders(self, name: str) -> int:
         """Return how many publishers of a topic this node has met."""

@@ -56,7 +56,7 @@ class ControllerRole:
                 model=setup.model,
                 period=setup.control_period,
                 tick=setup.tick,
-                controller=setup.controller,
+                controller=self.controller,
                 controller_parameters=self._parameters,
                 compensation=COMPENSATIONS.make(
                     setup.compensation, setup.compensation_parameters, setup.model, setup.control_period

@@ -1,0 +1,182 @@
+"""Every node started alone by its own command, as `ros2 run` does: they find each other and leave the same log."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from train_ato.cli import main
+from train_ato.graph import shared_memory
+from train_ato.graph.environment import claim_domain
+from train_ato.record.difference import differences
+from train_ato.record.reading import stream
+from train_ato.run_folder import open_run
+from train_ato.wire import Wire
+
+ROOT = Path(__file__).resolve().parents[1]
+ROLES = ("recorder", "profile", "observer", "controller", "plant")
+WALL = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99")
+BREATH = threading.Event()
+"""Never set: waiting for it lets a moment pass between two looks."""
+
+
+class Terminals:
+    """One terminal for each node, all on one ROS domain."""
+
+    def __init__(self, folder: Path, domain: int) -> None:
+        self.folder = folder
+        self.processes: dict[str, subprocess.Popen[str]] = {}
+        self._environment = {
+            **os.environ,
+            "PYTHONPATH": str(ROOT),
+            "ROS_DOMAIN_ID": str(domain),
+            "ROS_LOG_DIR": str(folder / "log"),
+        }
+        self._environment.pop("ROS_AUTOMATIC_DISCOVERY_RANGE", None)
+
+    def start(self, role: str, *arguments: str) -> subprocess.Popen[str]:
+        """Start the main function that the installed command ``ROLE_node`` calls."""
+        process = subprocess.Popen(
+            [sys.executable, "-m", f"train_ato.nodes.{role}", *arguments],
+            cwd=self.folder,
+            env=self._environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        self.processes[role] = process
+        return process
+
+    def ends(self) -> dict[str, tuple[int, str]]:
+        """Wait for all; return exit status and what was printed."""
+        said = {role: process.communicate(timeout=60)[0] for role, process in self.processes.items()}
+        return {role: (self.processes[role].returncode, text) for role, text in said.items()}
+
+
+@pytest.fixture
+def terminals(tmp_path: Path) -> Iterator[Terminals]:
+    with claim_domain() as domain:
+        opened = Terminals(tmp_path, domain)
+        try:
+            yield opened
+        finally:
+            for process in opened.processes.values():
+                process.kill()
+                process.communicate(timeout=10)
+            shared_memory.clean()
+
+
+def wait_for(condition, limit=30.0):
+    last = time.monotonic() + limit
+    while not condition():
+        assert time.monotonic() < last, "did not happen in time"
+        BREATH.wait(0.02)
+
+
+def composed(folder: Path, *options: str) -> Path:
+    out = folder / "composed"
+    assert main(["run", "demo", "--json", f"--out={out}", *options]) == 0
+    return out
+
+
+DURATION = "--set=duration=20"
+
+
+@pytest.mark.parametrize(
+    "order",
+    [
+        pytest.param(ROLES, id="recorder first"),
+        pytest.param(tuple(reversed(ROLES)), id="plant first", marks=pytest.mark.slow),
+    ],
+)
+def test_nodes_started_alone_leave_the_folder_of_a_composed_run(
+    order: tuple[str, ...], terminals: Terminals, tmp_path: Path
+) -> None:
+    """Breaks if the train starts before everybody listens, or a node leaves before its last message is taken."""
+    for role in order:
+        extra = {"recorder": ["--out=alone"], "plant": ["--recorded"]}.get(role, [])
+        terminals.start(role, "--scenario=demo", DURATION, *extra)
+    assert terminals.ends() == dict.fromkeys(order, (0, ""))
+    one = composed(tmp_path, DURATION)
+    setup, summary = open_run(one)
+    _, alone = open_run(tmp_path / "alone")
+    assert differences(one, tmp_path / "alone", Wire(setup.shape)) == []
+    assert {k: v for k, v in alone.items() if k not in WALL} == {k: v for k, v in summary.items() if k not in WALL}
+    assert {path.name for path in (tmp_path / "alone").iterdir()} == {path.name for path in one.iterdir()}
+    wait_for(lambda: not shared_memory.abandoned())
+
+
+@pytest.mark.slow
+def test_ros_parameters_and_a_namespace_reach_nodes_started_alone(terminals: Terminals, tmp_path: Path) -> None:
+    """Law, observer and their parameters by ``-p``, two trains apart by ``__ns``: the same as by the scenario."""
+    given = {
+        "controller": ["-p", "controller:=smc", "-p", "smc.ks:=0.3"],
+        "observer": ["-p", "observer:=ndo", "-p", "ndo.omega:=5.0"],
+        "plant": ["-p", "timeout:=20.0"],
+    }
+    for role in ROLES:
+        extra = ["--out=alone"] if role == "recorder" else []
+        ros = ["--ros-args", "-r", "__ns:=/left", *given.get(role, [])]
+        terminals.start(role, "--scenario=demo", DURATION, *extra, *ros)
+    assert terminals.ends() == dict.fromkeys(ROLES, (0, ""))
+    changes = ["--set=controllers.smc.ks=0.3", "--set=observers.ndo.omega=5.0"]
+    one = composed(tmp_path, DURATION, "--controller=smc", "--observer=ndo", *changes)
+    setup, _ = open_run(one)
+    assert differences(one, tmp_path / "alone", Wire(setup.shape)) == []
+
+
+@pytest.mark.slow
+def test_ctrl_c_on_the_plant_ends_all_nodes(terminals: Terminals, tmp_path: Path) -> None:
+    """Breaks if a node waits for ever for a plant that has left, or the log is not closed."""
+    for role in ROLES:
+        extra = {"recorder": ["--out=alone"], "plant": ["--recorded", "--realtime=20"]}.get(role, [])
+        terminals.start(role, "--scenario=demo", "--set=duration=600", *extra)
+    partial = tmp_path / "alone" / "run.mcap.partial"
+    wait_for(lambda: partial.exists() and any(m.channel.topic == "/ato/command" for m in stream(partial, broken=True)))
+    terminals.processes["plant"].send_signal(signal.SIGINT)
+    assert terminals.ends() == dict.fromkeys(ROLES, (0, ""))
+    summary = json.loads((tmp_path / "alone" / "summary.json").read_text())
+    assert summary["status"] == "interrupted"
+    assert 10 < summary["ticks"] < 6000
+    assert not partial.exists()
+
+
+def test_a_plant_that_waits_says_for_whom(terminals: Terminals, tmp_path: Path) -> None:
+    """Breaks if a user who forgot a node sits before a silent terminal, or Ctrl-C shows a traceback there."""
+    plant = terminals.start("plant", "--scenario=demo")
+    assert plant.stdout is not None
+    assert "not begun: profile is not there" in plant.stdout.readline()
+    plant.send_signal(signal.SIGINT)
+    status, rest = terminals.ends()["plant"]
+    assert status == 0
+    assert "Traceback" not in rest
+
+
+@pytest.mark.parametrize(
+    ("role", "arguments", "says"),
+    [
+        ("controller", ["--scenario=demo", "--ros-args", "-p", "pid.kpp:=1.0"], "pid.kpp: node controller has none"),
+        ("observer", ["--scenario=demmo"], "unknown scenario 'demmo'; did you mean 'demo'?"),
+        ("recorder", ["--scenario=demo", "--out=/proc/nowhere"], "/proc/nowhere"),
+        ("plant", ["--scenario=demo", "--realtime=-1"], "parameter realtime: -1.0 is refused"),
+        ("profile", [], "--scenario"),
+    ],
+)  # fmt: skip
+def test_bad_input_to_a_node_is_one_line(role: str, arguments: list[str], says: str, terminals: Terminals) -> None:
+    """Breaks on a traceback, another exit status than 2, or a vague message."""
+    terminals.start(role, *arguments)
+    status, said = terminals.ends()[role]
+    assert status == 2, said
+    assert says in said
+    assert len(said.strip().splitlines()) == 1, said
