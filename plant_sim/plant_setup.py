@@ -22,11 +22,14 @@ class Start(SiModel):
     speed: Speed = 0.0
     positions: tuple[Length, ...] | None = Field(None, description="centre of every vehicle instead")
     speeds: tuple[Speed, ...] | None = Field(None, description="speed of every vehicle instead")
+    any_order: bool = Field(False, description="vehicles are points: also an order that no track allows")
 
     @model_validator(mode="after")
     def _front_first(self) -> Start:
-        if self.positions is not None and any(b >= a for a, b in zip(self.positions, self.positions[1:], strict=False)):
-            raise ValueError("start.positions must fall from the front to the rear")
+        if self.positions is None or self.any_order:
+            return self
+        if any(b >= a for a, b in zip(self.positions, self.positions[1:], strict=False)):
+            raise ValueError("start.positions must fall from the front to the rear; any_order: true lets them not")
         return self
 
 
