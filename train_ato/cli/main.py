@@ -8,8 +8,14 @@ import os
 import sys
 from collections.abc import Sequence
 
+<<<<<<< Updated upstream
 from train_ato.arguments import BAD_INPUT, OneLineParser
+=======
+from train_ato.failure import RunFailed
+>>>>>>> Stashed changes
 from train_ato.version import VERSION
+
+__all__ = ["RunFailed", "main"]
 
 COMMANDS: tuple[tuple[str, str], ...] = (
     ("run", "drive a scenario and record it"),
@@ -28,8 +34,16 @@ COMMANDS: tuple[tuple[str, str], ...] = (
 DONE, FAILED = 0, 1
 
 
+<<<<<<< Updated upstream
 class RunFailed(Exception):
     """A run that ended by a failure; the message says which node and why."""
+=======
+class _Parser(argparse.ArgumentParser):
+    """Argument parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(BAD_INPUT, f"{self.prog}: {message}; see `{self.prog} --help`\n")
+>>>>>>> Stashed changes
 
 
 def _parser() -> argparse.ArgumentParser:
