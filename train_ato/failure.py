@@ -6,6 +6,10 @@ import traceback
 from pathlib import Path
 
 
+class RunFailed(Exception):
+    """A run that ended by a failure; the message says which node and why."""
+
+
 class Watch:
     """First failure in this process; it ends the run.
 
@@ -24,7 +28,7 @@ class Watch:
         if self.failure is not None:
             return
         text = " ".join(str(reason).split()) or type(reason).__name__
-        if isinstance(reason, BaseException) and not isinstance(reason, (ValueError, OSError)):
+        if isinstance(reason, BaseException) and not isinstance(reason, (ValueError, OSError, RunFailed)):
             text = f"{type(reason).__name__}: {text}"
         self.failure = f"node {node} failed: {text}"
         if isinstance(reason, BaseException) and self._log_folder is not None:

@@ -21,6 +21,9 @@ SERIES = (
 )
 """Topics that the series are made of."""
 
+COUNTED = {"profile": ("replans",), "controller": ("held_steps", "unsound_measurements")}
+"""What is taken from the diagnostics of a node, its latest value."""
+
 
 @dataclass(frozen=True)
 class History:
@@ -47,7 +50,7 @@ class History:
     final_position, final_velocity : float
         Vehicle 0 after the last tick.
     totals : dict
-        Running totals of the plant at the end, from its diagnostics, and ``replans``, those of the profile.
+        Running totals of the plant at the end, from its diagnostics, and what the profile and the controller count.
     """
 
     time: Array
@@ -77,7 +80,7 @@ class HistoryBuilder:
     setup: RunSetup
     _rows: dict[str, list[Any]] = field(default_factory=dict)
     _totals: dict[str, str] = field(default_factory=dict)
-    _replans: str = "0"
+    _counts: dict[str, str] = field(default_factory=dict)
     _disturbance: list[Array] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -114,8 +117,8 @@ class HistoryBuilder:
             self._disturbance.append(message.force[self._units])
         elif topic == "/diagnostics" and message.node == "plant":
             self._totals = message.values
-        elif topic == "/diagnostics" and message.node == "profile":
-            self._replans = message.values.get("replans", "0")
+        elif topic == "/diagnostics" and message.node in COUNTED:
+            self._counts |= {key: message.values[key] for key in COUNTED[message.node] if key in message.values}
 
     def complete_ticks(self) -> int:
         """Return the number of ticks that have every series."""
@@ -135,7 +138,7 @@ class HistoryBuilder:
         cars = rows["cars"][:count]
         reference = np.array(rows["reference"][:count], dtype=np.float64)
         columns = list(zip(*cars, strict=True))
-        totals = {**self._totals, "replans": self._replans}
+        totals = {**self._totals, **self._counts}
         final = rows["cars"][count] if len(rows["cars"]) > count else rows["cars"][count - 1]
         return History(
             time=np.array(columns[0], dtype=np.float64) * 1e-9,

@@ -49,6 +49,8 @@ def summarise(setup: RunSetup, history: History) -> dict[str, Any]:
         "energy_regenerated_kwh": totals.get("energy_regenerated", 0.0) / 3.6e6,
         "saturated_s": totals.get("saturated", 0.0),
         "replans": int(totals.get("replans", 0)),
+        "held_steps": int(totals.get("held_steps", 0)),
+        "unsound_measurements": int(totals.get("unsound_measurements", 0)),
     }
 
 

@@ -98,6 +98,9 @@ class Scenario(SiModel):
     observers: Parameters = Field(default_factory=dict)
     controllers: Parameters = Field(default_factory=dict)
     compensations: Parameters = Field(default_factory=dict)
+    hold_limit: Time = Field(
+        1.0, gt=0, le=3600, description="longest time for which the last command is repeated for want of a usable one"
+    )
     brake: BrakeSpec = BrakeSpec()
     swaps: tuple[Swap, ...] = ()
     score: Score = Score()

@@ -8,11 +8,8 @@ import os
 import sys
 from collections.abc import Sequence
 
-<<<<<<< Updated upstream
 from train_ato.arguments import BAD_INPUT, OneLineParser
-=======
 from train_ato.failure import RunFailed
->>>>>>> Stashed changes
 from train_ato.version import VERSION
 
 __all__ = ["RunFailed", "main"]
@@ -32,18 +29,6 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("drive", "a profile driven by a smooth driver on the flexible train"),
 )
 DONE, FAILED = 0, 1
-
-
-<<<<<<< Updated upstream
-class RunFailed(Exception):
-    """A run that ended by a failure; the message says which node and why."""
-=======
-class _Parser(argparse.ArgumentParser):
-    """Argument parser whose errors are one line."""
-
-    def error(self, message: str) -> NoReturn:
-        self.exit(BAD_INPUT, f"{self.prog}: {message}; see `{self.prog} --help`\n")
->>>>>>> Stashed changes
 
 
 def _parser() -> argparse.ArgumentParser:

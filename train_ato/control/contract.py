@@ -95,10 +95,15 @@ class LawInput:
 
 @dataclass(frozen=True, slots=True)
 class LawOutput:
-    """Force demand of every unit [N] and, if the law brakes with air, the brake-pipe pressure demanded [Pa]."""
+    """Force demand of every unit [N] and, if the law brakes with air, the brake-pipe pressure demanded [Pa].
+
+    ``held`` says why the law found no force and ``force`` is only the last one again; empty, as always when all is
+    well, if it is the law's own.  Such steps are counted, and a law that goes on like that ends the run.
+    """
 
     force: Array
     brake_pipe: float | None = None
+    held: str = ""
 
 
 @dataclass(frozen=True, slots=True)

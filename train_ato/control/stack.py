@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import math
-from collections import deque
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +12,10 @@ import numpy as np
 from train_ato.compensate.contract import Compensation, Situation
 from train_ato.compensate.rigid import ProfileLike, RigidForce
 from train_ato.control.contract import Law, LawInput, Preview
+from train_ato.control.held import HeldSteps
 from train_ato.control.parts.guard import FARTHEST, FASTEST, STRONGEST, within
 from train_ato.control.registry import LAWS
+from train_ato.control.sent import SentCommands
 from train_ato.types import Array, DisturbanceEstimate, Measurement, Reference
 
 if TYPE_CHECKING:
@@ -48,6 +49,13 @@ class ControlStack:
         When the air brake is applied.
     profile
         The speed profile.
+    hold_limit
+        Longest time for which the last command is repeated for want of a usable one [s].
+
+    Attributes
+    ----------
+    holding : bool
+        The last step repeated the command before it: the measurement or the law's answer was not usable.
 
     Raises
     ------
@@ -65,18 +73,20 @@ class ControlStack:
         compensation: Compensation,
         brake_policy: BrakePolicy,
         profile: ProfileLike,
+        hold_limit: float,
     ) -> None:
         self.model = model
         self.period = period
         self._every = round(period / tick)
         if self._every < 1 or abs(self._every * tick - period) > 1e-9:
             raise ValueError(f"control_period {period:g} s is not a multiple of the tick {tick:g} s")
+        self._name = controller
         self._law: Law = LAWS.make(controller, controller_parameters.get(controller, {}), model, period)
         self._compensation = compensation
         self._policy = brake_policy
         self._lead = float(max(model.delay.max(), model.delay_brake.max())) + model.lag
         self._air_brake = model.consist.air_brake is not None
-        self._sent = _Sent(model, tick)
+        self._sent = SentCommands(model, tick)
         self._ticks = 0
         self._last = [0.0] * model.n_units
         self._offset: list[float] | None = None
@@ -85,6 +95,7 @@ class ControlStack:
         self._pressure: float | None = None
         self._cut = False
         self._unsound = 0
+        self._held = HeldSteps(hold_limit, period)
         self._saturated = 0
         self._swaps = 0
         self._nothing = np.zeros(model.n_units)
@@ -111,14 +122,21 @@ class ControlStack:
             With the reason; the old law goes on.
         """
         self._law = LAWS.make(name, parameters, self.model, self.period)
+        self._name = name
         self._offset = []
         self._blended = 0
         self._swaps += 1
+
+    @property
+    def holding(self) -> bool:
+        """Tell whether the last step of the law repeated the command before it."""
+        return self._held.in_a_row > 0
 
     def diagnostics(self) -> dict[str, str]:
         """Return counts of what the guards did, as text."""
         return {
             "unsound_measurements": str(self._unsound),
+            "held_steps": str(self._held.total),
             "saturated_steps": str(self._saturated),
             "swaps": str(self._swaps),
         }
@@ -126,7 +144,14 @@ class ControlStack:
     def step(
         self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate
     ) -> tuple[Array, float | None]:
-        """Return the force demand per unit [N] and the brake-pipe pressure demanded [Pa], None without an air brake."""
+        """Return the force demand per unit [N] and the brake-pipe pressure demanded [Pa], None without an air brake.
+
+        Raises
+        ------
+        RunFailed
+            If the last command has been repeated for longer than the limit.
+        """
+        self._held.check()
         due = self._ticks % self._every == 0
         self._ticks += 1
         healthy = _sound(measurement)
@@ -139,7 +164,9 @@ class ControlStack:
                 float(measurement.velocity[0]),
                 float(measurement.applied.sum()),
             )
-        if due and healthy:
+        if due and not healthy:
+            self._held.count("no measurement of the power units could be used")
+        elif due:
             self._last = self._decide(measurement, reference, estimate)
             if self._at_rest(measurement, reference):
                 self._last = [0.0] * self.model.n_units
@@ -162,7 +189,12 @@ class ControlStack:
         output = self._law.step(self._gather(measurement, reference, estimate, low, high))
         wanted = output.force.tolist()
         if not all(map(math.isfinite, wanted)) or len(wanted) != self.model.n_units:
+            self._held.count(f"law '{self._name}' answered {str(wanted)[:60]} N")
             return self._last
+        if output.held:
+            self._held.count(f"law '{self._name}' found no force ({output.held})")
+        else:
+            self._held.over()
         if self._air_brake and output.brake_pipe is not None and math.isfinite(output.brake_pipe):
             self._pressure = min(max(output.brake_pipe, 0.0), self.model.consist.air_brake.charged)  # type: ignore[union-attr]
         if self._offset is not None:
@@ -237,27 +269,6 @@ class ControlStack:
             high,
             self._cut,
         )
-
-
-class _Sent:
-    """Commands that were sent and do not act yet, one per tick, oldest first."""
-
-    def __init__(self, model: TrainModel, tick: float) -> None:
-        longest = max(float(model.delay.max()), float(model.delay_brake.max()))
-        self._length = math.ceil(longest / tick - 1e-9)
-        self._none = np.zeros((0, model.n_units))
-        self._queue: deque[Array] = deque(
-            (np.zeros(model.n_units) for _ in range(self._length)), maxlen=max(1, self._length)
-        )
-
-    def push(self, force: Array) -> None:
-        """Take note of a command."""
-        if self._length:
-            self._queue.append(force)
-
-    def under_way(self) -> Array:
-        """Return the commands under way, shape (d, units)."""
-        return np.array(self._queue) if self._length else self._none
 
 
 def _sound(measurement: Measurement) -> bool:

@@ -63,6 +63,7 @@ class ControllerRole:
                 ),
                 brake_policy=setup.brake_policy(),
                 profile=profile,
+                hold_limit=setup.scenario.hold_limit,
             )
         else:
             self._stack.set_profile(profile)
@@ -124,8 +125,8 @@ class ControllerRole:
         return command, pipe, messages
 
     def diagnostic(self, stamp: int) -> Diagnostic | None:
-        """Return the state of the controller once a second."""
-        if not due(stamp, self.setup.tick_ns) or self._stack is None:
+        """Return the state of the controller once a second, and at every step that only repeats the last command."""
+        if self._stack is None or not (due(stamp, self.setup.tick_ns) or self._stack.holding):
             return None
         model = self.setup.model
         values = {
@@ -136,4 +137,6 @@ class ControllerRole:
             "lag": repr(model.lag),
             **self._stack.diagnostics(),
         }
+        if self._stack.holding:
+            return Diagnostic(stamp, "controller", 1, "holding the last command", values)
         return Diagnostic(stamp, "controller", 0, "engaged", values)

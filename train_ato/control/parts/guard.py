@@ -57,6 +57,20 @@ def sound(inputs: LawInput) -> bool:
     )
 
 
+def unusable(inputs: LawInput) -> list[str]:
+    """Name the inputs because of which :func:`sound` says no."""
+    bounds = {"t": FARTHEST, "position": FARTHEST, "reference_position": FARTHEST}
+    bounds |= dict.fromkeys(
+        ("velocity", "reference_velocity", "reference_acceleration", "acting_acceleration", "acting_jerk"), FASTEST
+    )
+    bounds |= dict.fromkeys(
+        ("feedforward", "disturbance", "applied", "coupler_force", "shoe_force", "train_shoe_force"), STRONGEST
+    )
+    found = [name for name, bound in bounds.items() if not within(np.atleast_1d(getattr(inputs, name)), bound)]
+    limits = bounded(inputs.force_min.tolist(), inputs.force_max.tolist())
+    return found or ["their sum" if limits else "force_min, force_max"]
+
+
 def bounded(low: Sequence[float], high: Sequence[float]) -> bool:
     """Tell whether the limits themselves can be used."""
     return all(-STRONGEST <= a <= b <= STRONGEST for a, b in zip(low, high, strict=True))
@@ -110,11 +124,11 @@ class GuardedLaw:
         """Return the force demand of every unit, finite and inside the limits."""
         if not sound(inputs):
             self.missed()
-            return self._hold(inputs)
+            return self._hold(inputs, f"unusable inputs: {', '.join(unusable(inputs))}")
         wanted = self.demand(inputs)
         if not all(map(isfinite, wanted)):
             self.forget()
-            return self._hold(inputs)
+            return self._hold(inputs, f"its result was {str(wanted)[:60]} N")
         held, cut = self._held, self.cut
         low, high = inputs.force_min.tolist(), inputs.force_max.tolist()
         for unit, force in enumerate(wanted):
@@ -123,9 +137,10 @@ class GuardedLaw:
             held[unit] = within_limits
         return LawOutput(np.array(held))
 
-    def _hold(self, inputs: LawInput) -> LawOutput:
+    def _hold(self, inputs: LawInput, reason: str) -> LawOutput:
         """Return the last demand, inside the limits if those can be used."""
         low, high = inputs.force_min.tolist(), inputs.force_max.tolist()
         if bounded(low, high):
-            return LawOutput(np.array([min(max(u, a), b) for u, a, b in zip(self._held, low, high, strict=True)]))
-        return LawOutput(np.array(self._held))
+            within_limits = [min(max(u, a), b) for u, a, b in zip(self._held, low, high, strict=True)]
+            return LawOutput(np.array(within_limits), held=reason)
+        return LawOutput(np.array(self._held), held=reason)
