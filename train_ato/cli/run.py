@@ -120,4 +120,8 @@ def report(outcome: Outcome, folder: RunFolder, as_json: bool) -> None:
     rows = [(text, summary[key]) for key, text in RESULT_ROWS if key in summary]
     head = f"{summary['scenario']}  {summary['controller']} / {summary['observer']} / {summary['compensation']}"
     table(("figure", "value"), rows, head)
+    if held := summary.get("held_steps"):
+        sys.stdout.write(
+            f"in {held} steps the last command was repeated: the law or a measurement gave nothing usable\n"
+        )
     sys.stdout.write(f"{summary['ticks']} ticks in {summary['wall_s']:.1f} s; recorded in {folder.path}\n")
