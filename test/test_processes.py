@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import queue
+import re
 import signal
 import subprocess
 import sys
@@ -16,14 +17,17 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from train_ato.graph import shared_memory
+from train_ato.graph import processes, shared_memory
+from train_ato.graph.child import Child
 from train_ato.graph.environment import claim_domain
 from train_ato.graph.run_end import GraphOptions
 from train_ato.graph.runner import run_graph
-from train_ato.record.reading import message_counts, read_log, stream
+from train_ato.nodes.shell import ROLES
+from train_ato.record.reading import iter_raw, message_counts, read_log, stream
 from train_ato.record.recover import recover
 from train_ato.run_setup import prepare
 from train_ato.scenario import load
+from train_ato.topics import Rate
 from train_ato.wire import Wire
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -102,32 +106,41 @@ def test_a_node_that_dies_or_hangs_is_named(victim, number, says, setup, tmp_pat
 
 @pytest.mark.slow
 def test_a_killed_recorder_leaves_a_log_that_can_be_recovered(setup, tmp_path):
+    """Every message whose chunk was closed before the kill comes back, without a gap."""
+    partial = tmp_path / "run.mcap.partial"
     struck = []
 
     def strike(progress):
         if progress.simulated > 2 * PACED and not struck:
-            struck.append(progress.simulated)
+            struck.append(list(stream(partial, broken=True)))
             os.kill(processes_of(tmp_path)["recorder"], signal.SIGKILL)
 
     outcome = run_graph(setup, tmp_path, way="processes", progress=strike, realtime=PACED)
     assert outcome.failure == "node recorder failed: its process was ended by SIGKILL"
     assert nothing_left(tmp_path)
-    assert (tmp_path / "run.mcap.partial").exists()
+    assert partial.exists()
     _, count = recover(tmp_path)
-    assert count > 0
+    assert count >= len(struck[0]) > 1000
+    assert [m.data for m in stream(tmp_path / "run.mcap")][: len(struck[0])] == [m.data for m in struck[0]]
     stamps = [stamp for _, stamp, _ in read_log(tmp_path, Wire(setup.shape).decode, ("train/cars",))]
     assert stamps == [k * setup.tick_ns for k in range(len(stamps))]
 
 
 @pytest.mark.slow
-def test_a_node_that_cannot_start_is_named(setup, tmp_path, monkeypatch):
-    """A node whose process ends at once, here for want of a readable scenario."""
-    monkeypatch.setattr(type(setup), "resolved_yaml", lambda self: "schema: train_ato/scenario/0\n")
+@pytest.mark.parametrize("role", list(ROLES), ids=lambda role: role.value)
+def test_a_node_that_cannot_start_is_named(role, setup, tmp_path, monkeypatch):
+    """One node alone is told something that it refuses: its name and its reason come, not those of who waits for it."""
+
+    class Misled(Child):
+        def __init__(self, started, arguments, *rest):
+            super().__init__(started, [*arguments, *(["--set=observer=nosuch"] if started is role else [])], *rest)
+
+    monkeypatch.setattr(processes, "Child", Misled)
     outcome = run_graph(setup, tmp_path, way="processes")
-    assert outcome.failure.startswith("node ")
-    assert "schema" in outcome.failure
-    assert "Traceback" not in outcome.failure
+    assert re.fullmatch(rf"node {role.value} failed: \S+: unknown observer 'nosuch'; known: .*", outcome.failure)
+    assert outcome.summary["status"] == "failed"
     assert nothing_left(tmp_path)
+    wait_for(lambda: not shared_memory.abandoned())
 
 
 def _command_line(folder: Path, *options: str) -> subprocess.Popen[str]:
@@ -172,16 +185,25 @@ def test_ctrl_c_ends_a_run_cleanly(way, number, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_killed_runner_leaves_no_orphans(tmp_path):
-    """Its nodes notice the closed pipe, the recorder closes the log."""
+def test_a_killed_runner_leaves_no_orphans(setup, tmp_path):
+    """Its nodes notice the closed pipe and end; the recorder closes the log with everything that it had before."""
     folder = tmp_path / "run"
     process = _command_line(folder, "--processes", f"--realtime={PACED:g}")
     log = folder / "run.mcap.partial"
-    wait_for(lambda: commands_in(log) > 10)
+    wait_for(lambda: commands_in(log) > 50)
+    assert sorted(processes_of(folder)) == ["controller", "observer", "plant", "profile", "recorder"]
+    seen = commands_in(log)
     process.kill()
     process.communicate(timeout=30)
     wait_for(lambda: nothing_left(folder))
-    assert message_counts(folder)["/ato/command"] > 5
+    assert not log.exists()
+    stamps = {topic.name: [] for topic in setup.shape.topics if topic.rate is Rate.TICK}
+    for topic, stamp, _ in iter_raw(folder, stamps):
+        stamps[topic].append(stamp)
+    for topic, found in stamps.items():
+        assert found == [k * setup.tick_ns for k in range(len(found))], topic
+        assert len(found) >= seen, topic
+    wait_for(lambda: not shared_memory.abandoned())
 
 
 def test_a_law_is_swapped_from_another_process_without_a_jump(setup, tmp_path):
