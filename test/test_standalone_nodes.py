@@ -16,6 +16,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from train_ato import node_docs
 from train_ato.cli import main
 from train_ato.graph import shared_memory
 from train_ato.graph.environment import claim_domain
@@ -180,3 +181,8 @@ def test_bad_input_to_a_node_is_one_line(role: str, arguments: list[str], says: 
     assert status == 2, said
     assert says in said
     assert len(said.strip().splitlines()) == 1, said
+
+
+def test_node_page_is_that_of_the_nodes() -> None:
+    """Breaks if a parameter or service changes and its page does not: python -m train_ato.node_docs."""
+    assert node_docs.PAGE.read_text(encoding="utf-8") == node_docs.page()
