@@ -119,7 +119,7 @@ def test_a_killed_recorder_leaves_a_log_that_can_be_recovered(setup, tmp_path):
     assert outcome.failure == "node recorder failed: its process was ended by SIGKILL"
     assert nothing_left(tmp_path)
     assert partial.exists()
-    _, count = recover(tmp_path)
+    count = recover(tmp_path).messages
     assert count >= len(struck[0]) > 1000
     assert [m.data for m in stream(tmp_path / "run.mcap")][: len(struck[0])] == [m.data for m in struck[0]]
     stamps = [stamp for _, stamp, _ in read_log(tmp_path, Wire(setup.shape).decode, ("train/cars",))]

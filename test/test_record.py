@@ -57,7 +57,7 @@ def test_other_tools_read_the_log(tmp_path):
         assert reader.get_header().profile == "ros2"
         assert summary.statistics.message_count == len(sent)
         assert sum(1 for _ in reader.iter_messages()) == len(sent)
-        assert [entry.name for entry in reader.iter_metadata()] == ["rosbag2"]
+        assert [entry.name for entry in reader.iter_metadata()] == ["rosbag2"] * 2
         for channel in summary.channels.values():
             assert channel.message_encoding == "cdr"
             assert summary.schemas[channel.schema_id].encoding == "ros2msg"
@@ -123,13 +123,15 @@ def test_a_killed_run_is_recovered(tmp_path, cut):
     """Every closed chunk comes back wherever the file breaks off; index readers alone would refuse it."""
     log, sent = write(tmp_path, 700, close=False)
     log._file.flush()
-    partial = tmp_path / "run.mcap.partial"
-    whole = partial.read_bytes()
-    partial.write_bytes(whole[: len(whole) - cut])
+    whole = (tmp_path / "run.mcap.partial").read_bytes()
+    tmp_path = tmp_path / "killed"
+    tmp_path.mkdir()
+    (tmp_path / "run.mcap.partial").write_bytes(whole[: len(whole) - cut])
     with pytest.raises(ValueError, match="train-ato recover"):
         log_file(tmp_path)
-    path, count = recover(tmp_path)
-    back = list(read_log(path, WIRE.decode))
+    recovered = recover(tmp_path)
+    count = recovered.messages
+    back = list(read_log(recovered.path, WIRE.decode))
     assert len(back) == count
     assert all(a[:2] == b[:2] and same(a[2], b[2]) for a, b in zip(back, sent, strict=False))
     assert count == len(sent) if cut == 0 else len(sent) * 0.5 < count <= len(sent)

@@ -10,12 +10,16 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import yaml
+
+from plant_sim.library import StrictLoader
 from train_ato.figure import draw_run
 from train_ato.outcome import Outcome
-from train_ato.record.reading import log_file
+from train_ato.record.reading import attachments, log_file
 from train_ato.record.run_log import RunLog
+from train_ato.record.versions import SCENARIO, attachments_for
 from train_ato.run_setup import RunSetup, prepare
-from train_ato.scenario import load
+from train_ato.scenario import check, load
 from train_ato.topics import EPOCH_NS
 from train_ato.wire import Wire
 
@@ -63,12 +67,12 @@ class RunFolder:
     def sink(self, setup: RunSetup) -> Iterator[Encoder]:
         """Open the log for the engine; it is closed and renamed however the run ends."""
         topics = [topic for topic in setup.shape.topics if topic.recorded]
-        with RunLog(self.path, topics) as log:
+        with RunLog(self.path, topics, attachments=attachments_for(setup.resolved_yaml())) as log:
             yield Encoder(log, Wire(setup.shape))
 
     def begin(self, setup: RunSetup) -> None:
         """Write the resolved scenario: whatever becomes of the run, this alone reproduces it."""
-        (self.path / "scenario.yaml").write_text(setup.resolved_yaml(), encoding="utf-8")
+        (self.path / SCENARIO).write_text(setup.resolved_yaml(), encoding="utf-8")
 
     def finish(self, setup: RunSetup, outcome: Outcome) -> None:
         """Write the summary and the figure."""
@@ -81,14 +85,27 @@ class RunFolder:
 def open_run(path: Path) -> tuple[RunSetup, dict[str, Any]]:
     """Return the setup and the summary of a recorded run.
 
+    Parameters
+    ----------
+    path
+        Run folder, or its log alone: the scenario is attached to that, a summary is not.
+
     Raises
     ------
     ValueError
-        If the folder is not that of a run.
+        If it is not a run's.
     """
-    summary = read_summary(path)
-    scenario, source = load(str(path / "scenario.yaml"))
-    return prepare(scenario, source), summary
+    if path.is_dir():
+        summary = read_summary(path)
+        return prepare(*load(str(path / SCENARIO))), summary
+    text = attachments(log_file(path)).get(SCENARIO)
+    if text is None:
+        raise ValueError(f"{path}: no {SCENARIO} is attached; name a log or a run folder that `train-ato run` made")
+    try:
+        data = yaml.load(text, Loader=StrictLoader)
+    except yaml.YAMLError as error:
+        raise ValueError(f"{path}: the attached {SCENARIO} is not YAML ({error})") from None
+    return prepare(check(data, path), path), {}
 
 
 def read_summary(path: Path) -> dict[str, Any]:
@@ -99,7 +116,7 @@ def read_summary(path: Path) -> dict[str, Any]:
     ValueError
         If the folder is not that of a run.
     """
-    if not (path / "scenario.yaml").is_file():
+    if not (path / SCENARIO).is_file():
         raise ValueError(f"{path}: not a run folder: no scenario.yaml; name a folder that `run` made")
     log_file(path)
     file = path / "summary.json"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -136,6 +137,10 @@ class RunSetup:
 
     def resolved_yaml(self) -> str:
         """Return the scenario with every file it named written out: this text alone reproduces the run."""
+        return self._resolved
+
+    @cached_property
+    def _resolved(self) -> str:
         data = self.scenario.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_defaults=False)
         data["plant"]["consist"] = self.consist.model_dump(mode="json", by_alias=True, exclude_defaults=True)
         data["plant"]["line"] = self.line.model_dump(mode="json", by_alias=True, exclude_defaults=True)

@@ -1,4 +1,4 @@
-"""``train-ato recover``: make a readable log of one whose recorder was killed."""
+"""``train-ato recover``: make a readable log of one that was cut or damaged."""
 
 from __future__ import annotations
 
@@ -12,15 +12,25 @@ from train_ato.record.recover import recover
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``recover``."""
-    parser.add_argument("file", type=Path, metavar="FILE", help="run.mcap.partial, or the folder that holds it")
+    parser.add_argument(
+        "file", type=Path, metavar="FILE", help="run.mcap.partial or a damaged log, or the folder that holds it"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Write what can be read of the log again, beside it."""
-    path, messages = recover(options.file)
+    """Write what is whole of the log as a new one; the damaged file is kept beside it."""
+    found = recover(options.file)
     if options.json:
-        print_json({"log": str(path), "messages": messages})
-    else:
-        sys.stdout.write(f"{messages} messages recovered into {path}\n")
+        print_json(
+            {
+                "log": str(found.path),
+                "kept": str(found.kept),
+                "messages": found.messages,
+                "lost_chunks": found.lost_chunks,
+            }
+        )
+        return 0
+    lost = f"; {found.lost_chunks} damaged or cut chunks were left out" if found.lost_chunks else ""
+    sys.stdout.write(f"{found.messages} messages recovered into {found.path}{lost}; kept as it was: {found.kept}\n")
     return 0

@@ -13,6 +13,8 @@ from train_ato.topics import TOPICS, Topic
 LOG = "run.mcap"
 PARTIAL = "run.mcap.partial"
 METADATA = "metadata.yaml"
+NEVER = 9223372036854775807
+"""Start of a bag that holds no message yet [ns]."""
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -72,8 +74,8 @@ class ChannelCount:
     count: int
 
 
-def metadata_yaml(file_name: str, channels: Sequence[ChannelCount], begin: int, end: int) -> str:
-    """Return the text of ``metadata.yaml``.
+def bag_information(file_name: str, channels: Sequence[ChannelCount], begin: int, end: int) -> dict[str, Any]:
+    """Return what ``ros2 bag`` says of a bag, in ``metadata.yaml`` and inside the file.
 
     Parameters
     ----------
@@ -99,7 +101,7 @@ def metadata_yaml(file_name: str, channels: Sequence[ChannelCount], begin: int, 
         }
         for channel in channels
     ]
-    information = {
+    return {
         "version": 9,
         "storage_identifier": "mcap",
         "duration": duration,
@@ -113,4 +115,13 @@ def metadata_yaml(file_name: str, channels: Sequence[ChannelCount], begin: int, 
         "custom_data": None,
         "ros_distro": "jazzy",
     }
+
+
+def metadata_yaml(information: dict[str, Any]) -> str:
+    """Return the text of ``metadata.yaml``."""
     return yaml.dump({"rosbag2_bagfile_information": information}, Dumper=_Plain, sort_keys=False)
+
+
+def metadata_record(information: dict[str, Any]) -> dict[str, str]:
+    """Return the record ``rosbag2`` inside the file: the same without the key above it."""
+    return {"serialized_metadata": yaml.dump(information, Dumper=_Plain, sort_keys=False)}

@@ -1,4 +1,4 @@
-"""MCAP files with indexed, compressed chunks.
+"""MCAP files with indexed, compressed chunks, attachments and checksums over every byte.
 
 The records that are rare are those of the ``mcap`` package; messages are packed here in one step each, which takes a
 quarter of the time of its general writer (1.3 against 5 µs for a message of 60 bytes).
@@ -7,6 +7,7 @@ quarter of the time of its general writer (1.3 against 5 µs for a message of 60
 from __future__ import annotations
 
 import struct
+import time
 import zlib
 from collections.abc import Sequence
 from typing import BinaryIO
@@ -15,6 +16,8 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
+    Attachment,
+    AttachmentIndex,
     Channel,
     Chunk,
     ChunkIndex,
@@ -57,6 +60,8 @@ class McapWriter:
     ----------
     counts : list of int
         Messages per channel, in the order of the channels.
+    opened : float or None
+        Steady wall time of the first message in the chunk under way [s], None while it is empty.
     """
 
     def __init__(self, stream: BinaryIO, profile: str, library: str, chunk_size: int) -> None:
@@ -64,11 +69,14 @@ class McapWriter:
         self._limit = chunk_size
         self._compressor = zstandard.ZstdCompressor(level=3)
         self._place = 0
+        self._sum = 0
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
         self._chunks: list[ChunkIndex] = []
         self._metadata: list[MetadataIndex] = []
+        self._attachments: list[AttachmentIndex] = []
         self.counts: list[int] = []
+        self.opened: float | None = None
         self._chunk = bytearray()
         self._index: list[bytearray] = []
         self._begin = self._end = 0
@@ -80,6 +88,7 @@ class McapWriter:
     def _write(self, data: bytes) -> None:
         self._stream.write(data)
         self._place += len(data)
+        self._sum = zlib.crc32(data, self._sum)
 
     @property
     def span(self) -> tuple[int, int]:
@@ -108,6 +117,7 @@ class McapWriter:
         at = channel - 1
         if self._messages == 0:
             self._begin = self._end = log_ns
+            self.opened = time.monotonic()
         elif log_ns > self._end:
             self._end = log_ns
         elif log_ns < self._begin:
@@ -121,7 +131,7 @@ class McapWriter:
             self.close_chunk()
 
     def close_chunk(self) -> None:
-        """Write the chunk under way with its indexes, if it holds a message."""
+        """Write the chunk under way with its indexes, if it holds a message, through to the operating system."""
         if self._messages == 0:
             return
         whole = bytes(self._chunk)
@@ -164,11 +174,18 @@ class McapWriter:
         self._last = self._end if first else max(self._last, self._end)
         self._chunk.clear()
         self._messages = 0
-
-    def flush(self) -> None:
-        """Close the chunk under way and hand everything to the operating system."""
-        self.close_chunk()
+        self.opened = None
         self._stream.flush()
+
+    def attachment(self, name: str, media_type: str, data: bytes, moment_ns: int) -> None:
+        """Add an attachment, made and logged at ``moment_ns`` [ns since 1970]."""
+        if self._messages:
+            self.close_chunk()
+        record = _bytes(Attachment(moment_ns, moment_ns, name, media_type, data))
+        self._attachments.append(
+            AttachmentIndex(self._place, len(record), moment_ns, moment_ns, len(data), name, media_type)
+        )
+        self._write(record)
 
     def metadata(self, name: str, values: dict[str, str]) -> None:
         """Add a metadata record."""
@@ -179,13 +196,14 @@ class McapWriter:
     def finish(self) -> None:
         """Write the last chunk, the summary and the footer."""
         self.close_chunk()
-        self._write(_bytes(DataEnd(0)))
+        self._write(_bytes(DataEnd(self._sum)))
         start = self._place
         groups: tuple[tuple[Opcode, Sequence[McapRecord]], ...] = (
             (Opcode.SCHEMA, self._schemas),
             (Opcode.CHANNEL, self._channels),
             (Opcode.STATISTICS, [self._statistics()]),
             (Opcode.CHUNK_INDEX, self._chunks),
+            (Opcode.ATTACHMENT_INDEX, self._attachments),
             (Opcode.METADATA_INDEX, self._metadata),
         )
         summary, offsets = bytearray(), bytearray()
@@ -205,7 +223,7 @@ class McapWriter:
 
     def _statistics(self) -> Statistics:
         return Statistics(
-            attachment_count=0,
+            attachment_count=len(self._attachments),
             channel_count=len(self._channels),
             channel_message_counts={at + 1: count for at, count in enumerate(self.counts) if count},
             chunk_count=len(self._chunks),

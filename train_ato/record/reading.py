@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
+import fcntl
 import struct
-import zlib
 from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import zstandard
-from mcap.exceptions import McapError
-from mcap.records import Channel, Chunk, Message, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
 
 from train_ato.record.layout import LOG, PARTIAL, table_name
+from train_ato.record.records import Damage, attachment_of, channel_of, chunk_content, records, schema_of
 from train_ato.topics import EPOCH_NS
 
 _RECORD = struct.Struct("<BQ")
@@ -39,96 +38,146 @@ def log_file(run: Path) -> Path:
     Raises
     ------
     ValueError
-        If there is none, or only that of a killed run.
+        If there is none, or only that of a run which was killed or still goes on.
     """
     path = run / LOG if run.is_dir() else run
-    partial = run / PARTIAL if run.is_dir() else path
-    if partial.suffix == ".partial" and partial.is_file() and not (run.is_dir() and path.is_file()):
-        raise ValueError(f"{partial}: the run was killed; `train-ato recover {partial}` makes its log readable")
+    partial = partial_of(run)
+    if partial is not None:
+        raise ValueError(f"{partial}: {state_of(partial)}")
     if not path.is_file():
         raise ValueError(f"{path}: no such log; name a run folder or an MCAP file")
     return path
 
 
+def partial_of(run: Path) -> Path | None:
+    """Return the log that was never closed, where a run has no other."""
+    partial = run / PARTIAL if run.is_dir() else run
+    if partial.suffix != ".partial" or not partial.is_file() or (run.is_dir() and (run / LOG).is_file()):
+        return None
+    return partial
+
+
+def state_of(partial: Path) -> str:
+    """Say what became of the run whose log was not closed, and what to do."""
+    if being_written(partial):
+        return "the run still goes on; wait for its end, or end it with Ctrl-C"
+    return f"the run was killed; `train-ato recover {partial}` makes its log readable"
+
+
+def being_written(path: Path) -> bool:
+    """Tell whether a process has a log open for writing: it holds a lock on the file."""
+    try:
+        with path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+@dataclass
+class Definitions:
+    """Schemas and channels met so far, by their numbers."""
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+
+    def take(self, code: int, content: bytes) -> None:
+        """Take a record if it is a schema or a channel."""
+        if code == Opcode.SCHEMA:
+            schema = schema_of(content)
+            self.schemas[schema.id] = schema
+        elif code == Opcode.CHANNEL:
+            channel = channel_of(content)
+            self.channels[channel.id] = channel
+
+    def messages(self, data: bytes) -> Iterator[RawMessage]:
+        """Walk the records inside a chunk; messages are taken apart here, a general reader is ten times slower.
+
+        Raises
+        ------
+        Damage
+            If a record reaches beyond the chunk, or a message belongs to no known channel.
+        """
+        channels, schemas = self.channels, self.schemas
+        place, end = 0, len(data)
+        try:
+            while place < end:
+                code, length = _RECORD.unpack_from(data, place)
+                begin = place + 9
+                place = begin + length
+                if place > end:
+                    raise Damage("a record reaches beyond its chunk")
+                if code == _MESSAGE_CODE:
+                    number, _, log_ns, publish_ns = _MESSAGE.unpack_from(data, begin)
+                    channel = channels[number]
+                    schema = schemas[channel.schema_id]
+                    yield RawMessage(channel, schema, publish_ns, log_ns, data[begin + 22 : place])
+                else:
+                    self.take(code, data[begin:place])
+        except (struct.error, KeyError) as error:
+            raise Damage(f"a chunk holds what it cannot ({type(error).__name__}: {error})") from None
+
+
 def stream(path: Path, *, broken: bool = False) -> Iterator[RawMessage]:
     """Read a log from its beginning, message by message, in the order in which it was written.
+
+    Every chunk is checked before its first message is handed out, the file as a whole at its end.
 
     Parameters
     ----------
     path
         MCAP file.
     broken
-        End quietly where the file breaks off, as a killed run leaves it.
+        End quietly at the first damage, also where the file breaks off, as a killed run leaves it.
 
     Raises
     ------
     ValueError
         If the file is no log or damaged.
     """
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Channel] = {}
+    known = Definitions()
     try:
         with path.open("rb") as file:
-            for record in StreamReader(file, emit_chunks=True).records:
-                if isinstance(record, Schema):
-                    schemas[record.id] = record
-                elif isinstance(record, Channel):
-                    channels[record.id] = record
-                elif isinstance(record, Message):
-                    channel = channels[record.channel_id]
-                    schema = schemas[channel.schema_id]
-                    yield RawMessage(channel, schema, record.publish_time, record.log_time, record.data)
-                elif isinstance(record, Chunk):
-                    yield from _chunk(record, schemas, channels)
-    except (McapError, struct.error, zstandard.ZstdError, KeyError, EOFError, IndexError) as error:
+            for record in records(file, path.stat().st_size):
+                if record.code == Opcode.CHUNK:
+                    yield from known.messages(chunk_content(record.content))
+                elif record.code == Opcode.MESSAGE:
+                    yield from known.messages(_RECORD.pack(record.code, len(record.content)) + record.content)
+                else:
+                    known.take(record.code, record.content)
+    except Damage as damage:
         if not broken:
-            raise ValueError(f"{path}: damaged or no MCAP file ({type(error).__name__}: {error})") from None
+            raise ValueError(_complaint(path, damage)) from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
 
 
-def _chunk(chunk: Chunk, schemas: dict[int, Schema], channels: dict[int, Channel]) -> Iterator[RawMessage]:
-    """Walk the records of a chunk; messages are taken apart here, the general reader is ten times slower."""
-    if chunk.compression != "zstd":
-        for record in breakup_chunk(chunk):
-            if isinstance(record, Message):
-                channel = channels[record.channel_id]
-                yield RawMessage(channel, schemas[channel.schema_id], record.publish_time, record.log_time, record.data)
-            elif isinstance(record, Schema):
-                schemas[record.id] = record
-            elif isinstance(record, Channel):
-                channels[record.id] = record
-        return
-    data = zstandard.decompress(chunk.data, chunk.uncompressed_size)
-    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-        raise McapError("checksum of a chunk differs")
-    place, end = 0, len(data)
-    others: list[tuple[int, int]] = []
-    while place < end:
-        code, length = _RECORD.unpack_from(data, place)
-        place += 9
-        if code == _MESSAGE_CODE:
-            for begin, stop in others:
-                _declare(data[begin:stop], schemas, channels)
-            others.clear()
-            number, _, log_ns, publish_ns = _MESSAGE.unpack_from(data, place)
-            channel = channels[number]
-            yield RawMessage(channel, schemas[channel.schema_id], publish_ns, log_ns, data[place + 22 : place + length])
-        else:
-            others.append((place - 9, place + length))
-        place += length
-    for begin, stop in others:
-        _declare(data[begin:stop], schemas, channels)
+def _complaint(path: Path, damage: Damage) -> str:
+    return f"{path}: damaged or no log: {damage}; `train-ato recover {path}` saves what is whole"
 
 
-def _declare(record: bytes, schemas: dict[int, Schema], channels: dict[int, Channel]) -> None:
-    """Take a schema or channel record that stands inside a chunk."""
-    plain = Chunk("", record, 0, 0, 0, len(record))
-    for entry in breakup_chunk(plain):
-        if isinstance(entry, Schema):
-            schemas[entry.id] = entry
-        elif isinstance(entry, Channel):
-            channels[entry.id] = entry
+def attachments(path: Path) -> dict[str, bytes]:
+    """Return the files that are attached to a log, by their names.
+
+    Raises
+    ------
+    ValueError
+        If the file is no log or damaged.
+    """
+    found = {}
+    try:
+        with path.open("rb") as file:
+            for record in records(file, path.stat().st_size):
+                if record.code == Opcode.ATTACHMENT:
+                    entry = attachment_of(record.content)
+                    found[entry.name] = entry.data
+    except Damage as damage:
+        raise ValueError(_complaint(path, damage)) from None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
+    return found
 
 
 def iter_raw(run: Path, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, bytes]]:

@@ -6,40 +6,52 @@ a killed process leaves the partial file, and ``recover`` reads that.
 
 from __future__ import annotations
 
+import fcntl
 import io
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
+from train_ato.record.chunk_clock import ChunkClock
 from train_ato.record.definitions import definition
 from train_ato.record.layout import (
     LOG,
     METADATA,
-    PARTIAL,
+    NEVER,
     ChannelCount,
+    bag_information,
     log_name,
+    metadata_record,
     metadata_yaml,
     qos_profiles,
     qos_text,
 )
 from train_ato.record.mcap_writer import McapWriter
-from train_ato.topics import TOPICS, Topic
+from train_ato.topics import EPOCH_NS, TOPICS, Topic
 
 CHUNK = 256 * 1024
 """Size at which a chunk is closed [bytes]; a killed run loses what is in the open one."""
-FLUSH_S = 1.0
-"""Longest wall time for which messages stay in the open chunk [s]."""
-_LOOK = 32
+CLOSE_AFTER_S = 0.8
+"""Age at which the open chunk is closed whatever its size [s]; with the time that takes it is less than a second."""
+YAML = "application/yaml"
 
 
 class LogFile:
     """An MCAP file under construction, in the layout of ``ros2 bag``.
 
+    While it is written, the file is locked, so that nobody takes it for that of a killed run.
+
     Parameters
     ----------
     folder
         Existing folder of the run.
+    attachments
+        Texts to attach, by file name, before the first message.
+    name
+        Name of the closed file.
 
     Raises
     ------
@@ -47,9 +59,9 @@ class LogFile:
         If there is a log in the folder already or it cannot be written.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.path = folder / LOG
-        self._partial = folder / PARTIAL
+    def __init__(self, folder: Path, attachments: Mapping[str, bytes] | None = None, name: str = LOG) -> None:
+        self.path = folder / name
+        self._partial = folder / f"{name}.partial"
         for taken in (self.path, self._partial):
             if taken.exists():
                 raise ValueError(f"{taken}: exists already; name another output folder")
@@ -57,22 +69,33 @@ class LogFile:
             self._raw = self._partial.open("xb", buffering=0)
         except OSError as error:
             raise ValueError(f"{self._partial}: cannot be written ({error.strerror}); name a writable folder") from None
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(self._raw, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._stream = io.BufferedWriter(self._raw, 1 << 16)
-        self._writer = McapWriter(self._stream, "ros2", "train_ato", CHUNK)
+        self._lock = threading.Lock()
         self._schemas: dict[str, int] = {}
         self._channels: list[tuple[str, str, str, str]] = []
-        self._flushed = time.monotonic()
-        self._total = 0
+        self._told = False
         self.failure: str | None = None
         self.closed = False
+        self._writer = McapWriter(self._stream, "ros2", "train_ato", CHUNK)
+        self._guard(lambda: self._begin(attachments or {}))
+        self._clock = ChunkClock(self._close_in_time, CLOSE_AFTER_S)
+
+    def _begin(self, attachments: Mapping[str, bytes]) -> None:
+        self._writer.metadata("rosbag2", metadata_record(bag_information(self.path.name, [], NEVER, NEVER)))
+        for name, data in attachments.items():
+            self._writer.attachment(name, YAML, data, EPOCH_NS)
+        self._stream.flush()
 
     def channel(self, name: str, type_name: str, text: str, type_hash: str, qos: str) -> int:
         """Add a topic and return its number for :meth:`write`."""
-        if type_name not in self._schemas:
-            self._schemas[type_name] = self._writer.schema(type_name, "ros2msg", text.encode())
-        metadata = {"offered_qos_profiles": qos, "topic_type_hash": type_hash}
-        number = self._writer.channel(name, "cdr", self._schemas[type_name], metadata)
-        self._channels.append((name, type_name, type_hash, qos))
+        with self._lock:
+            if type_name not in self._schemas:
+                self._schemas[type_name] = self._writer.schema(type_name, "ros2msg", text.encode())
+            metadata = {"offered_qos_profiles": qos, "topic_type_hash": type_hash}
+            number = self._writer.channel(name, "cdr", self._schemas[type_name], metadata)
+            self._channels.append((name, type_name, type_hash, qos))
         return number
 
     def write(self, channel: int, publish_ns: int, log_ns: int, data: bytes) -> None:
@@ -83,20 +106,19 @@ class LogFile:
         OSError
             If the disk is full or gone. Nothing is written to that file afterwards.
         """
-        if self.failure is not None:
-            raise OSError(self.failure)
-        try:
-            self._writer.add(channel, publish_ns, log_ns, data)
-            self._total += 1
-            if self._total % _LOOK == 0 and time.monotonic() - self._flushed > FLUSH_S:
-                self._writer.flush()
-                self._flushed = time.monotonic()
-        except OSError as error:
-            self._give_up(error)
+        with self._lock:
+            if self.failure is not None:
+                self._tell()
+            try:
+                self._writer.add(channel, publish_ns, log_ns, data)
+            except OSError as error:
+                self._give_up(error)
+                self._tell()
 
     def flush(self) -> None:
         """Write the open chunk to the file."""
-        self._guard(self._writer.flush)
+        with self._lock:
+            self._guard(self._writer.close_chunk)
 
     def close(self) -> None:
         """Finish the file, give it its name and write ``metadata.yaml``; after a failed write only let go of it.
@@ -109,27 +131,47 @@ class LogFile:
         if self.closed:
             return
         self.closed = True
-        if self.failure is not None:
-            return
-        self._guard(self._finish)
+        self._clock.stop()
+        if self.failure is None:
+            self._guard(self._finish)
+        elif not self._told:
+            self._tell()
 
     def _finish(self) -> None:
         self._writer.close_chunk()
         pairs = zip(self._channels, self._writer.counts, strict=True)
-        text = metadata_yaml(LOG, [ChannelCount(*channel, count) for channel, count in pairs], *self._writer.span)
-        self._writer.metadata("rosbag2", {"serialized_metadata": text})
+        channels = [ChannelCount(*channel, count) for channel, count in pairs]
+        span = self._writer.span if any(self._writer.counts) else (NEVER, NEVER)
+        information = bag_information(self.path.name, channels, *span)
+        self._writer.metadata("rosbag2", metadata_record(information))
         self._writer.finish()
-        self._stream.close()
+        (self.path.parent / METADATA).write_text(metadata_yaml(information), encoding="utf-8")
         self._partial.rename(self.path)
-        (self.path.parent / METADATA).write_text(text, encoding="utf-8")
+        self._stream.close()
+
+    def _close_in_time(self) -> float:
+        """Close the open chunk when it is old enough; return after how long to look again [s]."""
+        with self._lock:
+            opened = self._writer.opened
+            if self.failure is not None or self.closed or opened is None:
+                return CLOSE_AFTER_S
+            left = opened + CLOSE_AFTER_S - time.monotonic()
+            if left > 0:
+                return left
+            try:
+                self._writer.close_chunk()
+            except OSError as error:
+                self._give_up(error)
+        return CLOSE_AFTER_S
 
     def _guard(self, action: Callable[[], object]) -> None:
         if self.failure is not None:
-            raise OSError(self.failure)
+            self._tell()
         try:
             action()
         except OSError as error:
             self._give_up(error)
+            self._tell()
 
     def _give_up(self, error: OSError) -> None:
         """Remember the failure and release the file without another write to it."""
@@ -137,7 +179,10 @@ class LogFile:
             f"{self._partial}: writing failed ({error.strerror or error}); `train-ato recover` reads the rest"
         )
         self._raw.close()
-        raise OSError(self.failure) from None
+
+    def _tell(self) -> None:
+        self._told = True
+        raise OSError(self.failure)
 
 
 class RunLog:
@@ -151,10 +196,18 @@ class RunLog:
         Topics of the run; those that are not recorded are left out.
     namespace
         Namespace of the graph.
+    attachments
+        Texts to attach, by file name: what made the run and with what it can be made again.
     """
 
-    def __init__(self, folder: Path, topics: Sequence[Topic] = TOPICS, namespace: str = "") -> None:
-        self._file = LogFile(folder)
+    def __init__(
+        self,
+        folder: Path,
+        topics: Sequence[Topic] = TOPICS,
+        namespace: str = "",
+        attachments: Mapping[str, bytes] | None = None,
+    ) -> None:
+        self._file = LogFile(folder, attachments)
         self._numbers: dict[str, int] = {}
         self.counts: dict[str, int] = {}
         for topic in topics:
