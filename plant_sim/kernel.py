@@ -60,9 +60,9 @@ ISSUED, WAVE, LEVEL, REACHED, NUMBER = range(5)
 # Entries of `setting`.
 (
     REVERSING, HOLD_SPEED, APPLY_KEEP, RELEASE_KEEP, RESERVOIR_USE, RECHARGE, FULL_LEVEL,
-    SATURATED_ANY, HAS_DRIFT, LIMITED,
-) = range(10)  # fmt: skip
-SETTINGS = 10
+    SATURATED_ANY, HAS_DRIFT,
+) = range(9)  # fmt: skip
+SETTINGS = 9
 
 SMALLEST_POWER_SPEED = 0.1  # m/s; below it power / v is taken at this speed
 IDLE_CYLINDER = 1e-6  # braking factor below which a releasing cylinder counts as empty

@@ -94,6 +94,35 @@ def _divide(value: Any, divisor: float) -> Any:
     return value / divisor
 
 
+_BOUNDS = frozenset({"minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"})
+_SIGNS = {"kmh": "km/h", "permille": "‰", "percent": "%", "kn": "kN", "mn": "MN", "kw": "kW", "mw": "MW", "kpa": "kPa"}
+
+
+def _signed(suffix: str) -> str:
+    """Return a unit as it is written, from the suffix that stands for it: kN/m for kn_per_m."""
+    above, _, below = suffix.partition("_per_")
+    above = {"kns": "kN s", "mns": "MN s"}.get(above, _SIGNS.get(above, above))
+    return f"{above}/{below}" if below else above
+
+
+def _scaled(part: Any, divisor: float) -> Any:
+    """Return the JSON Schema of a quantity with its bounds in another unit and without its default."""
+    if isinstance(part, list):
+        return [_scaled(entry, divisor) for entry in part]
+    if not isinstance(part, dict):
+        return part
+    return {
+        key: float(f"{value * divisor:.12g}") if key in _BOUNDS else _scaled(value, divisor)
+        for key, value in part.items()
+        if key != "default"
+    }
+
+
+def _described(part: dict[str, Any], unit: str) -> dict[str, Any]:
+    """Return the JSON Schema of a quantity with the unit behind its description."""
+    return {**part, "description": f"{part.get('description', '')} [{unit}]".strip()}
+
+
 class SiModel(BaseModel):
     """Base of every model that is read from a file: strict keys, finite plain numbers, unit suffixes."""
 
@@ -147,9 +176,14 @@ class SiModel(BaseModel):
         properties = target.get("properties", {})
         required = list(target.get("required", ()))
         alternatives = []
-        for key, (name, _) in cls.suffixed_keys().items():
+        for key, (name, divisor) in cls.suffixed_keys().items():
             if name in properties:
-                properties[key] = {entry: part for entry, part in properties[name].items() if entry != "default"}
+                sign = _signed(key.removeprefix(f"{name}_"))
+                properties[key] = _described(_scaled(properties[name], divisor), sign)
+        for name, field in cls.model_fields.items():
+            unit = _unit_of(list(field.metadata), field.annotation)
+            if unit is not None and name in properties:
+                properties[name] = _described(properties[name], unit.si)
         for name in list(required):
             spellings = [name, *(key for key, (field, _) in cls.suffixed_keys().items() if field == name)]
             if len(spellings) > 1:

@@ -98,7 +98,7 @@ def ramps(t: Array) -> Array:
 
 def run_ramps(plant: Train) -> Train:
     """Drive :func:`ramps` for 100 s, with air (if fitted) from 50 s to 70 s."""
-    air = plant.pipe_pressure is not None
+    air = plant.consist.air_brake is not None
     pipe = {50.0: 550e3, 70.0: 600e3}
     for tick in range(round(100e9 / plant.tick_ns)):
         begin = tick * plant.tick_ns * 1e-9

@@ -51,7 +51,7 @@ BENCH: dict[str, Any] = {
 
 def test_resistance_of_the_published_freight_train(shared_data: Path) -> None:
     """At 15 m/s: 5461.127 N (locomotive, with 15 km/h of head wind) and 20900.733 N (wagons, without)."""
-    consist = railtoolkit.read_train(shared_data / "railtoolkit" / "freight.yaml").consist
+    consist = find_train(str(shared_data / "railtoolkit" / "freight.yaml"))[0]
     force = []
     for vehicle in consist.vehicles:
         a, b, c = vehicle.resistance.polynomial(vehicle.mass, consist.gravity)
@@ -105,7 +105,7 @@ def test_a_bench_line_with_curves() -> None:
 @pytest.mark.parametrize("name", ["00_var_gradient_minusplus_6", "00_var_speed_limit_100", "CH_StGallen_Wil"])
 def test_the_open_bench_lines_are_read_whole(shared_data: Path, name: str) -> None:
     path = shared_data / "ttobench" / f"{name}.json"
-    raw, line = json.loads(path.read_text()), ttobench.read_line(path)
+    raw, line = json.loads(path.read_text()), find_line(str(path))
     assert len(line.stops) == len(raw["stops"]["values"]) and len(line.grades) == len(raw["gradients"]["values"])
     speeds = [3.6 * limit.speed for limit in line.speed_limits]
     assert np.allclose(speeds, [row[1] for row in raw["speed limits"]["values"]])

@@ -52,6 +52,20 @@ def test_schema_refuses_what_the_models_refuse() -> None:
         jsonschema.validate(data, json.loads(schema_text("scenario")))
 
 
+@pytest.mark.parametrize(
+    ("key", "most", "unit"),
+    [("tick", 10, "s"), ("tick_ms", 10e3, "ms"), ("duration", 86_400, "s"), ("duration_min", 1440, "min")],
+)
+def test_schema_has_bounds_and_unit_of_the_key(key: str, most: float, unit: str) -> None:
+    """Breaks if an editor marks tick_ms: 100 because a tick has at most 10 s, or does not say the unit."""
+    schema = json.loads(schema_text("scenario"))
+    assert schema["properties"][key]["description"].endswith(f"[{unit}]")
+    data = {"schema": "train_ato/scenario/1"}
+    jsonschema.validate({**data, key: most}, schema)
+    with pytest.raises(jsonschema.ValidationError, match="greater than the maximum"):
+        jsonschema.validate({**data, key: 1.001 * most}, schema)
+
+
 def test_topic_page_is_that_of_the_table() -> None:
     """Breaks if a topic changes and its documentation does not: python -m train_ato.topic_docs."""
     assert (REPO / "msgs_docs" / "topics.md").read_text() == topic_docs.page()

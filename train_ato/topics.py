@@ -20,7 +20,6 @@ class Role(Enum):
     OBSERVER = "observer"
     CONTROLLER = "controller"
     RECORDER = "recorder"
-    RUNNER = "runner"
 
 
 class Rate(Enum):

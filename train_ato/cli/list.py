@@ -1,10 +1,12 @@
-"""``train-ato list``: everything that can be named on the command line, one line each."""
+"""``train-ato list [NAME]``: everything that can be named on the command line, one line each, or all about one name."""
 
 from __future__ import annotations
 
 import argparse
 
+from plant_sim.input_error import close_match
 from plant_sim.library import consist_names, line_names, load_consist, load_line
+from train_ato.cli.details import details
 from train_ato.cli.screen import names, print_json
 from train_ato.compensate.registry import COMPENSATIONS
 from train_ato.control.registry import LAWS
@@ -14,6 +16,7 @@ from train_ato.scenario import raw, shipped_scenarios, variants_of
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``list``."""
+    parser.add_argument("name", nargs="?", metavar="NAME", help="one of them: its parameters, variants, figures")
     parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
 
 
@@ -34,11 +37,19 @@ def catalogue() -> dict[str, dict[str, str]]:
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Print the catalogue."""
-    found = catalogue()
+    """Print the catalogue, or what is known of one name."""
+    found = catalogue() if options.name is None else _about(options.name)
     if options.json:
         print_json(found)
         return 0
     for kind, entries in found.items():
         names(kind, entries.items())
     return 0
+
+
+def _about(name: str) -> dict[str, dict[str, str]]:
+    found = details(name)
+    if not found:
+        known = {entry for entries in catalogue().values() for entry in entries}
+        raise ValueError(f"unknown name '{name}'{close_match(name, known)}; `train-ato list` shows all")
+    return {f"{kind} {name}": facts for kind, facts in found.items()}

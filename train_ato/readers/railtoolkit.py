@@ -22,9 +22,9 @@ from typing import Any
 from plant_sim.consist import Consist
 from plant_sim.library import check
 from plant_sim.line import Line
-from train_ato.readers.fields import Fields, number, read_data
+from train_ato.readers.fields import Fields, number
 
-__all__ = ["ReadTrain", "is_railtoolkit", "line_from", "read_line", "read_train", "train_from"]
+__all__ = ["ReadTrain", "is_railtoolkit", "line_from", "train_from"]
 
 TRAIN_SCHEMA = "railtoolkit.org/schema/rolling-stock"
 PATH_SCHEMA = "railtoolkit.org/schema/running-path"
@@ -57,19 +57,14 @@ def is_railtoolkit(data: dict[str, Any], what: str) -> bool:
     return PATH_SCHEMA in schema or "paths" in data or (isinstance(data.get("path"), dict))
 
 
-def read_train(path: Path) -> ReadTrain:
-    """Read the first train of a rolling-stock file.
+def train_from(data: dict[str, Any], place: str) -> ReadTrain:
+    """Return the first train of a rolling-stock file's data.
 
     Raises
     ------
     ValueError
-        One line that names the file, the key, the value and the remedy.
+        One line that names the place, the key, the value and the remedy.
     """
-    return train_from(read_data(path), str(path))
-
-
-def train_from(data: dict[str, Any], place: str) -> ReadTrain:
-    """Return the first train of a rolling-stock file's data; see :func:`read_train`."""
     top = Fields(data, place)
     known: dict[str, Fields] = {}
     for index, entry in enumerate(top.entries("vehicles")):
@@ -189,21 +184,15 @@ def _assembled(name: str, formation: list[str], used: dict[str, _Vehicle], place
     return ReadTrain(consist, deceleration, speed)
 
 
-def read_line(path: Path) -> Line:
-    """Read the first running path of a file.
+def line_from(data: dict[str, Any], place: str) -> Line:
+    """Return the first running path of a file's data.
+
+    The sections' resistance is taken as their grade.  Points of interest are no stops.
 
     Raises
     ------
     ValueError
-        One line that names the file, the key, the value and the remedy.
-    """
-    return line_from(read_data(path), str(path))
-
-
-def line_from(data: dict[str, Any], place: str) -> Line:
-    """Return the first running path of a file's data; see :func:`read_line`.
-
-    The sections' resistance is taken as their grade.  Points of interest are no stops.
+        One line that names the place, the key, the value and the remedy.
     """
     top = Fields(data, place)
     path = top.below("path") if "path" in top else Fields(top.entries("paths")[0], f"{place}: paths[0]")

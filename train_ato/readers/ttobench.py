@@ -13,17 +13,15 @@ from typing import Any
 
 from plant_sim.library import check
 from plant_sim.line import Line
-from train_ato.readers.fields import Fields, number, read_data
+from train_ato.readers.fields import Fields, number
 
-__all__ = ["is_ttobench", "line_from", "read_line"]
+__all__ = ["is_ttobench", "line_from"]
 
 LENGTHS = {"m": 1.0, "km": 1e3}
 SPEEDS = {"km/h": 1 / 3.6, "m/s": 1.0}
 SLOPES = {"permil": 1e-3, "percent": 1e-2, "1": 1.0}
 STRAIGHT = 1e5
 """Radii beyond this are straight [m]."""
-RUN_OUT = 500.0
-"""Line beyond the last entry, level and straight, where a file ends before its last stop [m]."""
 
 
 def is_ttobench(data: dict[str, Any]) -> bool:
@@ -31,19 +29,14 @@ def is_ttobench(data: dict[str, Any]) -> bool:
     return "stops" in data and isinstance(data.get("stops"), dict) and "speed limits" in data
 
 
-def read_line(path: Path) -> Line:
-    """Read a line.
+def line_from(data: dict[str, Any], place: str) -> Line:
+    """Return the line of a file's data.
 
     Raises
     ------
     ValueError
-        One line that names the file, the key, the value and the remedy.
+        One line that names the place, the key, the value and the remedy.
     """
-    return line_from(read_data(path), str(path))
-
-
-def line_from(data: dict[str, Any], place: str) -> Line:
-    """Return the line of a file's data; see :func:`read_line`."""
     top = Fields(data, place)
     stops = _stops(top.below("stops"))
     limits = _steps(top.below("speed limits"), "velocity", SPEEDS, 1e-3, 1e3)

@@ -25,8 +25,6 @@ OFFSETS: Array = 80.0 * np.arange(5, dtype=np.float64)
 STIFFNESS_KN = 160.0
 """Of a coupler [kN/m]."""
 MASS = 80e3
-REAL = 0.8
-"""Largest acceleration of a real train of this kind [m/s²]."""
 UNDER_WAY = 5.0
 """Time from which realistic runs are scored [s]."""
 GOOD, FAIR, BAD = Verdict.REPRODUCED, Verdict.OTHER_SETTING, Verdict.NOT_REPRODUCED

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from train_ato.history import History
 from train_ato.reproduce.claims import Judgement, Result, Results, Verdict
 from train_ato.reproduce.funnel_series import ALONE, last_saturation, off_profile
 from train_ato.reproduce.judges import history as series_of
@@ -251,8 +248,3 @@ def quiet(results: Results) -> Judgement:
             f"with low gains and a period of 0.2 s under predictor and eso; position {written(place(result), 'm')}",
         )
     return Judgement(measured, BAD, "more than 60 kN/s")
-
-
-def boundaries_kept(history: History, phi: np.ndarray) -> float:
-    """Return the part of the time that |e1| is inside its funnel."""
-    return float((np.abs(position_error(history, ALONE)[:, 0]) <= phi).mean())

@@ -1,0 +1,120 @@
+"""What is known of one name of the catalogue: a scenario, a block with its parameters, a train, a line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from plant_sim.consist import Consist
+from plant_sim.library import consist_names, line_names, load_consist, load_line
+from plant_sim.line import Line
+from train_ato.compensate.registry import COMPENSATIONS
+from train_ato.control.contract import Parameter
+from train_ato.control.registry import LAWS, Registry
+from train_ato.observe.registry import OBSERVERS
+from train_ato.scenario import find, load, shipped_scenarios, variants_of
+
+Facts = dict[str, str]
+GRADES = (0.0, 0.002, 0.005, 0.010)
+"""Grades for which a train's balancing speed is told."""
+
+
+def details(name: str) -> dict[str, Facts]:
+    """Return what is known of a name, by kind: one name may be an observer and a compensation.
+
+    Raises
+    ------
+    ValueError
+        If a scenario of that name cannot be read.
+    """
+    found: dict[str, Facts] = {}
+    if name.partition(":")[0] in shipped_scenarios():
+        found["scenario"] = _scenario(name)
+    for registry in (LAWS, OBSERVERS, COMPENSATIONS):
+        if name in registry.names():
+            found[registry.kind] = _block(registry, name)
+    if name in consist_names():
+        found["consist"] = _consist(load_consist(name))
+    if name in line_names():
+        found["line"] = _line(load_line(name))
+    return found
+
+
+def _scenario(name: str) -> Facts:
+    scenario, path = load(name)
+    stem = name.partition(":")[0]
+    plant = scenario.plant
+    facts = {
+        "summary": scenario.summary,
+        "file": str(path),
+        "lasts": f"{scenario.duration:g} s in ticks of {scenario.tick:g} s, plant step {scenario.step * 1e3:g} ms",
+        "train": plant.consist if isinstance(plant.consist, str) else plant.consist.name,
+        "line": plant.line if isinstance(plant.line, str) else plant.line.name,
+        "controller": scenario.controller,
+        "observer": scenario.observer,
+        "compensation": scenario.compensation,
+    }
+    return facts | {f"{stem}:{variant}": summary for variant, summary in variants_of(find(stem)[0]).items()}
+
+
+def _block(registry: Registry, name: str) -> Facts:
+    return {"summary": registry.summary(name)} | {p.name: _parameter(p) for p in registry.parameters(name)}
+
+
+def _parameter(parameter: Parameter) -> str:
+    """Return default, unit, range or choices, and meaning in one line."""
+    default = parameter.default
+    if isinstance(default, bool):
+        value = "true or false"
+    elif isinstance(default, str):
+        value = ", ".join(parameter.choices)
+    else:
+        value = f"{parameter.low:g} ... {parameter.high:g}"
+    shown = str(default).lower() if isinstance(default, bool) else default
+    unit = "" if parameter.unit in ("", "1") else f" {parameter.unit}"
+    return f"{shown}{unit} ({value}): {parameter.meaning}"
+
+
+def _consist(consist: Consist) -> Facts:
+    from train_ato.plan.statics import balancing_speed, holding_force, steepest_start
+
+    vehicles, units = len(consist.vehicles), len(consist.power_units)
+    facts = {
+        "summary": consist.summary,
+        "vehicles": f"{vehicles}, {units} of them driven; {consist.mass / 1e3:g} t, {consist.length:g} m",
+        "air brake": "yes" if consist.air_brake is not None else "no",
+    }
+    moving: dict[str, Callable[[], str]] = {
+        "balancing speed": lambda: ", ".join(
+            f"{3.6 * balancing_speed(consist, grade):.0f} km/h at {1e3 * grade:g} per mille" for grade in GRADES
+        ),
+        "steepest start": lambda: f"{1e3 * steepest_start(consist):.1f} per mille",
+        "at 60 km/h": lambda: (
+            f"{holding_force(consist, 60 / 3.6, 0.0) / 1e3:.0f} kN hold the speed on the level, "
+            f"{holding_force(consist, 60 / 3.6, -0.010) / 1e3:.0f} kN on a fall of 10 per mille"
+        ),
+    }
+    if units:
+        facts |= {key: text() for key, text in moving.items()}
+    return facts | {"source": consist.source}
+
+
+def _line(line: Line) -> Facts:
+    from plant_sim.track import Track
+
+    track = Track(line)
+    height = track.elevation(track.breaks)
+    facts = {
+        "summary": line.summary,
+        "reaches": f"from km {line.begin / 1e3:g} to km {line.end / 1e3:g}",
+        "grades": f"{1e3 * track.grade.min():g} ... {1e3 * track.grade.max():g} per mille",
+        "height": f"from {height.min():.1f} to {height.max():.1f} m over its begin, {height[-1]:.1f} m at its end",
+        "curves": str(len(line.curves)),
+    }
+    if line.curves:
+        facts["curves"] += f", radius from {min(curve.radius for curve in line.curves):g} m"
+    if line.speed_limits:
+        limits = [3.6 * limit.speed for limit in line.speed_limits]
+        facts["speed limits"] = f"{min(limits):.0f} ... {max(limits):.0f} km/h"
+    if line.stops:
+        facts["stops"] = ", ".join(f"{stop.name} km {stop.at / 1e3:g}".strip() for stop in line.stops)
+    return facts | {"source": line.source}
