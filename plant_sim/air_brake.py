@@ -15,6 +15,10 @@ from plant_sim.states import Array
 
 SMALLEST_CHANGE = 1.0
 """Changes of the demanded pressure below this are none [Pa]."""
+ATMOSPHERE = 101_325.0
+"""Absolute pressure of a vented brake pipe [Pa]."""
+VENTED = 1.0
+"""Braking factor of a vented pipe: the shoe forces of the data files are those at full cylinder pressure."""
 
 
 def braking_factor(brake: AirBrake, pressure: float) -> float:
@@ -46,9 +50,14 @@ class PipeEvents:
 
     def demand(self, time: float, pressure: float) -> None:
         """Set the pressure at the head from a time on; a change starts an application or a release wave."""
-        if abs(pressure - self.pressure) < SMALLEST_CHANGE:
-            return
-        level = braking_factor(self._brake, pressure)
+        if abs(pressure - self.pressure) >= SMALLEST_CHANGE:
+            self._change(time, pressure, braking_factor(self._brake, pressure))
+
+    def vent(self, time: float) -> None:
+        """Let all air out at the head from a time on: the emergency application, with the application wave's speed."""
+        self._change(time, ATMOSPHERE, VENTED)
+
+    def _change(self, time: float, pressure: float, level: float) -> None:
         wave = self._brake.apply_wave if level > self._level else self._brake.release_wave
         self.pressure = pressure
         if level == self._level:

@@ -1,4 +1,4 @@
-"""Disturbances that act on the train from outside, as data and as arrays for the kernel.
+"""Disturbances that act on the train from outside, as data; :mod:`plant_sim.outside_forces` adds them up.
 
 Every kind answers for a whole tick at once: force F [N], force per speed G [N s/m] (the force is F + G v) and
 drift speed [m/s] of the vehicles it lists.  Accelerations are turned into forces by the inertial mass.
@@ -6,7 +6,6 @@ drift speed [m/s] of the vehicles it lists.  Accelerations are turned into force
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -216,77 +215,6 @@ Disturbance = Annotated[
 ]
 
 
-class _Wind:
-    """State of one :class:`Turbulence`: an Ornstein-Uhlenbeck sequence at the tick."""
-
-    def __init__(self, source: Turbulence, vehicles: int, tick: float) -> None:
-        self._keep = float(np.exp(-tick / source.correlation))
-        self._gain = source.acceleration_rms * float(np.sqrt(1.0 - self._keep**2))
-        self._value = np.zeros(vehicles)
-
-    def tick(self, t: Array, mass: Array, draws: Array) -> Outside:
-        self._value = self._keep * self._value + self._gain * draws
-        return Outside(np.broadcast_to(self._value * mass, (len(t), len(mass))))
-
-
-class OutsideForces:
-    """All disturbances of a run, added up for the vehicles that any of them lists.
-
-    Parameters
-    ----------
-    disturbances
-        As in the scenario; grades are left to the line.
-    mass : Array, shape (n,)
-        Inertial masses [kg].
-    step, tick : float
-        Plant step and tick [s].
-    streams
-        One generator per disturbance, in the order given.
-    """
-
-    def __init__(
-        self,
-        disturbances: Sequence[Disturbance],
-        mass: Array,
-        step: float,
-        tick: float,
-        streams: Sequence[np.random.Generator],
-    ) -> None:
-        count = len(mass)
-        acting = [
-            (source, random, source.listed(count))
-            for source, random in zip(disturbances, streams, strict=True)
-            if not isinstance(source, UnmodelledGrade)
-        ]
-        self.vehicles = np.array(sorted({i for _, _, listed in acting for i in listed}), dtype=np.int64)
-        column = {int(vehicle): j for j, vehicle in enumerate(self.vehicles)}
-        self._sources = [
-            (
-                _Wind(source, len(listed), tick) if isinstance(source, Turbulence) else source,
-                random,
-                np.array([column[i] for i in listed], dtype=np.int64),
-                mass[list(listed)],
-            )
-            for source, random, listed in acting
-        ]
-        self.has_drift = any(isinstance(source, Paper002) for source, _, _ in acting)
-        self._offsets: Array = np.arange(round(tick / step)) * np.float64(step)
-        self._sum = np.zeros((3, len(self._offsets), len(self.vehicles)))
-
-    def tick(self, start: float) -> Array:
-        """Return force, force per speed and drift of the tick from ``start`` on, shape (3, steps, listed vehicles)."""
-        if not self._sources:
-            return self._sum
-        t: Array = np.add(start, self._offsets)
-        self._sum[:] = 0.0
-        for source, random, columns, mass in self._sources:
-            outside = source.tick(t, mass, random.standard_normal(len(columns)))
-            for row, part in enumerate(outside):
-                if part is not None:
-                    self._sum[row][:, columns] += part
-        return self._sum
-
-
 __all__ = [
     "Disturbance",
     "Equation40",
@@ -294,7 +222,6 @@ __all__ = [
     "Gust",
     "Harmonic",
     "Outside",
-    "OutsideForces",
     "Paper001",
     "Paper002",
     "Term",

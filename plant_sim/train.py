@@ -9,8 +9,9 @@ import numpy as np
 from plant_sim import kernel as k
 from plant_sim.air_brake import PipeEvents
 from plant_sim.consist import Consist
-from plant_sim.disturbances import OutsideForces
+from plant_sim.disturbances import Gust
 from plant_sim.line import Line
+from plant_sim.outside_forces import OutsideForces
 from plant_sim.packing import lag_keep, pack
 from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.sensors import SensorSet
@@ -134,6 +135,7 @@ class Train:
         self._jump_energy = 0.0
         self._kinetic_start = self.kinetic_energy
         self._outside_force = np.zeros(self.n)
+        self._gusts = False
 
     def _check_lists(self) -> None:
         """Refuse what the data models cannot see: numbers outside this train, drift of rigid vehicles."""
@@ -240,6 +242,8 @@ class Train:
             if self._events is None:
                 raise ValueError(f"a brake-pipe pressure is demanded, the train '{self.consist.name}' has no air brake")
             self._events.demand(self.time, brake_pipe_pa)
+        if self._gusts:
+            self._drop_gusts()
         outside = self._outside.tick(self.time)
         begin = 0
         for step in self._jump_steps():
@@ -249,6 +253,29 @@ class Train:
         self._integrate(demand, outside, begin, self.substeps)
         self._keep_outside(outside)
         self.stamp += self.tick_ns
+
+    def blow(self, gust: Gust) -> None:
+        """Let a gust act that the setup does not have, from the next tick on.
+
+        Raises
+        ------
+        ValueError
+            If it lists a vehicle that the train does not have.
+        """
+        self._outside.add(gust)
+        self._gusts = True
+
+    def _drop_gusts(self) -> None:
+        """Forget gusts that are over; what they left on vehicles that nothing pushes any more is taken off."""
+        if self._outside.drop_over(self.time):
+            self.arrays.state[k.PUSH] = 0.0
+            self._outside_force[:] = 0.0
+            self._gusts = self._outside.gusty
+
+    def vent(self) -> None:
+        """Vent the brake pipe at the head from now on; a train without an air brake has nothing to vent."""
+        if self._events is not None:
+            self._events.vent(self.time)
 
     def _integrate(self, demand: Array, outside: Array, begin: int, end: int) -> None:
         if end <= begin:

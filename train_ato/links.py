@@ -101,10 +101,15 @@ class Link:
         self._held = np.zeros(width)
         self._random = stream(seed, f"link/{name}") if spec.jitter > 0 or spec.loss > 0 else None
         self._latest_limit = -(2**62)
+        self._jumps = () if spec.jump is None else (spec.jump,)
         self.lost = 0
 
     def _rounded(self, seconds: float) -> int:
         return round(seconds * 1e9 / self._step) * self._step
+
+    def jump(self, change: DelayJump) -> None:
+        """Change the delays from a time on, on top of what the spec and earlier calls say."""
+        self._jumps = (*self._jumps, change)
 
     def push(self, stamp: int, value: Array) -> None:
         """Send ``value`` at ``stamp`` [ns]."""
@@ -116,9 +121,9 @@ class Link:
                 self.lost += 1
                 return
         factor, add = 1.0, 0.0
-        jump = self.spec.jump
-        if jump is not None and stamp >= round(jump.at * 1e9):
-            factor, add = jump.factor, jump.add
+        for jump in self._jumps:
+            if stamp >= round(jump.at * 1e9):
+                factor, add = factor * jump.factor, add + jump.add
         for unit, queue in enumerate(self._under_way):
             wanted = float(value[unit])
             delay = self._backward[unit] if wanted < 0 else self._forward[unit]
