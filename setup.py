@@ -42,7 +42,14 @@ setup(
     packages=find_packages(include=["train_ato", "train_ato.*", "plant_sim", "plant_sim.*"]),
     package_data={
         "plant_sim": ["py.typed", "data/*/*.yaml", "data/*/*.csv"],
-        "train_ato": ["py.typed", "scenarios/*.yaml", "scenarios/*.csv", "schemas/*.json", "graph/*.xml"],
+        "train_ato": [
+            "py.typed",
+            "scenarios/*.yaml",
+            "scenarios/*.csv",
+            "schemas/*.json",
+            "graph/*.xml",
+            "report/page.*",
+        ],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
@@ -57,6 +64,8 @@ setup(
         "PyYAML>=6",
         "rich>=13",
         "matplotlib>=3.8",
+        "bokeh>=3.4",
+        "Jinja2>=3.1",
         "filelock>=3.12",
         "pandas>=2.1",
         "pyarrow>=14",

@@ -1,0 +1,92 @@
+"""A picture of all vehicles over time, for a browser."""
+
+from __future__ import annotations
+
+import numpy as np
+from bokeh.models import ColorBar, CustomJSHover, HoverTool, LinearColorMapper, Range1d
+
+from train_ato.report.quantities import FONT, INK, buff_to_draft, none_to_full
+from train_ato.report.style import Figure, Linked
+from train_ato.report.thin import HeatMap
+
+MAP_ROW = 2.6
+"""Height of a vehicle in a heat map, in pixels, between :data:`MAP_LEAST` and :data:`MAP_MOST` altogether."""
+MAP_LEAST, MAP_MOST = 150, 340
+
+
+def heat_figure(
+    linked: Linked, picture: HeatMap, what: str, unit: str, rows: str, *, signed: bool, largest: float | None = None
+) -> Figure:
+    """Return a picture of all vehicles over time, the front of the train on top.
+
+    Parameters
+    ----------
+    picture
+        Codes, values and times.
+    what, unit
+        Words and unit of the value.
+    rows
+        Title of the y axis.
+    signed
+        Draft red and buff blue about white; else from white upwards.
+    largest
+        Value of the strongest colour; default: the largest of this picture.
+    """
+    largest = largest or picture.largest
+    count = picture.codes.shape[0]
+    height = int(np.clip(MAP_ROW * count, MAP_LEAST, MAP_MOST)) + 90
+    plot = linked.over_time(rows, height, y_range=Range1d(count - 0.5, -0.5, bounds=(-0.5, count - 0.5)))
+    colours = buff_to_draft() if signed else none_to_full()
+    top = largest / picture.unit
+    image = plot.image(
+        image=[picture.codes],
+        x=picture.begin,
+        y=-0.5,
+        dw=picture.end - picture.begin,
+        dh=count,
+        color_mapper=LinearColorMapper(palette=colours, low=-top if signed else 0, high=top),
+        level="image",
+    )
+    scale = LinearColorMapper(palette=colours, low=-largest if signed else 0.0, high=largest)
+    plot.add_layout(_colour_bar(scale, f"{what} in {unit}{': buff < 0 < draft' if signed else ''}"), "above")
+    cell = CustomJSHover(args={"unit": picture.unit}, code="return value < -127 ? '–' : (value * unit).toFixed(1)")
+    plot.add_tools(
+        HoverTool(
+            tooltips=[
+                ("time", "$x{custom}"),
+                (rows, "$y{custom}"),
+                (what, f"@image{{custom}} {unit}"),
+            ],
+            formatters={
+                "$x": linked.clock(),
+                "$y": CustomJSHover(code="return String(Math.round(value))"),
+                "@image": cell,
+            },
+            renderers=[image],
+            attachment="horizontal",
+        )
+    )
+    plot.ygrid.visible = False
+    plot.xgrid.visible = False
+    return plot
+
+
+def _colour_bar(mapper: LinearColorMapper, title: str) -> ColorBar:
+    return ColorBar(
+        color_mapper=mapper,
+        orientation="horizontal",
+        title=title,
+        title_text_font=FONT,
+        title_text_font_size="12px",
+        title_text_font_style="normal",
+        title_text_color=INK,
+        title_standoff=4,
+        major_label_text_font=FONT,
+        major_label_text_font_size="11px",
+        height=10,
+        width=420,
+        location="top_left",
+        padding=4,
+        background_fill_color=None,
+        bar_line_color=None,
+    )

@@ -1,0 +1,94 @@
+"""A page of figures as one HTML file that needs no network: text, tables, figures and the library that draws them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from train_ato.report.style import Figure
+
+HERE = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A figure on the page with its heading and a line that says what it shows."""
+
+    figure: Figure
+    heading: str
+    caption: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """Figures under one title; ``anchor`` is what the navigation jumps to."""
+
+    anchor: str
+    title: str
+    placed: list[Placed]
+
+
+@dataclass(frozen=True)
+class Page:
+    """Everything that a page says besides its figures.
+
+    Attributes
+    ----------
+    title, subtitle
+        Of the page.
+    warnings
+        What a reader must know first: interrupted, failed.
+    runs
+        Names of the runs, one column of the tables each; colours where there are several.
+    facts
+        Title and one text per run.
+    groups
+        Groups of the summary: title, and rows with one text per run.
+    events
+        Per run: time as text, colour, kind, what happened.
+    left_out
+        Figures that are not there, and why.
+    """
+
+    title: str
+    subtitle: str
+    warnings: list[str]
+    runs: list[tuple[str, str]]
+    facts: list[tuple[str, list[str]]]
+    groups: list[tuple[str, list[Any]]]
+    events: list[tuple[str, list[tuple[str, str, str, str]]]]
+    left_out: list[tuple[str, str]]
+    readings: list[tuple[str, str]] = field(default_factory=list)
+    hours: bool = False
+    version: str = ""
+
+
+def render(page: Page, sections: list[Section]) -> str:
+    """Return the HTML of a page."""
+    from bokeh.document import Document
+    from bokeh.embed import components
+    from bokeh.resources import Resources
+    from jinja2 import Environment, FileSystemLoader
+    from markupsafe import Markup
+
+    figures = [placed.figure for section in sections for placed in section.placed]
+    document = Document()
+    with document.models.freeze():  # otherwise every figure added makes Bokeh look through all of them again
+        for figure in figures:
+            document.add_root(figure)
+    script, places = components(tuple(figures)) if figures else ("", ())
+    library = Resources(mode="inline", components=["bokeh"]).render_js() if figures else ""
+    divided, rest = [], iter(places)
+    for section in sections:
+        blocks = [(placed.heading, placed.caption, Markup(next(rest))) for placed in section.placed]
+        divided.append((section.anchor, section.title, blocks))
+    files = Environment(loader=FileSystemLoader(HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    return files.get_template("page.html").render(
+        page=page,
+        sections=divided,
+        script=Markup(script),
+        library=Markup(library),
+        style=Markup((HERE / "page.css").read_text(encoding="utf-8")),
+        behaviour=Markup((HERE / "page.js").read_text(encoding="utf-8")),
+    )

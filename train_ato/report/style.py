@@ -1,0 +1,244 @@
+"""The look of the figures in a browser, and what ties them together: one time, one cursor, the marks of events."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bokeh.events import DoubleTap
+from bokeh.models import (
+    AdaptiveTicker,
+    BasicTickFormatter,
+    BoxZoomTool,
+    ColumnDataSource,
+    CompositeTicker,
+    CrosshairTool,
+    CustomJS,
+    CustomJSHover,
+    CustomJSTickFormatter,
+    Legend,
+    PanTool,
+    Range1d,
+    ResetTool,
+    SaveTool,
+    Span,
+    WheelZoomTool,
+)
+from bokeh.plotting import figure as bokeh_figure
+
+from train_ato.report.events import KINDS, Event
+from train_ato.report.quantities import AXES, FAINT, FONT, INK
+
+Figure = Any
+"""A Bokeh figure; its classes are made at run time."""
+
+LEFT, RIGHT = 84, 64
+"""Room beside every frame in pixels, the same everywhere: equal times stand above each other."""
+HEIGHT = 230
+CURSOR = {"line_color": INK, "line_width": 1, "line_alpha": 0.55, "line_dash": "dotted"}
+_CLOCK = """
+    const sign = value < 0 ? "-" : "", all = Math.abs(value);
+    const h = Math.floor(all / 3600), m = Math.floor(all / 60) % 60, s = all - 60 * Math.floor(all / 60);
+    const two = (n) => String(n).padStart(2, "0");
+    let text = s.toFixed(digits).padStart(digits > 0 ? 3 + digits : 2, "0");
+    if (text.startsWith("60")) text = s.toFixed(3);
+    return sign + (hours ? h + ":" + two(m) : String(60 * h + m)) + ":" + text;
+"""
+
+
+class Linked:
+    """What the figures of one page share.
+
+    Parameters
+    ----------
+    begin, end
+        Times at the edges [s].
+    events
+        Marked on every figure over time.
+
+    Attributes
+    ----------
+    time, place : Range1d
+        Time [s] and place [km] in view.
+    marks
+        Moments and stretches of every kind of event that there is.
+    marked
+        What marks them in the figures, by kind.
+    figures_over_time, figures_over_distance
+        All figures made.
+    readings
+        Words and units of the values that the page tells of the moment under the cursor.
+    """
+
+    def __init__(self, begin: float, end: float, events: list[Event] | None = None) -> None:
+        margin = 0.004 * max(end - begin, 1.0)
+        self.time = Range1d(begin - margin, end + margin, bounds=(begin - 20 * margin, end + 20 * margin))
+        self.place = Range1d(0.0, 1.0)
+        self.hours = end >= 3600.0
+        self._time_cursor = Span(dimension="height", **CURSOR)
+        self._place_cursor = Span(dimension="height", **CURSOR)
+        self.marks = _sources(events or [])
+        self.marked: dict[str, list[Any]] = {kind: [] for kind in self.marks}
+        self.figures_over_time: list[Figure] = []
+        self.figures_over_distance: list[Figure] = []
+        self.readings: list[tuple[str, str]] = []
+        self.time_words = f"time in {'h:min:s' if self.hours else 'min:s'}"
+
+    def set_places(self, begin: float, end: float) -> None:
+        """Set the places at the edges [km]."""
+        margin = 0.004 * max(end - begin, 0.1)
+        self.place.update(start=begin - margin, end=end + margin, bounds=(begin - 20 * margin, end + 20 * margin))
+        self.place.reset_start, self.place.reset_end = begin - margin, end + margin
+
+    def over_time(self, axis: str, height: int = HEIGHT, *, marked: bool = True, **options: Any) -> Figure:
+        """Return an empty figure over time; ``axis`` names the title of its y axis, or is that title."""
+        plot = _plain(axis, height, x_range=self.time, **options)
+        plot.xaxis.axis_label = self.time_words
+        plot.xaxis.ticker = _time_ticker()
+        plot.xaxis.formatter = CustomJSTickFormatter(
+            args={"hours": self.hours},
+            code="""
+                const gap = ticks.length > 1 ? ticks[1] - ticks[0] : 1;
+                const digits = gap >= 1 ? 0 : Math.min(3, Math.ceil(-Math.log10(gap))), value = tick;"""
+            + _CLOCK,
+        )
+        plot.add_tools(CrosshairTool(overlay=self._time_cursor))
+        if marked:
+            self._mark(plot)
+        self.figures_over_time.append(plot)
+        return plot
+
+    def over_distance(self, axis: str, height: int = HEIGHT, **options: Any) -> Figure:
+        """Return an empty figure over the position of vehicle 0 [km]."""
+        plot = _plain(axis, height, x_range=self.place, **options)
+        plot.xaxis.axis_label = AXES["distance"]
+        plot.add_tools(CrosshairTool(overlay=self._place_cursor))
+        self.figures_over_distance.append(plot)
+        return plot
+
+    def clock(self, digits: int = 1) -> CustomJSHover:
+        """Return what writes a time in a hover."""
+        return CustomJSHover(args={"hours": self.hours, "digits": digits}, code=_CLOCK)
+
+    def _mark(self, plot: Figure) -> None:
+        """Mark the events: moments as lines, stretches as tinted grounds."""
+        for kind, (moments, stretches) in self.marks.items():
+            colour = KINDS[kind].colour
+            drawn = self.marked[kind]
+            if stretches.data["begin"]:
+                drawn.append(plot.vstrip(
+                    x0="begin", x1="end", source=stretches, fill_color=colour, fill_alpha=0.13, line_color=None,
+                    level="underlay",
+                ))  # fmt: skip
+            if moments.data["begin"]:
+                drawn.append(plot.vspan(
+                    x="begin", source=moments, line_color=colour, line_width=1.3, line_dash=[5, 3], line_alpha=0.9,
+                    level="underlay",
+                ))  # fmt: skip
+
+
+def _sources(events: list[Event]) -> dict[str, tuple[ColumnDataSource, ColumnDataSource]]:
+    """Return moments and stretches of every kind that there are."""
+    result = {}
+    for kind in KINDS:
+        of_kind = [event for event in events if event.kind == kind]
+        if of_kind:
+            moments = [event for event in of_kind if event.end is None]
+            stretches = [event for event in of_kind if event.end is not None]
+            result[kind] = (
+                ColumnDataSource({"begin": [e.begin for e in moments], "text": [e.text for e in moments]}),
+                ColumnDataSource(
+                    {
+                        "begin": [e.begin for e in stretches],
+                        "end": [e.end for e in stretches],
+                        "text": [e.text for e in stretches],
+                    }
+                ),
+            )
+    return result
+
+
+def _plain(axis: str, height: int, **options: Any) -> Figure:
+    """Return a figure with the common look."""
+    zoom = BoxZoomTool(dimensions="width")
+    plot = bokeh_figure(
+        height=height,
+        sizing_mode="stretch_width",
+        tools=[zoom, BoxZoomTool(), PanTool(), WheelZoomTool(dimensions="width"), ResetTool(), SaveTool()],
+        active_drag=zoom,
+        active_scroll=None,
+        toolbar_location="right",
+        min_border_left=LEFT,
+        min_border_right=RIGHT,
+        min_border_top=4,
+        outline_line_color=INK,
+        outline_line_alpha=0.35,
+        output_backend="canvas",
+        window_axis="x",
+        **options,
+    )
+    plot.toolbar.logo = None
+    plot.toolbar.autohide = True
+    plot.js_on_event(DoubleTap, CustomJS(args={"plot": plot}, code="plot.reset.emit()"))
+    plot.yaxis.axis_label = AXES.get(axis, axis)
+    plot.yaxis.formatter = BasicTickFormatter(use_scientific=False)
+    for side in plot.axis:
+        style_axis(side)
+    plot.grid.grid_line_color = FAINT
+    plot.grid.grid_line_alpha = 0.9
+    if hasattr(plot.y_range, "range_padding"):
+        plot.y_range.range_padding = 0.14
+    return plot
+
+
+def style_axis(axis: Any) -> None:
+    """Give an axis the common look."""
+    axis.axis_label_text_font = axis.major_label_text_font = FONT
+    axis.axis_label_text_font_style = "normal"
+    axis.axis_label_text_font_size = axis.major_label_text_font_size = "12px"
+    axis.axis_label_text_color = axis.major_label_text_color = INK
+    axis.axis_line_color = axis.major_tick_line_color = INK
+    axis.minor_tick_line_color = None
+
+
+def legend_above(plot: Figure, items: list[Any]) -> None:
+    """Put a legend above the frame, where it covers nothing; a click on an entry hides its line."""
+    legend = Legend(
+        items=items,
+        orientation="horizontal",
+        location="top_left",
+        click_policy="hide",
+        border_line_color=None,
+        background_fill_color=None,
+        label_text_font=FONT,
+        label_text_font_size="12px",
+        label_text_color=INK,
+        glyph_width=24,
+        label_height=14,
+        glyph_height=14,
+        padding=2,
+        margin=2,
+        spacing=14,
+        ncols="auto",
+    )
+    plot.add_layout(legend, "above")
+
+
+def number(digits: int) -> CustomJSHover:
+    """Return what writes a number in a hover; a dash where there is none."""
+    return CustomJSHover(code=f"return Number.isFinite(value) ? value.toFixed({digits}) : '–'")
+
+
+def _time_ticker() -> CompositeTicker:
+    """Return ticks at whole seconds, minutes and hours."""
+    return CompositeTicker(
+        tickers=[
+            AdaptiveTicker(base=10, mantissas=[1, 2, 5], min_interval=0.001, max_interval=0.5, num_minor_ticks=0),
+            AdaptiveTicker(
+                base=60, mantissas=[1, 2, 5, 10, 15, 30], min_interval=1.0, max_interval=1800.0, num_minor_ticks=0
+            ),
+            AdaptiveTicker(base=24, mantissas=[1, 2, 4, 6, 12], min_interval=3600.0, num_minor_ticks=0),
+        ]
+    )
+
+
+__all__ = ["CURSOR", "Figure", "Linked", "legend_above", "number", "style_axis"]

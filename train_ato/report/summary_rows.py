@@ -1,0 +1,93 @@
+"""The summary in plain words: which figures, in which order, with which unit, and what they mean."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure of the summary: its key in ``summary.json``, words, unit, digits behind the point, and meaning."""
+
+    key: str
+    words: str
+    unit: str
+    digits: int
+    meaning: str
+
+
+GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
+    (
+        "Tracking",
+        (
+            Row("speed_rmse_kmh", "speed error, rms", "km/h", 3, "over the scored part; mean over the driven vehicles"),
+            Row("speed_error_max_kmh", "speed error, largest", "km/h", 3, "over the scored part; worst driven vehicle"),
+            Row("position_rmse_m", "position error, rms", "m", 2, "over the scored part"),
+            Row("position_error_max_m", "position error, largest", "m", 2, "over the scored part"),
+            Row("stop_error_m", "stop error", "m", 3, "front minus target once the train stands; > 0 is too far"),
+            Row("overspeed_max_kmh", "overspeed, largest", "km/h", 2, "over the limit that holds for the whole train"),
+        ),
+    ),
+    (
+        "Forces in the train",
+        (
+            Row("coupler_draft_max_kn", "coupler draft, largest", "kN", 0, "over every coupler and every plant step"),
+            Row("coupler_buff_max_kn", "coupler buff, largest", "kN", 0, "over every coupler and every plant step"),
+            Row("acceleration_max", "acceleration of vehicle 0, largest", "m/s²", 3, "differences over 0.1 s"),
+            Row("jerk_max", "jerk of vehicle 0, largest", "m/s³", 2, "differences over 0.1 s"),
+        ),
+    ),
+    (
+        "Command",
+        (
+            Row("command_variation_kn_per_s", "variation of the demand", "kN/s", 1, "sum of its changes over the time"),
+            Row("saturated_s", "time at a force limit", "s", 1, "any unit at its envelope"),
+            Row("held_steps", "steps with the last command repeated", "", 0, "no new command had come in time"),
+            Row("replans", "profiles planned anew", "", 0, "because force was missing"),
+        ),
+    ),
+    (
+        "Energy",
+        (
+            Row("energy_traction_kwh", "traction", "kWh", 1, "work of the traction forces"),
+            Row("energy_regenerated_kwh", "regenerated", "kWh", 1, "work taken by the electric brake"),
+        ),
+    ),
+    (
+        "Run",
+        (
+            Row("simulated_s", "simulated time", "s", 1, ""),
+            Row("wall_s", "wall time", "s", 1, ""),
+            Row("real_time_factor", "simulated over wall time", "", 0, ""),
+            Row("step_time_us_median", "controller step, median", "µs", 0, "wall time of one step of the law"),
+            Row("step_time_us_p99", "controller step, 99 of 100 below", "µs", 0, "wall time of one step of the law"),
+        ),
+    ),
+)
+"""The rows of the summary."""
+
+
+def shown(row: Row, summary: dict[str, Any]) -> str:
+    """Return the value of a row as it is read; a dash where a run has none."""
+    value = summary.get(row.key)
+    if value is None or isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        return "–"
+    text = f"{value:.{row.digits}f}"
+    return text.replace("-", "−") if float(text) != 0 else text.lstrip("-")
+
+
+def filled_groups(summaries: list[dict[str, Any]]) -> list[tuple[str, list[tuple[Row, list[str]]]]]:
+    """Return the groups with one text per run; rows and groups that no run has are left out."""
+    groups = []
+    for title, rows in GROUPS:
+        filled = [(row, [shown(row, summary) for summary in summaries]) for row in rows]
+        filled = [(row, texts) for row, texts in filled if any(text != "–" for text in texts) or row.key in _ALWAYS]
+        if any(any(text != "–" for text in texts) for _, texts in filled):
+            groups.append((title, filled))
+    return groups
+
+
+_ALWAYS = ("stop_error_m",)
+"""A dash is worth a line: the train did not stand at the end."""

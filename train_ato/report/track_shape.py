@@ -1,0 +1,62 @@
+"""Grade, height and curves of a line along the part that a train ran."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from plant_sim.line import Line
+from plant_sim.track import Track
+from train_ato.types import Array
+
+
+@dataclass(frozen=True)
+class TrackShape:
+    """A line between two places.
+
+    Attributes
+    ----------
+    place, grade : Array, shape (m,)
+        Steps: from a place [km] on the grade [‰], > 0 uphill; the last entry ends the last step.
+    height : Array, shape (m,)
+        Height over the first place [m].
+    curves : list of (begin km, end km, radius m)
+    tunnels : list of (begin km, end km)
+    """
+
+    place: Array
+    grade: Array
+    height: Array
+    curves: list[tuple[float, float, float]]
+    tunnels: list[tuple[float, float]]
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether there is nothing to draw: level and straight."""
+        return not (np.any(self.grade) or self.curves or self.tunnels)
+
+
+def track_shape(line: Line, begin: float, end: float) -> TrackShape:
+    """Return a line between two places [m]."""
+    track = Track(line)
+    inside = track.breaks[(track.breaks > begin) & (track.breaks < end)]
+    place = np.concatenate(([begin], inside, [end]))
+    grade = track.grade[np.searchsorted(track.breaks, place, side="right")]
+    grade[-1] = grade[-2]
+    height = track.elevation(place)
+    return TrackShape(
+        place / 1e3,
+        1e3 * grade,
+        height - height[0],
+        [
+            (max(curve.begin, begin) / 1e3, min(curve.end, end) / 1e3, curve.radius)
+            for curve in line.curves
+            if curve.end > begin and curve.begin < end
+        ],
+        [
+            (max(tunnel.begin, begin) / 1e3, min(tunnel.end, end) / 1e3)
+            for tunnel in line.tunnels
+            if tunnel.end > begin and tunnel.begin < end
+        ],
+    )
