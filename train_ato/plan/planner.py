@@ -19,7 +19,8 @@ from train_ato.plan.line_tables import LineForce, SpeedLimits
 from train_ato.plan.run import Knots, Run, Style, Track
 from train_ato.plan.settings import PlanSettings
 from train_ato.plan.train_tables import AvailableForce, TrainTables
-from train_ato.profile.profile import Profile, knot_count
+from train_ato.profile.knots import knot_count
+from train_ato.profile.profile import Profile
 from train_ato.types import Array
 
 __all__ = ["Plan", "assemble", "plan"]

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from train_ato.profile.profile import Profile, knot_count
+from train_ato.profile.knots import knot_count
+from train_ato.profile.profile import Profile
 from train_ato.types import Array
 
 __all__ = ["SCHEMA", "csv_text", "parse_csv", "read_profile", "write_profile"]

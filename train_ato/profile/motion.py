@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from train_ato.profile.profile import Profile, knot_count
+from train_ato.profile.knots import knot_count
+from train_ato.profile.profile import Profile
 from train_ato.types import Array
 
 __all__ = ["CELLS", "Motion", "Piece", "change_of_speed"]

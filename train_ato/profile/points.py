@@ -6,7 +6,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from plant_sim.units import Length, SiModel, Speed, Time
-from train_ato.profile.profile import Profile, knot_count
+from train_ato.profile.knots import knot_count
+from train_ato.profile.profile import Profile
 from train_ato.types import Array
 
 __all__ = ["Point", "Step", "from_points", "from_steps"]

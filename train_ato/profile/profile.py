@@ -1,32 +1,28 @@
-"""The operational speed profile: knots at one period, and one way to read between them.
-
-Between two knots the position is the cubic Hermite polynomial of positions and speeds, the speed the cubic Hermite
-polynomial of speeds and accelerations, the acceleration its derivative; the jerk is the mean over the interval, so
-that a limit the knots respect is respected between them too.  So position, speed and acceleration are exact at every
-knot and continuous everywhere, and a profile of constant jerk between knots is reproduced exactly.  Where the speed
-changes between two knots faster than any train (a step), the knot before is continued at constant acceleration up to
-the step instead of smearing it over the interval.
-"""
+"""The operational speed profile: the reference over time, read at any stamp; how it is read is in ``knots.py``."""
 
 from __future__ import annotations
 
 import hashlib
-import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from train_ato.profile.knots import (
+    STEP_ACCELERATION,
+    check_columns,
+    even_grid,
+    hermite,
+    knot_count,
+    mean_jerk,
+    padded,
+    read_between,
+    seconds,
+    whole_nanoseconds,
+)
 from train_ato.types import Array
 
-__all__ = ["STEP_ACCELERATION", "Profile", "knot_count"]
+__all__ = ["Profile"]
 
-STEP_ACCELERATION = 20.0
-"""A change of speed beyond this between two knots is a step, not an acceleration [m/s²]."""
-MOST_KNOTS = 20_000_000
-"""Profiles of more knots are refused before memory is."""
-LATEST = 1e8
-"""Knots beyond this time are refused [s]."""
 TAIL = 1024
 """Holding knots stored beyond the end, so that a preview that reaches past it is still a slice."""
 
@@ -55,22 +51,22 @@ class Profile:
 
     def __init__(self, time: Array, position: Array, velocity: Array, acceleration: Array) -> None:
         columns = [np.array(column, dtype=np.float64) for column in (time, position, velocity, acceleration)]
-        _check_columns(columns)
-        self.start_ns, self.period_ns = _grid(columns[0])
+        check_columns(columns)
+        self.start_ns, self.period_ns = even_grid(columns[0])
         count = columns[0].size
-        columns[0] = _seconds(self.start_ns + self.period_ns * np.arange(count))
+        columns[0] = seconds(self.start_ns + self.period_ns * np.arange(count))
         for column in columns:
             column.flags.writeable = False
         self.time, self.position, self.velocity, self.acceleration = columns
         self._x, self._v, self._a = (column.tolist() for column in columns[1:])
-        self._j: list[float] = self._right_jerk().tolist()
-        self._pads = _padded(self.position, self.velocity, self.acceleration, TAIL)
+        self._j: list[float] = mean_jerk(self.velocity, self.acceleration, self.period).tolist()
+        self._pads = padded(self.position, self.velocity, self.acceleration, TAIL)
 
     @classmethod
     def uniform(cls, start: float, period: float, position: Array, velocity: Array, acceleration: Array) -> Profile:
         """Return the profile with knots every ``period`` seconds from ``start`` on."""
         count = np.asarray(position).size
-        time = _seconds(round(start * 1e9) + round(period * 1e9) * np.arange(count))
+        time = seconds(round(start * 1e9) + round(period * 1e9) * np.arange(count))
         return cls(time, position, velocity, acceleration)
 
     @property
@@ -117,8 +113,8 @@ class Profile:
         x1, v1, a1 = self._x[index + 1], self._v[index + 1], self._a[index + 1]
         if abs(v1 - v0) > STEP_ACCELERATION * period:
             return x0 + (v0 + 0.5 * a0 * s) * s, v0 + a0 * s, a0, 0.0
-        x, _ = _hermite(x0, v0, x1, v1, s, period)
-        v, a = _hermite(v0, a0, v1, a1, s, period)
+        x, _ = hermite(x0, v0, x1, v1, s, period)
+        v, a = hermite(v0, a0, v1, a1, s, period)
         return x, v, a, self._j[index]
 
     def window(self, t: float, count: int, period: float) -> tuple[Array, Array, Array]:
@@ -138,35 +134,15 @@ class Profile:
             stamps = stamp + period_ns * np.arange(count)
             return self._evaluate(stamps)
         if (count - 1) * step + 1 > self._pads[0].size - len(self._x):
-            self._pads = _padded(self.position, self.velocity, self.acceleration, (count - 1) * step + 1)
+            self._pads = padded(self.position, self.velocity, self.acceleration, (count - 1) * step + 1)
         first = min(first, len(self._x))
         part = slice(first, first + (count - 1) * step + 1, step)
         return self._pads[0][part], self._pads[1][part], self._pads[2][part]
 
     def _evaluate(self, stamps: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-        """Read many stamps [ns] at once; the same operations in the same order as :meth:`at_stamp`."""
-        index, rest = np.divmod(stamps - self.start_ns, self.period_ns)
-        last = len(self._x) - 1
-        k = np.clip(index, 0, last - 1)
-        s = rest * 1e-9
-        period = self.period_ns * 1e-9
-        x0, v0, a0 = self.position[k], self.velocity[k], self.acceleration[k]
-        x1, v1, a1 = self.position[k + 1], self.velocity[k + 1], self.acceleration[k + 1]
-        x = _hermite(x0, v0, x1, v1, s, period)[0]
-        v, a = _hermite(v0, a0, v1, a1, s, period)
-        jump = np.abs(v1 - v0) > STEP_ACCELERATION * period
-        x = np.where(jump, x0 + (v0 + 0.5 * a0 * s) * s, x)
-        v = np.where(jump, v0 + a0 * s, v)
-        a = np.where(jump, a0, a)
-        knot = (rest == 0) & (index >= 0) & (index <= last)
-        at = np.clip(index, 0, last)
-        x, v, a = (
-            np.where(knot, own[at], value)
-            for own, value in ((self.position, x), (self.velocity, v), (self.acceleration, a))
-        )
-        held = (index < 0) | ((index >= last) & ~knot)
-        x = np.where(held, np.where(index < 0, self._x[0], self._x[last]), x)
-        return x, np.where(held, 0.0, v), np.where(held, 0.0, a)
+        """Read many stamps [ns] at once."""
+        knots = (self.position, self.velocity, self.acceleration)
+        return read_between(knots, stamps - self.start_ns, self.period_ns)
 
     def resampled(self, period: float, start: float | None = None) -> Profile:
         """Return the profile with knots at another period [s]; the last one lies at or just beyond the end.
@@ -176,7 +152,7 @@ class Profile:
         ValueError
             If the period is not a positive number of whole nanoseconds.
         """
-        period_ns = _nanoseconds(period, "the period of a profile")
+        period_ns = whole_nanoseconds(period, "the period of a profile")
         start_ns = self.start_ns if start is None else round(start * 1e9)
         if (period_ns, start_ns) == (self.period_ns, self.start_ns):
             return self
@@ -186,7 +162,7 @@ class Profile:
         x, v, a = self._evaluate(stamps)
         if stamps[-1] > last_ns and self.ends_rolling:
             stamps, x, v, a = stamps[:-1], x[:-1], v[:-1], a[:-1]
-        return Profile(_seconds(stamps), x, v, a)
+        return Profile(seconds(stamps), x, v, a)
 
     def shifted(self, distance: float) -> Profile:
         """Return the profile moved along the line by so many metres."""
@@ -208,12 +184,12 @@ class Profile:
         ahead, rest = divmod(other.start_ns - self.start_ns, self.period_ns)
         if other.period_ns != self.period_ns or rest or ahead < 0:
             raise ValueError("two profiles can only be joined when their knots fall together")
-        pads = _padded(self.position, self.velocity, self.acceleration, max(0, ahead - len(self._x)) + 1)
+        pads = padded(self.position, self.velocity, self.acceleration, max(0, ahead - len(self._x)) + 1)
         parts = [
             np.concatenate((before[:ahead], after))
             for before, after in zip(pads, (other.position, other.velocity, other.acceleration), strict=True)
         ]
-        time = _seconds(self.start_ns + self.period_ns * np.arange(parts[0].size))
+        time = seconds(self.start_ns + self.period_ns * np.arange(parts[0].size))
         return Profile(time, *parts)
 
     def jerk(self) -> Array:
@@ -239,84 +215,3 @@ class Profile:
     def __repr__(self) -> str:
         length = self._x[-1] - self._x[0]
         return f"Profile({len(self)} knots every {self.period:g} s, {self.end - self.start:g} s, {length:g} m)"
-
-    def _right_jerk(self) -> Array:
-        period = self.period_ns * 1e-9
-        v0, v1, a0, a1 = self.velocity[:-1], self.velocity[1:], self.acceleration[:-1], self.acceleration[1:]
-        jerk = np.zeros(self.velocity.size)
-        smooth = np.abs(v1 - v0) <= STEP_ACCELERATION * period
-        jerk[:-1] = np.where(smooth, (a1 - a0) / period, 0.0)
-        return jerk
-
-
-def _hermite(y0: Any, d0: Any, y1: Any, d1: Any, s: Any, period: float) -> tuple[Any, Any]:
-    """Return value and derivative of the cubic Hermite polynomial, ``s`` into an interval; of arrays too."""
-    slope = (y1 - y0) / period
-    c2 = (3.0 * slope - 2.0 * d0 - d1) / period
-    c3 = (d0 + d1 - 2.0 * slope) / (period * period)
-    value = y0 + s * (d0 + s * (c2 + s * c3))
-    return value, d0 + s * (2.0 * c2 + 3.0 * s * c3)
-
-
-def knot_count(count: float) -> int:
-    """Return a number of knots, refused where it cannot be meant.
-
-    Raises
-    ------
-    ValueError
-        Beyond :data:`MOST_KNOTS`.
-    """
-    if not count <= MOST_KNOTS:
-        raise ValueError(f"a profile of {count:.3g} knots; check its duration and period (at most {MOST_KNOTS} knots)")
-    return int(count)
-
-
-def _seconds(stamps: NDArray[np.int64]) -> Array:
-    return np.asarray(stamps * 1e-9, dtype=np.float64)
-
-
-def _nanoseconds(period: float, what: str) -> int:
-    period_ns = round(period * 1e9) if math.isfinite(period) else 0
-    if period_ns < 1:
-        raise ValueError(f"{what} is {period} s; it must be at least 1 ns")
-    return period_ns
-
-
-def _check_columns(columns: list[Array]) -> None:
-    names = ("time", "position", "velocity", "acceleration")
-    if any(column.ndim != 1 or column.size != columns[0].size for column in columns):
-        sizes = ", ".join(f"{name} {column.size}" for name, column in zip(names, columns, strict=True))
-        raise ValueError(f"a profile needs four columns of one length, these are {sizes}")
-    if columns[0].size < 2:
-        raise ValueError(f"a profile needs at least two knots, this one has {columns[0].size}")
-    for name, column in zip(names, columns, strict=True):
-        wrong = np.flatnonzero(~np.isfinite(column))
-        if wrong.size:
-            raise ValueError(
-                f"{name} of knot {wrong[0]} is {column[wrong[0]]}; every value of a profile must be finite"
-            )
-
-
-def _grid(time: Array) -> tuple[int, int]:
-    """Return start and period [ns] of evenly spaced times."""
-    if np.abs(time).max() > LATEST:
-        raise ValueError(f"a profile reaches to {np.abs(time).max():.3g} s; at most {LATEST:g} s make sense")
-    stamps = np.rint(time * 1e9)
-    period = round((float(stamps[-1]) - float(stamps[0])) / (time.size - 1))
-    uneven = np.flatnonzero(np.abs(stamps - (stamps[0] + period * np.arange(time.size))) > max(2.0, 1e-6 * period))
-    if period < 1 or uneven.size:
-        place = int(uneven[0]) if uneven.size else 0
-        raise ValueError(f"knots of a profile must be evenly spaced in time, knot {place} at {time[place]} s is not")
-    return int(stamps[0]), period
-
-
-def _padded(position: Array, velocity: Array, acceleration: Array, tail: int) -> tuple[Array, Array, Array]:
-    """Return the knots followed by ``tail`` knots at rest."""
-    pads = (
-        np.concatenate((position, np.full(tail, position[-1]))),
-        np.concatenate((velocity, np.zeros(tail))),
-        np.concatenate((acceleration, np.zeros(tail))),
-    )
-    for pad in pads:
-        pad.flags.writeable = False
-    return pads

@@ -1,4 +1,4 @@
-"""Judges of paper 002: what the runs say of its claims."""
+"""Judges of paper 002 on its own train, without limits, lag and delay; ``freight_realistic.py`` judges the rest."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from typing import Any
 import numpy as np
 
 from train_ato.reproduce.claims import Judgement, Result, Results, Verdict
-from train_ato.reproduce.freight_cases import CASES, DELAYS, LAWS, OBSERVER_TICKS, RATIOS
+from train_ato.reproduce.freight_cases import CASES, OBSERVER_TICKS
 from train_ato.reproduce.freight_observers import FORMS, JUMPS
 from train_ato.reproduce.judges import history as series_of
 from train_ato.reproduce.tracking import (
     largest,
     last_outside,
-    mean_speed_error,
     position_error,
     rms,
     speed_error,
@@ -25,8 +24,6 @@ OFFSETS: Array = 80.0 * np.arange(5, dtype=np.float64)
 STIFFNESS_KN = 160.0
 """Of a coupler [kN/m]."""
 MASS = 80e3
-UNDER_WAY = 5.0
-"""Time from which realistic runs are scored [s]."""
 GOOD, FAIR, BAD = Verdict.REPRODUCED, Verdict.OTHER_SETTING, Verdict.NOT_REPRODUCED
 
 
@@ -236,84 +233,3 @@ def faster(results: Results) -> Judgement:
     if min(slow, fast) - ours >= 5.0:
         return Judgement(measured, GOOD, "no PD comes near")
     return Judgement(measured, BAD, "it is not 5 s faster than either PD")
-
-
-def realistic(results: Results, key: str) -> tuple[float, float, float]:
-    """Return rms position error of all cars [m], rms of the mean speed error [m/s] and largest coupler stretch [m]."""
-    result = results[key]
-    history = series_of(result)
-    scored = history.time > UNDER_WAY
-    couplers = max(result.summary["coupler_draft_max_kn"], -result.summary["coupler_buff_max_kn"]) / STIFFNESS_KN
-    return rms(position_error(history, OFFSETS)[scored]), rms(mean_speed_error(history)[scored]), couplers
-
-
-def real_train(results: Results) -> Judgement:
-    """Judge the paper's law on a train with limits, lag and delay."""
-    found = {
-        key: [realistic(results, f"{key} {delay}")[0] for delay in DELAYS]
-        for key in ("print", "scaled", "scaled predicted")
-    }
-    measured = "; ".join(
-        f"{LAWS[key][0]}: {', '.join(written(value, 'm', 2) for value in values)}" for key, values in found.items()
-    )
-    delays = ", ".join(f"{delay:g}" for delay in DELAYS)
-    measured = f"position rms at delays of {delays} s: {measured}"
-    if max(found["print"]) < 1.0:
-        return Judgement(measured, GOOD, "the paper's gains hold on a real train")
-    if max(found["scaled predicted"]) < 1.0:
-        return Judgement(
-            measured,
-            FAIR,
-            "only with gains of .3 and the state predicted over the delay; the paper has no actuator in it",
-        )
-    return Judgement(measured, BAD, "the law is lost with delay, whatever the gain")
-
-
-def goals(results: Results) -> Judgement:
-    """Judge the realistic version's goals."""
-    unit = [realistic(results, f"unit {delay}") for delay in DELAYS]
-    slow = [realistic(results, f"unit slow {delay}") for delay in DELAYS]
-    common = [realistic(results, f"common x{ratio}") for ratio in RATIOS]
-    still = realistic(results, "unit undisturbed")[0]
-    worst = [tuple(max(column) for column in zip(*rows, strict=True)) for rows in (unit, slow, common)]
-    measured = (
-        f"per car: {worst[0][0]:.2f} m rms, coupler {worst[0][2]:.2f} m; per car, slow: mean speed "
-        f"{worst[1][1]:.3f} m/s, {worst[1][0]:.2f} m; common, true/model delay .75 ... 1.25: coupler "
-        f"{worst[2][2]:.2f} m, {worst[2][0]:.2f} m; undisturbed {still:.3f} m"
-    )
-    met = {
-        "per car": worst[0][0] <= 0.20 and worst[0][2] <= 0.43,
-        "per car, slow": worst[1][1] <= 0.08 and worst[1][0] <= 0.27,
-        "common": worst[2][2] <= 0.6 and worst[2][0] <= 0.27,
-        "undisturbed": still <= 0.02,
-    }
-    missed = [name for name, reached in met.items() if not reached]
-    if not missed:
-        return Judgement(measured, GOOD, "every goal of the realistic version is reached")
-    if worst[0][0] <= 0.25 and worst[0][2] <= 0.5 and missed == ["per car"]:
-        return Judgement(
-            measured,
-            FAIR,
-            "all but the coupler of the per-car law, which depends on the shape of the travelling load (here .1 m/s² "
-            "for 20 s on each car); the common command with more damping keeps it",
-        )
-    return Judgement(measured, BAD, f"not reached: {', '.join(missed)}")
-
-
-def all_at_once(results: Results) -> Judgement:
-    """Judge whether one law meets the three goals together."""
-    known = [realistic(results, f"common damped {delay}") for delay in DELAYS]
-    wrong = [realistic(results, f"common damped x{ratio}") for ratio in RATIOS]
-    place, speed, coupler = (max(column) for column in zip(*known, strict=True))
-    off_place, _, off_coupler = (max(column) for column in zip(*wrong, strict=True))
-    measured = (
-        f"delays up to 1.0 s: {place:.2f} m rms, mean speed {speed:.3f} m/s, coupler {coupler:.2f} m; true/model delay "
-        f".75 ... 1.25: {off_place:.2f} m, coupler {off_coupler:.2f} m"
-    )
-    if place <= 0.20 and speed <= 0.08 and coupler <= 0.43 and off_coupler <= 0.6 and off_place <= 0.27:
-        return Judgement(
-            measured, GOOD, "one command for the train and a differential damping of .5 1/s meet all three goals"
-        )
-    if place <= 0.27 and off_place <= 0.27:
-        return Judgement(measured, FAIR, "positions hold, the couplers or the speed do not")
-    return Judgement(measured, BAD, "not at once")

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from train_ato.reproduce import freight_judges as judge
+from train_ato.reproduce import freight_realistic as on_track
 from train_ato.reproduce.claims import Claim, Paper, Results, Table
 from train_ato.reproduce.freight_cases import CASES, DELAYS, LAWS, OBSERVER_TICKS, RATIOS
 from train_ato.reproduce.freight_figures import draw
@@ -17,7 +18,7 @@ __all__ = ["PAPER"]
 def _table_rows(results: Results) -> Sequence[Sequence[Any]]:
     rows: list[list[Any]] = []
     for key, (label, _) in LAWS.items():
-        found = [judge.realistic(results, f"{key} {delay}") for delay in DELAYS if f"{key} {delay}" in results]
+        found = [on_track.realistic(results, f"{key} {delay}") for delay in DELAYS if f"{key} {delay}" in results]
         rows.append([label, *(f"{place:.2f} / {coupler:.2f}" for place, _, coupler in found)])
     return rows
 
@@ -25,7 +26,7 @@ def _table_rows(results: Results) -> Sequence[Sequence[Any]]:
 def _ratio_rows(results: Results) -> Sequence[Sequence[Any]]:
     rows: list[list[Any]] = []
     for key in ("unit", "common", "common damped"):
-        found = [judge.realistic(results, f"{key} x{ratio}") for ratio in RATIOS]
+        found = [on_track.realistic(results, f"{key} x{ratio}") for ratio in RATIOS]
         rows.append([LAWS[key][0], *(f"{place:.2f} / {coupler:.2f}" for place, _, coupler in found)])
     return rows
 
@@ -74,7 +75,7 @@ CLAIMS = (
         "especially suited where matched and unmatched disturbances meet (here: on a train with limits, lag and delay)",
         "strong robustness",
         tuple(f"{key} {delay}" for key in ("print", "scaled", "scaled predicted") for delay in DELAYS),
-        judge.real_train,
+        on_track.real_train,
     ),
     Claim(
         "goals of the realistic version: lag_smc, eso, predictor",
@@ -84,13 +85,13 @@ CLAIMS = (
             *(f"common x{ratio}" for ratio in RATIOS),
             "unit undisturbed",
         ),
-        judge.goals,
+        on_track.goals,
     ),
     Claim(
         "one law that meets the three goals at once",
         "not reached before (goal)",
         (*(f"common damped {delay}" for delay in DELAYS), *(f"common damped x{ratio}" for ratio in RATIOS)),
-        judge.all_at_once,
+        on_track.all_at_once,
     ),
 )
 
