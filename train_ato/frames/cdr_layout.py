@@ -67,28 +67,29 @@ class Layout:
         Of the message [bytes].
     leaves
         In the order of the message.
-    fixed : ndarray of bool, shape (length,)
-        Bytes that make the layout: encapsulation, lengths and texts.
+    fixed : ndarray of uint8, shape (length,)
+        255 for the bytes that make the layout: encapsulation, lengths and texts.
+    between
+        Stretches of bytes between the numbers: those and the padding.
     sample
         The message it was found in.
     """
 
     length: int
     leaves: tuple[Leaf, ...]
-    fixed: NDArray[np.bool_]
+    fixed: NDArray[np.uint8]
+    between: tuple[tuple[int, int], ...]
     sample: NDArray[np.uint8]
 
     def fits(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Tell which of so many messages, shape (n, length), have this layout."""
+        """Tell which of so many messages, shape (n, length), have this layout; padding may hold anything."""
         same = np.ones(len(rows), dtype=np.bool_)
-        for begin, end in self._spans():
+        for begin, end in self.between:
             same &= (rows[:, begin:end] == self.sample[begin:end]).all(axis=1)
+        if not same.all():
+            others = np.flatnonzero(~same)
+            same[others] = (((rows[others] ^ self.sample) & self.fixed) == 0).all(axis=1)
         return same
-
-    def _spans(self) -> list[tuple[int, int]]:
-        """Return the stretches of fixed bytes."""
-        edges = np.flatnonzero(np.diff(np.concatenate(([0], self.fixed.astype(np.int8), [0]))))
-        return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
     def read(self, rows: NDArray[np.uint8], leaf: Leaf) -> NDArray[Any]:
         """Return one part of so many messages as a view: shape (n,), for an array (count, n)."""
@@ -124,7 +125,10 @@ def layout_of(types: Typestore, type_name: str, data: bytes) -> Layout:
         raise ValueError(f"not a {type_name} ({type(error).__name__})") from None
     if len(data) - walk.place >= 8:  # a few bytes of padding at the end are usual
         raise ValueError(f"not a {type_name} ({len(data) - walk.place} bytes too long)")
-    return Layout(len(data), tuple(walk.leaves), walk.fixed, np.frombuffer(data, np.uint8))
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], ~walk.numbers, [0]))))
+    between = tuple(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+    fixed = np.where(walk.fixed, np.uint8(255), np.uint8(0))
+    return Layout(len(data), tuple(walk.leaves), fixed, between, np.frombuffer(data, np.uint8))
 
 
 class _Walk:
@@ -137,6 +141,7 @@ class _Walk:
         self.leaves: list[Leaf] = []
         self.fixed: NDArray[np.bool_] = np.zeros(len(data), dtype=np.bool_)
         self.fixed[:2] = True
+        self.numbers: NDArray[np.bool_] = np.zeros(len(data), dtype=np.bool_)
         self._types = types
         self._data = data
         self._order = "<" if data[1] & 1 else ">"
@@ -145,7 +150,7 @@ class _Walk:
 
     def message(self, type_name: str, path: str) -> None:
         """Walk along a message inside the message."""
-        if type_name in TIMES:
+        if type_name in TIMES and path:
             self._number(self._time, 4, path, None)
             return
         for name, described in self._types.fielddefs[type_name][1]:
@@ -187,8 +192,9 @@ class _Walk:
         if count != 0:  # an empty array takes no room and aligns nothing
             self._align(alignment)
         self.leaves.append(Leaf(path, dtype, self.place, count))
-        self.place += dtype.itemsize * (1 if count is None else count)
+        begin, self.place = self.place, self.place + dtype.itemsize * (1 if count is None else count)
         self._check()
+        self.numbers[begin : self.place] = True
         if len(self.leaves) > MOST_LEAVES:
             raise ValueError(f"more than {MOST_LEAVES} parts in one message")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from train_ato.topics import BY_NAME, DIAGNOSTIC_UNITS
 
-__all__ = ["TIME", "column", "diagnostic_column", "has_column", "quantity_of", "suffix"]
+__all__ = ["TIME", "column", "diagnostic_column", "has_column", "quantity_of", "suffix", "unit_of"]
 
 TIME = "time_s"
 """Name of every table's index: simulated time [s]; for a log that is not ours, time since its first message."""
@@ -78,3 +78,12 @@ def column(topic: str, field: str, owner: str = "") -> str | None:
 def diagnostic_column(key: str) -> str:
     """Return the name of a column of ``/diagnostics``: the key and its unit, if it has one."""
     return key + suffix(DIAGNOSTIC_UNITS.get(key, ""))
+
+
+def unit_of(name: str) -> str:
+    """Return the unit that the name of a column ends with, as the tables write it; '' if there is none."""
+    found = [unit for unit in _SUFFIXES if name.endswith(_SUFFIXES[unit])]
+    return max(found, key=lambda unit: len(_SUFFIXES[unit]), default="")
+
+
+_SUFFIXES = {unit: suffix(unit) for unit in {*_UNITS.values(), *DIAGNOSTIC_UNITS.values()} if unit}

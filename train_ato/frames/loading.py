@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from plant_sim.input_error import close_match
 from train_ato.cdr import typestore
 from train_ato.frames.messages import diagnostic_table, trajectory_table
-from train_ato.frames.records import Portion, Reader
+from train_ato.frames.portions import Portion, Reader
 from train_ato.frames.series import Series
 from train_ato.frames.tables import foreign_table, known_part, known_table
 from train_ato.record.layout import table_name
@@ -48,7 +48,9 @@ class Frames(dict[str, pd.DataFrame]):
         raise KeyError(f"no table '{name}'{hint}; there are {', '.join(self)}")
 
 
-def load(run: str | Path, topics: Collection[str] | None = None) -> Frames:
+def load(
+    run: str | Path, topics: Collection[str] | None = None, progress: Callable[[float], None] | None = None
+) -> Frames:
     """Return the tables of a recorded run.
 
     Every table is indexed by simulated time, ``time_s``; the name of a column carries its unit, as in
@@ -62,6 +64,8 @@ def load(run: str | Path, topics: Collection[str] | None = None) -> Frames:
         ones: over publish time, without units.
     topics
         Only these topics, named as in the topic table or in the log; default: all.
+    progress
+        Takes the share of the log that is read, 0 to 1.
 
     Returns
     -------
@@ -75,20 +79,22 @@ def load(run: str | Path, topics: Collection[str] | None = None) -> Frames:
         topic that is not in it.
     """
     path = log_file(Path(run))
-    return _Loading(path, topics).run()
+    return _Loading(path, topics, progress).run()
 
 
 class _Loading:
     """One reading of a log."""
 
-    def __init__(self, path: Path, topics: Collection[str] | None) -> None:
+    def __init__(
+        self, path: Path, topics: Collection[str] | None, progress: Callable[[float], None] | None = None
+    ) -> None:
         if isinstance(topics, str):
             raise ValueError(f"topics: '{topics}' is one name; give a list of names")
         self._asked = None if topics is None else tuple(topics)
-        self._reader = Reader(path, self._wanted)
+        self._reader = Reader(path, self._wanted, progress)
         self._path = path
         self._series: dict[str, Series] = {}
-        self._payloads: dict[str, list[Any]] = {}
+        self._payloads: dict[str, list[bytes]] = {}
         self._left_out: dict[str, str] = {}
 
     def run(self) -> Frames:
@@ -126,7 +132,7 @@ class _Loading:
         """Keep a portion of a topic."""
         known = _known(name, portion.schema)
         if known in _VARIABLE:
-            self._payloads.setdefault(name, []).extend(portion.payloads)
+            self._payloads.setdefault(name, []).extend(map(bytes, portion.payloads))
             return
         if name not in self._series:
             if known is not None:

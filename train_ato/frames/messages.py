@@ -18,7 +18,7 @@ from train_ato.wire_variable import decode_diagnostic, decode_trajectory
 __all__ = ["diagnostic_table", "trajectory_table"]
 
 
-def trajectory_table(topic: str, payloads: Sequence[Any]) -> pd.DataFrame:
+def trajectory_table(topic: str, payloads: Sequence[bytes]) -> pd.DataFrame:
     """Return the knots of the profiles, or the steps of the limits: one row each, over the time of the knot.
 
     Raises
@@ -26,7 +26,7 @@ def trajectory_table(topic: str, payloads: Sequence[Any]) -> pd.DataFrame:
     ValueError
         For bytes that are no trajectory.
     """
-    tables = [_knots(topic, decode_trajectory(bytes(payload))) for payload in payloads]
+    tables = [_knots(topic, decode_trajectory(payload)) for payload in payloads]
     return tables[0] if len(tables) == 1 else pd.concat(tables)
 
 
@@ -41,7 +41,7 @@ def _knots(topic: str, trajectory: Trajectory) -> pd.DataFrame:
     return pd.DataFrame(columns, index=pd.Index(seconds(trajectory.time), name=TIME))
 
 
-def diagnostic_table(payloads: Sequence[Any]) -> pd.DataFrame:
+def diagnostic_table(payloads: Sequence[bytes]) -> pd.DataFrame:
     """Return one row for each message: ``node``, ``level``, ``message`` and a column for each key.
 
     A key whose values are all numbers is a column of numbers, NaN where a node does not say it; else of texts.
@@ -51,7 +51,7 @@ def diagnostic_table(payloads: Sequence[Any]) -> pd.DataFrame:
     ValueError
         For bytes that are no diagnostics.
     """
-    rows = sorted((_diagnostic(bytes(payload)) for payload in payloads), key=lambda row: (row.stamp, row.node))
+    rows = sorted((_diagnostic(payload) for payload in payloads), key=lambda row: (row.stamp, row.node))
     keys: dict[str, None] = {key: None for row in rows for key in row.values}
     columns: dict[str, Any] = {
         "node": [row.node for row in rows],

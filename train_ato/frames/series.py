@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from train_ato.cdr import SECOND
 from train_ato.frames.cdr_layout import Layout, Leaf, Typestore, layout_of, rows_of
-from train_ato.frames.records import Portion
+from train_ato.frames.portions import Portion
 
 __all__ = ["Group", "Series", "nanoseconds"]
 
@@ -32,30 +32,41 @@ class Group:
     ----------
     leaves
         Parts that were asked for.
-    rows : list of arrays
-        Places of the messages in their topic.
     """
 
     layout: Layout
     leaves: tuple[Leaf, ...]
-    rows: list[NDArray[np.int64]] = field(default_factory=list)
-    _parts: list[list[NDArray[Any]]] = field(default_factory=list)
+    _numbers: list[NDArray[np.int64]] = field(default_factory=list)
+    _messages: list[NDArray[np.uint8]] = field(default_factory=list)
 
     def add(self, numbers: NDArray[np.int64], messages: NDArray[np.uint8]) -> None:
-        """Take messages of this layout, shape (n, length), and their places."""
-        self.rows.append(numbers)
-        self._parts.append([self.layout.read(messages, leaf).copy() for leaf in self.leaves if leaf.dtype is not None])
+        """Take messages of this layout, shape (n, length), and their places in the topic."""
+        self._numbers.append(numbers)
+        self._messages.append(messages)
+
+    @property
+    def size(self) -> int:
+        """Number of messages."""
+        return sum(len(messages) for messages in self._messages)
 
     def numbers(self) -> NDArray[np.int64]:
-        """Return the places of the messages."""
-        return np.concatenate(self.rows)
+        """Return the places of the messages in the topic."""
+        return np.concatenate(self._numbers)
 
-    def values(self) -> Iterator[tuple[Leaf, NDArray[Any]]]:
-        """Return every part that is a number, shape (n,), or an array, shape (count, n), and let go of it."""
-        for leaf in [leaf for leaf in self.leaves if leaf.dtype is not None]:
-            assert leaf.dtype is not None
-            joined = np.concatenate([parts.pop(0) for parts in self._parts], axis=-1)
-            yield leaf, joined.astype(leaf.dtype.newbyteorder("="), copy=False)
+    def fill(self, leaf: Leaf, out: NDArray[Any]) -> None:
+        """Write a part of every message into an array of shape (n,), for an array (count, n)."""
+        place = 0
+        for messages in self._messages:
+            out[..., place : place + len(messages)] = self.layout.read(messages, leaf)
+            place += len(messages)
+
+    def values(self, leaf: Leaf) -> NDArray[Any]:
+        """Return a part of every message, shape (n,), for an array (count, n)."""
+        assert leaf.dtype is not None
+        shape = (self.size,) if leaf.count is None else (leaf.count, self.size)
+        out = np.empty(shape, leaf.dtype.newbyteorder("="))
+        self.fill(leaf, out)
+        return out
 
 
 class Series:

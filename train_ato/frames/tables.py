@@ -44,27 +44,30 @@ def known_table(topic: str, series: Series) -> pd.DataFrame:
     ValueError
         If names and numbers in a message do not fit together.
     """
-    parts = []
-    for group in series.groups:
-        stamps: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
-        names: list[str] = []
-        rows: list[Array] = []
-        owners = _owners(group.layout)
-        for leaf, values in group.values():
-            if leaf.path in STAMPS:
-                stamps = nanoseconds(values) - EPOCH_NS
-            if not has_column(topic, leaf.path):
-                continue
-            names += _names(topic, leaf, owners)
-            if leaf.path in STAMPS:
-                values = seconds(stamps)
-            elif leaf.is_time:
-                values = seconds(nanoseconds(values))
-            rows.append(np.atleast_2d(values))
-        block = np.concatenate(rows, axis=0, dtype=np.float64)
-        index = pd.Index(seconds(stamps), name=TIME)
-        parts.append((group.numbers(), pd.DataFrame(block.T, index=index, columns=_unique(names), copy=False)))
+    parts = [(group.numbers(), _part(topic, group)) for group in series.groups]
     return in_order(_joined(parts))
+
+
+def _part(topic: str, group: Group) -> pd.DataFrame:
+    """Return the table of the messages of one layout; every column lies in one piece."""
+    owners = _owners(group.layout)
+    leaves = {leaf.path: leaf for leaf in group.leaves if leaf.dtype is not None}
+    stamps = next(nanoseconds(group.values(leaves[path])) for path in STAMPS if path in leaves) - EPOCH_NS
+    names = {path: _names(topic, leaf, owners) for path, leaf in leaves.items() if has_column(topic, path)}
+    block = np.empty((sum(map(len, names.values())), group.size))
+    row = 0
+    for path, columns in names.items():
+        out = block[row : row + len(columns)]
+        if path in STAMPS:
+            out[0] = seconds(stamps)
+        elif leaves[path].is_time:
+            out[0] = seconds(nanoseconds(group.values(leaves[path])))
+        else:
+            group.fill(leaves[path], out if leaves[path].count is not None else out[0])
+        row += len(columns)
+    index = pd.Index(seconds(stamps), name=TIME)
+    titles = _unique([name for columns in names.values() for name in columns])
+    return pd.DataFrame(block.T, index=index, columns=titles, copy=False)
 
 
 def _owners(layout: Layout) -> list[str]:
@@ -134,21 +137,20 @@ def foreign_table(series: Series, begin_ns: int) -> pd.DataFrame:
 
 def _foreign_columns(group: Group) -> Iterator[tuple[str, NDArray[Any]]]:
     owners = _owners(group.layout)
-    size = group.numbers().size
     for leaf in group.leaves:
-        if leaf.dtype is None and not (owners and leaf.path.startswith("name[")):
-            yield _plain(leaf.path), np.full(size, leaf.text, dtype=object)
-    for leaf, values in group.values():
         name = _plain(leaf.path)
-        if leaf.is_time:
-            yield f"{name}_ns", nanoseconds(values)
+        if leaf.dtype is None:
+            if not (owners and leaf.path.startswith("name[")):
+                yield name, np.full(group.size, leaf.text, dtype=object)
+        elif leaf.is_time:
+            yield f"{name}_ns", nanoseconds(group.values(leaf))
         elif leaf.count is None:
-            yield name, values
+            yield name, group.values(leaf)
         elif leaf.count > LONGEST_ARRAY:
             raise ValueError(f"{leaf.path} is an array of {leaf.count} numbers, at most {LONGEST_ARRAY} make columns")
         else:
             named = len(owners) == leaf.count and "." not in leaf.path
-            for index, row in enumerate(values):
+            for index, row in enumerate(group.values(leaf)):
                 yield f"{owners[index]}_{name}" if named else f"{name}_{index}", row
 
 

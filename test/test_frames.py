@@ -1,0 +1,351 @@
+"""A log as tables: the same bits as the decoder that reads message by message, whoever wrote the messages."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+from frames_logs import TICK, write_log
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.interfaces import Nodetype
+from test_wire import LONG, SHAPES, message
+
+import train_ato
+from train_ato.cdr import typestore
+from train_ato.engine import run_engine
+from train_ato.frames.cdr_layout import layout_of
+from train_ato.frames.columns import column, has_column, suffix, unit_of
+from train_ato.record.layout import table_name
+from train_ato.record.reading import read_log
+from train_ato.record.run_log import RunLog
+from train_ato.run_folder import RunFolder
+from train_ato.run_setup import prepare
+from train_ato.scenario import load as load_scenario
+from train_ato.topics import BY_NAME, DIAGNOSTIC_UNITS, EPOCH_NS, TOPICS
+from train_ato.wire import Wire
+
+BLOCKS = {
+    "train/cars": [("{car}_position_m", "position"), ("{car}_speed_m_s", "velocity"),
+                   ("{car}_coupler_force_n", "coupler_force")],
+    "train/measurement": [("{unit}_position_m", "position"), ("{coupler}_deflection_m", "deflection"),
+                          ("{unit}_speed_m_s", "velocity"), ("{coupler}_deflection_rate_m_s", "rate"),
+                          ("{unit}_applied_force_n", "applied"), ("{coupler}_force_n", "force")],
+    "train/brake_pipe": [("pressure_pa", "pressure")],
+    "train/brake_cylinders": [("{car}_shoe_force_n", "shoe_force")],
+    "train/disturbance": [("{car}_disturbance_force_n", "force")],
+    "ato/reference": [("position_m", "position"), ("speed_m_s", "velocity"), ("acceleration_m_s2", "acceleration")],
+    "ato/estimate": [("{unit}_disturbance_force_n", "force")],
+    "ato/command": [("{unit}_force_n", "force")],
+    "ato/brake_pipe": [("pressure_pa", "pressure")],
+    "/clock": [],
+}  # fmt: skip
+"""What the columns of every topic are called, and the field of the dataclass they hold."""
+
+
+def bits(values) -> list[int]:
+    return np.ascontiguousarray(values, dtype=np.float64).view(np.int64).tolist()
+
+
+def assert_equal(frames, run, shape) -> None:
+    """Compare tables with what the slow decoder says, message by message and bit by bit."""
+    slow: dict[str, list] = {}
+    for topic, _, decoded in read_log(run, Wire(shape).decode):
+        slow.setdefault(topic, []).append(decoded)
+    assert set(slow) == set(frames)
+    for topic, messages in slow.items():
+        table = frames[topic]
+        if topic == "/diagnostics":
+            assert_diagnostics(table, messages)
+        elif topic in ("ato/profile", "ato/limits"):
+            assert_trajectories(table, messages)
+        else:
+            assert bits(table.index) == bits([entry.stamp * 1e-9 for entry in messages])
+            expected = {
+                pattern.format(car=car, unit=unit, coupler=coupler): values
+                for pattern, field in BLOCKS[topic]
+                for car, unit, coupler, values in _entries(pattern, [getattr(m, field) for m in messages], shape)
+            }
+            assert [name for name in table.columns if name not in ("planned_s", "clock_s")] == list(expected)
+            for name, values in expected.items():
+                assert bits(table[name]) == bits(values), name
+            if topic == "ato/reference":
+                assert bits(table["planned_s"]) == bits([entry.planned * 1e-9 for entry in messages])
+
+
+def _entries(pattern, rows, shape):
+    values = np.array(rows)
+    if "{" not in pattern:
+        return [("", "", "", values)]
+    kind = pattern[1 : pattern.index("}")]
+    kinds = ("car", "unit", "coupler")
+    return [
+        (*(name if entry == kind else "" for entry in kinds), values[:, index])
+        for index, name in enumerate(getattr(shape, f"{kind}s"))
+    ]
+
+
+def assert_trajectories(table, messages) -> None:
+    knots = [(m, k) for m in messages for k in range(m.time.size)]
+    assert bits(table.index) == bits([m.time[k] * 1e-9 for m, k in knots])
+    for name, field in (("position_m", "position"), ("speed_m_s", "velocity"), ("acceleration_m_s2", "acceleration")):
+        if getattr(messages[0], field).size:
+            assert bits(table[name]) == bits([getattr(m, field)[k] for m, k in knots])
+        else:
+            assert name not in table
+    if "planned_s" in table:
+        assert bits(table["planned_s"]) == bits([m.stamp * 1e-9 for m, _ in knots])
+
+
+def assert_diagnostics(table, messages) -> None:
+    messages = sorted(messages, key=lambda m: (m.stamp, m.node))
+    assert bits(table.index) == bits([m.stamp * 1e-9 for m in messages])
+    assert table["node"].tolist() == [m.node for m in messages]
+    assert table["level"].tolist() == [m.level for m in messages]
+    assert table["message"].tolist() == [m.message for m in messages]
+    for (_, row), decoded in zip(table.iterrows(), messages, strict=True):
+        said = {name: value for name, value in row.items() if name not in ("node", "level", "message")}
+        expected = {key + suffix(DIAGNOSTIC_UNITS.get(key, "")): value for key, value in decoded.values.items()}
+        for name, value in said.items():
+            if name not in expected:
+                assert pd.isna(value), name
+            elif isinstance(value, str):
+                assert value == expected[name]
+            else:
+                assert bits([value]) == bits([float(expected[name])]), name
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_tables_hold_what_was_written_bit_by_bit(tmp_path, shape):
+    """Breaks if a column gets another's numbers, a stamp is off, or the names of the shape are lost."""
+    write_log(tmp_path, shape, 60)
+    assert_equal(train_ato.load(tmp_path), tmp_path, shape)
+
+
+@pytest.mark.parametrize("name", ["daqin_heavy_haul:disturbed+noise", "freight_consensus", "crh380a_funnel:replanned"])
+def test_a_run_of_the_engine_opens_with_the_same_bits(tmp_path, name):
+    """Breaks if a real log has a layout that the made-up one has not: several units, disturbances, a planned stop."""
+    setup = prepare(*load_scenario(name, (), {"duration": 12.0}))
+    folder = RunFolder.make(tmp_path / "run", setup.scenario.name)
+    with folder.sink(setup) as sink:
+        run_engine(setup, sink=sink)
+    frames = train_ato.load(folder.path)
+    assert_equal(frames, folder.path, setup.shape)
+    said = frames["/diagnostics"]
+    numbers = {str(key) for key in said.columns[said.dtypes == np.float64]}
+    counts = {"unsound_measurements", "saturated_steps", "swaps", "commands_lost", "knots", "replans", "refusals",
+              "held_steps"}  # fmt: skip
+    assert all(unit_of(key) or key in counts for key in numbers), numbers - counts
+
+
+def test_every_number_of_the_topic_table_has_a_column():
+    """Breaks if a topic gets a field that no table shows."""
+    left_out = {("train/brake_pipe", "variance"), ("ato/brake_pipe", "variance")}  # always 0
+    for topic in TOPICS:
+        for field, unit, _ in topic.fields:
+            trajectories = topic.name in ("ato/profile", "ato/limits") and field == "points[].time_from_start"  # index
+            if unit and topic.recorded and not trajectories and (topic.name, field) not in left_out:
+                assert has_column(topic.name, field), (topic.name, field)
+                names = [column(topic.name, field, owner) for owner in ("", "unit_3", "coupler_0", "car_7")]
+                assert all(unit_of(name) == unit for name in names if name), names
+
+
+def test_topics_are_chosen_by_either_name(tmp_path):
+    """Breaks if a choice changes the numbers or brings other topics."""
+    write_log(tmp_path, LONG, 20)
+    whole = train_ato.load(tmp_path)
+    some = train_ato.load(tmp_path / "run.mcap", topics=["ato/command", "/train/cars", "/clock"])
+    assert set(some) == {"ato/command", "train/cars", "/clock"}
+    for topic, table in some.items():
+        pd.testing.assert_frame_equal(table, whole[topic], check_exact=True)
+    assert whole["/ato/command"] is whole["ato/command"]
+    with pytest.raises(KeyError, match=r"no table 'train/carz'; did you mean 'train/cars'"):
+        whole["train/carz"]
+
+
+REFUSED = [
+    ({"topics": ["ato/comand"]}, r"run\.mcap: holds no topic 'ato/comand'; did you mean '/ato/command'\? \(it has"),
+    ({"topics": "ato/command"}, r"'ato/command' is one name; give a list"),
+]
+
+
+@pytest.mark.parametrize(("options", "text"), REFUSED)
+def test_a_wrong_choice_is_refused_in_one_line(tmp_path, options, text):
+    write_log(tmp_path, LONG, 3)
+    with pytest.raises(ValueError, match=text) as refusal:
+        train_ato.load(tmp_path, **options)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_killed_run_names_the_remedy(tmp_path):
+    """Breaks if half a log is shown as a whole one."""
+    write_log(tmp_path, LONG, 50)
+    whole = (tmp_path / "run.mcap").read_bytes()
+    (tmp_path / "run.mcap").rename(tmp_path / "run.mcap.partial")
+    for run in (tmp_path, tmp_path / "run.mcap.partial"):
+        with pytest.raises(ValueError, match=r"run\.mcap\.partial: .*train-ato recover"):
+            train_ato.load(run)
+    with pytest.raises(ValueError, match="no such log"):
+        train_ato.load(tmp_path / "elsewhere")
+    for name, content in (("cut", whole[: len(whole) // 2]), ("empty", b""), ("text", b"time_s,speed\n" * 99)):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(ValueError, match=rf"{name}: damaged or no log: .*recover") as refusal:
+            train_ato.load(tmp_path / name)
+        assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_damage_is_found_or_does_no_harm(tmp_path, seed):
+    """A flipped bit anywhere: the same tables as before, or one line; never other numbers."""
+    write_log(tmp_path, LONG, 40)
+    path = tmp_path / "run.mcap"
+    before = train_ato.load(path)
+    data = bytearray(path.read_bytes())
+    random = np.random.default_rng(seed)
+    place = int(random.integers(len(data)))
+    data[place] ^= 1 << int(random.integers(8))
+    path.write_bytes(data)
+    try:
+        after = train_ato.load(path)
+    except ValueError as error:
+        assert "\n" not in str(error)
+        return
+    assert set(after) == set(before)
+    for topic, table in after.items():
+        pd.testing.assert_frame_equal(table, before[topic], check_exact=True)
+
+
+def test_padding_byte_order_and_the_order_of_names_are_free(tmp_path):
+    """Rclpy leaves rubbish in padding; another publisher may write big-endian, or its names in another order."""
+    types, wire = typestore(), Wire(SHAPES[2])
+    joint_state = types.types["sensor_msgs/msg/JointState"]
+    log = RunLog(tmp_path, [BY_NAME["train/measurement"]])
+    sent = []
+    for tick in range(12):
+        seen = message("train/measurement", SHAPES[2], tick * TICK, seed=tick)
+        data = wire.encode("train/measurement", seen)
+        layout = layout_of(types, joint_state.__msgtype__, data)
+        if tick % 4 == 1:
+            loose = np.ones(len(data), dtype=bool)
+            loose[layout.fixed == 255] = False
+            for leaf in layout.leaves:
+                if leaf.dtype is not None:
+                    size = leaf.dtype.itemsize * (1 if leaf.count is None else leaf.count)
+                    loose[leaf.start : leaf.start + size] = False
+            assert loose.any()
+            data = np.where(loose, 0xAB, np.frombuffer(data, np.uint8)).astype(np.uint8).tobytes()
+        elif tick % 4:
+            entry = types.deserialize_cdr(data, joint_state.__msgtype__)
+            order = np.random.default_rng(tick).permutation(len(entry.name)) if tick % 4 == 2 else np.arange(6)
+            entry.name = [entry.name[i] for i in order]
+            for field in ("position", "velocity", "effort"):
+                setattr(entry, field, getattr(entry, field)[order])
+            data = bytes(types.serialize_cdr(entry, joint_state.__msgtype__, little_endian=tick % 4 != 3))
+        log.add("train/measurement", EPOCH_NS + seen.stamp, EPOCH_NS + seen.stamp, data)
+        sent.append(seen)
+    log.close()
+    table = train_ato.load(tmp_path)["train/measurement"]
+    assert bits(table.index) == bits([entry.stamp * 1e-9 for entry in sent])
+    for unit in range(3):
+        assert bits(table[f"unit_{unit}_speed_m_s"]) == bits([entry.velocity[unit] for entry in sent])
+    for index, coupler in enumerate(SHAPES[2].couplers):
+        assert bits(table[f"{coupler}_force_n"]) == bits([entry.force[index] for entry in sent])
+
+
+def test_two_trains_in_one_log_do_not_mix(tmp_path):
+    """Breaks if the topics of two namespaces are put into one table."""
+    from frames_logs import write_two_trains
+
+    write_two_trains(tmp_path)
+    frames = train_ato.load(tmp_path)
+    assert set(frames) == {"/one/ato/command", "/two/ato/command"}
+    assert frames["/one/ato/command"]["unit_0_force_n"].tolist() == [1.0, 2.0, 3.0]
+    assert frames["/two/ato/command"]["unit_0_force_n"].tolist() == [-1.0, -2.0, -3.0]
+    assert all(table_name(name) == "ato/command" for name in frames)
+
+
+def test_logs_of_others_open_too(tmp_path):
+    """Breaks if a topic of somebody else is taken for one of ours, or stops the reading of the others."""
+    from frames_logs import write_foreign
+
+    write_foreign(tmp_path / "robot.mcap")
+    frames = train_ato.load(tmp_path / "robot.mcap")
+    assert set(frames) == {"/imu", "/rosout", "/joints", "/mine"}
+    assert set(frames.left_out) == {"/camera", "/proto", "/broken"}
+    assert "array of 3000 numbers" in frames.left_out["/camera"]
+    assert frames["/imu"].index.tolist() == pytest.approx([0.0, 0.25, 0.5])
+    assert frames["/imu"]["angular_velocity_z"].tolist() == [0.0, 0.5, 1.0]
+    assert frames["/imu"]["orientation_covariance_8"].tolist() == [8.0] * 3
+    assert frames["/imu"]["header_stamp_ns"].tolist() == [10**18, 10**18 + 250_000_000, 10**18 + 500_000_000]
+    assert frames["/rosout"]["msg"].tolist() == [f"line {'x' * k}" for k in range(200)]
+    assert frames["/joints"]["elbow_position"].tolist() == [1.0, 2.0]
+    assert frames["/mine"]["depth"].tolist() == [3, 4]
+    assert frames["/mine"]["depth"].dtype == np.int32
+    for topic in ("/camera", "/proto"):
+        with pytest.raises(ValueError, match=topic):
+            train_ato.load(tmp_path / "robot.mcap", topics=[topic])
+
+
+def _value(types, described, draw):
+    """Return a random value of a field."""
+    kind, detail = described
+    if kind == Nodetype.BASE:
+        if detail[0] == "string":
+            return draw(st.text(alphabet="aZ_0é", max_size=5))
+        if detail[0] == "bool":
+            return draw(st.booleans())
+        if detail[0].startswith("float"):
+            return draw(st.floats(-1e6, 1e6, width=32))
+        return draw(st.integers(0, 100))
+    if kind == Nodetype.NAME:
+        return _message(types, detail, draw)
+    element, size = detail
+    count = size if kind == Nodetype.ARRAY else draw(st.integers(0, 3))
+    entries = [_value(types, element, draw) for _ in range(count)]
+    if element[0] == Nodetype.BASE and element[1][0] != "string":
+        name = {"byte": "uint8", "char": "uint8"}.get(element[1][0], element[1][0])
+        return np.array(entries, dtype=np.dtype(name))
+    return entries
+
+
+def _message(types, name, draw):
+    values = {field: _value(types, described, draw) for field, described in types.fielddefs[name][1]}
+    return types.types[name](**values)
+
+
+def _at(content, path):
+    for part in path.replace("[", ".[").split("."):
+        content = content[int(part[1:-1])] if part.startswith("[") else getattr(content, part)
+    return content
+
+
+@settings(max_examples=300)
+@given(st.data())
+def test_a_layout_finds_every_part_of_any_message(data):
+    """Alignment is the trap: one wrong rule shifts every number behind it. Beside the deserialiser of rosbags."""
+    types = typestore()
+    names = sorted(name for name in types.fielddefs if "wstring" not in str(types.fielddefs[name]).lower())
+    name = data.draw(st.sampled_from(names))
+    content = _message(types, name, data.draw)
+    raw = bytes(types.serialize_cdr(content, name, little_endian=data.draw(st.booleans())))
+    layout = layout_of(types, name, raw)
+    rows = np.frombuffer(raw * 2, np.uint8).reshape(2, -1)
+    assert layout.fits(rows).all()
+    for leaf in layout.leaves:
+        expected = _at(content, leaf.path)
+        if leaf.dtype is None:
+            assert leaf.text == expected
+        elif leaf.is_time:
+            assert [tuple(entry) for entry in layout.read(rows, leaf)] == [(expected.sec, expected.nanosec)] * 2
+        else:
+            assert np.array_equal(layout.read(rows, leaf)[..., 1], expected), leaf.path
+
+
+def test_importing_the_package_and_its_help_stay_light():
+    """Breaks if pandas is imported by those who only want help: a second on a slow machine."""
+    for code in ("import train_ato", "import train_ato; from train_ato.cli.main import _parser; _parser()"):
+        check = f"{code}; import sys; assert not {{'pandas', 'pyarrow'}} & set(sys.modules), 'heavy'"
+        subprocess.run([sys.executable, "-c", check], check=True)
