@@ -10,13 +10,15 @@ from plant_sim import kernel as k
 from plant_sim.air_brake import PipeEvents
 from plant_sim.consist import Consist
 from plant_sim.disturbances import Gust
+from plant_sim.jumps import Jumps
 from plant_sim.line import Line
 from plant_sim.outside_forces import OutsideForces
-from plant_sim.packing import lag_keep, pack
-from plant_sim.plant_setup import Jump, PlantSetup
+from plant_sim.packing import pack
+from plant_sim.plant_setup import PlantSetup
 from plant_sim.sensors import SensorSet
 from plant_sim.states import Array, BrakeCylinders, CarStates, Measurement, Pipe
 from plant_sim.streams import stream
+from plant_sim.totals import Totals, kinetic_energy, totals_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,54 +29,6 @@ class Observation:
     measurement: Measurement
     brake_pipe: Pipe | None
     brake_cylinders: BrakeCylinders | None
-
-
-@dataclass(frozen=True, slots=True)
-class Totals:
-    """What was added up over every plant step since the start.
-
-    Attributes
-    ----------
-    draft, buff : Array, shape (n - 1,)
-        Largest draft (>= 0) and buff (<= 0) force of every coupling [N].
-    draft_max, buff_max : float
-        The extremes of them [N].
-    traction, regenerated : float
-        Work of the power units that drove, and of those that braked (>= 0) [J].
-    running, curve, grade, air_brake, holding_brake, couplers, outside : float
-        Work of the other forces on the train [J], < 0 when it takes energy.  ``couplers`` is minus what the draft
-        gears dissipated and hold; ``outside`` includes the energy of jumps of mass.
-    kinetic : float
-        Change of kinetic energy since the start; equals the sum of all works (``regenerated`` negative) to rounding.
-    saturated : Array, shape (units,)
-        Time a limit cut the wanted force of every unit [s], standstill left out.
-    saturated_any : float
-        Time this was so for any unit [s].
-    """
-
-    draft: Array
-    buff: Array
-    draft_max: float
-    buff_max: float
-    traction: float
-    regenerated: float
-    running: float
-    curve: float
-    grade: float
-    air_brake: float
-    holding_brake: float
-    couplers: float
-    outside: float
-    kinetic: float
-    saturated: Array
-    saturated_any: float
-
-    @property
-    def balance(self) -> float:
-        """Kinetic energy not explained by work [J]; rounding only."""
-        gained = self.traction + self.running + self.curve + self.grade + self.air_brake
-        gained += self.holding_brake + self.couplers + self.outside - self.regenerated
-        return self.kinetic - gained
 
 
 class Train:
@@ -121,7 +75,6 @@ class Train:
         self.stamp = 0
         self._step = step_ns * 1e-9
         self.arrays = pack(consist, line, setup, self._step)
-        self._lags = np.broadcast_to(np.array(setup.lag, dtype=np.float64), len(self.units)).copy()
         self._unit_vehicles = np.array(self.units, dtype=np.int64)
         self._events = None if consist.air_brake is None else PipeEvents(consist.air_brake, self.n)
         self._no_events = np.zeros((5, 1))
@@ -130,22 +83,12 @@ class Train:
         masses = self.arrays.vehicle[k.MASS]
         self._outside = OutsideForces(setup.disturbances, masses, self._step, tick_ns * 1e-9, sources)
         self.arrays.setting[k.HAS_DRIFT] = float(self._outside.has_drift)
-        self._check_lists()
-        self._jumps = list(setup.jumps)
-        self._jump_energy = 0.0
+        if self._outside.has_drift and len(self.arrays.body) - 1 < self.n:
+            raise ValueError("drift speeds (disturbance 'paper002') cannot act on rigidly joined vehicles")
+        self._jumps = Jumps(setup, self.arrays, self.n, step_ns, tick_ns)
         self._kinetic_start = self.kinetic_energy
         self._outside_force = np.zeros(self.n)
         self._gusts = False
-
-    def _check_lists(self) -> None:
-        """Refuse what the data models cannot see: numbers outside this train, drift of rigid vehicles."""
-        if self._outside.has_drift and len(self.arrays.body) - 1 < self.n:
-            raise ValueError("drift speeds (disturbance 'paper002') cannot act on rigidly joined vehicles")
-        for jump in self.setup.jumps:
-            for what, listed, count in (("vehicle", jump.vehicles, self.n), ("unit", jump.units, len(self.units))):
-                wrong = [i for i in listed or () if not 0 <= i < count]
-                if wrong:
-                    raise ValueError(f"jumps lists {what} {wrong[0]}: the train has {what}s 0 ... {count - 1}")
 
     @property
     def time(self) -> float:
@@ -185,15 +128,9 @@ class Train:
         return self._outside_force.copy()
 
     @property
-    def pipe_pressure(self) -> float | None:
-        """Brake-pipe pressure at the head [Pa, absolute]; None without an air brake."""
-        return None if self._events is None else self._events.pressure
-
-    @property
     def kinetic_energy(self) -> float:
         """Kinetic energy, rotating masses included [J]."""
-        v = self.arrays.state[k.V, : self.n]
-        return float(0.5 * (self.arrays.vehicle[k.MASS] * v * v).sum())
+        return kinetic_energy(self.arrays, self.n)
 
     @property
     def momentum(self) -> float:
@@ -246,10 +183,10 @@ class Train:
             self._drop_gusts()
         outside = self._outside.tick(self.time)
         begin = 0
-        for step in self._jump_steps():
+        for step in self._jumps.steps(self.stamp):
             self._integrate(demand, outside, begin, step)
             begin = step
-            self._apply_due_jumps(begin)
+            self._jumps.apply(self.stamp, begin)
         self._integrate(demand, outside, begin, self.substeps)
         self._keep_outside(outside)
         self.stamp += self.tick_ns
@@ -296,77 +233,10 @@ class Train:
             speed = self.arrays.state[k.V, listed]
             self._outside_force[listed] = outside[0].mean(axis=0) + outside[1].mean(axis=0) * speed
 
-    def _jump_steps(self) -> list[int]:
-        """Return the steps of this tick before which jumps are due; the first step stands for a place passed."""
-        steps = set()
-        for jump in self._jumps:
-            if jump.place is not None:
-                if self.arrays.state[k.X, 0] >= jump.place:
-                    steps.add(0)
-            elif jump.at is not None:
-                step = max(0, -(-(round(jump.at * 1e9) - self.stamp) // self.step_ns))
-                if step < self.substeps:
-                    steps.add(step)
-        return sorted(steps)
-
-    def _apply_due_jumps(self, step: int) -> None:
-        now = self.stamp + step * self.step_ns
-        for jump in list(self._jumps):
-            by_place = jump.place is not None and step == 0 and self.arrays.state[k.X, 0] >= jump.place
-            by_time = jump.at is not None and round(jump.at * 1e9) <= now
-            if by_place or by_time:
-                self._jumps.remove(jump)
-                self._jump(jump)
-
-    def _jump(self, jump: Jump) -> None:
-        a = self.arrays
-        vehicles = list(range(self.n)) if jump.vehicles is None else list(jump.vehicles)
-        units = list(range(len(self.units))) if jump.units is None else list(jump.units)
-        before = self.kinetic_energy
-        if jump.what == "mass":
-            a.vehicle[np.ix_((k.MASS, k.WEIGHT, k.C0, k.C1, k.C2, k.HOLD), vehicles)] *= jump.factor
-            a.vehicle[k.INVERSE_MASS] = 1.0 / a.vehicle[k.MASS]
-            k.locate(a.state, a.vehicle, a.vehicle_index, a.piece)
-        elif jump.what == "resistance":
-            a.vehicle[np.ix_((k.C0, k.C1, k.C2), vehicles)] *= jump.factor
-        elif jump.what == "brake":
-            a.vehicle[k.SHOE, vehicles] *= jump.factor
-        elif jump.what == "gain":
-            a.unit[k.GAIN, units] *= jump.factor
-        elif jump.what == "adhesion":
-            a.unit[k.ADHESION, units] *= jump.factor
-        else:
-            self._lags[units] *= jump.factor
-            a.unit[k.LAG_KEEP] = lag_keep(self._lags, self._step)
-        self._jump_energy += self.kinetic_energy - before
-
     @property
     def totals(self) -> Totals:
         """Extremes and works since the start."""
-        a, n = self.arrays, self.n
-        draft, buff = a.gear[k.DRAFT, : n - 1].copy(), a.gear[k.BUFF, : n - 1].copy()
-
-        def work(row: int) -> float:
-            return float(a.state[row, :n].sum())
-
-        return Totals(
-            draft=draft,
-            buff=buff,
-            draft_max=float(draft.max(initial=0.0)),
-            buff_max=float(buff.min(initial=0.0)),
-            traction=float(a.unit[k.WORK_TRACTION].sum()),
-            regenerated=float(a.unit[k.WORK_REGENERATED].sum()),
-            running=work(k.WORK_RUNNING),
-            curve=work(k.WORK_CURVE),
-            grade=work(k.WORK_GRADE),
-            air_brake=work(k.WORK_AIR),
-            holding_brake=work(k.WORK_HOLD),
-            couplers=work(k.WORK_COUPLER),
-            outside=work(k.WORK_OUTSIDE) + self._jump_energy,
-            kinetic=self.kinetic_energy - self._kinetic_start,
-            saturated=a.unit[k.SATURATED].copy(),
-            saturated_any=float(a.setting[k.SATURATED_ANY]),
-        )
+        return totals_of(self.arrays, self.n, self.kinetic_energy - self._kinetic_start, self._jumps.energy)
 
 
 def compile_kernel() -> bool:

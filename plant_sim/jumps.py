@@ -1,0 +1,96 @@
+"""Parameters of the train that change during a run, once, at a time or at a place."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant_sim import kernel as k
+from plant_sim.packing import Arrays, lag_keep
+from plant_sim.plant_setup import Jump, PlantSetup
+from plant_sim.totals import kinetic_energy
+
+
+class Jumps:
+    """The jumps of a setup, carried out on the kernel's arrays.
+
+    Parameters
+    ----------
+    setup
+        Its jumps and the actuators' lags.
+    arrays
+        Of the train.
+    vehicles : int
+        Vehicles of the train.
+    step_ns, tick_ns : int
+        Plant step and tick [ns].
+
+    Attributes
+    ----------
+    energy : float
+        Kinetic energy that jumps of mass brought so far [J].
+
+    Raises
+    ------
+    ValueError
+        If a jump lists a vehicle or unit that the train does not have.
+    """
+
+    def __init__(self, setup: PlantSetup, arrays: Arrays, vehicles: int, step_ns: int, tick_ns: int) -> None:
+        self.energy = 0.0
+        self._arrays = arrays
+        self._vehicles, self._units = vehicles, arrays.unit.shape[1]
+        self._step_ns, self._substeps = step_ns, tick_ns // step_ns
+        self._lags = np.broadcast_to(np.array(setup.lag, dtype=np.float64), self._units).copy()
+        self._waiting = list(setup.jumps)
+        for jump in self._waiting:
+            for what, listed, count in (("vehicle", jump.vehicles, vehicles), ("unit", jump.units, self._units)):
+                wrong = [i for i in listed or () if not 0 <= i < count]
+                if wrong:
+                    raise ValueError(f"jumps lists {what} {wrong[0]}: the train has {what}s 0 ... {count - 1}")
+
+    def steps(self, stamp: int) -> list[int]:
+        """Return the steps of the tick from ``stamp`` [ns] on before which jumps are due; 0 for a place passed."""
+        steps = set()
+        for jump in self._waiting:
+            if jump.at is None:
+                if self._passed(jump):
+                    steps.add(0)
+            else:
+                step = max(0, -(-(round(jump.at * 1e9) - stamp) // self._step_ns))
+                if step < self._substeps:
+                    steps.add(step)
+        return sorted(steps)
+
+    def apply(self, stamp: int, step: int) -> None:
+        """Carry out what is due before a step of the tick from ``stamp`` [ns] on."""
+        now = stamp + step * self._step_ns
+        for jump in list(self._waiting):
+            due = step == 0 and self._passed(jump) if jump.at is None else round(jump.at * 1e9) <= now
+            if due:
+                self._waiting.remove(jump)
+                before = kinetic_energy(self._arrays, self._vehicles)
+                self._jump(jump)
+                self.energy += kinetic_energy(self._arrays, self._vehicles) - before
+
+    def _passed(self, jump: Jump) -> bool:
+        return jump.place is not None and bool(self._arrays.state[k.X, 0] >= jump.place)
+
+    def _jump(self, jump: Jump) -> None:
+        a = self._arrays
+        vehicles = list(range(self._vehicles)) if jump.vehicles is None else list(jump.vehicles)
+        units = list(range(self._units)) if jump.units is None else list(jump.units)
+        if jump.what == "mass":
+            a.vehicle[np.ix_((k.MASS, k.WEIGHT, k.C0, k.C1, k.C2, k.HOLD), vehicles)] *= jump.factor
+            a.vehicle[k.INVERSE_MASS] = 1.0 / a.vehicle[k.MASS]
+            k.locate(a.state, a.vehicle, a.vehicle_index, a.piece)
+        elif jump.what == "resistance":
+            a.vehicle[np.ix_((k.C0, k.C1, k.C2), vehicles)] *= jump.factor
+        elif jump.what == "brake":
+            a.vehicle[k.SHOE, vehicles] *= jump.factor
+        elif jump.what == "gain":
+            a.unit[k.GAIN, units] *= jump.factor
+        elif jump.what == "adhesion":
+            a.unit[k.ADHESION, units] *= jump.factor
+        else:
+            self._lags[units] *= jump.factor
+            a.unit[k.LAG_KEEP] = lag_keep(self._lags, self._step_ns * 1e-9)

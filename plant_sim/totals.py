@@ -1,0 +1,98 @@
+"""What the kernel adds up over every plant step: extremes of the couplers, works, saturated time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from plant_sim import kernel as k
+from plant_sim.packing import Arrays
+from plant_sim.states import Array
+
+
+@dataclass(frozen=True, slots=True)
+class Totals:
+    """What was added up over every plant step since the start.
+
+    Attributes
+    ----------
+    draft, buff : Array, shape (n - 1,)
+        Largest draft (>= 0) and buff (<= 0) force of every coupling [N].
+    draft_max, buff_max : float
+        The extremes of them [N].
+    traction, regenerated : float
+        Work of the power units that drove, and of those that braked (>= 0) [J].
+    running, curve, grade, air_brake, holding_brake, couplers, outside : float
+        Work of the other forces on the train [J], < 0 when it takes energy.  ``couplers`` is minus what the draft
+        gears dissipated and hold; ``outside`` includes the energy of jumps of mass.
+    kinetic : float
+        Change of kinetic energy since the start; equals the sum of all works (``regenerated`` negative) to rounding.
+    saturated : Array, shape (units,)
+        Time a limit cut the wanted force of every unit [s], standstill left out.
+    saturated_any : float
+        Time this was so for any unit [s].
+    """
+
+    draft: Array
+    buff: Array
+    draft_max: float
+    buff_max: float
+    traction: float
+    regenerated: float
+    running: float
+    curve: float
+    grade: float
+    air_brake: float
+    holding_brake: float
+    couplers: float
+    outside: float
+    kinetic: float
+    saturated: Array
+    saturated_any: float
+
+    @property
+    def balance(self) -> float:
+        """Kinetic energy not explained by work [J]; rounding only."""
+        gained = self.traction + self.running + self.curve + self.grade + self.air_brake
+        gained += self.holding_brake + self.couplers + self.outside - self.regenerated
+        return self.kinetic - gained
+
+
+def kinetic_energy(arrays: Arrays, vehicles: int) -> float:
+    """Return the kinetic energy of so many vehicles, rotating masses included [J]."""
+    v = arrays.state[k.V, :vehicles]
+    return float(0.5 * (arrays.vehicle[k.MASS] * v * v).sum())
+
+
+def totals_of(arrays: Arrays, vehicles: int, kinetic: float, jump_energy: float) -> Totals:
+    """Read the totals out of the kernel's arrays.
+
+    Parameters
+    ----------
+    kinetic
+        Change of kinetic energy since the start [J].
+    jump_energy
+        Part of it that jumps of mass brought [J].
+    """
+    draft, buff = arrays.gear[k.DRAFT, : vehicles - 1].copy(), arrays.gear[k.BUFF, : vehicles - 1].copy()
+
+    def work(row: int) -> float:
+        return float(arrays.state[row, :vehicles].sum())
+
+    return Totals(
+        draft=draft,
+        buff=buff,
+        draft_max=float(draft.max(initial=0.0)),
+        buff_max=float(buff.min(initial=0.0)),
+        traction=float(arrays.unit[k.WORK_TRACTION].sum()),
+        regenerated=float(arrays.unit[k.WORK_REGENERATED].sum()),
+        running=work(k.WORK_RUNNING),
+        curve=work(k.WORK_CURVE),
+        grade=work(k.WORK_GRADE),
+        air_brake=work(k.WORK_AIR),
+        holding_brake=work(k.WORK_HOLD),
+        couplers=work(k.WORK_COUPLER),
+        outside=work(k.WORK_OUTSIDE) + jump_energy,
+        kinetic=kinetic,
+        saturated=arrays.unit[k.SATURATED].copy(),
+        saturated_any=float(arrays.setting[k.SATURATED_ANY]),
+    )
