@@ -13,6 +13,8 @@ from train_ato.types import Array
 SERIES = (
     "train/cars",
     "train/measurement",
+    "train/brake_pipe",
+    "train/brake_cylinders",
     "train/disturbance",
     "ato/reference",
     "ato/command",
@@ -51,6 +53,8 @@ class History:
         Vehicle 0 after the last tick.
     totals : dict
         Running totals of the plant at the end, from its diagnostics, and what the profile and the controller count.
+    brake_pipe, shoe_force : Array, shape (k,), or None
+        Pressure at the head [Pa, absolute] and shoe force of the whole train [N]; None without an air brake.
     """
 
     time: Array
@@ -71,6 +75,8 @@ class History:
     final_position: float
     final_velocity: float
     totals: dict[str, float]
+    brake_pipe: Array | None = None
+    shoe_force: Array | None = None
 
 
 @dataclass
@@ -82,6 +88,8 @@ class HistoryBuilder:
     _totals: dict[str, str] = field(default_factory=dict)
     _counts: dict[str, str] = field(default_factory=dict)
     _disturbance: list[Array] = field(default_factory=list)
+    _pipe: list[float] = field(default_factory=list)
+    _shoes: list[float] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self._rows = {name: [] for name in ("cars", "measurement", "reference", "command", "estimate")}
@@ -115,6 +123,10 @@ class HistoryBuilder:
             self._rows["estimate"].append(message.force)
         elif topic == "train/disturbance":
             self._disturbance.append(message.force[self._units])
+        elif topic == "train/brake_pipe":
+            self._pipe.append(message.pressure)
+        elif topic == "train/brake_cylinders":
+            self._shoes.append(float(message.shoe_force.sum()))
         elif topic == "/diagnostics" and message.node == "plant":
             self._totals = message.values
         elif topic == "/diagnostics" and message.node in COUNTED:
@@ -161,6 +173,8 @@ class HistoryBuilder:
             final_position=float(final[3]),
             final_velocity=float(final[4]),
             totals={name: float(text) for name, text in totals.items() if _is_number(text)},
+            brake_pipe=np.array(self._pipe[:count]) if len(self._pipe) >= count else None,
+            shoe_force=np.array(self._shoes[:count]) if len(self._shoes) >= count else None,
         )
 
 

@@ -1,4 +1,4 @@
-"""``train-ato compare``: one scenario, several laws, one table and one figure."""
+"""``train-ato compare``: one scenario, several laws: one table, one figure and one page of all of them side by side."""
 
 from __future__ import annotations
 
@@ -6,19 +6,24 @@ import argparse
 import dataclasses
 import json
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from train_ato.cli.main import RunFailed
 from train_ato.cli.run import note_compilation
 from train_ato.cli.scenario_options import add_scenario_options, prepare_from
-from train_ato.cli.screen import print_json, progress_bar, table
+from train_ato.cli.screen import console, print_json, progress_bar, table
 from train_ato.control.registry import LAWS
 from train_ato.engine import run_engine
-from train_ato.figure import draw_comparison
-from train_ato.history import History
+from train_ato.outcome import Outcome
 from train_ato.run_folder import RunFolder
 from train_ato.run_setup import RunSetup
+
+if TYPE_CHECKING:
+    from train_ato.report.digest import Digest
 
 COLUMNS: tuple[tuple[str, str], ...] = (
     ("controller", "law"),
@@ -37,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_scenario_options(parser)
     parser.add_argument("--controllers", metavar="A,B,...", help="laws to compare (default: all that fit the train)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder to make (default: runs/compare-NAME-N)")
+    parser.add_argument(
+        "--keep", action="store_true", help="keep every run in a folder of its own, DIR/LAW, with its log"
+    )
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -46,13 +54,12 @@ def execute(options: argparse.Namespace) -> int:
     folder = RunFolder.make(options.out, f"compare-{first.scenario.name}")
     note_compilation()
     try:
-        summaries, histories = _drive(setups)
-    except RunFailed:
+        summaries, digests = _drive(setups, folder.path if options.keep else None)
+    except (RunFailed, OSError):
         folder.discard()
         raise
     (folder.path / "summary.json").write_text(json.dumps(summaries, indent=2) + "\n", encoding="utf-8")
-    if histories:
-        draw_comparison(first, histories, folder.path / "figure.png")
+    written = _draw(digests, folder.path, first.scenario.name)
     if options.json:
         print_json(summaries)
     else:
@@ -63,7 +70,7 @@ def execute(options: argparse.Namespace) -> int:
         )
         for name, reason in left_out.items():
             sys.stdout.write(f"left out: {name}: {reason}\n")
-        sys.stdout.write(f"table and figure in {folder.path}\n")
+        sys.stdout.write(f"table, figure and report in {folder.path}\n" if written else f"table in {folder.path}\n")
     failures = [f"{summary['controller']}: {summary['failure']}" for summary in summaries if "failure" in summary]
     if failures:
         raise RunFailed("; ".join(failures))
@@ -94,15 +101,57 @@ def _setups(options: argparse.Namespace) -> tuple[dict[str, RunSetup], dict[str,
     return setups, left_out
 
 
-def _drive(setups: dict[str, RunSetup]) -> tuple[list[dict[str, Any]], dict[str, History]]:
+def _drive(setups: dict[str, RunSetup], keep: Path | None) -> tuple[list[dict[str, Any]], list[Digest]]:
+    """Drive every law; of each run only what the report needs stays in memory."""
     summaries: list[dict[str, Any]] = []
-    histories: dict[str, History] = {}
+    digests: list[Digest] = []
     for name, setup in setups.items():
-        with progress_bar(name) as progress:
-            outcome = run_engine(setup, progress=progress)
-        summaries.append(outcome.summary)
-        if outcome.history is not None:
-            histories[name] = outcome.history
-        if outcome.interrupted:
-            raise RunFailed("interrupted")
-    return summaries, histories
+        with _folder(name, keep) as folder:
+            folder.begin(setup)
+            with progress_bar(name) as progress, folder.sink(setup) as sink:
+                outcome = run_engine(setup, sink=sink, progress=progress)
+            outcome = outcome.checked_against(sink.counts)
+            if outcome.interrupted:
+                raise RunFailed("interrupted")
+            if keep is not None:
+                folder.finish(setup, outcome)
+            summaries.append(outcome.summary)
+            digests.append(_digest(name, folder.path, outcome, len(setups)))
+    return summaries, digests
+
+
+@contextmanager
+def _folder(name: str, keep: Path | None) -> Iterator[RunFolder]:
+    """Make the folder of one law's run: beside the table, or for as long as it is read."""
+    if keep is not None:
+        yield RunFolder.make(keep / name, name)
+        return
+    with tempfile.TemporaryDirectory(prefix="train_ato_compare_") as scratch:
+        yield RunFolder.make(Path(scratch) / name, name)
+
+
+def _digest(name: str, run: Path, outcome: Outcome, runs: int) -> Digest:
+    """Reduce a law's run to what the report needs."""
+    from train_ato.report.digest import digest, empty_digest, rows_for
+    from train_ato.report.recording import read_recording
+
+    with console().status(f"reading {name}"):
+        try:
+            recording = dataclasses.replace(read_recording(run), summary=outcome.summary)
+        except ValueError as error:
+            return empty_digest(name, outcome.summary, str(error))
+        return digest(recording, name, *rows_for(runs))
+
+
+def _draw(digests: list[Digest], folder: Path, title: str) -> bool:
+    """Write figure and page; tell whether there was anything to draw."""
+    if not any(digest.lines for digest in digests):
+        return False
+    from train_ato.report import plates, writing
+    from train_ato.report.plate_parts import SCREEN_DPI
+    from train_ato.report.words import COMPARISON
+
+    with console().status("drawing the report"):
+        plates.write_comparison(digests, folder / "figure.png", f"{title}: laws on the same train", SCREEN_DPI)
+        writing.write_comparison(digests, folder / COMPARISON)
+    return True

@@ -21,6 +21,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("list", "scenarios, laws, observers, compensations, consists and lines"),
     ("replay", "publish a recorded run again, or try a law on its inputs"),
     ("info", "what a run folder holds"),
+    ("report", "a run, or several side by side, as one page of figures that works without a network"),
     ("check-law", "the contract tests on a law of your own"),
     ("recover", "make a readable log of one that was killed"),
     ("set", "change a parameter of a running controller, for example swap its law"),

@@ -8,17 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from bokeh.models import ColumnDataSource
 
+from train_ato.report.comparison_lines import common_events, farthest, run_colours, run_dash
 from train_ato.report.digest import Digest
 from train_ato.report.event_panels import run_events_figure
-from train_ato.report.events import Event
 from train_ato.report.heat_panel import heat_figure
-from train_ato.report.lines import Lines
 from train_ato.report.page import Placed, Section
 from train_ato.report.panels import Trace, distance_figure, line_figure, source_of, traces_of
-from train_ato.report.quantities import QUANTITIES, RUN_COLOURS
+from train_ato.report.quantities import QUANTITIES
 from train_ato.report.style import Figure, Linked
 from train_ato.report.track_panel import track_figure
-from train_ato.types import Array
 
 
 @dataclass(frozen=True)
@@ -124,23 +122,6 @@ def comparison_sections(digests: Sequence[Digest]) -> tuple[list[Section], Linke
     return sections, linked
 
 
-def run_colours(count: int) -> list[str]:
-    """Return a colour for every run."""
-    return [RUN_COLOURS[index % len(RUN_COLOURS)] for index in range(count)]
-
-
-def common_events(digests: Sequence[Digest]) -> list[Event]:
-    """Return what happens in every run at the same time."""
-    if not digests:
-        return []
-
-    def key(event: Event) -> tuple[str, str, int]:
-        return event.kind, event.text, round(event.begin)
-
-    shared = set.intersection(*({key(event) for event in digest.events} for digest in digests))
-    return [event for event in digests[0].events if key(event) in shared and event.kind != "limit"]
-
-
 def _caption(shared: Shared, runs: Sequence[tuple[Digest, str]]) -> str:
     """Return the caption; with several power units it says which one is drawn."""
     lines = [digest.lines[shared.name] for digest, _ in runs if shared.name in digest.lines]
@@ -160,25 +141,9 @@ def _overlaid(linked: Linked, runs: Sequence[tuple[Digest, str]], shared: Shared
         if name == "speed" and not tables and "profile" in lines.columns:
             profile = source_of(lines.time, {"profile": lines.columns["profile"]})
             tables.append((profile, traces_of(["profile"])))
-        look = replace(QUANTITIES[columns[0]], words=digest.label, colour=colour, width=1.3, dash=_dash(index))
+        look = replace(QUANTITIES[columns[0]], words=digest.label, colour=colour, width=1.3, dash=run_dash(index))
         tables.append((source_of(lines.time, {columns[0]: values}), [Trace(columns[0], look)]))
     return line_figure(linked, shared.axis, tables, shared.height) if tables else None
-
-
-def _dash(index: int) -> str:
-    """Tell runs of one colour apart."""
-    return ("solid", "dashed", "dotted")[index // len(RUN_COLOURS) % 3]
-
-
-def farthest(lines: Lines | None, column: str) -> Array | None:
-    """Return a column, or of those of all units at every time the value farthest from zero."""
-    if lines is None:
-        return None
-    of_units = [values for name, values in lines.columns.items() if name.partition(":")[0] == column]
-    if not of_units:
-        return None
-    table = np.array(of_units)
-    return np.asarray(table[np.nan_to_num(np.abs(table)).argmax(axis=0), np.arange(table.shape[1])])
 
 
 def _maps(linked: Linked, runs: Sequence[tuple[Digest, str]], shared: Shared) -> list[Placed]:
@@ -205,7 +170,7 @@ def _over_distance(linked: Linked, runs: Sequence[tuple[Digest, str]]) -> list[S
             continue
         place = lines.columns["position_km"]
         ends += [place, *(profile[0] for profile in digest.profiles)]
-        look = replace(QUANTITIES["speed"], words=digest.label, colour=colour, width=1.3, dash=_dash(index))
+        look = replace(QUANTITIES["speed"], words=digest.label, colour=colour, width=1.3, dash=run_dash(index))
         tables.append((source_of(lines.time, {"speed": speed, "position_km": place}), [Trace("speed", look)]))
     if not tables:
         return []

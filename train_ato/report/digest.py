@@ -13,6 +13,7 @@ from train_ato.report.log_summary import completed_summary
 from train_ato.report.recording import Recording
 from train_ato.report.thin import HeatMap, heat_map, kept
 from train_ato.report.track_shape import TrackShape, track_shape
+from train_ato.report.words import WAYS
 from train_ato.types import Array
 
 ROWS = 9000
@@ -195,11 +196,3 @@ def facts_of(recording: Recording) -> dict[str, str]:
     if "version" in summary:
         facts["version"] = f"train_ato {summary['version']}"
     return facts
-
-
-WAYS = {
-    "engine": "plain loop without ROS",
-    "composed": "ROS nodes in one process",
-    "processes": "ROS nodes, a process each",
-}
-"""Ways of running as a person reads them."""

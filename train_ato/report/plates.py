@@ -2,219 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
-import matplotlib as mpl
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+from train_ato.report.comparison_lines import farthest, run_colours, run_dash
 from train_ato.report.digest import Digest
-from train_ato.report.events import KINDS, Event
 from train_ato.report.lines import Lines
-from train_ato.report.quantities import (
-    AXES,
-    FAINT,
-    FROM_ZERO,
-    GREY,
-    INK,
-    PURPLE,
-    QUANTITIES,
-    RUN_COLOURS,
-    buff_to_draft,
-    none_to_full,
+from train_ato.report.plate_parts import (
+    DASHES,
+    DPI,
+    clock_axis,
+    draw_lines,
+    draw_map,
+    draw_track,
+    event_legend,
+    legend_above,
+    save,
+    sheet,
+    styled,
 )
-from train_ato.report.thin import NO_CODE, HeatMap
+from train_ato.report.quantities import AXES, QUANTITIES
+from train_ato.types import Array
 
-WIDTH = 6.7
-"""Width of a figure [inch]: a text column of 170 mm."""
 FORMATS = ("png", "svg")
-DPI = 300
-HEIGHT = 1.75
-"""Height of a panel [inch]."""
-STYLE: dict[str, Any] = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 8.0,
-    "axes.labelsize": 8.0,
-    "axes.titlesize": 8.5,
-    "xtick.labelsize": 7.5,
-    "ytick.labelsize": 7.5,
-    "legend.fontsize": 7.5,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "text.color": INK,
-    "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "axes.grid": True,
-    "grid.color": FAINT,
-    "grid.linewidth": 0.5,
-    "axes.axisbelow": True,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "train_ato",
-    "axes.unicode_minus": True,
-}
-"""One style for every figure."""
-DASHES = {"solid": "-", "dashed": (0, (5, 2)), "dotted": (0, (1.2, 1.4))}
-SKIPPED = ("position_km", "envelope_high", "envelope_low")
-
-
-@contextmanager
-def styled() -> Iterator[None]:
-    """Draw in the common style."""
-    with mpl.rc_context(STYLE):
-        yield
-
-
-def sheet(panels: int, heights: Sequence[float] | None = None, *, shared: bool = True) -> tuple[Figure, list[Axes]]:
-    """Return an empty figure with panels below each other; heights in units of :data:`HEIGHT`."""
-    ratios = list(heights) if heights is not None else [1.0] * panels
-    ratios = [1.35] if ratios == [1.0] else ratios
-    figure = Figure(figsize=(WIDTH, HEIGHT * sum(ratios) + 0.75), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(panels, 1, sharex=shared, squeeze=False, gridspec_kw={"height_ratios": ratios})[:, 0]
-    return figure, list(axes)
-
-
-def clock_axis(axes: Axes, end: float) -> None:
-    """Give a time axis in seconds ticks at whole minutes and labels as clocks show them."""
-    hours = end >= 3600.0
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=9, steps=_steps(axes.get_xlim()[1] - axes.get_xlim()[0])))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _clock(value, hours)))
-    axes.set_xlabel(f"time in {'h:min:s' if hours else 'min:s'}")
-
-
-def _steps(span: float) -> list[float]:
-    """Return steps that are whole minutes, or whole tens of seconds where the span is short."""
-    return [1, 1.2, 3, 6, 10] if span > 540 else [1, 2, 3, 6, 10]
-
-
-def _clock(value: float, hours: bool) -> str:
-    minutes, seconds = divmod(abs(value), 60)
-    sign = "−" if value < 0 else ""
-    tail = f"{seconds:04.1f}" if round(seconds, 3) % 1 else f"{seconds:02.0f}"
-    return f"{sign}{int(minutes) // 60}:{int(minutes) % 60:02d}:{tail}" if hours else f"{sign}{int(minutes)}:{tail}"
-
-
-def legend_above(axes: Axes, extra: Sequence[Any] = ()) -> None:
-    """Put the legend above the frame, where it covers nothing."""
-    handles, labels = axes.get_legend_handles_labels()
-    handles, labels = [*handles, *extra], [*labels, *(entry.get_label() for entry in extra)]
-    if handles:
-        axes.legend(
-            handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=_columns(labels), **LEGEND
-        )  # fmt: skip
-
-
-LEGEND: dict[str, Any] = {
-    "frameon": False, "borderaxespad": 0.1, "handlelength": 1.8, "columnspacing": 1.2, "handletextpad": 0.5,
-}  # fmt: skip
-
-
-def _columns(labels: Sequence[str]) -> int:
-    """Return how many columns of a legend fit into the width, by the usual width of a letter [inch]."""
-    widths = [0.40 + 0.062 * len(label) for label in labels]
-    for columns in range(len(labels), 1, -1):
-        rows = -(-len(labels) // columns)
-        if sum(max(widths[first : first + rows]) for first in range(0, len(labels), rows)) < WIDTH - 0.8:
-            return columns
-    return 1
-
-
-def event_legend(figure: Figure, events: Sequence[Event]) -> None:
-    """Say below the figure what the marks of its events mean."""
-    kinds = [kind for kind in KINDS if any(event.kind == kind for event in events)]
-    if kinds:
-        key = [Patch(facecolor=KINDS[kind].colour, alpha=0.6, label=KINDS[kind].words) for kind in kinds]
-        columns = _columns([KINDS[kind].words for kind in kinds])
-        figure.legend(handles=key, loc="outside lower center", ncols=columns, **LEGEND)
-
-
-def draw_lines(axes: Axes, lines: Lines, axis: str, events: Sequence[Event] = (), *, over: str = "time") -> None:
-    """Draw the lines of one figure, in their words and colours, and the events behind them."""
-    x = lines.time if over == "time" else lines.columns[over]
-    if over == "time":
-        mark_events(axes, events)
-    if "envelope_high" in lines.columns:
-        low, high = lines.columns["envelope_low"], lines.columns["envelope_high"]
-        axes.fill_between(x, low, high, color=GREY, alpha=0.16, lw=0, label="envelope (nominal)")
-    order = {name: place for place, name in enumerate(QUANTITIES)}
-    columns = [column for column in lines.columns if column.partition(":")[0] in order and column not in SKIPPED]
-    for column in sorted(columns, key=lambda column: order[column.partition(":")[0]]):
-        name, _, unit = column.partition(":")
-        look = QUANTITIES[name]
-        colour = RUN_COLOURS[int(unit) % len(RUN_COLOURS)] if unit else look.colour
-        dash = DASHES["dashed" if unit and name == "truth" else look.dash]
-        words = f"{look.words}, unit {unit}" if unit else look.words
-        values = lines.columns[column]
-        if name in ("draft", "buff"):
-            axes.fill_between(x, 0.0, values, color=colour, alpha=0.2, lw=0)
-        width = 0.62 * look.width
-        axes.plot(x, values, color=colour, lw=width, ls=dash, alpha=0.65 if look.width > 2.5 else 1.0, label=words)
-    axes.set_ylabel(_wrapped(AXES.get(axis, axis)))
-    axes.margins(x=0.01, y=0.08)
-    if axis in FROM_ZERO:
-        axes.set_ylim(0.0, 1.15 * max(axes.dataLim.y1, 1e-3))
-
-
-def _wrapped(title: str) -> str:
-    """Break a long title before what stands in brackets."""
-    return title.replace(" (", "\n(") if len(title) > 24 else title
-
-
-def mark_events(axes: Axes, events: Sequence[Event]) -> None:
-    """Mark moments by lines and stretches by tinted grounds."""
-    for event in events:
-        colour = KINDS[event.kind].colour
-        if event.end is None:
-            axes.axvline(event.begin, color=colour, lw=0.6, ls=DASHES["dashed"], alpha=0.9, zorder=0.8)
-        else:
-            axes.axvspan(event.begin, event.end, color=colour, alpha=0.15, lw=0, zorder=0.5)
-
-
-def draw_map(figure: Figure, axes: Axes, picture: HeatMap, title: str, rows: str, *, signed: bool) -> None:
-    """Draw a picture of all vehicles over time, the front of the train on top."""
-    count = picture.codes.shape[0]
-    values = np.where(picture.codes == NO_CODE, np.nan, picture.codes * picture.unit)
-    colours = ListedColormap(buff_to_draft(255) if signed else none_to_full(255))
-    image = axes.imshow(
-        values, aspect="auto", cmap=colours, vmin=-picture.largest if signed else 0.0, vmax=picture.largest,
-        extent=(picture.begin, picture.end, count - 0.5, -0.5), interpolation="nearest",
-    )  # fmt: skip
-    axes.grid(visible=False)
-    axes.set_ylabel(rows)
-    bar = figure.colorbar(image, ax=axes, pad=0.01, aspect=22)
-    bar.set_label(title)
-    bar.outline.set_linewidth(0.5)
-
-
-def draw_track(axes: Axes, digest: Digest) -> None:
-    """Draw grade and curves over distance, and the height on an axis of its own."""
-    shape = digest.track
-    assert shape is not None
-    axes.fill_between(shape.place, 0.0, shape.grade, step="post", color=GREY, alpha=0.5, lw=0, label="grade")
-    low = min(0.0, float(shape.grade.min()))
-    band = 0.07 * max(float(np.ptp(np.append(shape.grade, 0.0))), 1.0)
-    for index, (begin, end, _) in enumerate(shape.curves):
-        axes.fill_between([begin, end], low - 2 * band, low - band, color=PURPLE, lw=0, label="" if index else "curve")
-    axes.set_ylabel(_wrapped(AXES["grade"]))
-    axes.set_xlabel(AXES["distance"])
-    side = axes.twinx()
-    look = QUANTITIES["height"]
-    (line,) = side.plot(shape.place, shape.height, color=look.colour, lw=1.0, label=f"{look.words} (right)")
-    side.grid(visible=False)
-    side.set_ylabel("height in m")
-    legend_above(axes, [line])
 
 
 def _title(figure: Figure, digest: Digest, text: str) -> None:
@@ -269,7 +81,9 @@ def _over_distance(digest: Digest) -> Figure | None:
     if digest.limits is not None:
         look = QUANTITIES["line_limit"]
         panel.plot(*digest.limits, color=look.colour, lw=0.9, ls=DASHES[look.dash], label=look.words)
-    driven = {name: lines.columns[name] for name in ("speed", "measured_speed", "position_km") if name in lines.columns}
+    driven: dict[str, Array] = {
+        name: lines.columns[name] for name in ("speed", "measured_speed", "position_km") if name in lines.columns
+    }
     draw_lines(panel, Lines(lines.time, driven), "speed", over="position_km")
     legend_above(panel)
     panel.set_xlabel(AXES["distance"])
@@ -328,6 +142,50 @@ def write_plates(digest: Digest, folder: Path, kind: str) -> list[Path]:
     return written
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure; equal figures give equal files."""
-    figure.savefig(path, dpi=DPI, metadata={"Date": None} if path.suffix == ".svg" else {"Software": None})
+COMPARED: tuple[tuple[str, tuple[str, ...], str], ...] = (
+    ("speed", ("speed", "measured_speed"), "speed"),
+    ("speed_error", ("speed_error",), "speed_error"),
+    ("forces", ("applied",), "force"),
+    ("coupler_extremes", ("draft", "buff"), "coupler"),
+)
+"""Panels of the comparison: figure, columns, y axis."""
+
+
+def comparison_figure(digests: Sequence[Digest], title: str) -> Figure | None:
+    """Return several runs over each other: speed, speed error, applied force, coupler extremes."""
+    runs = [(digest, colour) for digest, colour in zip(digests, run_colours(len(digests)), strict=True)]
+    parts = [part for part in COMPARED if any(part[0] in digest.lines for digest, _ in runs)]
+    if not parts:
+        return None
+    figure, axes = sheet(len(parts))
+    for panel, (name, columns, axis) in zip(axes, parts, strict=True):
+        for index, (digest, colour) in enumerate(runs):
+            lines = digest.lines.get(name)
+            if lines is None:
+                continue
+            if name == "speed" and index == 0 and "profile" in lines.columns:
+                look = QUANTITIES["profile"]
+                panel.plot(
+                    lines.time, lines.columns["profile"], color=look.colour, lw=2.0, alpha=0.65, label=look.words
+                )
+            label: str | None = digest.label
+            for column in columns:
+                values = farthest(lines, column)
+                if values is not None:
+                    panel.plot(lines.time, values, color=colour, lw=0.8, ls=DASHES[run_dash(index)], label=label)
+                    label = None
+        panel.set_ylabel(AXES[axis])
+        panel.margins(x=0.01, y=0.08)
+    legend_above(axes[0])
+    clock_axis(axes[-1], max(digest.span[1] for digest, _ in runs))
+    figure.suptitle(title, fontsize=8.5)
+    return figure
+
+
+def write_comparison(digests: Sequence[Digest], path: Path, title: str, dpi: int = DPI) -> bool:
+    """Write the figure of several runs over each other; tell whether there was anything to draw."""
+    with styled():
+        figure = comparison_figure(digests, title)
+        if figure is not None:
+            save(figure, path, dpi)
+    return figure is not None

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from train_ato.run_folder import open_run
 from train_ato.run_setup import RunSetup
 from train_ato.topics import BY_NAME
 from train_ato.types import Array
@@ -179,6 +178,8 @@ def read_recording(run: Path) -> Recording:
 
 def _surroundings(run: Path) -> tuple[RunSetup | None, dict[str, Any], str]:
     """Return scenario and summary as far as they can be read: those of the folder, else what is attached to the log."""
+    from train_ato.run_folder import open_run  # which draws the figure of a run with the parts of the report
+
     folder = run if run.is_dir() else run.parent
     missing = ""
     for place in (folder, run):

@@ -52,7 +52,8 @@ def write_run(digest: Digest, path: Path) -> int:
 
 def write_comparison(digests: list[Digest], path: Path) -> int:
     """Write the page of several runs side by side and return its size in bytes."""
-    from train_ato.report.comparison_page import comparison_sections, run_colours
+    from train_ato.report.comparison_lines import run_colours
+    from train_ato.report.comparison_page import comparison_sections
 
     sections, linked = comparison_sections(digests)
     scenarios = {str(digest.summary.get("scenario", "")) for digest in digests} - {""}
