@@ -106,6 +106,25 @@ def test_the_delay_is_found(ticks, seed):
     assert under_way.shape[0] == max(1, ticks)
 
 
+@pytest.mark.parametrize("every", [3, 5])
+def test_the_delay_is_found_at_a_longer_control_period(every):
+    """A law at 0.3 or 0.5 s on ticks of 0.1 s, and two gaps of a second; breaks if a call is taken for a tick."""
+    of = model(SINGLE, LEVEL, delay=0.5, lag=0.4)
+    estimate = DelayEstimate(of, 2.0)
+    rng = np.random.default_rng(3)
+    keep, acting, command, last = math.exp(-0.1 / 0.4), 0.0, 0.0, 0
+    sent, queue = [0.0] * 20, [0.0] * 9
+    for k in range(600):
+        if k % every == 0 and not (200 <= k < 210 or 300 <= k < 310):
+            estimate.step(np.array(sent[-20:])[:, None], acting, max(1, k - last))
+            last, command = k, command + float(rng.normal()) * 2e3
+        sent.append(command)
+        queue.append(command)
+        due = queue.pop(0)
+        acting = due + (acting - due) * keep
+    assert estimate.delay == pytest.approx(0.9)
+
+
 def test_estimating_a_delay_needs_a_first_guess():
     with pytest.raises(ValueError, match="compensation 'predictor': delay: estimated needs a first guess"):
         COMPENSATIONS.make("predictor", {"delay": "estimated"}, model(SINGLE), 0.1)

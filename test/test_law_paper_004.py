@@ -169,6 +169,42 @@ def test_between_samples_the_command_is_held():
     assert law.horizon == 16
 
 
+def test_one_step_by_hand():
+    """(12), (18) on three units: minimise the cost by least squares for the reference ahead, take d_hat off, share it.
+
+    At the first step the past is steady at 10 m/s with no command, and nothing is unexplained.
+    """
+    of = model(FIVE, delay=1.0, lag=0.4)
+    law = LAWS.make("gpc", {"sampling": 1.2, "lam": 0.3}, of, 0.4)
+    ahead = 10.0 + 0.05 * np.arange(10)
+    out = law.step(inputs(of, preview=Preview(np.zeros(10), ahead, np.zeros(10)), disturbance=np.full(5, 700.0)))
+    a, b = sampled_actuator(1.0, 0.4, 1.2)
+
+    def rollout(first, second):
+        speeds, sent, found = [10.0] * 3, [0.0, 0.0], []
+        for command in (first, second, 0.0):
+            sent = [command, *sent]
+            speeds = [float(-a[1:] @ np.array(speeds[:3]) + b @ np.array(sent[:3])), *speeds]
+            found.append(speeds[0])
+        return np.array(found)
+
+    base = rollout(0.0, 0.0)
+    effect = np.column_stack((rollout(1.0, 0.0) - base, rollout(0.0, 1.0) - base))
+    rows = np.vstack((effect, np.sqrt(0.3) * np.eye(2)))
+    wanted = np.concatenate((ahead[[3, 6, 9]] - base, np.zeros(2)))
+    best = float(np.linalg.lstsq(rows, wanted, rcond=None)[0][0])
+    assert out.force == pytest.approx(np.full(5, (best * of.inertia - 5 * 700.0) / 5), rel=1e-9)
+
+
+def test_the_reference_is_read_between_the_entries_of_the_preview():
+    """A preview that begins 0.25 s ahead, entries 0.1 s apart: a ramp is read at 1.2, 2.4, 3.6 s exactly."""
+    of = model(SINGLE)
+    law = LAWS.make("gpc", {}, of, 0.1)
+    times = 0.25 + 0.1 * np.arange(law.horizon)
+    seen = inputs(of, lead=0.25, preview=Preview(np.zeros(37), 10.0 + 0.3 * times, np.zeros(37)))
+    assert law._ahead(seen) == pytest.approx(10.0 + 0.3 * np.array([1.2, 2.4, 3.6]), rel=1e-12)
+
+
 def test_horizons_must_nest():
     with pytest.raises(ValueError, match="nu 4 is longer than n 3"):
         Gpc(GpcParameters(nu=4), model(SINGLE), 0.1)

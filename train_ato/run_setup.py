@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +15,9 @@ from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from train_ato.brake.policy import BrakePolicy, make_brake_policy
+from train_ato.compensate.fit import refuse_misfit
 from train_ato.compensate.registry import COMPENSATIONS
+from train_ato.control.contract import Law
 from train_ato.control.registry import LAWS
 from train_ato.model import TrainModel
 from train_ato.observe.registry import OBSERVERS
@@ -119,6 +122,20 @@ class RunSetup:
     def score(self) -> Score:
         """Part of the run over which the tracking figures are taken."""
         return self.scenario.score
+
+    def law(self, name: str, values: Mapping[str, Any] | None = None) -> Law:
+        """Return a law for this run, with the scenario's parameters or others.
+
+        Raises
+        ------
+        ValueError
+            With the reason: a wrong name or parameter, a train or a compensation the law makes no sense with.
+        """
+        if values is None:
+            values = self.controller_parameters.get(name, {})
+        law: Law = LAWS.make(name, values, self.model, self.control_period)
+        refuse_misfit(name, law, self.compensation, COMPENSATIONS.get(self.compensation))
+        return law
 
     def brake_policy(self) -> BrakePolicy:
         """Return a fresh policy of the air brake."""
@@ -249,9 +266,8 @@ def _check_choices(setup: RunSetup) -> None:
         OBSERVERS.check_parameters(name, values)
     for name, values in setup.scenario.compensations.items():
         COMPENSATIONS.check_parameters(name, values)
-    names = [setup.controller, *(swap.controller for swap in setup.swaps)]
-    for name in names:
-        LAWS.make(name, setup.controller_parameters.get(name, {}), setup.model, period)
+    for name in (setup.controller, *(swap.controller for swap in setup.swaps)):
+        setup.law(name)
     OBSERVERS.make(setup.observer, setup.observer_parameters, setup.model, setup.tick)
     COMPENSATIONS.make(setup.compensation, setup.compensation_parameters, setup.model, period)
     setup.brake_policy()

@@ -89,13 +89,13 @@ def _setups(options: argparse.Namespace) -> tuple[dict[str, RunSetup], dict[str,
                 base = prepare_from(options, controller=name)
                 setups[name] = base
             else:
-                LAWS.make(name, base.controller_parameters.get(name, {}), base.model, base.control_period)
+                base.law(name)
                 scenario = base.scenario.model_copy(update={"controller": name})
                 setups[name] = dataclasses.replace(base, scenario=scenario)
         except ValueError as error:
             if asked is not None:
                 raise
-            left_out[name] = str(error).rsplit(": ", 1)[-1]
+            left_out[name] = str(error).partition(f"controller '{name}'")[2].lstrip(":, ") or str(error)
     if not setups:
         raise ValueError(f"{options.scenario}: no law fits this train: {left_out}")
     return setups, left_out

@@ -72,6 +72,10 @@ class Compensation(Protocol):
 
     One that runs a train of its own may have ``set_brake_policy(policy)``: it is handed a fresh copy of the policy;
     one that wants to know every command as it was sent may have ``sent(force)``.
+
+    Two optional attributes say what it gives, for :mod:`train_ato.compensate.fit`: ``feedforward_only`` (True: nothing
+    but the feed-forward differs from what `none` or `preview` show) and ``predicts`` (True: the state is that of the
+    time the command acts).
     """
 
     Parameters: ClassVar[type]

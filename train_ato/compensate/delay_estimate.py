@@ -50,13 +50,24 @@ class DelayEstimate:
         """The present estimate [s]."""
         return self._best * self._tick
 
-    def step(self, under_way: Array, applied: float) -> Array:
-        """Take the last command sent and the total force measured; return the commands under way by the estimate."""
-        self._sent.append(np.array(under_way[-1]))
-        total = [float(command.sum()) for command in reversed(self._sent)]
-        commands = np.array(total + [0.0] * (self._count - len(total)))
-        self._modelled = commands + (self._modelled - commands) * self._keep
-        self._error *= self._forget
+    def step(self, under_way: Array, applied: float, ticks: int = 1) -> Array:
+        """Take the total force measured; return the commands under way by the estimate.
+
+        Parameters
+        ----------
+        under_way : Array, shape (d, units)
+            Commands sent, one per tick, the last one a tick ago [N].
+        applied
+            Total force that acts now [N].
+        ticks
+            Since the call before: more than one where the law is slower than the loop, or missed measurements.
+        """
+        for back in range(ticks, 0, -1):
+            self._sent.append(np.array(under_way[-min(back, len(under_way))]))
+            total = [float(command.sum()) for command in reversed(self._sent)]
+            commands = np.array(total + [0.0] * (self._count - len(total)))
+            self._modelled = commands + (self._modelled - commands) * self._keep
+        self._error *= self._forget**ticks
         self._error += (applied - self._modelled) ** 2
         best = int(np.argmin(self._error))
         if self._error[best] < MARGIN * self._error[self._best]:

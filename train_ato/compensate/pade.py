@@ -16,7 +16,7 @@ beyond the difference quotients, which span (sigma + tau)/2 to either side.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -35,6 +35,8 @@ def pade_coefficients(lag: float, delay: float) -> tuple[float, float, float]:
 
 class Pade(NoCompensation):
     """Feed-forward led by the Padé form of delay and lag, from the reference's derivatives (paper 001)."""
+
+    feedforward_only: ClassVar[bool] = True
 
     def __init__(self, parameters: Any, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)

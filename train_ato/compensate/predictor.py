@@ -46,11 +46,13 @@ class Predictor(Preview):
     """State, reference and feed-forward of the time the command will act, from the commands under way."""
 
     Parameters: ClassVar[type] = PredictorParameters
+    predicts: ClassVar[bool] = True
 
     def __init__(self, parameters: PredictorParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         self._chain = Chain(model) if parameters.train == "chain" else None
         self._estimate = None
+        self._seen: float | None = None
         if parameters.delay == "estimated":
             if model.delay.max() <= 0.0:
                 raise ValueError("delay: estimated needs a first guess: give model.delay a value above 0")
@@ -59,6 +61,7 @@ class Predictor(Preview):
     def reset(self) -> None:
         """Forget the commands sent."""
         super().reset()
+        self._seen = None
         if self._estimate is not None:
             self._estimate.reset()
 
@@ -67,7 +70,9 @@ class Predictor(Preview):
         self.shoes.tell(now.t, now.pressure)
         sent = now.under_way
         if self._estimate is not None:
-            sent = self._estimate.step(now.under_way, float(now.applied.sum()))
+            ticks = 1 if self._seen is None else max(1, round((now.t - self._seen) / self.model.tick))
+            self._seen = now.t
+            sent = self._estimate.step(now.under_way, float(now.applied.sum()), ticks)
             self.forward = self.backward = [self._estimate.delay] * self.model.n_units
         delay = self.mean_delay(now.under_way)
         t = now.t + delay

@@ -43,6 +43,7 @@ class TrainPredictor(NoCompensation):
     """State and coupler forces predicted by a copy of the whole nominal train."""
 
     Parameters: ClassVar[type] = TrainPredictorParameters
+    predicts: ClassVar[bool] = True
 
     def __init__(self, parameters: TrainPredictorParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)

@@ -53,6 +53,7 @@ class Twin(Preview):
     """Feed-forward from the nominal multi-mass train run ahead along the profile."""
 
     Parameters: ClassVar[type] = TwinParameters
+    feedforward_only: ClassVar[bool] = True
 
     def __init__(self, parameters: TwinParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)  # type: ignore[arg-type]

@@ -159,7 +159,13 @@ class Law(Protocol):
     parameters, the model of the train and the control period [s]; it raises :class:`ValueError` with a reason when
     the law makes no sense on that train.
 
-    An optional attribute ``horizon`` (default 0) is the number of entries of ``LawInput.preview`` the law wants.
+    An optional method ``missed()`` is called instead of ``step()`` where no measurement could be used and the last
+    command is repeated: what bridges samples (a difference quotient, a sampled model) must know of the gap.
+
+    An optional attribute ``horizon`` (default 0) is the number of entries of ``LawInput.preview`` the law wants.  Two
+    more are the law's words for a refusal, where a compensation would do nothing or the same thing twice:
+    ``leaves_feedforward`` (why ``LawInput.feedforward`` is not looked at, and what to set) and ``predicts_delay``
+    (likewise, for a law that looks over the delay itself).
     """
 
     Parameters: ClassVar[type]

@@ -166,6 +166,8 @@ class ControlStack:
             )
         if due and not healthy:
             self._held.count("no measurement of the power units could be used")
+            if (tell_missed := getattr(self._law, "missed", None)) is not None:
+                tell_missed()
         elif due:
             self._last = self._decide(measurement, reference, estimate)
             if self._at_rest(measurement, reference):

@@ -77,11 +77,14 @@ class ControllerRole:
             With the reason for the refusal.
         """
         if name == "controller":
-            LAWS.make(value, self._parameters.get(value, {}), self.setup.model, self.setup.control_period)
+            self.setup.law(value, self._parameters.get(value, {}))
             return
         law, _, parameter = name.partition(".")
         merged = {**self._parameters.get(law, {}), parameter: value}
-        LAWS.make(law, merged, self.setup.model, self.setup.control_period)
+        if law == self.controller:
+            self.setup.law(law, merged)
+        else:
+            LAWS.make(law, merged, self.setup.model, self.setup.control_period)
 
     def apply(self, name: str, value: Any) -> None:
         """Take over a parameter that was validated; a change of the running law swaps it without a jump in force."""

@@ -56,6 +56,7 @@ class FixedTimeSmc(GuardedLaw):
     """Fixed-time sliding mode per vehicle, with what its neighbours tell (paper 002)."""
 
     Parameters: ClassVar[type] = FixedTimeSmcParameters
+    leaves_feedforward = "this law brings its own equivalent control: choose pid, rbf_switching_smc or smc for it"
 
     def __init__(self, parameters: FixedTimeSmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)

@@ -85,6 +85,7 @@ class Funnel(GuardedLaw):
     """Dynamic-surface funnel control with a delay state and a network (paper 003)."""
 
     Parameters: ClassVar[type] = FunnelParameters
+    leaves_feedforward = "this law brings its own equivalent control: choose pid, rbf_switching_smc or smc for it"
 
     def __init__(self, parameters: FunnelParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
@@ -153,10 +154,11 @@ class Funnel(GuardedLaw):
         """Return alpha1 and its derivative: those of the aim, or of the printed filter (13), (19).
 
         The filter is faster than most samples; its derivative is the mean over the sample, because at the sample's end
-        it has settled and its own is 0.
+        it has settled and its own is 0.  After a gap it begins settled, with the aim's slope.
         """
         if not self._printed:
             return aim, slope
+        fresh = self._alpha is None
         if self._alpha is None:
             self._alpha = aim
         count = max(1, math.ceil(self.period / FILTER_STEP - 1e-9))
@@ -168,7 +170,7 @@ class Funnel(GuardedLaw):
             self._bound = min(self._bound + h * GAMMA_M * abs(z), WIDEST)
             self._alpha += h * rate
             self._t += h
-        return self._alpha, (self._alpha - before) / self.period
+        return self._alpha, slope if fresh else (self._alpha - before) / self.period
 
     def _resistance(self, inputs: LawInput, speed: float, error: float) -> float:
         """Return f_hat [N] and learn."""

@@ -69,12 +69,15 @@ class Gpc(GuardedLaw):
     """Generalised predictive control with identification and a back-propagation network (paper 004)."""
 
     Parameters: ClassVar[type] = GpcParameters
+    leaves_feedforward = "this law brings its own equivalent control: choose pid, rbf_switching_smc or smc for it"
 
     def __init__(self, parameters: GpcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         p = parameters
         if p.nu > p.n:
             raise ValueError(f"nu {p.nu} is longer than n {p.n}; the control horizon lies inside the prediction's")
+        if p.delay == "model":
+            self.predicts_delay = "this law predicts over the delay itself: set gpc.delay: none"
         self._every = max(1, round(p.sampling / period))
         self._sampling = self._every * period
         self.horizon = math.ceil(p.n * self._every) + 1
@@ -94,6 +97,14 @@ class Gpc(GuardedLaw):
             loop.reset()
         self._count = 0
         self._wanted = [0.0] * self.n
+
+    def missed(self) -> None:
+        """Keep the samples' grid; where one falls into the gap the model's own prediction stands for it."""
+        if self._count % self._every == 0:
+            sent = [sum(self._held)] if self._single else self._held
+            for loop, force, mass in zip(self._loops, sent, self._mass, strict=True):
+                loop.coast(force / mass)
+        self._count += 1
 
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force wanted [N]; between samples the last one."""
@@ -123,16 +134,24 @@ class Gpc(GuardedLaw):
 
     def _ahead(self, inputs: LawInput) -> Array:
         """Return the reference speed at the coming samples, shape (N,)."""
-        preview = inputs.preview.velocity
+        preview: list[float] = inputs.preview.velocity.tolist()
         found = np.empty(self.parameters.n)
         now, pull = float(inputs.reference_velocity[0]), float(inputs.reference_acceleration[0])
         for j in range(self.parameters.n):
             later = (j + 1) * self._sampling
-            index = round((later - inputs.lead) / self.period)
-            inside = 0 <= index < preview.size
-            value = float(preview[index]) if inside else now + pull * later
+            place = (later - inputs.lead) / self.period
+            value = _between(preview, place) if -0.5 <= place <= len(preview) - 0.5 else now + pull * later
             found[j] = value if abs(value) < 1e3 else now
         return found
+
+
+def _between(values: list[float], place: float) -> float:
+    """Return the value at a place between two entries, at an entry exactly."""
+    index = round(place)
+    if abs(place - index) < 1e-6 or not 0 < place < len(values) - 1:
+        return values[index]
+    index = int(place)
+    return values[index] + (place - index) * (values[index + 1] - values[index])
 
 
 class Loop:
@@ -180,8 +199,7 @@ class Loop:
         cut
             The last command was at a limit: nothing is learnt.
         """
-        self._speeds = [speed, *self._speeds[:3]] if self._speeds else [speed] * 4
-        self._sent = [sent, *self._sent[:3]] if self._sent else [0.0] * 4
+        self._remember(speed, sent)
         side = int(self._sent[0] < 0.0)
         if not cut and abs(speed) > SLOWEST:
             self._learn(side)
@@ -189,6 +207,17 @@ class Loop:
         v, u = np.array(self._speeds[:3]), np.array(self._sent[:2])
         wanted = law.scale * (law.tracking @ ahead) - law.feedback @ v - law.past @ u
         return float(wanted) - self._xi * law.unmodelled
+
+    def coast(self, sent: float) -> None:
+        """Take a sample without a measurement: the speed is what the model says, and nothing is learnt."""
+        if self._speeds:
+            commands = [sent, *self._sent[:3]]
+            model = self._models[int(sent < 0.0)]
+            self._remember(self._xi - model.miss([0.0, *self._speeds[:3]], commands), sent)
+
+    def _remember(self, speed: float, sent: float) -> None:
+        self._speeds = [speed, *self._speeds[:3]] if self._speeds else [speed] * 4
+        self._sent = [sent, *self._sent[:3]] if self._sent else [0.0] * 4
 
     def _learn(self, side: int) -> None:
         p, model = self._p, self._models[side]

@@ -46,6 +46,7 @@ class LagSmc(GuardedLaw):
     """Sliding mode on a surface that includes the actuator's lag (ours)."""
 
     Parameters: ClassVar[type] = LagSmcParameters
+    leaves_feedforward = "this law brings its own equivalent control: choose pid, rbf_switching_smc or smc for it"
 
     def __init__(self, parameters: LagSmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)

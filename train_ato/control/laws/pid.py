@@ -70,6 +70,8 @@ class Pid(GuardedLaw):
         self._gains = [tuple(scale * share * gain for gain in gains) for share in model.share.tolist()]
         self._keep = math.exp(-period / parameters.derivative_time) if parameters.derivative_time > 0 else 0.0
         self._smooth = math.exp(-period / parameters.filter_time) if parameters.filter_time > 0 else 0.0
+        if not parameters.feedforward:
+            self.leaves_feedforward = "this law is told to leave it: set pid.feedforward: true"
         self._of_position = parameters.integral == "position"
         self._nothing = [0.0] * self.n
         self.forget()

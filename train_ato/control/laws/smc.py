@@ -69,11 +69,13 @@ class Smc(GuardedLaw):
     def __init__(self, parameters: SmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         self._measured = parameters.equivalent == "measured"
+        if self._measured:
+            self.leaves_feedforward = "this law measures its equivalent control: set its equivalent: feedforward"
         self._couplers = UnitCouplers(model)
         if self._measured and self._couplers.missing:
             raise ValueError(
                 f"needs the force measured at {self._couplers.refusal()}, or {model.unit_mass[0] / 1e3:.0f} t would "
-                f"have to hold {model.mass / 1e3:.0f} t: fit the sensors or set smc.equivalent: feedforward"
+                f"have to hold {model.mass / 1e3:.0f} t: fit the sensors or set its equivalent: feedforward"
             )
         self._mass = model.unit_inertia.tolist() if self._measured else (model.inertia * model.share).tolist()
         p = parameters

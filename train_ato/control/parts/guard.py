@@ -85,11 +85,15 @@ class GuardedLaw:
         Units whose last demand was beyond a limit; integrators and weights hold while it lasts.
     horizon : int
         Entries of the preview the law wants.
+    leaves_feedforward, predicts_delay : str
+        Words for a refusal, see :class:`train_ato.control.contract.Law`.
     share : list of float
         Part of a total force that every unit takes.
     """
 
     horizon = 0
+    leaves_feedforward = ""
+    predicts_delay = ""
 
     def __init__(self, parameters: Any, model: TrainModel, period: float) -> None:
         self.parameters = parameters

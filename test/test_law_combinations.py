@@ -1,0 +1,169 @@
+"""Every law with every observer and compensation on the trains of the shipped scenarios: it drives, or says why not."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from train_ato.cli import main
+from train_ato.compensate.registry import COMPENSATIONS
+from train_ato.control.registry import LAWS
+from train_ato.engine import run_engine
+from train_ato.observe.registry import OBSERVERS
+from train_ato.profile.profile import Profile
+from train_ato.roles.controller import ControllerRole
+from train_ato.run_setup import RunSetup, prepare
+from train_ato.scenario import load
+
+PLACES = {
+    "demo": (100.0, 6.0, 0.8),
+    "daqin_heavy_haul": (700.0, 6.0, 0.7),
+    "xuzhou_metro:disturbed": (20.0, 4.0, 0.6),
+    "freight_consensus:aligned": (1.0, 0.2, 5.5),
+    "freight_consensus:realistic": (60.0, 6.0, 3.5),
+    "crh380a_funnel:short": (60.0, 4.0, 0.4),
+    "crh380a_gpc:short": (60.0, 6.0, 0.75),
+}
+"""Scenario, the time in its profile at which the train is put on it, rolling, how long it drives [s], and the largest
+speed error [m/s]: the actuators start without a force, and the last cars of paper 002 are pushed about by 3 m/s.
+"""
+AHEAD = 30.0
+"""Part of the profile that is kept beyond the run [s]."""
+OWN_EQUIVALENT = ("fixed_time_smc", "funnel", "gpc", "lag_smc", "rbf_smc", "smc")
+REFUSED = {(law, compensation) for law in OWN_EQUIVALENT for compensation in ("pade", "twin")}
+REFUSED |= {("gpc", "predictor"), ("gpc", "train_predictor")}
+
+
+@functools.cache
+def rolling(name: str) -> RunSetup:
+    """Return a scenario with the train in the middle of its profile, in place and at speed."""
+    at, seconds, _ = PLACES[name]
+    setup = prepare(*load(name))
+    first, count = round(at / setup.tick), round(seconds / setup.tick)
+    part = slice(first, first + count + round(AHEAD / setup.tick))
+    whole = setup.profile
+    profile = Profile.uniform(0.0, setup.tick, whole.position[part], whole.velocity[part], whole.acceleration[part])
+    start = setup.plant.start.model_copy(
+        update={"position": float(profile.position[0]), "speed": float(profile.velocity[0])}
+    )
+    plant = setup.plant.model_copy(update={"start": start})
+    scenario = setup.scenario.model_copy(update={"plant": plant})
+    return dataclasses.replace(setup, scenario=scenario, profile=profile, ticks=count)
+
+
+def combined(name: str, law: str, observer: str, compensation: str) -> RunSetup:
+    """Return the run of one combination, refused like on the command line."""
+    base = rolling(name)
+    choice = {"controller": law, "observer": observer, "compensation": compensation}
+    setup = dataclasses.replace(base, scenario=base.scenario.model_copy(update=choice))
+    setup.law(law)
+    return setup
+
+
+def drives_or_says_why_not(name: str, law: str, observer: str, compensation: str) -> None:
+    """Assert a refusal where one is due, else finite forces inside the limits and a train about where it should be."""
+    if (law, compensation) in REFUSED:
+        with pytest.raises(ValueError, match=f"^controller '{law}' with compensation '{compensation}': .*choose") as no:
+            combined(name, law, observer, compensation)
+        assert "\n" not in str(no.value)
+        return
+    setup = combined(name, law, observer, compensation)
+    outcome = run_engine(setup)
+    history = outcome.history
+    assert outcome.failure is None
+    assert history is not None
+    assert outcome.summary["held_steps"] == 0
+    assert np.isfinite(history.command).all()
+    limits = [setup.model.force_limits(speed) for speed in history.velocity]
+    for command, (low, high) in zip(history.command, limits, strict=True):
+        slack = 0.01 * (high - low)  # the limits are those at the measured speed
+        assert ((command >= low - slack) & (command <= high + slack)).all()
+    assert np.abs(history.velocity - history.reference_velocity[:, None]).max() < PLACES[name][2]
+
+
+@pytest.mark.parametrize("name", PLACES)
+@pytest.mark.parametrize("law", LAWS.names())
+def test_every_law_with_every_compensation(name: str, law: str) -> None:
+    """The observers in turn; breaks on a failure, on nonsense, and on a refusal without need."""
+    observers = OBSERVERS.names()
+    shift = LAWS.names().index(law)
+    for index, compensation in enumerate(COMPENSATIONS.names()):
+        drives_or_says_why_not(name, law, observers[(index + shift) % len(observers)], compensation)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PLACES)
+@pytest.mark.parametrize("law", LAWS.names())
+def test_every_combination(name: str, law: str) -> None:
+    """The same with all observers."""
+    for compensation in COMPENSATIONS.names():
+        for observer in OBSERVERS.names():
+            drives_or_says_why_not(name, law, observer, compensation)
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        (["--controller=smc", "--compensation=twin"], "set its equivalent: feedforward, or choose"),
+        (["--controller=funnel", "--compensation=pade"], "brings its own equivalent control: choose pid"),
+        (["--controller=gpc", "--compensation=predictor"], "predicts over the delay itself: set gpc.delay: none"),
+        (["--compensation=twin", "--set=controllers.pid.feedforward=false"], "set pid.feedforward: true"),
+        (["--controller=smc", "--set=plant.sensors.couplers=[]"], "measured at coupler_0, or 184 t .*fit the sensors"),
+        (["--controller=fixed_time_smc", "--set=plant.sensors.couplers=[]"], "does not know coupler_0: drive every"),
+        (["--observer=ndo", "--set=observers.ndo.scope=vehicle", "--set=plant.sensors.couplers=[]"], "scope: train"),
+        (["--compensation=predictor", "--set=compensations.predictor.train=chain"], "every vehicle driven, here 1"),
+        (["--set=swaps=[{at: 3, controller: smc}]", "--compensation=twin"], "'smc' with compensation 'twin'"),
+    ],
+)  # fmt: skip
+def test_refused_before_the_start(
+    changes: list[str], reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line with the reason, exit status 2, no folder; what the remedy names is then accepted."""
+    out = tmp_path / "run"
+    assert main(["run", "demo", "--engine", "--set=duration=5", f"--out={out}", *changes]) == 2
+    said = capsys.readouterr().err
+    assert re.search(reason, said)
+    assert said.count("\n") == 1
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("law", "compensation", "values"),
+    [
+        ("smc", "twin", {"equivalent": "feedforward"}),
+        ("rbf_smc", "pade", {"equivalent": "feedforward"}),
+        ("gpc", "predictor", {"delay": "none"}),
+        ("rbf_switching_smc", "twin", {}),
+    ],
+)
+def test_the_remedy_is_accepted(law: str, compensation: str, values: dict[str, object]) -> None:
+    """Breaks if a refusal names a way out that is none."""
+    setup = rolling("demo")
+    scenario = setup.scenario.model_copy(update={"compensation": compensation, "controllers": {law: values}})
+    dataclasses.replace(setup, scenario=scenario).law(law)
+
+
+def test_a_swap_under_way_is_refused_like_a_start() -> None:
+    """The running controller keeps its law; a law that fits is taken."""
+    setup = rolling("demo")
+    scenario = setup.scenario.model_copy(update={"compensation": "twin"})
+    role = ControllerRole(dataclasses.replace(setup, scenario=scenario))
+    with pytest.raises(ValueError, match="controller 'funnel' with compensation 'twin'"):
+        role.validate("controller", "funnel")
+    with pytest.raises(ValueError, match=r"set pid\.feedforward: true"):
+        role.validate("pid.feedforward", False)
+    role.validate("controller", "rbf_switching_smc")
+
+
+def test_compare_leaves_out_what_does_not_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All laws under `twin`: who takes its feed-forward drives, the others are named with the reason."""
+    arguments = ["compare", "demo", "--compensation=twin", "--set=duration=5", f"--out={tmp_path / 'run'}"]
+    assert main(arguments) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "left out: smc: with compensation 'twin': all that 'twin' gives is a feed-forward, and this law" in said
+    assert "left out: pid" not in said

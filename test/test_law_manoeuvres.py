@@ -1,0 +1,201 @@
+"""Closed loop, one table for all laws: each drives an 80 t vehicle through the same manoeuvres.
+
+The loop is the real one without its messages: simulated train, observer, compensation, law, a delayed command.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from law_trains import HILLY, LEVEL, SINGLE, asked, model, profile, stack
+
+from plant_sim.plant_setup import PlantSetup
+from plant_sim.train import Train
+from train_ato.brake.policy import BrakeSpec, make_brake_policy
+from train_ato.control.registry import LAWS
+from train_ato.observe.registry import OBSERVERS
+from train_ato.observe.stack import ObserverStack
+from train_ato.types import Array
+
+TICK = 0.1
+TICK_NS = 100_000_000
+SECONDS = 200.0
+STEP_NS = 5_000_000
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """What happens to a train on a run of 0 - 72 - 0 km/h: a wrong start, a hill or a gap the law does not know of."""
+
+    hill: bool = False
+    behind: float = 0.0
+    gap: range = range(0)
+    delay: float = 0.0
+    lag: float = 0.0
+
+
+MANOEUVRES = {
+    "run": Manoeuvre(),
+    "hill": Manoeuvre(hill=True),
+    "behind": Manoeuvre(behind=2.0),
+    "gap": Manoeuvre(gap=range(300, 308)),
+    "delay": Manoeuvre(delay=0.6, lag=0.4),
+}
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A law with what it needs on this train; ``late`` is laid over it where lag and delay are to be lived with."""
+
+    law: str
+    values: dict[str, Any] = field(default_factory=dict)
+    observer: str = "none"
+    late: dict[str, Any] = field(default_factory=dict)
+    compensation: str = "predictor"
+
+
+SETTINGS = {
+    "pid": Setting("pid", {"kp": 1.0, "ki": 0.3}),
+    "smc": Setting("smc"),
+    "rbf_smc": Setting("rbf_smc"),
+    "rbf_switching_smc": Setting("rbf_switching_smc"),
+    "fixed_time_smc": Setting("fixed_time_smc", observer="eso"),
+    "lag_smc": Setting("lag_smc", observer="eso"),
+    "funnel": Setting("funnel"),
+    "gpc": Setting("gpc", compensation="none"),
+}
+
+
+@functools.cache
+def driven(law: str, manoeuvre: str) -> tuple[Array, Array, Array]:
+    """Return position error, speed error and command at every tick."""
+    setting, case = SETTINGS[law], MANOEUVRES[manoeuvre]
+    late = case.delay > 0.0
+    of, along = model(SINGLE, LEVEL, case.delay, case.lag), profile(pull=0.8)
+    control = stack(
+        of, setting.law, setting.values | (setting.late if late else {}),
+        setting.compensation if late else "none", along=along,
+    )  # fmt: skip
+    observer = ObserverStack(
+        of, OBSERVERS.make(setting.observer, {}, of, TICK), make_brake_policy(BrakeSpec(), of, of.line)
+    )
+    begin = 500.0
+    along = along.shifted(begin)
+    control.set_profile(along)
+    plant = PlantSetup.model_validate({"start": {"position": begin - case.behind}, "lag": case.lag})
+    train = Train(SINGLE, HILLY if case.hill else LEVEL, plant, STEP_NS, TICK_NS)
+    queue = [np.zeros(1)] * round(case.delay / TICK)
+    errors, commands = [], []
+    for k in range(round(SECONDS / TICK)):
+        reference, _ = asked(of, along, k * TICK_NS)
+        seen = train.observe().measurement
+        errors.append((float(seen.position[0]) - reference.position, float(seen.velocity[0]) - reference.velocity))
+        if k in case.gap:
+            seen = dataclasses.replace(seen, velocity=seen.velocity * math.nan)
+        queue.append(control.step(seen, reference, observer.step(seen))[0])
+        commands.append(float(queue[-1][0]))
+        train.advance(np.tile(queue.pop(0), (train.substeps, 1)))
+    place, speed = np.array(errors).T
+    return place, speed, np.array(commands)
+
+
+BOUNDS = {
+    ("pid", "run"): (0.83, 0.0089, 0.0078, 1.2),
+    ("pid", "hill"): (5.4, 0.16, 0.034, 1.2),
+    ("pid", "behind"): (0.84, 0.0089, 0.49, 1.7),
+    ("pid", "gap"): (0.9, 0.012, 0.0078, 1.2),
+    ("pid", "delay"): (0.86, 0.0095, 0.019, 1.2),
+    ("smc", "run"): (1.02, 0.004, 0.0066, 1.2),
+    ("smc", "hill"): (3.3, 0.064, 0.023, 1.2),
+    ("smc", "behind"): (3.1, 0.0028, 0.75, 2.9),
+    ("smc", "gap"): (1.07, 0.006, 0.0066, 1.2),
+    ("smc", "delay"): (2.3, 0.026, 0.026, 1.2),
+    ("rbf_smc", "run"): (1.04, 0.0043, 0.0066, 1.2),
+    ("rbf_smc", "hill"): (3.4, 0.062, 0.023, 1.2),
+    ("rbf_smc", "behind"): (3.1, 0.003, 0.75, 2.9),
+    ("rbf_smc", "gap"): (1.09, 0.0057, 0.0066, 1.2),
+    ("rbf_smc", "delay"): (2.2, 0.024, 0.026, 1.2),
+    ("rbf_switching_smc", "run"): (0.96, 0.0068, 0.0054, 1.2),
+    ("rbf_switching_smc", "hill"): (2.9, 0.057, 0.02, 1.3),
+    ("rbf_switching_smc", "behind"): (1.5, 0.0065, 0.58, 2.2),
+    ("rbf_switching_smc", "gap"): (1.0, 0.0098, 0.0054, 1.2),
+    ("rbf_switching_smc", "delay"): (0.98, 0.0081, 0.017, 1.2),
+    ("fixed_time_smc", "run"): (0.98, 0.0016, 0.003, 1.3),
+    ("fixed_time_smc", "hill"): (1.4, 0.0103, 0.0102, 1.3),
+    ("fixed_time_smc", "behind"): (0.98, 0.0016, 0.49, 2.2),
+    ("fixed_time_smc", "gap"): (1.01, 0.0039, 0.0033, 1.3),
+    ("fixed_time_smc", "delay"): (1.5, 0.016, 0.02, 1.5),
+    ("lag_smc", "run"): (1.8, 0.02, 0.0089, 1.2),
+    ("lag_smc", "hill"): (5.2, 0.096, 0.035, 1.2),
+    ("lag_smc", "behind"): (1.8, 0.02, 0.33, 1.2),
+    ("lag_smc", "gap"): (2.0, 0.02, 0.0089, 1.2),
+    ("lag_smc", "delay"): (1.02, 0.0068, 0.026, 1.2),
+    ("funnel", "run"): (1.05, 0.0041, 0.0098, 1.2),
+    ("funnel", "hill"): (4.1, 0.067, 0.028, 1.3),
+    ("funnel", "behind"): (1.11, 0.0029, 0.84, 3.3),
+    ("funnel", "gap"): (1.2, 0.0042, 0.0098, 1.2),
+    ("funnel", "delay"): (1.2, 0.013, 0.022, 1.2),
+    ("gpc", "run"): (13, 0.75, 0.027, 1.2),
+    ("gpc", "hill"): (13, 0.7, 0.045, 1.2),
+    ("gpc", "behind"): (13, 2.3, 0.027, 1.2),
+    ("gpc", "gap"): (13, 0.77, 0.035, 1.2),
+    ("gpc", "delay"): (8.5, 0.61, 0.026, 1.12),
+}
+"""Of every law and manoeuvre: rms of the speed error from 20 s on [mm/s], largest position error from then on (after a
+wrong start from 60 s on) [m], largest speed error [m/s], and how much the command moves, mean [kN/s].  Measured, and
+12 % more; gpc has no loop on the position, as printed.
+"""
+
+
+@pytest.mark.parametrize(("law", "manoeuvre"), BOUNDS)
+def test_the_manoeuvre_is_driven(law: str, manoeuvre: str) -> None:
+    """Breaks if a law, its observer or its compensation drives worse than it did, or moves its command more."""
+    place, speed, command = driven(law, manoeuvre)
+    rolling, settled = slice(200, 1500), slice(600 if manoeuvre == "behind" else 200, 1500)
+    found = (
+        1e3 * float(np.sqrt((speed[rolling] ** 2).mean())),
+        float(np.abs(place[settled]).max()),
+        float(np.abs(speed[5:1500]).max()),
+        float(np.abs(np.diff(command)).sum()) / SECONDS / 1e3,
+    )
+    assert np.isfinite(command).all()
+    assert np.abs(command).max() <= 400e3
+    assert (np.array(found) <= BOUNDS[law, manoeuvre]).all(), found
+
+
+def test_every_law_is_in_the_table() -> None:
+    """Breaks if a law of this package drives no manoeuvre."""
+    ours = {name for name in LAWS.names() if LAWS.get(name).__module__.startswith("train_ato.")}
+    assert {law for law, _ in BOUNDS} == ours == set(SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ("law", "values"),
+    [("gpc", {}), ("fixed_time_smc", {"unmatched": True}), ("pid", {"kd": 0.5}), ("funnel", {"variant": "printed"})],
+)
+def test_a_gap_is_no_jump(law: str, values: dict[str, Any]) -> None:
+    """0.8 s without a measurement at 20 m/s: what bridges samples must not take the gap for a step of 16 m.
+
+    Breaks if a law is not told of the steps it missed: gpc's samples, d1 of paper 002 and every difference quotient.
+    """
+    of, along = model(SINGLE, LEVEL), profile(pull=0.8)
+    peaks = []
+    for gap in (range(0), range(300, 308)):
+        control = stack(of, law, values, along=along)
+        train = Train(SINGLE, LEVEL, PlantSetup(), STEP_NS, TICK_NS)
+        errors = []
+        for k in range(600):
+            reference, estimate = asked(of, along, k * TICK_NS)
+            seen = train.observe().measurement
+            errors.append(float(seen.velocity[0]) - reference.velocity)
+            if k in gap:
+                seen = dataclasses.replace(seen, velocity=seen.velocity * math.nan)
+            train.advance(np.tile(control.step(seen, reference, estimate)[0], (train.substeps, 1)))
+        peaks.append(np.abs(errors[250:]).max())
+    assert peaks[1] < peaks[0] + 0.03
