@@ -1,0 +1,125 @@
+"""A law on recorded inputs: both outputs, as numbers, a table and a figure."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from train_ato.cli.main import main
+from train_ato.engine import run_engine
+from train_ato.open_loop import replay_open_loop
+from train_ato.run_folder import RunFolder
+from train_ato.run_setup import prepare
+from train_ato.scenario import load
+
+SECONDS = 40
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return prepare(*load("demo", (f"duration={SECONDS}",)))
+
+
+@pytest.fixture(scope="module")
+def run(setup, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = RunFolder.make(tmp_path_factory.mktemp("replay") / "run", "replay")
+    folder.begin(setup)
+    with folder.sink(setup) as sink:
+        outcome = run_engine(setup, sink=sink)
+    assert outcome.failure is None
+    folder.finish(setup, outcome)
+    return folder.path
+
+
+def test_the_recorded_law_gives_the_recorded_outputs_bit_by_bit(setup, run):
+    """Fails when the controller knows anything but its inputs: a clock, a global, the plant."""
+    result = replay_open_loop(setup, run)
+    assert result.stamp.tolist() == [k * setup.tick_ns for k in range(setup.ticks)]
+    assert np.array_equal(result.recorded, result.replayed)
+    assert np.array_equal(result.recorded_pipe, result.replayed_pipe)
+    assert result.recorded_pipe.size == setup.ticks
+    assert result.summary()["equal_ticks"] == setup.ticks
+
+
+def test_another_gain_is_seen(run):
+    changed = prepare(*load("demo", (f"duration={SECONDS}", "controllers.pid={kp: 3.0e+5}")))
+    result = replay_open_loop(changed, run)
+    summary = result.summary()
+    assert summary["difference_max_kn"] > 0.01
+    assert 0 < summary["difference_rms_kn"] <= summary["difference_max_kn"]
+    worst = int(np.abs(result.difference).max(axis=1).argmax())
+    assert summary["difference_max_at_s"] == pytest.approx(result.stamp[worst] * 1e-9)
+    assert summary["replayed"]["force_max_kn"] == pytest.approx(result.replayed.sum(axis=1).max() / 1e3)
+
+
+def test_the_command_shows_both_outputs_and_draws_them(run, capsys):
+    """The figure stands beside the log; drawn with another law it is another picture."""
+    assert main(["replay", str(run), "--controller", "smc"]) == 0
+    shown = capsys.readouterr().out
+    for text in ("pid, recorded", "smc, replayed", "difference, rms in kN", "replay-smc.png", "The loop is open"):
+        assert text in shown
+    assert main(["replay", str(run), "--controller", "pid", "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["difference_max_kn"], summary["equal_ticks"]) == (0, SECONDS * 10)
+    assert summary["figure"] == str(run / "replay-pid.png")
+    figures = [imread(run / f"replay-{name}.png") for name in ("smc", "pid")]
+    assert all(figure.shape[0] > 500 and figure.std() > 0.05 for figure in figures)
+    assert not np.array_equal(*figures)
+
+
+def test_a_log_alone_is_enough(run, tmp_path, capsys):
+    """The scenario is attached to it."""
+    shutil.copy(run / "run.mcap", tmp_path / "alone.mcap")
+    figure = tmp_path / "both.svg"
+    arguments = ["replay", str(tmp_path / "alone.mcap"), "--controller", "smc", "--out", str(figure), "--json"]
+    assert main(arguments) == 0
+    alone = json.loads(capsys.readouterr().out)
+    assert figure.read_text().startswith("<?xml")
+    assert main(["replay", str(run), "--controller", "smc", "--json"]) == 0
+    beside = json.loads(capsys.readouterr().out)
+    for key in ("run", "figure"):
+        assert alone.pop(key) != beside.pop(key)
+    assert alone == beside
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--controller", "pidd"), "did you mean 'pid'"),
+        (("--controller", "smc", "--set", "controllers.smc.gain=1"), "gain"),
+        (("--controller", "smc", "--set", "tick=0.2"), "--set: the train, its sensors and the tick"),
+        (("--controller", "smc", "--out", "figure.bmp"), "ends in .png, .svg, .pdf"),
+        (("--controller", "smc", "--out", "nowhere/figure.png"), "there is no folder"),
+        (("--controller", "smc", "--out", __file__ + ".png/../../conftest.png"), "there is no folder"),
+        (("--controller", "smc", "--rate", "2"), "--rate: has no meaning with --controller"),
+        (("--controller", "smc", "--loop"), "--loop: has no meaning with --controller"),
+        (("--set", "seed=2"), "it needs --controller"),
+        (("--out", "figure.png"), "it needs --controller"),
+    ],
+)
+def test_bad_input_is_one_line(run, capsys, arguments, says):
+    assert main(["replay", str(run), *arguments]) == 2
+    captured = capsys.readouterr()
+    assert says in captured.err
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""
+
+
+def test_an_existing_figure_is_not_overwritten_where_it_was_named(run, tmp_path, capsys):
+    figure = tmp_path / "mine.png"
+    figure.write_bytes(b"mine")
+    assert main(["replay", str(run), "--controller", "smc", "--out", str(figure)]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert figure.read_bytes() == b"mine"
+
+
+def test_a_log_without_a_scenario_is_refused(tmp_path, capsys):
+    from test_replay_log import other
+
+    assert main(["replay", str(other(tmp_path / "other.mcap")), "--controller", "smc"]) == 2
+    assert "no scenario.yaml is attached" in capsys.readouterr().err
