@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -47,6 +47,15 @@ def progress_bar(title: str) -> Iterator[Any]:
             bar.update(task, completed=progress.simulated / progress.duration, state=state)
 
         yield report
+
+
+@contextmanager
+def share_bar(title: str) -> Iterator[Callable[[float, str], None]]:
+    """Show how much of a work is done; yields the function that takes the share, 0 to 1, and a word on it."""
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[state]}"))
+    with Bar(*columns, console=console(), transient=True, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(title, total=1.0, state="")
+        yield lambda share, state: bar.update(task, completed=share, state=state)
 
 
 def print_json(value: Any) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from train_ato.cdr import SECOND
 from train_ato.frames.columns import TIME, column, diagnostic_column
 from train_ato.frames.tables import in_order, seconds
 from train_ato.topics import EPOCH_NS
@@ -73,34 +74,33 @@ def _column(texts: list[str | None]) -> Any:
 
 def _diagnostic(data: bytes) -> Diagnostic:
     """Read diagnostics of one node as they are written here; whatever differs goes the long way."""
+    if data[:2] != b"\x00\x01" or data[12:17] != b"\x01\x00\x00\x00\x00" or data[20:24] != b"\x01\x00\x00\x00":
+        return decode_diagnostic(data)
     try:
-        if data[:2] != b"\x00\x01" or data[12:17] != b"\x01\x00\x00\x00\x00" or data[20:24] != b"\x01\x00\x00\x00":
-            return decode_diagnostic(data)
-        texts, place = [], 25
-        for _ in range(3):
-            text, place = _text(data, place)
-            texts.append(text)
+        (node, message, _), place = _texts(data, 25, 3)
         place += -place % 4
         (count,) = _LENGTH.unpack_from(data, place)
-        place += 4
-        values = {}
-        for _ in range(count):
-            key, place = _text(data, place)
-            values[key], place = _text(data, place)
+        pairs, _ = _texts(data, place + 4, 2 * count)
     except (struct.error, UnicodeDecodeError):
         return decode_diagnostic(data)
-    seconds_, nanoseconds = _STAMP.unpack_from(data, 4)
-    return Diagnostic(seconds_ * 10**9 + nanoseconds - EPOCH_NS, texts[0], data[24], texts[1], values)
+    whole, rest = _STAMP.unpack_from(data, 4)
+    stamp = whole * SECOND + rest - EPOCH_NS
+    return Diagnostic(stamp, node, data[24], message, dict(zip(pairs[::2], pairs[1::2], strict=True)))
 
 
 _LENGTH = struct.Struct("<I")
 _STAMP = struct.Struct("<iI")
 
 
-def _text(data: bytes, place: int) -> tuple[str, int]:
-    place += -place % 4
-    (size,) = _LENGTH.unpack_from(data, place)
-    end = place + 4 + size
-    if not size or end > len(data):
-        raise struct.error("text beyond the end")
-    return data[place + 4 : end - 1].decode(), end
+def _texts(data: bytes, place: int, count: int) -> tuple[list[str], int]:
+    """Read so many texts; return them and where they end."""
+    texts, last = [], len(data)
+    for _ in range(count):
+        place += -place % 4
+        (size,) = _LENGTH.unpack_from(data, place)
+        end = place + 4 + size
+        if not size or end > last:
+            raise struct.error("text beyond the end")
+        texts.append(data[place + 4 : end - 1].decode())
+        place = end
+    return texts, place

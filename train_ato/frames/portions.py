@@ -89,9 +89,12 @@ class Reader:
                 for record in records(file, size):
                     done += len(record.content)
                     if record.code == Opcode.CHUNK:
-                        self._walk(chunk_content(record.content))
+                        content = chunk_content(record.content)
+                        self._walk(content)
+                        self._size += len(content)
                     elif record.code in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
                         self._walk(_HEAD.pack(record.code, len(record.content)) + record.content)
+                        self._size += len(record.content)
                     if self._size > PORTION:
                         yield from self._closed()
                         if self._progress is not None:
@@ -113,22 +116,21 @@ class Reader:
 
     def _walk(self, data: bytes) -> None:
         """Take the records of a chunk."""
-        view, channels = memoryview(data), self._open
+        view, channels, unpack = memoryview(data), self._open, _RECORD.unpack_from
         place, end = 0, len(data)
         try:
             while place < end:
                 if data[place] == _CODE:
-                    _, length, number, _, _, publish_ns = _RECORD.unpack_from(data, place)
-                    stop = place + _HEAD.size + length
+                    _, length, number, _, _, publish_ns = unpack(data, place)
+                    stop = place + 9 + length
                     if stop > end or length < _MESSAGE.size:
                         raise Damage("a message reaches beyond its chunk")
                     portion = channels[number]
+                    if portion is not None:
+                        portion.payloads.append(view[place + 31 : stop])
+                        portion.publish_ns.append(publish_ns)
                     if self.first_ns is None:
                         self.first_ns = publish_ns
-                    if portion is not None:
-                        portion.payloads.append(view[place + _RECORD.size : stop])
-                        portion.publish_ns.append(publish_ns)
-                        self._size += length
                 else:
                     code, length = _HEAD.unpack_from(data, place)
                     stop = place + _HEAD.size + length

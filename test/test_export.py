@@ -1,0 +1,136 @@
+"""Tables as files: other tools read the numbers that were recorded, with their units, or there is no file."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+import pytest
+from frames_logs import write_foreign, write_log
+from test_wire import LONG
+
+import train_ato
+from train_ato.cli.main import main
+from train_ato.frames import writing
+from train_ato.frames.writing import file_names
+
+
+@pytest.fixture
+def run(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    write_log(folder, LONG, 50)
+    return folder
+
+
+def bits(values) -> list[int]:
+    return np.ascontiguousarray(values, dtype=np.float64).view(np.int64).tolist()
+
+
+def test_parquet_gives_the_same_tables_with_units(run, capsys):
+    """Breaks if a number loses a bit, the index is lost, or a unit stands nowhere but in our heads."""
+    assert main(["export", str(run), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    frames = train_ato.load(run)
+    assert {entry["topic"] for entry in told["files"]} == set(frames)
+    assert told["left_out"] == {}
+    for entry in told["files"]:
+        path = run / "export" / entry["file"]
+        assert entry["size_bytes"] == path.stat().st_size
+        table, frame = pd.read_parquet(path), frames[entry["topic"]]
+        assert (entry["rows"], entry["columns"]) == frame.shape
+        pd.testing.assert_frame_equal(table, frame, check_exact=True)
+        assert table.index.name == "time_s"
+    schema = pyarrow.parquet.read_schema(run / "export" / "train_cars.parquet")
+    assert schema.names[0] == "time_s"
+    units = {name: schema.field(name).metadata[b"unit"].decode() for name in schema.names}
+    assert units["time_s"] == "s"
+    assert units["car_17_coupler_force_n"] == "N"
+    assert units["car_105_speed_m_s"] == "m/s"
+    assert schema.metadata[b"topic"] == b"train/cars"
+
+
+def test_csv_loses_no_bit(run, tmp_path, capsys):
+    """Breaks if numbers are rounded on their way to text, or a text with a comma tears a row apart."""
+    out = tmp_path / "tables"
+    assert main(["export", str(run), "--csv", "--out", str(out), "--topics", "train/cars", "/diagnostics"]) == 0
+    assert "train_cars.csv" in capsys.readouterr().out
+    assert sorted(path.name for path in out.iterdir()) == ["diagnostics.csv", "train_cars.csv"]
+    frames = train_ato.load(run)
+    for name, topic in (("train_cars", "train/cars"), ("diagnostics", "/diagnostics")):
+        with (out / f"{name}.csv").open(newline="") as file:
+            head, *rows = csv.reader(file)
+        frame = frames[topic]
+        assert head == ["time_s", *frame.columns]
+        assert len(rows) == len(frame)
+        for place, column in enumerate(head):
+            values = frame.index if column == "time_s" else frame[column]
+            texts = [row[place] for row in rows]
+            if values.dtype.kind in "fi":
+                assert bits([float(text or "nan") for text in texts]) == bits(values), column
+            else:
+                assert texts == ["" if pd.isna(value) else value for value in values], column
+
+
+def test_both_formats_of_a_log_that_is_not_ours(tmp_path, capsys):
+    """Breaks if a log of another tool cannot be taken along, or what was left out is kept quiet."""
+    write_foreign(tmp_path / "robot.mcap")
+    assert main(["export", str(tmp_path / "robot.mcap"), "--csv", "--parquet"]) == 0
+    assert "left out: /camera" in capsys.readouterr().out
+    names = {path.name for path in (tmp_path / "robot-export").iterdir()}
+    assert names == {
+        f"{topic}.{ending}" for topic in ("imu", "rosout", "joints", "mine") for ending in ("csv", "parquet")
+    }
+    assert pd.read_csv(tmp_path / "robot-export" / "mine.csv")["depth"].tolist() == [3, 4]
+    assert pd.read_parquet(tmp_path / "robot-export" / "rosout.parquet")["line"].tolist() == list(range(200))
+
+
+REFUSED = [
+    ([], r"export: exists already; name another folder with --out"),
+    (["--out", "/proc/x/y"], r"/proc/x/y: cannot be made"),
+    (["--out", "{tmp}/new", "--topics", "train/carz"], r"holds no topic 'train/carz'; did you mean '/train/cars'"),
+    (["--out", "{tmp}/new", "--topics"], r"--topics: expected at least one argument"),
+]
+
+
+@pytest.mark.parametrize(("options", "text"), REFUSED)
+def test_what_cannot_be_is_refused_in_one_line(run, tmp_path, capsys, options, text):
+    """Breaks if files of an older export are overwritten, or a refused one leaves a folder."""
+    (run / "export").mkdir()
+    (run / "export" / "train_cars.parquet").write_bytes(b"old")
+    try:
+        status = main(["export", str(run), *(entry.format(tmp=tmp_path) for entry in options)])
+    except SystemExit as end:
+        status = int(end.code or 0)
+    captured = capsys.readouterr()
+    assert status == 2
+    assert captured.out == ""
+    assert len(captured.err.splitlines()) == 1
+    assert re.search(text, captured.err), captured.err
+    assert (run / "export" / "train_cars.parquet").read_bytes() == b"old"
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_full_disk_leaves_nothing(run, tmp_path, monkeypatch, capsys):
+    """Breaks if half an export stays and is taken for a whole one."""
+    real = writing.FORMATS["csv"]
+
+    def full(table, path):
+        if path.name.startswith("train_measurement"):
+            raise OSError(28, "No space left on device")
+        return real(table, path)
+
+    monkeypatch.setitem(writing.FORMATS, "csv", full)
+    assert main(["export", str(run), "--csv", "--out", str(tmp_path / "deep" / "tables")]) == 1
+    assert "No space left" in capsys.readouterr().err
+    assert not (tmp_path / "deep").exists()
+
+
+def test_names_of_files_do_not_meet():
+    """Breaks if two topics are written into one file."""
+    topics = ["/a/b_c", "/a_b/c", "a/b/c", "/"]
+    assert file_names(topics) == {"/a/b_c": "a_b_c", "/a_b/c": "a_b_c_2", "a/b/c": "a_b_c_3", "/": "topic"}

@@ -1,0 +1,74 @@
+"""``train-ato export``: the tables of a run as Parquet or CSV files."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from train_ato.cli.screen import print_json, share_bar, table
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``export``."""
+    parser.add_argument("run", type=Path, metavar="RUN", help="run folder or MCAP file")
+    parser.add_argument("--parquet", action="store_true", help="write Parquet (the default)")
+    parser.add_argument("--csv", action="store_true", help="write CSV; with --parquet both")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to make (default: export in the run's folder)")
+    parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these topics (default: all)")
+    parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Write one file for each topic; the unit stands in the name of every column."""
+    from train_ato.frames.loading import load
+    from train_ato.frames.writing import FORMATS, write_frames
+
+    formats = [name for name in FORMATS if getattr(options, name)] or ["parquet"]
+    folder = options.out or _beside(options.run)
+    if folder.exists():
+        raise ValueError(f"{folder}: exists already; name another folder with --out")
+    with share_bar(f"opening {options.run}") as progress:
+        frames = load(options.run, options.topics, lambda share: progress(share, ""))
+    if not any(len(frame) for frame in frames.values()):
+        raise ValueError(f"{options.run}: the log holds no message that makes a table{_reasons(frames.left_out)}")
+    with _made(folder), share_bar(f"writing {folder}") as progress:
+        written = write_frames(frames, folder, formats, progress)
+    if options.json:
+        files = [entry.as_dict() for entry in written]
+        print_json({"run": str(options.run), "folder": str(folder), "files": files, "left_out": frames.left_out})
+        return 0
+    rows = ((entry.file, entry.topic, entry.rows, entry.columns, entry.size_bytes / 1e3) for entry in written)
+    table(("file", "topic", "rows", "columns", "kB"), rows, str(folder))
+    for topic, reason in frames.left_out.items():
+        sys.stdout.write(f"left out: {topic}: {reason}\n")
+    return 0
+
+
+def _beside(run: Path) -> Path:
+    """Return where the files go: into the run's folder, for a log alone beside it."""
+    return run / "export" if run.is_dir() else run.with_name(f"{run.stem}-export")
+
+
+def _reasons(left_out: dict[str, str]) -> str:
+    return f" ({'; '.join(f'{topic}: {reason}' for topic, reason in left_out.items())})" if left_out else ""
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make a folder, and take it away again if what goes into it fails or is interrupted."""
+    new = [folder, *(parent for parent in folder.parents if not parent.exists())]
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise ValueError(f"{folder}: cannot be made ({error.strerror}); name a writable place with --out") from None
+    try:
+        yield
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        for parent in new[1:]:
+            parent.rmdir()
+        raise

@@ -1,0 +1,136 @@
+"""Tables of a run as files that other tools open: Parquet and CSV, one file for each topic."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from train_ato.frames.columns import TIME, unit_of
+from train_ato.frames.loading import Frames
+from train_ato.topics import BY_NAME
+from train_ato.version import VERSION
+
+__all__ = ["FORMATS", "Written", "file_names", "write_frames"]
+
+ROWS = 4096
+"""Rows that are written in one step."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """One file of an export."""
+
+    file: str
+    topic: str
+    rows: int
+    columns: int
+    size_bytes: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return asdict(self)
+
+
+def write_frames(
+    frames: Frames,
+    folder: Path,
+    formats: Sequence[str],
+    progress: Callable[[float, str], None] = lambda share, text: None,
+) -> list[Written]:
+    """Write every table that has rows in every format.
+
+    Parquet keeps the index and carries the unit of every column as metadata of its field; CSV has a row of names and
+    numbers as short as they can be written without losing a bit; what a node does not say is empty.
+
+    Parameters
+    ----------
+    frames
+        Tables of a run.
+    folder
+        Existing folder.
+    formats
+        Keys of :data:`FORMATS`.
+    progress
+        Takes the share that is written, 0 to 1, and the topic under way.
+
+    Raises
+    ------
+    OSError
+        If the disk is full or gone.
+    """
+    tables = {topic: frame for topic, frame in frames.items() if len(frame)}
+    names = file_names(tables)
+    cells = sum(frame.size for frame in tables.values()) * len(formats)
+    done, written = 0, []
+    for topic, frame in tables.items():
+        table = arrow_table(topic, frame)
+        for ending in formats:
+            path = folder / f"{names[topic]}.{ending}"
+            for rows in FORMATS[ending](table, path):
+                done += rows * frame.shape[1]
+                progress(done / max(1, cells), topic)
+            written.append(Written(path.name, topic, len(frame), frame.shape[1], path.stat().st_size))
+    return written
+
+
+def file_names(topics: Iterable[str]) -> dict[str, str]:
+    """Return a file name without its ending for every topic: ``train/cars`` becomes ``train_cars``."""
+    names: dict[str, str] = {}
+    for topic in topics:
+        stem = name = topic.strip("/").replace("/", "_") or "topic"
+        number = 2
+        while name in names.values():
+            name, number = f"{stem}_{number}", number + 1
+        names[topic] = name
+    return names
+
+
+def arrow_table(topic: str, frame: pd.DataFrame) -> pa.Table:
+    """Return a table whose fields carry their unit, time first."""
+    table = pa.Table.from_pandas(frame, preserve_index=True)
+    table = table.select([TIME, *(name for name in table.column_names if name != TIME)])
+    ours = topic in BY_NAME
+    fields = [
+        field.with_metadata({"unit": unit}) if (ours or field.name == TIME) and (unit := unit_of(field.name)) else field
+        for field in table.schema
+    ]
+    about = {"topic": topic, "train_ato": VERSION, **({"meaning": BY_NAME[topic].meaning} if ours else {})}
+    return table.cast(pa.schema(fields, metadata={**(table.schema.metadata or {}), **about}))
+
+
+def _parquet(table: pa.Table, path: Path) -> Iterable[int]:
+    floats = [field.name for field in table.schema if pa.types.is_floating(field.type)]
+    texts = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
+    # numbers hardly repeat: dictionaries of them cost time and room, their bytes in streams pack best
+    settings = {"compression": "zstd", "use_dictionary": texts or False, "use_byte_stream_split": floats or False}
+    with pa.parquet.ParquetWriter(path, table.schema, **settings) as writer:
+        for begin in range(0, table.num_rows, 8 * ROWS):
+            part = table.slice(begin, 8 * ROWS)
+            writer.write_table(part)
+            yield part.num_rows
+
+
+def _csv(table: pa.Table, path: Path) -> Iterable[int]:
+    head = io.StringIO()
+    csv.writer(head, lineterminator="\n").writerow(table.column_names)
+    options = pa.csv.WriteOptions(include_header=False)
+    with path.open("wb") as file:
+        file.write(head.getvalue().encode())
+        with pa.csv.CSVWriter(file, table.schema, write_options=options) as writer:
+            for begin in range(0, table.num_rows, ROWS):
+                part = table.slice(begin, ROWS)
+                writer.write_table(part)
+                yield part.num_rows
+
+
+FORMATS: dict[str, Callable[[pa.Table, Path], Iterable[int]]] = {"parquet": _parquet, "csv": _csv}
+"""Writers by the ending of their files; each yields the rows of every step."""
