@@ -5,26 +5,17 @@ A consist file (YAML, ``schema: train_ato/consist/1``) is the only place where f
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from itertools import pairwise
+from typing import Literal
 
 from pydantic import Field, model_validator
 
-from plant_sim.units import (
-    GRAVITY,
-    Damping,
-    Force,
-    Length,
-    Mass,
-    Power,
-    Pressure,
-    Ratio,
-    SiModel,
-    Speed,
-    Stiffness,
-    Time,
-)
+from plant_sim.gears import DraftGear
+from plant_sim.units import GRAVITY, Force, Length, Mass, Power, Pressure, Ratio, SiModel, Speed, Time
 
 SCHEMA = "train_ato/consist/1"
+LIGHTEST = 500.0
+"""Mass below which no vehicle runs on rails: tonnes were written without their suffix [kg]."""
 
 
 class EnvelopeSegment(SiModel):
@@ -37,6 +28,10 @@ class EnvelopeSegment(SiModel):
     force: Force = Field(0.0, description="constant part")
     slope_kn_per_kmh: float = Field(0.0, description="change of force with speed, kN per km/h")
     power: Power = Field(0.0, ge=0, description="constant-power part, force = power / v")
+
+    def at(self, speed: float) -> float:
+        """Return force + slope v + power / v at a speed above 0 [N]."""
+        return self.force + self.slope_kn_per_kmh * 3600.0 * speed + self.power / speed
 
 
 class Resistance(SiModel):
@@ -93,76 +88,32 @@ class VehicleType(SiModel):
     shoes: Shoes | None = None
     adhesive_mass: Mass | None = Field(None, gt=0, description="mass on driven axles; default: all of it")
 
-
-class GearCurve(SiModel):
-    """Loading curve fl(d) = F0 d/(d + x0) + a1 d + a2 d² of one coupling (two gears in series); spec of paper 000."""
-
-    stroke: Length = Field(gt=0, description="D, deflection at which the stop is reached")
-    force_at_stroke: Force = Field(gt=0, description="fl(D); fixes a2")
-    preload: Force = Field(gt=0, description="F0")
-    preload_length: Length = Field(gt=0, description="x0")
-    stiffness: Stiffness = Field(gt=0, description="a1")
-    unloading_ratio: float = Field(gt=0, le=1, description="r: unloading force over loading force")
-    slack: Length = Field(0.010, ge=0, description="free play from draft to buff")
-    damping: Damping = Field(1e5, ge=0, description="structural damping c in c x' d/(d + x0), in contact")
-    stop_stiffness: Stiffness = Field(200e6, gt=0, description="beyond the stroke")
-
-
-class ClipGear(GearCurve):
-    """Draft gear of paper 000, eqs. (7)-(9): force follows the deflection between fu and fl (MT-2)."""
-
-    kind: Literal["clip"]
-    transition_stiffness: Stiffness = Field(60e6, gt=0, description="k between the branches; above the steepest fl")
-    transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches, never beyond them")
-
-
-class SmoothedGear(GearCurve):
-    """Draft gear of paper 000, eq. (6): branches joined over a switching speed (QKX100)."""
-
-    kind: Literal["smoothed"]
-    switching_speed: Speed = Field(0.02, gt=0, description="ve")
-
-
-class LinearGear(SiModel):
-    """Spring and damper (papers 002 and 004), with slack if any."""
-
-    kind: Literal["linear"]
-    stiffness: Stiffness = Field(gt=0)
-    damping: Damping = Field(0.0, ge=0)
-    slack: Length = Field(0.0, ge=0)
-
-
-class RigidGear(SiModel):
-    """No relative motion; the coupler force is what holds both sides together."""
-
-    kind: Literal["rigid"]
-
-
-class TableGear(SiModel):
-    """A user's own curves: loading and unloading force over deflection, joined like :class:`ClipGear`."""
-
-    kind: Literal["table"]
-    deflection: tuple[Length, ...] = Field(description="rising, starting at 0")
-    loading: tuple[Force, ...]
-    unloading: tuple[Force, ...]
-    slack: Length = Field(0.0, ge=0)
-    damping: Damping = Field(0.0, ge=0)
-    transition_stiffness: Stiffness = Field(60e6, gt=0)
-    transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches, never beyond them")
-    stop_stiffness: Stiffness = Field(200e6, gt=0, description="beyond the last deflection")
-
     @model_validator(mode="after")
-    def _curves(self) -> TableGear:
-        if not len(self.deflection) == len(self.loading) == len(self.unloading) >= 2:
-            raise ValueError("deflection, loading and unloading need the same length, at least 2")
-        if self.deflection[0] != 0 or any(b <= a for a, b in zip(self.deflection, self.deflection[1:], strict=False)):
-            raise ValueError("deflection must start at 0 and rise")
-        if any(u < 0 or u > f for u, f in zip(self.unloading, self.loading, strict=True)):
-            raise ValueError("unloading must lie between 0 and loading: a gear never gives back more than it took")
+    def _meant(self) -> VehicleType:
+        if self.mass < LIGHTEST:
+            raise ValueError(f"mass {self.mass:g} kg is less than any vehicle's; if tonnes are meant write mass_t")
+        for name, segments in (("traction", self.traction), ("brake", self.brake)):
+            _check_envelope(name, segments)
+        if self.adhesive_mass is not None and self.adhesive_mass > self.mass:
+            raise ValueError(f"adhesive_mass {self.adhesive_mass:g} kg exceeds the mass of {self.mass:g} kg")
         return self
 
 
-DraftGear = Annotated[ClipGear | SmoothedGear | LinearGear | RigidGear | TableGear, Field(discriminator="kind")]
+def _check_envelope(name: str, segments: tuple[EnvelopeSegment, ...]) -> None:
+    """Raise for an envelope that cannot be meant: speeds that fall, a force below 0, no force anywhere."""
+    begin = 0.0
+    largest = 0.0
+    for number, segment in enumerate(segments):
+        if segment.to <= begin:
+            raise ValueError(
+                f"{name}[{number}] ends at {segment.to:g} m/s, the one before at {begin:g}: list them by rising speed"
+            )
+        ends = (segment.at(max(begin, 1e-3)), segment.at(segment.to))
+        if min(ends) < -1.0:
+            raise ValueError(f"{name}[{number}] falls to {min(ends):g} N: both envelopes are written as forces above 0")
+        begin, largest = segment.to, max(largest, *ends)
+    if segments and largest <= 0.0:
+        raise ValueError(f"{name} gives no force at any speed: write force, slope_kn_per_kmh or power, or leave it out")
 
 
 class AirBrake(SiModel):
@@ -184,8 +135,17 @@ class AirBrake(SiModel):
     def _table(self) -> AirBrake:
         if len(self.reduction) != len(self.braking_factor) or len(self.reduction) < 2:
             raise ValueError("reduction and braking_factor need the same length, at least 2")
-        if any(b <= a for a, b in zip(self.reduction, self.reduction[1:], strict=False)):
+        if any(b <= a for a, b in pairwise(self.reduction)):
             raise ValueError("reduction must rise")
+        if any(b < a for a, b in pairwise(self.braking_factor)) or not 0 < self.braking_factor[-1] <= 1:
+            raise ValueError("braking_factor must rise with the reduction, at last above 0 and not beyond 1")
+        if self.reduction[0] != 0 or self.braking_factor[0] != 0:
+            raise ValueError("reduction and braking_factor must begin at 0: a charged pipe does not brake")
+        if self.reduction[-1] > self.charged:
+            raise ValueError(
+                f"reduction reaches {self.reduction[-1]:g} Pa, the charged pipe has {self.charged:g} Pa: both are "
+                "absolute, in Pa or with a suffix (_kpa)"
+            )
         return self
 
 
@@ -231,6 +191,10 @@ class Consist(SiModel):
         for coupling in self.couplings:
             if any(not 0 <= vehicle < count - 1 for vehicle in coupling.behind):
                 raise ValueError(f"couplings name a vehicle outside 0 ... {count - 2}")
+        named = [vehicle for coupling in self.couplings for vehicle in coupling.behind]
+        if len(set(named)) < len(named):
+            twice = next(vehicle for vehicle in named if named.count(vehicle) > 1)
+            raise ValueError(f"couplings name the one behind vehicle {twice} twice: keep one draft gear for it")
         if count > 1 and self.default_gear is None:
             overridden = {vehicle for coupling in self.couplings for vehicle in coupling.behind}
             if len(overridden) < count - 1:

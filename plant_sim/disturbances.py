@@ -11,6 +11,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
+from plant_sim.line import check_grade
 from plant_sim.states import Array
 from plant_sim.units import Acceleration, Force, Length, SiModel, Slope, Time
 
@@ -36,6 +37,8 @@ class _Source(SiModel):
         wrong = [i for i in chosen if not 0 <= i < count]
         if wrong:
             raise ValueError(f"a disturbance lists vehicle {wrong[0]}: the train has 0 ... {count - 1}")
+        if len(set(chosen)) < len(chosen):
+            raise ValueError(f"a disturbance lists a vehicle twice in {list(chosen)[:20]}; list every one once")
         return chosen
 
     def tick(self, t: Array, mass: Array, draws: Array) -> Outside:
@@ -122,6 +125,7 @@ class ExtraGrade(SiModel):
     def _order(self) -> ExtraGrade:
         if self.end <= self.begin:
             raise ValueError("a stretch of grade must end beyond its begin")
+        check_grade(self.grade)
         return self
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from plant_sim import kernel as k
-from plant_sim.consist import DraftGear, RigidGear
+from plant_sim.gears import DraftGear, RigidGear
 from plant_sim.packing import pack_gears
 from plant_sim.states import Array
 
@@ -34,7 +34,7 @@ def force_along(gear: DraftGear, deflection: Array, step: float) -> Array:
 
     Examples
     --------
-    >>> from plant_sim.consist import LinearGear
+    >>> from plant_sim.gears import LinearGear
     >>> float(force_along(LinearGear(kind="linear", stiffness=1e6), np.array([0.0, 0.01]), 1.0)[-1])
     10000.0
     """

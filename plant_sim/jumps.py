@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from plant_sim import kernel as k
+from plant_sim.consist import Consist
 from plant_sim.packing import Arrays, lag_keep
 from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.totals import kinetic_energy
@@ -17,10 +18,8 @@ class Jumps:
     ----------
     setup
         Its jumps and the actuators' lags.
-    arrays
+    consist, arrays
         Of the train.
-    vehicles : int
-        Vehicles of the train.
     step_ns, tick_ns : int
         Plant step and tick [ns].
 
@@ -35,10 +34,13 @@ class Jumps:
         If a jump lists a vehicle or unit that the train does not have.
     """
 
-    def __init__(self, setup: PlantSetup, arrays: Arrays, vehicles: int, step_ns: int, tick_ns: int) -> None:
+    def __init__(self, setup: PlantSetup, consist: Consist, arrays: Arrays, step_ns: int, tick_ns: int) -> None:
         self.energy = 0.0
         self._arrays = arrays
+        vehicles = len(consist.vehicles)
         self._vehicles, self._units = vehicles, arrays.unit.shape[1]
+        self._at = np.array(consist.power_units, dtype=np.int64)
+        self._by_mass = np.array([vehicle.resistance.n is None for vehicle in consist.vehicles])
         self._step_ns, self._substeps = step_ns, tick_ns // step_ns
         self._lags = np.broadcast_to(np.array(setup.lag, dtype=np.float64), self._units).copy()
         self._waiting = list(setup.jumps)
@@ -47,6 +49,8 @@ class Jumps:
                 wrong = [i for i in listed or () if not 0 <= i < count]
                 if wrong:
                     raise ValueError(f"jumps lists {what} {wrong[0]}: the train has {what}s 0 ... {count - 1}")
+            if jump.what == "brake" and not arrays.vehicle[k.SHOE].any():
+                raise ValueError("a jump of brake multiplies the shoe forces, and the train has no shoes; leave it out")
 
     def steps(self, stamp: int) -> list[int]:
         """Return the steps of the tick from ``stamp`` [ns] on before which jumps are due; 0 for a place passed."""
@@ -80,7 +84,10 @@ class Jumps:
         vehicles = list(range(self._vehicles)) if jump.vehicles is None else list(jump.vehicles)
         units = list(range(self._units)) if jump.units is None else list(jump.units)
         if jump.what == "mass":
-            a.vehicle[np.ix_((k.MASS, k.WEIGHT, k.C0, k.C1, k.C2, k.HOLD), vehicles)] *= jump.factor
+            a.vehicle[np.ix_((k.MASS, k.WEIGHT, k.HOLD), vehicles)] *= jump.factor
+            lighter = [i for i in vehicles if self._by_mass[i]]
+            a.vehicle[np.ix_(np.array([k.C0, k.C1, k.C2]), np.array(lighter, dtype=np.int64))] *= jump.factor
+            a.unit[k.ADHESION_WEIGHT, np.isin(self._at, vehicles)] *= jump.factor
             a.vehicle[k.INVERSE_MASS] = 1.0 / a.vehicle[k.MASS]
             k.locate(a.state, a.vehicle, a.vehicle_index, a.piece)
         elif jump.what == "resistance":
@@ -91,6 +98,7 @@ class Jumps:
             a.unit[k.GAIN, units] *= jump.factor
         elif jump.what == "adhesion":
             a.unit[k.ADHESION, units] *= jump.factor
+            a.vehicle[k.RAIL, slice(None) if jump.units is None else self._at[units]] *= jump.factor
         else:
             self._lags[units] *= jump.factor
             a.unit[k.LAG_KEEP] = lag_keep(self._lags, self._step_ns * 1e-9)

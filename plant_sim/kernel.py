@@ -24,15 +24,15 @@ def _compiled(function: Any) -> Any:
 
 
 # Rows of `vehicle` (constants), one column per vehicle.
-INVERSE_MASS, MASS, WEIGHT, C0, C1, C2, SHOE, HOLD, GAP, PIPE_DISTANCE = range(10)
-VEHICLE_ROWS = 10
+INVERSE_MASS, MASS, WEIGHT, C0, C1, C2, SHOE, HOLD, GAP, PIPE_DISTANCE, RAIL = range(11)
+VEHICLE_ROWS = 11
 # Rows of `state`; column i is vehicle i, one column more than vehicles.  COUPLER: column i + 1 is behind vehicle i.
 (
     X, V, DRIFT, XDOT, COUPLER, PUSH, EXTRA, GRADE_A, GRADE_B, CURVE, PIECE_BEGIN, PIECE_END,
-    CYLINDER, TARGET, RESERVOIR, SHOE_FORCE, SLIDE, MID,
+    CYLINDER, TARGET, RESERVOIR, SUPPLY, SHOE_FORCE, SLIDE, MID,
     WORK_RUNNING, WORK_GRADE, WORK_CURVE, WORK_COUPLER, WORK_AIR, WORK_HOLD, WORK_OUTSIDE,
-) = range(25)  # fmt: skip
-STATE_ROWS = 25
+) = range(26)  # fmt: skip
+STATE_ROWS = 26
 # Rows of `vehicle_index` (integers).
 PIECE, NEWEST, ORDER = range(3)
 VEHICLE_INDEX_ROWS = 3
@@ -60,9 +60,9 @@ ISSUED, WAVE, LEVEL, REACHED, NUMBER = range(5)
 # Entries of `setting`.
 (
     REVERSING, HOLD_SPEED, APPLY_KEEP, RELEASE_KEEP, RESERVOIR_USE, RECHARGE, FULL_LEVEL,
-    SATURATED_ANY, HAS_DRIFT,
-) = range(9)  # fmt: skip
-SETTINGS = 9
+    SATURATED_ANY, HAS_DRIFT, SLIPPERY, RAIL_BY_SPEED,
+) = range(11)  # fmt: skip
+SETTINGS = 11
 
 SMALLEST_POWER_SPEED = 0.1  # m/s; below it power / v is taken at this speed
 IDLE_CYLINDER = 1e-6  # braking factor below which a releasing cylinder counts as empty
@@ -216,6 +216,12 @@ def _envelope(envelope, first, end, speed):
 
 
 @_compiled
+def _adhesion_factor(by_speed, speed):
+    """Return the adhesion at a speed >= 0 over that of the setup, after Curtius and Kniffler or constant."""
+    return 0.161 + 7.5 / (3.6 * speed + 44.0) if by_speed else 1.0
+
+
+@_compiled
 def _limits(u, speed, unit, unit_index, envelope, reversing):
     """Lowest and highest force of unit u at a speed: envelope, force limit, adhesion."""
     size = abs(speed)
@@ -226,10 +232,8 @@ def _limits(u, speed, unit, unit_index, envelope, reversing):
     elif reversing and speed == 0.0:
         low = high
     cap = unit[FORCE_LIMIT, u]
-    if unit[ADHESION_BY_SPEED, u] > 0.0:
-        cap = min(cap, unit[ADHESION, u] * unit[ADHESION_WEIGHT, u] * (0.161 + 7.5 / (3.6 * size + 44.0)))
-    else:
-        cap = min(cap, unit[ADHESION, u] * unit[ADHESION_WEIGHT, u])
+    factor = _adhesion_factor(unit[ADHESION_BY_SPEED, u] > 0.0, size)
+    cap = min(cap, unit[ADHESION, u] * unit[ADHESION_WEIGHT, u] * factor)
     return -min(low, cap), min(high, cap)
 
 
@@ -303,7 +307,11 @@ def _standing(v, mass, limit):
 
 @_compiled
 def _waves(t, events, event, state, vehicle, vehicle_index, setting):
-    """Move the brake-pipe waves: a vehicle obeys the newest event that has reached it (paper 000, section 1.2)."""
+    """Move the brake-pipe waves: a vehicle obeys the newest event that has reached it (paper 000, section 1.2).
+
+    A reservoir that was not full when the application began gives every level in that proportion, and what a rise of
+    the level takes from it cannot exceed what it holds; a lower level only lets air out of the cylinder.
+    """
     n = vehicle_index.shape[1]
     for e in range(events):
         reached = int(event[REACHED, e])
@@ -314,10 +322,16 @@ def _waves(t, events, event, state, vehicle, vehicle_index, setting):
             number = int(event[NUMBER, e])
             if number > vehicle_index[NEWEST, i]:
                 vehicle_index[NEWEST, i] = number
-                rise = max(event[LEVEL, e] - state[TARGET, i], 0.0)
-                state[TARGET, i] = event[LEVEL, e] * state[RESERVOIR, i]
-                used = setting[RESERVOIR_USE] * rise / setting[FULL_LEVEL]
-                state[RESERVOIR, i] = max(state[RESERVOIR, i] - used, 0.0)
+                if state[TARGET, i] == 0.0:
+                    state[SUPPLY, i] = state[RESERVOIR, i]
+                wanted = event[LEVEL, e] * state[SUPPLY, i]
+                rise = wanted - state[TARGET, i]
+                use = setting[RESERVOIR_USE] / setting[FULL_LEVEL]
+                if rise > 0.0 and use > 0.0:
+                    rise = min(rise, state[RESERVOIR, i] / use)
+                    wanted = state[TARGET, i] + rise
+                    state[RESERVOIR, i] = max(state[RESERVOIR, i] - use * rise, 0.0)
+                state[TARGET, i] = wanted
             reached += 1
         event[REACHED, e] = reached
 
@@ -339,6 +353,16 @@ def _cylinders(state, vehicle, setting):
         speed = 3.6 * abs(v[i])
         shoe_force[i] = shoe[i] * cylinder[i] * (2.0 * speed + 150.0) / (3.0 * speed + 150.0)
     return active
+
+
+@_compiled
+def _slide_protection(state, vehicle, by_speed):
+    """Cut the shoe forces to what the rails take, less what the electric brake of the same vehicle takes of it."""
+    v, shoe_force, electric = state[V], state[SHOE_FORCE], state[EXTRA]
+    rail, weight = vehicle[RAIL], vehicle[WEIGHT]
+    for i in range(len(rail)):
+        most = rail[i] * weight[i] * _adhesion_factor(by_speed, abs(v[i])) - electric[i]
+        shoe_force[i] = min(shoe_force[i], max(most, 0.0))
 
 
 @_compiled
@@ -524,6 +548,8 @@ def advance(
         else:
             couplers(x, v, state, vehicle, gear, table, run)
         _units(demand[k], dt, state, unit, unit_index, envelope, setting)
+        if braked and setting[SLIPPERY] > 0.0:
+            _slide_protection(state, vehicle, setting[RAIL_BY_SPEED] > 0.0)
         held = 0.0
         if _no_demand(demand[k], reversing) and _standing(v, vehicle[MASS], setting[HOLD_SPEED]):
             held = 1.0

@@ -10,13 +10,26 @@ from pydantic import Field, model_validator
 from plant_sim.units import Length, SiModel, Slope, Speed
 
 SCHEMA = "train_ato/line/1"
+STEEPEST = 0.5
+"""No railway is steeper; beyond it a grade in per mille was written without its suffix."""
+
+
+def check_grade(grade: float) -> None:
+    """Raise for a grade that no railway has."""
+    if abs(grade) > STEEPEST:
+        raise ValueError(f"grade {grade:g} is {1e3 * grade:g} per mille; if per mille are meant write grade_permille")
 
 
 class Grade(SiModel):
     """Grade from a place on, until the next entry; > 0 uphill."""
 
     at: Length
-    grade: Slope
+    grade: Slope = Field(description="0.012, or with its suffix grade_permille: 12")
+
+    @model_validator(mode="after")
+    def _meant(self) -> Grade:
+        check_grade(self.grade)
+        return self
 
 
 class Curve(SiModel):
@@ -24,7 +37,7 @@ class Curve(SiModel):
 
     begin: Length
     end: Length
-    radius: Length = Field(gt=0)
+    radius: Length = Field(ge=5)
 
 
 class Tunnel(SiModel):

@@ -9,19 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim import kernel as k
-from plant_sim.consist import (
-    ClipGear,
-    Consist,
-    DraftGear,
-    EnvelopeSegment,
-    GearCurve,
-    LinearGear,
-    RigidGear,
-    SmoothedGear,
-    TableGear,
-    VehicleType,
-)
+from plant_sim.consist import Consist, EnvelopeSegment, VehicleType
 from plant_sim.disturbances import UnmodelledGrade
+from plant_sim.gears import ClipGear, DraftGear, GearCurve, LinearGear, RigidGear, SmoothedGear, TableGear
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup, SpeedAdhesion
 from plant_sim.states import Array
@@ -58,15 +48,12 @@ def second_order(gear: GearCurve) -> float:
     ValueError
         If the loading curve would fall anywhere before the stroke.
     """
-    d = gear.stroke
-    a2 = (gear.force_at_stroke - gear.preload * d / (d + gear.preload_length) - gear.stiffness * d) / d**2
-    steepness = gear.stiffness + 2 * a2 * d + gear.preload * gear.preload_length / (d + gear.preload_length) ** 2
-    if steepness <= 0:
+    if gear.steepness(gear.stroke) <= 0:
         raise ValueError(
             f"draft gear: force_at_stroke {gear.force_at_stroke:g} N is so small that the loading curve falls "
             f"before the stroke: raise it or lower stiffness ({gear.stiffness:g} N/m)"
         )
-    return float(a2)
+    return gear.second_order
 
 
 def _gear_column(gear: DraftGear, column: Array, tables: list[TableGear]) -> int:
@@ -150,6 +137,7 @@ def _pack_vehicles(vehicles: Sequence[VehicleType], consist: Consist, setup: Pla
     array[k.HOLD] = setup.holding * array[k.WEIGHT]
     array[k.GAP, :-1] = np.diff(consist.offsets)
     array[k.PIPE_DISTANCE] = pipe_distances(consist)
+    array[k.RAIL] = _adhesion(setup)
     return array
 
 
@@ -192,14 +180,16 @@ def _pack_units(consist: Consist, setup: PlantSetup, step: float) -> tuple[Array
     if setup.force_limit is not None and len(numbers):
         unit[k.FORCE_LIMIT] = setup.force_limit * masses / masses.sum()
     unit[k.ADHESION_WEIGHT] = adhesive * consist.gravity * mismatch.mass_scale
-    unit[k.ADHESION] = NO_LIMIT
-    if setup.adhesion is not None:
-        by_speed = isinstance(setup.adhesion, SpeedAdhesion)
-        unit[k.ADHESION_BY_SPEED] = float(by_speed)
-        unit[k.ADHESION] = (
-            setup.adhesion.factor if isinstance(setup.adhesion, SpeedAdhesion) else setup.adhesion.coefficient
-        )
+    unit[k.ADHESION] = _adhesion(setup)
+    unit[k.ADHESION_BY_SPEED] = float(isinstance(setup.adhesion, SpeedAdhesion))
     return unit, index, np.array(rows or [(0.0, 0.0, 0.0, 0.0)])
+
+
+def _adhesion(setup: PlantSetup) -> float:
+    """Return the adhesion coefficient, or the factor on one that depends on the speed."""
+    if setup.adhesion is None:
+        return NO_LIMIT
+    return setup.adhesion.factor if isinstance(setup.adhesion, SpeedAdhesion) else setup.adhesion.coefficient
 
 
 def lag_keep(lags: Array, step: float) -> Array:
@@ -226,7 +216,7 @@ def _pack_pieces(consist: Consist, line: Line, setup: PlantSetup) -> tuple[Array
 def _initial_state(consist: Consist, setup: PlantSetup) -> Array:
     n = len(consist.vehicles)
     state = np.zeros((k.STATE_ROWS, n + 1))
-    state[k.RESERVOIR] = 1.0
+    state[[k.RESERVOIR, k.SUPPLY]] = 1.0
     state[k.X, :n] = setup.start.position - np.array(consist.offsets)
     state[k.V, :n] = setup.start.speed
     for row, values, key in ((k.X, setup.start.positions, "positions"), (k.V, setup.start.speeds, "speeds")):
@@ -242,6 +232,8 @@ def _settings(consist: Consist, setup: PlantSetup, step: float) -> Array:
     setting[k.REVERSING] = float(setup.reversing)
     setting[k.HOLD_SPEED] = setup.holding_speed
     setting[k.FULL_LEVEL] = 1.0
+    setting[k.SLIPPERY] = float(setup.adhesion is not None)
+    setting[k.RAIL_BY_SPEED] = float(isinstance(setup.adhesion, SpeedAdhesion))
     brake = consist.air_brake
     if brake is not None:
         setting[k.APPLY_KEEP] = np.exp(-step / brake.apply_time)

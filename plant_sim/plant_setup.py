@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from plant_sim.consist import DraftGear
 from plant_sim.disturbances import Disturbance
+from plant_sim.gears import DraftGear
 from plant_sim.units import Force, ForceRate, Length, Ratio, SiModel, Speed, Time
 
 
@@ -58,6 +58,12 @@ class Freeze(SiModel):
     end: Time
     quantity: Literal["position", "velocity", "both"] = "both"
 
+    @model_validator(mode="after")
+    def _order(self) -> Freeze:
+        if self.end <= self.begin:
+            raise ValueError("a frozen measurement must end after its begin")
+        return self
+
 
 class WheelSlip(SiModel):
     """Wheels of one unit that turn faster (> 0, slip) or slower (< 0, slide) than the train; the odometer errs."""
@@ -65,7 +71,13 @@ class WheelSlip(SiModel):
     unit: int = Field(0, ge=0)
     begin: Time
     end: Time
-    slip: Ratio = Field(description="measured speed is (1 + slip) v")
+    slip: Ratio = Field(ge=-1, le=100, description="measured speed is (1 + slip) v; -1: the wheels are locked")
+
+    @model_validator(mode="after")
+    def _order(self) -> WheelSlip:
+        if self.end <= self.begin:
+            raise ValueError("wheel slip must end after its begin")
+        return self
 
 
 class Sensors(SiModel):
@@ -121,6 +133,10 @@ class Jump(SiModel):
             raise ValueError("a jump needs exactly one of 'at' (a time) and 'place'")
         if self.what == "mass" and self.factor <= 0:
             raise ValueError("a jump of mass needs a factor above 0")
+        by_vehicle = self.what in ("mass", "resistance", "brake")
+        if (self.units if by_vehicle else self.vehicles) is not None:
+            wrong, right = ("units", "vehicles") if by_vehicle else ("vehicles", "units")
+            raise ValueError(f"a jump of {self.what} acts on {right}, not on {wrong}; list {right} or leave both out")
         return self
 
 
@@ -148,8 +164,13 @@ class PlantSetup(SiModel):
     jumps: tuple[Jump, ...] = ()
 
     @model_validator(mode="after")
-    def _positive_lag(self) -> PlantSetup:
+    def _lags_and_jumps(self) -> PlantSetup:
         lags = self.lag if isinstance(self.lag, tuple) else (self.lag,)
         if any(lag < 0 for lag in lags):
             raise ValueError("lag must not be negative")
+        for jump in self.jumps:
+            if jump.what == "lag" and not any(lags):
+                raise ValueError("a jump of lag multiplies the lag, which is 0; give a lag")
+            if jump.what == "adhesion" and self.adhesion is None:
+                raise ValueError("a jump of adhesion multiplies the adhesion, which is not there; give an adhesion")
         return self

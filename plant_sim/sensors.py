@@ -49,8 +49,7 @@ class SensorSet:
         self._tick = tick
         self._streams = {name: stream(seed, f"sensor/{name}") for name in ("position", "velocity", "coupler")}
         self._odometer = np.zeros(units)
-        self._last_position = np.zeros(units)
-        self._last_velocity = np.zeros(units)
+        self._last: tuple[Array, Array] | None = None
 
     def measure(
         self, stamp: int, position: Array, velocity: Array, applied: Array, coupler: tuple[Array, Array, Array]
@@ -72,13 +71,14 @@ class SensorSet:
         x = position + self._odometer + sensors.position_bias + sensors.position_noise * noise_x
         v = velocity + sensors.velocity_bias + sensors.velocity_noise * noise_v
         x, v = _rounded(x, sensors.position_quantum), _rounded(v, sensors.velocity_quantum)
+        last_x, last_v = self._last or (x, v)
         for freeze in sensors.freeze:
             if freeze.begin <= t < freeze.end:
                 if freeze.quantity != "velocity":
-                    x[freeze.unit] = self._last_position[freeze.unit]
+                    x[freeze.unit] = last_x[freeze.unit]
                 if freeze.quantity != "position":
-                    v[freeze.unit] = self._last_velocity[freeze.unit]
-        self._last_position, self._last_velocity = x, v
+                    v[freeze.unit] = last_v[freeze.unit]
+        self._last = x, v
         deflection, rate, force = coupler
         return Measurement(
             stamp,

@@ -85,7 +85,7 @@ class Train:
         self.arrays.setting[k.HAS_DRIFT] = float(self._outside.has_drift)
         if self._outside.has_drift and len(self.arrays.body) - 1 < self.n:
             raise ValueError("drift speeds (disturbance 'paper002') cannot act on rigidly joined vehicles")
-        self._jumps = Jumps(setup, self.arrays, self.n, step_ns, tick_ns)
+        self._jumps = Jumps(setup, consist, self.arrays, step_ns, tick_ns)
         self._kinetic_start = self.kinetic_energy
         self._outside_force = np.zeros(self.n)
         self._gusts = False

@@ -10,7 +10,8 @@ from plant_trains import RIGID, drive, heavy, plain_line, slope, train
 
 from plant_sim import kernel as k
 from plant_sim.consist import Consist
-from plant_sim.library import load_consist
+from plant_sim.library import check, load_consist
+from plant_sim.plant_setup import PlantSetup
 from plant_sim.track import Track
 from plant_sim.train import Train
 
@@ -217,3 +218,35 @@ def test_curve_and_tunnel_resistance() -> None:
     for place, wanted in ((50, 0.0), (120, 2.0), (170, 2.5), (250, 0.5), (350, 0.0)):
         plant = train(heavy(wagons=0), line, start={"position": place})
         assert plant.arrays.state[k.CURVE, 0] == pytest.approx(wanted * 184 * 9.81, abs=1e-9)
+
+
+def test_a_jump_of_mass_is_felt_by_the_rails_and_not_by_the_air() -> None:
+    """Half the mass holds half the force on slippery rails; a resistance given in N stays what it is."""
+    data = heavy(wagons=0).model_dump(by_alias=True, exclude_none=True)
+    rails = {"kind": "constant", "coefficient": 0.05}
+    for form, stays in (({"n": (900, 20, 5)}, True), ({"n_per_kg": (0.01, 1e-3, 1e-4)}, False)):
+        data["vehicle_types"]["hxd1"]["resistance"] = form
+        jumps = [{"at": 0.5, "what": "mass", "factor": 0.5}]
+        plant = train(Consist.model_validate(data), LEVEL, adhesion=rails, jumps=jumps, start={"speed_kmh": 20})
+        before = plant.arrays.vehicle[[k.C0, k.C1, k.C2], 0].copy()
+        assert drive(plant, 0.4, 1e6).applied[0] == pytest.approx(0.05 * 184e3 * 9.81)
+        assert drive(plant, 0.4, 1e6).applied[0] == pytest.approx(0.05 * 92e3 * 9.81)
+        after = plant.arrays.vehicle[[k.C0, k.C1, k.C2], 0]
+        assert after == pytest.approx(before if stays else before / 2)
+
+
+@pytest.mark.parametrize(
+    ("setup", "says"),
+    [
+        ({"jumps": [{"at": 1, "what": "mass", "factor": 2, "units": [0]}]}, "list vehicles"),
+        ({"jumps": [{"at": 1, "what": "gain", "factor": 2, "vehicles": [0]}]}, "list units"),
+        ({"jumps": [{"at": 1, "what": "lag", "factor": 2}]}, "give a lag"),
+        ({"jumps": [{"at": 1, "what": "adhesion", "factor": 0.5}]}, "give an adhesion"),
+        ({"sensors": {"freeze": [{"begin": 5, "end": 2}]}}, "end after its begin"),
+        ({"sensors": {"wheel_slip": [{"begin": 5, "end": 9, "slip": -5}]}}, "greater than or equal to -1"),
+    ],
+)
+def test_a_fault_that_would_do_nothing_is_refused(setup: dict[str, Any], says: str) -> None:
+    """Each of these ran as if it were not there; the reader of the scenario would have believed in it."""
+    with pytest.raises(ValueError, match=says):
+        check(PlantSetup, setup, "plant")

@@ -203,3 +203,67 @@ def test_air_brake_needs_shoes_to_act() -> None:
     assert seen.brake_pipe is None
     assert seen.brake_cylinders is None
     assert not plant.shoe_force.any()
+
+
+def level_after(consist: Consist, reductions_kpa: list[float]) -> float:
+    """Return the level a wagon's cylinder has after each reduction held for 20 s in turn."""
+    plant = train(consist, plain_line(begin_km=-10), start={"speed_kmh": 100})
+    for reduction in reductions_kpa:
+        drive(plant, 20.0, 0.0, CHARGED - 1e3 * reduction)
+    return float(plant.arrays.state[k.TARGET, 5])
+
+
+def test_braking_in_steps_reaches_what_one_application_reaches() -> None:
+    """A supply scaled by what its own first step took would end at 28 % less; a step down asks for less, no more."""
+    consist = with_brake(
+        reservoir_use=0.5, recharge_time=600.0, reduction=(0.0, 50e3, 100e3, 170e3), braking_factor=(0, 0.17, 0.34, 0.6)
+    )
+    assert level_after(consist, [170]) == pytest.approx(0.6)
+    assert level_after(consist, [50, 100, 170]) == pytest.approx(0.6)
+    assert level_after(consist, [50, 60]) == pytest.approx(0.204)
+    assert level_after(consist, [170, 100]) == pytest.approx(0.34)
+
+
+def test_no_brake_without_air() -> None:
+    """Each rise takes its part; pumping up and down without releasing ends when the reservoir is empty."""
+    consist = with_brake(
+        reservoir_use=0.8, recharge_time=60.0, reduction=(0.0, 100e3, 170e3), braking_factor=(0, 0.34, 0.6)
+    )
+    left = 1.0 - 0.8
+    assert level_after(consist, [170, 100, 170]) == pytest.approx(0.34 + left / (0.8 / 0.6))
+    assert level_after(consist, [170, 100, 170, 100, 170]) == pytest.approx(0.34)
+
+
+@pytest.mark.parametrize("electric", [0.0, 20e3])
+def test_rails_limit_the_shoes(electric: float) -> None:
+    """Shoes take no more than the adhesion times the weight; on a locomotive its electric brake takes of it first.
+
+    Empty wagons of 20 t at 70 km/h: 30 kN of shoes on rails that hold 3.9 kN.
+    """
+    data = load_consist("hxd1_c80_105").model_dump(by_alias=True, exclude_none=True)
+    data["vehicle_types"]["c80"]["mass"] = 20e3
+    data["air_brake"]["braking_factor"] = (0, 0.6)
+    data["train"] = [{"type": "hxd1"}, {"type": "c80", "count": 10}]
+    rails = {"kind": "constant", "coefficient": 0.02}
+    plant = train(Consist.model_validate(data), plain_line(begin_km=-10), adhesion=rails, start={"speed_kmh": 70})
+    drive(plant, 15.0, -electric, APPLIED)
+    assert plant.shoe_force[1:] == pytest.approx(np.full(10, 0.02 * 20e3 * 9.81))
+    assert plant.shoe_force[0] == pytest.approx(0.02 * 184e3 * 9.81 - electric)
+    by_speed = {"kind": "curtius_kniffler", "factor": 0.2}
+    plant = train(Consist.model_validate(data), plain_line(begin_km=-10), adhesion=by_speed, start={"speed_kmh": 70})
+    drive(plant, 15.0, 0.0, APPLIED)
+    rail = 0.2 * (0.161 + 7.5 / (3.6 * plant.velocity[3] + 44.0)) * 20e3 * 9.81
+    assert plant.shoe_force[3] == pytest.approx(rail, rel=1e-3)
+
+
+def test_a_fall_of_adhesion_reaches_the_shoes() -> None:
+    """A jump for all acts on every wagon; one for listed units on their own vehicles only."""
+    for units, expected in ((None, 0.01), ([0], 0.5)):
+        jump = {"at": 20.0, "what": "adhesion", "factor": 0.02}
+        plant = train(
+            heavy(RIGID, 5), plain_line(begin_km=-10), adhesion={"kind": "constant", "coefficient": 0.5},
+            jumps=[jump if units is None else {**jump, "units": units}], start={"speed_kmh": 100},
+        )  # fmt: skip
+        drive(plant, 25.0, 0.0, APPLIED)
+        assert plant.arrays.vehicle[k.RAIL, 3] == pytest.approx(expected)
+        assert plant.shoe_force[0] <= 0.01 * 184e3 * 9.81 * (1 + 1e-12)

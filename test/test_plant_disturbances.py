@@ -121,6 +121,13 @@ def test_a_disturbance_on_a_missing_vehicle_is_refused() -> None:
         _SOURCE.validate_python({"kind": "gust", "begin": 3, "end": 2})
 
 
+def test_a_vehicle_listed_twice_is_refused() -> None:
+    """It would have been pushed once."""
+    twice = {"kind": "gust", "begin": 0, "end": 5, "force": 1e3, "vehicles": [1, 1]}
+    with pytest.raises(ValueError, match="lists a vehicle twice"):
+        train(heavy(wagons=3), disturbances=[twice])
+
+
 def test_streams_are_named_and_seeded() -> None:
     """Key (seed, crc32(name)): equal for equal, different for another name or seed."""
     first = stream(3, "sensor/position").standard_normal(4)
@@ -165,6 +172,10 @@ def test_quantisation_freeze_and_slip() -> None:
     assert x[10:20].min() < -8.0
     assert not x[20:].any()
     assert not v.any()
+    frozen = {"sensors": {"freeze": [{"begin": 0.0, "end": 1.0}]}, "start": {"position": 480.0, "speed": 5.0}}
+    plant = train(heavy(RIGID, 3), LEVEL, **frozen)
+    assert plant.observe().measurement.position[0] == 480.0, "frozen from the start: the first value, not km 0"
+    assert drive(plant, 0.5).observe().measurement.position[0] == 480.0
     _, x, v = measured(60, wheel_slip=[{"begin": 1.0, "end": 3.0, "slip": 0.1}])
     assert v[15] == pytest.approx(1.0, rel=0.01)
     assert x[-1] == pytest.approx(2.0, rel=0.02)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from plant_trains import GEARS, QKX, RIGID, heavy, train
 from pydantic import TypeAdapter
 
-from plant_sim.consist import DraftGear
 from plant_sim.draft_gear import force_along
+from plant_sim.gears import DraftGear
 from plant_sim.states import Array
 
 SLOW, FAST = 1e-3, 1e-6
@@ -156,3 +156,22 @@ def test_curve_that_falls_is_refused() -> None:
     """A force at the stroke too small for the stiffness would bend the curve down: refused with the remedy."""
     with pytest.raises(ValueError, match="raise it or lower stiffness"):
         train(heavy({**CLIP, "force_at_stroke": 200e3}, 2))
+
+
+TABLE = {"kind": "table", "deflection": [0, 0.02, 0.06], "loading": [0, 4e5, 2e6], "unloading": [0, 1e5, 6e5]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"unloading": [5e4, 1e5, 6e5], "loading": [8e4, 4e5, 2e6]}, "a relaxed gear gives no force"),
+        ({"loading": [0, 7e5, 6.5e5]}, "loading must rise"),
+        ({"unloading": [0, 3e5, 2e5]}, "unloading must rise"),
+        ({"transition_stiffness": 1e7}, "below the steepest loading of 4e.07"),
+    ],
+)
+def test_curves_that_no_gear_has_are_refused(changes: dict[str, Any], says: str) -> None:
+    """A table that pulls at rest chatters there; one steeper than its transition never reaches its own loading."""
+    assert gear(TABLE)
+    with pytest.raises(ValueError, match=says):
+        gear(TABLE, **changes)

@@ -109,6 +109,7 @@ BAD = {
     "schema: train_ato/line/1\nname: x\nend: .nan": "end",
     "schema: train_ato/line/9\nname: x\nend: 5": "schema",
     "schema: train_ato/line/1\nname: x\nend: 5\nend_km: 1": "same thing",
+    "schema: train_ato/line/1\nname: x\nend: 5\ngrades: [{at: 0, grade: 12}]": "write grade_permille",
 }
 
 
@@ -132,6 +133,17 @@ def test_bad_line_files(tmp_path: Path, text: str) -> None:
         ("kind: clip", "kind: clap", "draft_gears"),
         ("name: hxd1_c80_105", "nom: hxd1_c80_105", "nom"),
         ("traction:", "tracktion:", "did you mean 'traction'"),
+        ("mass_t: 184", "mass: 184", "write mass_t"),
+        ("mass_t: 184", "mass_t: 184\n    adhesive_mass_t: 200", "exceeds the mass"),
+        ("{to_kmh: 65, force_kn: 779", "{to_kmh: 4, force_kn: 779", "rising speed"),
+        ("{to_kmh: 75, force_kn: 461}", "{to_kmh: 75, force_kn: -461}", "above 0"),
+        ("{to_kmh: 5, slope_kn_per_kmh: 92.2}", "{to_kmh: 5, slope_kn_per_kmh: -9}", "above 0"),
+        ("transition_stiffness: 60.0e+6", "transition_stiffness: 6.0e+6", "raise it"),
+        ("behind: [0]", "behind: [0, 0]", "twice"),
+        ("reduction_kpa: [0, 50]", "reduction_kpa: [10, 50]", "begin at 0"),
+        ("braking_factor: [0, 0.17]", "braking_factor: [0, 1.7]", "not beyond 1"),
+        ("braking_factor: [0, 0.17]", "braking_factor: [0.3, 0.17]", "must rise"),
+        ("charged_kpa: 600", "charged: 6", "absolute"),
     ],
 )
 def test_bad_consist_files(tmp_path: Path, old: str, new: str, names: str) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from plant_sim.consist import LinearGear
+from plant_sim.gears import LinearGear
 from train_ato.types import Array
 
 if TYPE_CHECKING:

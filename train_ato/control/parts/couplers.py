@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from plant_sim.consist import LinearGear
+from plant_sim.gears import LinearGear
 
 if TYPE_CHECKING:
     from train_ato.model import TrainModel
