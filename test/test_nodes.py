@@ -496,7 +496,7 @@ def test_a_planned_swap_is_shown_by_the_parameter_and_has_no_jump(setup, tmp_pat
         patch.setattr(ControllerNode, "_show", lambda self, law: (original(self, law), shown.append(law)))
         end = run_composed(swapping, tmp_path, domain, GraphOptions())
     assert end.failure is None
-    assert shown == ["smc"]
+    assert shown == [{"controller": "smc"}]
     commands = [m for _, _, m in read_log(tmp_path, Wire(setup.shape).decode, ("ato/command",))]
     force = np.array([m.force[0] for m in commands])
     assert abs(force[300] - force[299]) <= 1e-3 * np.abs(force).max()

@@ -15,7 +15,7 @@ from train_ato.nodes.inputs import StepInputs
 from train_ato.open_loop import replay_open_loop
 from train_ato.outcome import Outcome
 from train_ato.plan.watch import Sample, Shortfall, ShortfallWatch
-from train_ato.record.difference import differences
+from train_ato.record.difference import compare
 from train_ato.roles.profile import ProfileRole
 from train_ato.roles.trajectories import profile_of
 from train_ato.run_folder import open_run
@@ -231,7 +231,7 @@ def test_all_ways_change_the_profile_at_the_same_stamp(way: list[str], engine_ru
     assert main(["run", "xuzhou_metro", "--json", f"--out={out}", *way, *SHORT]) == 0
     setup, summary = open_run(out)
     assert summary["replans"] == 1
-    assert differences(engine_run, out, Wire(setup.shape)) == []
+    assert compare(engine_run, out, Wire(setup.shape)).first is None
 
 
 def test_a_recorded_run_with_two_profiles_is_replayed_through_the_law(engine_run: Path) -> None:

@@ -20,14 +20,14 @@ from train_ato import node_docs
 from train_ato.cli import main
 from train_ato.graph import shared_memory
 from train_ato.graph.environment import claim_domain
-from train_ato.record.difference import differences
+from train_ato.record.difference import compare
 from train_ato.record.reading import stream
 from train_ato.run_folder import open_run
 from train_ato.wire import Wire
 
 ROOT = Path(__file__).resolve().parents[1]
 ROLES = ("recorder", "profile", "observer", "controller", "plant")
-WALL = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99")
+WALL = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99", "way")
 BREATH = threading.Event()
 """Never set: waiting for it lets a moment pass between two looks."""
 
@@ -112,7 +112,7 @@ def test_nodes_started_alone_leave_the_folder_of_a_composed_run(
     one = composed(tmp_path, DURATION)
     setup, summary = open_run(one)
     _, alone = open_run(tmp_path / "alone")
-    assert differences(one, tmp_path / "alone", Wire(setup.shape)) == []
+    assert compare(one, tmp_path / "alone", Wire(setup.shape)).first is None
     assert {k: v for k, v in alone.items() if k not in WALL} == {k: v for k, v in summary.items() if k not in WALL}
     assert {path.name for path in (tmp_path / "alone").iterdir()} == {path.name for path in one.iterdir()}
     wait_for(lambda: not shared_memory.abandoned())
@@ -134,7 +134,7 @@ def test_ros_parameters_and_a_namespace_reach_nodes_started_alone(terminals: Ter
     changes = ["--set=controllers.smc.ks=0.3", "--set=observers.ndo.omega=5.0"]
     one = composed(tmp_path, DURATION, "--controller=smc", "--observer=ndo", *changes)
     setup, _ = open_run(one)
-    assert differences(one, tmp_path / "alone", Wire(setup.shape)) == []
+    assert compare(one, tmp_path / "alone", Wire(setup.shape)).first is None
 
 
 @pytest.mark.slow

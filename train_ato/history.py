@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from train_ato.changes import Told
 from train_ato.run_setup import RunSetup
-from train_ato.types import Array
+from train_ato.types import Array, Diagnostic
 
 SERIES = (
     "train/cars",
@@ -81,7 +82,13 @@ class History:
 
 @dataclass
 class HistoryBuilder:
-    """Collects messages of one run, in any order of topics, and makes the series of the ticks that are complete."""
+    """Collects messages of one run, in any order of topics, and makes the series of the ticks that are complete.
+
+    Attributes
+    ----------
+    told : Told
+        What was changed while the run went on.
+    """
 
     setup: RunSetup
     _rows: dict[str, list[Any]] = field(default_factory=dict)
@@ -90,6 +97,7 @@ class HistoryBuilder:
     _disturbance: list[Array] = field(default_factory=list)
     _pipe: list[float] = field(default_factory=list)
     _shoes: list[float] = field(default_factory=list)
+    told: Told = field(default_factory=Told)
 
     def __post_init__(self) -> None:
         self._rows = {name: [] for name in ("cars", "measurement", "reference", "command", "estimate")}
@@ -127,10 +135,16 @@ class HistoryBuilder:
             self._pipe.append(message.pressure)
         elif topic == "train/brake_cylinders":
             self._shoes.append(float(message.shoe_force.sum()))
-        elif topic == "/diagnostics" and message.node == "plant":
+        elif topic == "/diagnostics":
+            self._told(message)
+
+    def _told(self, message: Diagnostic) -> None:
+        """Take the running totals, the counts and the changes that a node tells of."""
+        if message.node == "plant":
             self._totals = message.values
-        elif topic == "/diagnostics" and message.node in COUNTED:
+        elif message.node in COUNTED:
             self._counts |= {key: message.values[key] for key in COUNTED[message.node] if key in message.values}
+        self.told.take(message)
 
     def complete_ticks(self) -> int:
         """Return the number of ticks that have every series."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from train_ato.changes import Told
 from train_ato.history import History, HistoryBuilder
 from train_ato.metrics import summarise
 from train_ato.roles.step_times import StepTimes
@@ -43,6 +44,8 @@ class Outcome:
         What ``summary.json`` holds.
     failure
         One line saying which node failed and why, or None.
+    told
+        What was changed while it went on.
     """
 
     history: History | None
@@ -50,6 +53,7 @@ class Outcome:
     interrupted: bool = False
     failure: str | None = None
     published: dict[str, int] = field(default_factory=dict)
+    told: Told = field(default_factory=Told)
 
     def checked_against(self, recorded: dict[str, int]) -> Outcome:
         """Return this end of a run, failed if what was recorded is not what was published."""
@@ -87,6 +91,7 @@ class Outcome:
             "wall_s": wall,
             "real_time_factor": simulated / wall if wall > 0 else 0.0,
             **(summarise(setup, history) if history is not None else {}),
+            "changes": builder.told.rows(scenario),
             "step_time_us_median": step_times.percentile_us(50),
             "step_time_us_p99": step_times.percentile_us(99),
             "status": "failed" if failure else "interrupted" if interrupted else "done",
@@ -94,4 +99,4 @@ class Outcome:
         }
         if failure:
             summary["failure"] = failure
-        return cls(history, summary, interrupted, failure, published or {})
+        return cls(history, summary, interrupted, failure, published or {}, builder.told)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import re
 import shutil
@@ -24,6 +25,8 @@ from train_ato.topics import EPOCH_NS
 from train_ato.wire import Wire
 
 RUNS = Path("runs")
+STARTED = "scenario.started.yaml"
+"""The scenario as a run was started, where changes from outside made it another one."""
 
 
 class RunFolder:
@@ -75,7 +78,15 @@ class RunFolder:
         (self.path / SCENARIO).write_text(setup.resolved_yaml(), encoding="utf-8")
 
     def finish(self, setup: RunSetup, outcome: Outcome) -> None:
-        """Write the summary and the figure."""
+        """Write the summary and the figure, and the scenario as it was driven where something was changed from outside.
+
+        The scenario as it was started then stands beside it.
+        """
+        if any(not row["planned"] for row in outcome.summary["changes"]):
+            started = self.path / SCENARIO
+            started.rename(self.path / STARTED)
+            again = dataclasses.replace(setup, scenario=outcome.told.driven(setup.scenario))
+            started.write_text(again.resolved_yaml(), encoding="utf-8")
         text = json.dumps(outcome.summary, indent=2, ensure_ascii=False)
         (self.path / "summary.json").write_text(text + "\n", encoding="utf-8")
         if outcome.history is not None:

@@ -259,18 +259,28 @@ def _model(scenario: Scenario, consist: Consist, line: Line, shape: Shape, folde
 def _check_choices(setup: RunSetup) -> None:
     """Make every chosen law, observer and compensation once: a wrong name or parameter is refused before the start."""
     _check_replan(setup)
-    period = setup.control_period
     for name, values in setup.controller_parameters.items():
         LAWS.check_parameters(name, values)
     for name, values in setup.scenario.observers.items():
         OBSERVERS.check_parameters(name, values)
     for name, values in setup.scenario.compensations.items():
         COMPENSATIONS.check_parameters(name, values)
-    for name in (setup.controller, *(swap.controller for swap in setup.swaps)):
-        setup.law(name)
+    _check_laws(setup)
     OBSERVERS.make(setup.observer, setup.observer_parameters, setup.model, setup.tick)
-    COMPENSATIONS.make(setup.compensation, setup.compensation_parameters, setup.model, period)
+    COMPENSATIONS.make(setup.compensation, setup.compensation_parameters, setup.model, setup.control_period)
     setup.brake_policy()
+
+
+def _check_laws(setup: RunSetup) -> None:
+    """Make the law of the start, and every law as a planned swap leaves it."""
+    law, blocks = setup.controller, {name: dict(values) for name, values in setup.controller_parameters.items()}
+    setup.law(law, blocks.get(law, {}))
+    for swap in sorted(setup.swaps, key=lambda swap: swap.at):
+        law = swap.controller or law
+        for name, values in swap.controllers.items():
+            LAWS.check_parameters(name, values)
+            blocks.setdefault(name, {}).update(values)
+        setup.law(law, blocks.get(law, {}))
 
 
 def _check_replan(setup: RunSetup) -> None:

@@ -22,6 +22,7 @@ from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.units import Length, SiModel, Time
 from train_ato.brake.policy import BrakeSpec
+from train_ato.interventions import Intervention
 from train_ato.links import LinkSpec
 from train_ato.plan.settings import ReplanSpec
 from train_ato.profile.spec import ProfileSpec
@@ -58,11 +59,21 @@ class Links(SiModel):
     estimate: LinkSpec = LinkSpec()
 
 
+Parameters = dict[str, dict[str, float | int | bool | str]]
+
+
 class Swap(SiModel):
-    """Change of the law while the train runs."""
+    """Change of the law, or of parameters of laws, while the train runs."""
 
     at: Time = Field(ge=0)
-    controller: str
+    controller: str | None = Field(None, description="law in charge from then on; default: the one that is")
+    controllers: Parameters = Field(default_factory=dict, description="parameters of laws from then on")
+
+    @model_validator(mode="after")
+    def _changes_something(self) -> Swap:
+        if self.controller is None and not any(self.controllers.values()):
+            raise ValueError(f"swap at {self.at} s changes nothing; give controller or controllers")
+        return self
 
 
 class Score(SiModel):
@@ -70,9 +81,6 @@ class Score(SiModel):
 
     until: Length | None = Field(None, description="position of vehicle 0's centre at which it ends")
     until_time: Time | None = Field(None, gt=0)
-
-
-Parameters = dict[str, dict[str, float | int | bool | str]]
 
 
 class Scenario(SiModel):
@@ -103,6 +111,7 @@ class Scenario(SiModel):
     )
     brake: BrakeSpec = BrakeSpec()
     swaps: tuple[Swap, ...] = ()
+    interventions: tuple[Intervention, ...] = Field((), description="what is done to the train while it runs")
     score: Score = Score()
 
     @model_validator(mode="after")
@@ -115,6 +124,8 @@ class Scenario(SiModel):
         period = round((self.control_period or self.tick) * 1e9)
         if period % tick:
             raise ValueError(f"control_period {self.control_period} s is not a multiple of tick {self.tick} s")
+        if any(planned.at is None for planned in self.interventions):
+            raise ValueError("interventions: one has no 'at'; say when it is done")
         if round(self.duration * 1e9) < tick:
             raise ValueError(f"duration {self.duration} s is shorter than one tick of {self.tick} s")
         return self

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 import tempfile
 from pathlib import Path
@@ -11,22 +12,54 @@ from train_ato.cli.main import RunFailed
 from train_ato.cli.run import note_compilation
 from train_ato.cli.screen import print_json, progress_bar
 from train_ato.engine import run_engine
-from train_ato.record.difference import differences
+from train_ato.record.changes import told_by
+from train_ato.record.difference import Comparison, compare
 from train_ato.run_folder import RunFolder, open_run
+from train_ato.run_setup import RunSetup
 from train_ato.wire import Wire
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``verify``."""
-    parser.add_argument("run", type=Path, metavar="RUN", help="run folder")
+    parser.add_argument("run", type=Path, metavar="RUN", help="run folder, or its log alone")
+    parser.add_argument(
+        "--relative",
+        type=float,
+        default=0.0,
+        metavar="R",
+        help="let numbers differ by R times the largest of their field (default: 0, bit for bit)",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
 
 
 def execute(options: argparse.Namespace) -> int:
     """Run the scenario again in the engine and compare the logs field by field, bit by bit."""
+    if not 0 <= options.relative < 1:
+        raise ValueError(f"--relative {options.relative}: give a number from 0 to below 1, for example 1e-6")
     setup, summary = open_run(options.run)
     if summary.get("status", "done") != "done":
         raise ValueError(f"{options.run}: the run {summary['status']}; only a whole run can be compared with another")
+    told = told_by(options.run)
+    setup = dataclasses.replace(setup, scenario=told.driven(setup.scenario))
+    found = compare_with_new(options.run, setup, options.relative)
+    if options.json:
+        print_json({"run": str(options.run), "equal": found.equal, **dataclasses.asdict(found)})
+    elif found.equal:
+        how = f"up to {options.relative:g} of its field" if options.relative else "bit for bit"
+        sys.stdout.write(f"{options.run}: {found.messages} messages are equal, {how}\n")
+    if not found.equal:
+        raise RunFailed(f"{options.run}: {found.differing} of {found.messages} messages differ; first: {found.first}")
+    return 0
+
+
+def compare_with_new(run: Path, setup: RunSetup, relative: float = 0.0) -> Comparison:
+    """Run a scenario in the engine and compare the log of a run with the new one.
+
+    Raises
+    ------
+    RunFailed
+        If the new run fails.
+    """
     note_compilation()
     with tempfile.TemporaryDirectory(prefix="train_ato_verify_") as scratch:
         again = RunFolder.make(Path(scratch) / "again", setup.scenario.name)
@@ -34,11 +67,4 @@ def execute(options: argparse.Namespace) -> int:
             outcome = run_engine(setup, sink=sink, progress=progress)
         if outcome.failure or outcome.interrupted:
             raise RunFailed(outcome.failure or "interrupted")
-        found = differences(options.run, again.path, Wire(setup.shape))
-    if options.json:
-        print_json({"run": str(options.run), "equal": not found, "differences": found})
-    elif not found:
-        sys.stdout.write(f"{options.run}: every message is equal, bit for bit\n")
-    if found:
-        raise RunFailed(f"{options.run}: differs from a run of the same scenario: {'; '.join(found)}")
-    return 0
+        return compare(run, again.path, Wire(setup.shape), relative)

@@ -12,6 +12,7 @@ from typing import Any
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter as RosParameter
 
+from train_ato.changes import Changes
 from train_ato.control.contract import Parameter
 from train_ato.control.registry import LAWS
 from train_ato.nodes.inputs import StepInputs
@@ -64,7 +65,7 @@ class ControllerNode:
         changed = {name: value for name, value in values.items() if value != before[name]}
         for name in sorted(changed, key=lambda name: name == "controller"):
             role.validate(name, changed[name])
-            role.apply(name, changed[name])
+            role.begin_with(name, changed[name])
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
@@ -104,17 +105,22 @@ class ControllerNode:
         for profile, complete in self._inputs.put(kind, message):
             if profile is not None:
                 self.role.set_profile(profile_of(profile))
-            law = self.role.controller
             _, _, messages = self.role.step(*complete)
-            if self.role.controller != law:
-                self._show(self.role.controller)
+            if self.role.changed:
+                self._show(self.role.changed)
             self.shell.publish_all(messages)
 
-    def _show(self, law: str) -> None:
-        """Let the parameter follow a swap that the scenario had planned."""
+    def _show(self, changed: Changes) -> None:
+        """Let the parameters follow what the scenario had planned."""
+        node = self.shell.node
+        behind = []
+        for name, value in changed.items():
+            shown = node.get_parameter(name).value
+            if shown != value:
+                behind.append(RosParameter(name, value=float(value) if isinstance(shown, float) else value))
         self._following = True
         try:
-            self.shell.node.set_parameters([RosParameter("controller", value=law)])
+            node.set_parameters(behind)
         finally:
             self._following = False
 

@@ -1,10 +1,12 @@
-"""Whether two logs say the same: every topic, every message in stamp order, every field by its bits."""
+"""Whether two logs say the same: every topic, every message in stamp order, every field."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -12,13 +14,69 @@ from typing import Any
 import numpy as np
 
 from train_ato.record.reading import iter_raw
+from train_ato.topics import TOPICS
 from train_ato.wire import Wire
 
 WALL = "wall_"
 """Diagnostics whose key begins like this tell of the wall clock and are not compared."""
+_ORDER = {topic.name: place for place, topic in enumerate(TOPICS)}
+
+Entry = tuple[int, bytes]
+"""Stamp [ns] and bytes of a message."""
 
 
-def differences(one: Path, other: Path, wire: Wire, most: int = 10) -> list[str]:
+@dataclass(frozen=True)
+class Difference:
+    """One field in which two messages differ.
+
+    Attributes
+    ----------
+    topic : str
+        Name in the topic table.
+    stamp : int
+        Of the message [ns].
+    field : str
+        Field of the message, ``[i]`` behind it for the place in an array; ``message`` where one of the two has none.
+    one, other : str
+        What the two say there.
+    """
+
+    topic: str
+    stamp: int
+    field: str
+    one: str
+    other: str
+
+    def __str__(self) -> str:
+        return f"{self.topic} at {self.stamp * 1e-9:.3f} s, {self.field}: {self.one} and {self.other}"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What comparing two logs found.
+
+    Attributes
+    ----------
+    messages, differing : int
+        Messages compared, and those of them that differ or have no counterpart.
+    topics : dict of str to int
+        Differing messages by topic.
+    first : Difference or None
+        The earliest difference; of one stamp, that of the topic that comes first in the table.
+    """
+
+    messages: int = 0
+    differing: int = 0
+    topics: dict[str, int] = field(default_factory=dict)
+    first: Difference | None = None
+
+    @property
+    def equal(self) -> bool:
+        """Tell whether nothing differs."""
+        return self.differing == 0
+
+
+def compare(one: Path, other: Path, wire: Wire, relative: float = 0.0) -> Comparison:
     """Compare two logs of the same scenario.
 
     Parameters
@@ -27,31 +85,34 @@ def differences(one: Path, other: Path, wire: Wire, most: int = 10) -> list[str]
         Run folders or MCAP files.
     wire
         Decoder for the train of both.
-    most
-        Stop after so many differences.
+    relative
+        Numbers may differ by this part of the largest magnitude of their field in ``one``; 0 compares bit for bit.
 
-    Returns
-    -------
-    list of str
-        One line for each difference; empty when the logs are equal bit for bit.
+    Raises
+    ------
+    ValueError
+        If one of the files is no log, or damaged.
     """
     left, right = _by_topic(one), _by_topic(other)
-    found: list[str] = []
-    for topic in sorted({*left, *right}):
-        for number, (a, b) in enumerate(zip_longest(left.get(topic, []), right.get(topic, []))):
-            if a is None or b is None:
-                lengths = f"{len(left.get(topic, []))} messages and {len(right.get(topic, []))}"
-                found.append(f"{topic}: {lengths}")
-                break
-            found += [f"{topic} message {number}: {text}" for text in _unequal(topic, a, b, wire)]
-            if len(found) >= most:
-                return found[:most]
-    return found
+    messages = 0
+    topics: dict[str, int] = {}
+    found: list[Difference] = []
+    for topic in sorted({*left, *right}, key=lambda name: _ORDER.get(name, len(_ORDER))):
+        mine, theirs = left.get(topic, []), right.get(topic, [])
+        messages += max(len(mine), len(theirs))
+        scale = _Scale(topic, mine, wire, relative)
+        for a, b in _paired(mine, theirs):
+            difference = _difference(topic, a, b, wire, scale)
+            if difference is not None:
+                topics[topic] = topics.get(topic, 0) + 1
+                found.append(difference)
+    first = min(found, key=lambda entry: entry.stamp, default=None)
+    return Comparison(messages, len(found), topics, first)
 
 
-def _by_topic(run: Path) -> dict[str, list[tuple[int, bytes]]]:
+def _by_topic(run: Path) -> dict[str, list[Entry]]:
     """Messages of every topic in stamp order; those of one stamp, from several nodes, by content."""
-    messages: dict[str, list[tuple[int, bytes]]] = {}
+    messages: dict[str, list[Entry]] = {}
     for topic, stamp, data in iter_raw(run):
         messages.setdefault(topic, []).append((stamp, data))
     for topic, entries in messages.items():
@@ -59,33 +120,110 @@ def _by_topic(run: Path) -> dict[str, list[tuple[int, bytes]]]:
     return messages
 
 
-def _unequal(topic: str, a: tuple[int, bytes], b: tuple[int, bytes], wire: Wire) -> Iterator[str]:
-    if a[0] != b[0]:
-        yield f"stamp {a[0]} and {b[0]}"
+def _paired(one: list[Entry], other: list[Entry]) -> Iterator[tuple[Entry | None, Entry | None]]:
+    """Pair the messages of one stamp; one that has no counterpart stands alone."""
+    if [entry[0] for entry in one] == [entry[0] for entry in other]:
+        yield from zip(one, other, strict=True)
         return
+    stamps = {stamp: ([], []) for stamp in sorted({entry[0] for entry in (*one, *other)})}  # type: ignore[var-annotated]
+    for side, entries in enumerate((one, other)):
+        for entry in entries:
+            stamps[entry[0]][side].append(entry)
+    for mine, theirs in stamps.values():
+        yield from zip_longest(mine, theirs)
+
+
+class _Scale:
+    """Largest magnitude of every field of a topic, looked for when the first numbers differ."""
+
+    def __init__(self, topic: str, entries: list[Entry], wire: Wire, relative: float) -> None:
+        self._topic, self._entries, self._wire = topic, entries, wire
+        self._relative = relative
+        self._largest: dict[str, float] | None = None
+
+    def tolerance(self, name: str) -> float:
+        """Return by how much two numbers of a field may differ."""
+        if not self._relative:
+            return 0.0
+        if self._largest is None:
+            self._largest = {}
+            for _, data in self._entries:
+                message = self._wire.decode(self._topic, data)
+                for part in dataclasses.fields(message):
+                    self._look(part.name, getattr(message, part.name))
+        return self._relative * self._largest.get(name, 0.0)
+
+    def _look(self, name: str, value: Any) -> None:
+        assert self._largest is not None
+        if isinstance(value, dict):
+            for key, text in value.items():
+                if (number := _number(text)) is not None:
+                    self._look(f"{name}[{key}]", number)
+        elif isinstance(value, (np.ndarray, float, int)):
+            size = float(np.abs(value).max(initial=0.0)) if isinstance(value, np.ndarray) else abs(float(value))
+            self._largest[name] = max(self._largest.get(name, 0.0), size)
+
+
+def _difference(topic: str, a: Entry | None, b: Entry | None, wire: Wire, scale: _Scale) -> Difference | None:
+    """Return the first field in which two messages of a stamp differ, None if there is none."""
+    if a is None or b is None:
+        stamp = a[0] if a is not None else b[0] if b is not None else 0
+        return Difference(topic, stamp, "message", *(("missing" if entry is None else "there") for entry in (a, b)))
     if a[1] == b[1]:
-        return
+        return None
     left, right = wire.decode(topic, a[1]), wire.decode(topic, b[1])
-    for field in dataclasses.fields(left):
-        mine, other = getattr(left, field.name), getattr(right, field.name)
-        if not _same(mine, other):
-            yield f"{field.name} at {a[0] * 1e-9:.3f} s: {_shown(mine)} and {_shown(other)}"
+    for part in dataclasses.fields(left):
+        found = _unequal(part.name, getattr(left, part.name), getattr(right, part.name), scale)
+        if found is not None:
+            return Difference(topic, a[0], *found)
+    return None
 
 
-def _same(a: Any, b: Any) -> bool:
+def _unequal(name: str, a: Any, b: Any, scale: _Scale) -> tuple[str, str, str] | None:
+    """Return where two values differ and what stands there."""
     if isinstance(a, np.ndarray):
-        return bool(a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes())
-    if isinstance(a, float):
-        return struct.pack("<d", a) == struct.pack("<d", b)
+        return _unequal_arrays(name, a, b, scale)
     if isinstance(a, dict):
-        return _without_wall(a) == _without_wall(b)
-    return bool(a == b)
+        for key in [*a, *(key for key in b if key not in a)]:
+            if not key.startswith(WALL) and not _alike(a.get(key), b.get(key), scale, f"{name}[{key}]"):
+                return f"{name}[{key}]", _shown(a.get(key)), _shown(b.get(key))
+        return None
+    if isinstance(a, float):
+        near = abs(a - b) <= scale.tolerance(name)
+        return None if near or struct.pack("<d", a) == struct.pack("<d", b) else (name, _shown(a), _shown(b))
+    return None if a == b else (name, _shown(a), _shown(b))
 
 
-def _without_wall(values: dict[str, str]) -> dict[str, str]:
-    return {key: value for key, value in values.items() if not key.startswith(WALL)}
+def _unequal_arrays(name: str, a: Any, b: Any, scale: _Scale) -> tuple[str, str, str] | None:
+    if a.dtype != b.dtype or a.shape != b.shape:
+        return name, f"{a.shape} {a.dtype}", f"{b.shape} {b.dtype}"
+    if a.tobytes() == b.tobytes():
+        return None
+    other = a.view(np.uint64) != b.view(np.uint64) if a.dtype.itemsize == 8 else a != b
+    if a.dtype.kind == "f":
+        other &= ~(np.abs(a - b) <= scale.tolerance(name))
+    if not other.any():
+        return None
+    place = int(np.flatnonzero(other)[0])
+    return f"{name}[{place}]", _shown(a[place].item()), _shown(b[place].item())
+
+
+def _alike(a: str | None, b: str | None, scale: _Scale, name: str) -> bool:
+    """Tell whether two texts are the same, or numbers that are near enough."""
+    if a == b:
+        return True
+    one, other = _number(a), _number(b)
+    return one is not None and other is not None and abs(one - other) <= scale.tolerance(name)
+
+
+def _number(text: str | None) -> float | None:
+    try:
+        value = float(text or "")
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
 
 
 def _shown(value: Any) -> str:
-    text = np.array2string(value, threshold=4) if isinstance(value, np.ndarray) else repr(value)
-    return " ".join(text.split())[:80]
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 40 else f"{text[:37]}..."

@@ -172,9 +172,10 @@ def schema_of(content: bytes) -> Schema:
         If the record is none.
     """
     try:
-        return Schema.read(ReadDataStream(BytesIO(content)))
+        found: Schema = Schema.read(ReadDataStream(BytesIO(content)))
     except Exception as error:
         raise Damage(f"a schema cannot be read ({type(error).__name__})") from None
+    return found
 
 
 def channel_of(content: bytes) -> Channel:
@@ -186,9 +187,10 @@ def channel_of(content: bytes) -> Channel:
         If the record is none.
     """
     try:
-        return Channel.read(ReadDataStream(BytesIO(content)))
+        found: Channel = Channel.read(ReadDataStream(BytesIO(content)))
     except Exception as error:
         raise Damage(f"a channel cannot be read ({type(error).__name__})") from None
+    return found
 
 
 def attachment_of(content: bytes) -> Attachment:
@@ -203,6 +205,7 @@ def attachment_of(content: bytes) -> Attachment:
         raise Damage("an attachment cannot be read")
     _check(content[-_WORD.size :], zlib.crc32(content[: -_WORD.size]), "attachment")
     try:
-        return Attachment.read(ReadDataStream(BytesIO(content)))
+        found: Attachment = Attachment.read(ReadDataStream(BytesIO(content)))
     except Exception as error:
         raise Damage(f"an attachment cannot be read ({type(error).__name__})") from None
+    return found

@@ -1,0 +1,28 @@
+"""The changes that a log tells of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from train_ato.changes import Told
+from train_ato.record.reading import iter_raw
+from train_ato.wire_variable import decode_diagnostic
+
+
+def told_by(run: Path) -> Told:
+    """Return what was changed while a recorded run went on, planned or from outside.
+
+    Parameters
+    ----------
+    run
+        Run folder or MCAP file.
+
+    Raises
+    ------
+    ValueError
+        If it is no log, or damaged.
+    """
+    told = Told()
+    for _, _, data in iter_raw(run, ("/diagnostics",)):
+        told.take(decode_diagnostic(data))
+    return told
