@@ -1,22 +1,20 @@
 """Node ``plant``: the train as the only source of time.
 
-In lockstep it sends the measurement of t_k, waits for the command stamped t_k and integrates to t_k+1.  Paced on the
-wall clock it does not wait: the newest command is held and late ones are counted.  This module is the only one of
-``plant_sim`` that knows the stack.
+In lockstep it sends the measurement of t_k, waits for the command stamped t_k and integrates to t_k+1; a pace may hold
+it back, which changes no number.  In ``realtime`` it does not wait: the newest command is held and late ones are
+counted.  This module is the only one of ``plant_sim`` that knows the stack.
 """
 
 from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any
 
 from rclpy.clock import Clock, ClockType
-from std_srvs.srv import SetBool, Trigger
 
-from train_ato.control.contract import Parameter
-from train_ato.nodes.parameters import Declared, declare
+from train_ato.nodes.plant_requests import PlantRequests
 from train_ato.nodes.shell import Shell
+from train_ato.pace import SteadyPace
 from train_ato.roles.outgoing import Outgoing
 from train_ato.roles.plant import PlantRole
 from train_ato.topics import Role
@@ -24,8 +22,8 @@ from train_ato.types import Command, Diagnostic, Pipe, Tick
 
 LEAD = 400
 """Ticks that the plant may be ahead of the recorder: less than half of the recorder's queues."""
-TIMEOUT = Parameter("timeout", 10.0, "s", 0.001, 86_400.0, "wall time after which a missing answer ends the run")
-REALTIME = Parameter("realtime", 0.0, "", 0.0, 1e6, "simulated seconds per wall second; 0 is lockstep")
+SHORTEST_WAIT_S = 0.0005
+"""A tick that is early by less is not held back."""
 
 
 class PlantNode:
@@ -41,11 +39,17 @@ class PlantNode:
         Wall time after which a missing answer is a failure [s]; a ROS parameter of the node.
     recorded
         Whether a recorder listens and has to be waited for.
+    pace
+        Simulated seconds per second of wall time at most, in lockstep; 0 is as fast as it goes.
+    scenario
+        File of the resolved scenario, for tools; "" if there is none.
 
     Attributes
     ----------
     finished : bool
         The last tick is over and the end was reported.
+    paused : bool
+        No tick is begun but single steps.
     asked : int
         Stamp of the last measurement sent [ns], -1 before the first.
     ignored, late, held : int
@@ -60,6 +64,8 @@ class PlantNode:
         realtime: float | None = None,
         timeout: float = 10.0,
         recorded: bool = True,
+        pace: float = 0.0,
+        scenario: str = "",
     ) -> None:
         self.role = role
         self.shell = shell
@@ -69,19 +75,18 @@ class PlantNode:
         self.blocked = False
         self.paused = False
         self._recorded = recorded
-        self._waiting = self._stopping = self._single = False
+        self._begun = self._waiting = self._stopping = self._single = False
         self._command: Command | None = None
         self._pipe: Pipe | None = None
         self._acknowledged = 0
         self._heard = time.monotonic()
-        values = declare(
-            shell.node,
-            [
-                Declared("timeout", timeout, TIMEOUT),
-                Declared("realtime", 0.0 if realtime is None else realtime, REALTIME, read_only=True),
-            ],
-        )
-        self._period = role.setup.tick_ns / values["realtime"] if values["realtime"] > 0 else None
+        self._requests = PlantRequests(self, shell, realtime or 0.0, timeout, pace, scenario)
+        given = self._requests.given
+        self._period = role.setup.tick_ns / given["realtime"] if given["realtime"] > 0 else None
+        self._pace = SteadyPace(role.setup.tick, 0.0 if self._period is not None else given["pace"])
+        self.paused = given["paused"]
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = shell.node.create_timer(1.0, self._awake, clock=steady, autostart=False)
         shell.subscribe(
             {
                 "ato/command": self._commanded,
@@ -89,13 +94,6 @@ class PlantNode:
                 "record/acknowledged": self._written,
             }
         )
-        for name, kind, action in (
-            ("start", Trigger, self._start),
-            ("stop", Trigger, self._stop),
-            ("step", Trigger, self._step),
-            ("pause", SetBool, self._pause),
-        ):
-            shell.node.create_service(kind, f"~/{name}", action)
 
     @property
     def overdue(self) -> bool:
@@ -114,10 +112,10 @@ class PlantNode:
 
     def begin(self) -> None:
         """Send the first measurement; from here on the messages drive everything."""
+        self._begun = True
         self._heard = time.monotonic()
         if self._period is not None:
-            steady = Clock(clock_type=ClockType.STEADY_TIME)
-            self._timer = self.shell.node.create_timer(self._period * 1e-9, self._pace, clock=steady)
+            self._wake_every(self._period)
         self._next()
 
     def follow_recorder(self) -> None:
@@ -166,13 +164,15 @@ class PlantNode:
         self._next()
 
     def _next(self) -> None:
-        """Go on to the next tick, unless the run is over, the train is paused or the recorder is far behind."""
+        """Go on to the next tick, unless the run is over, the train is paused or too early, or the recorder behind."""
         if self.role.finished or self._stopping:
             self._conclude()
         elif self.paused and not self._single:
             pass
         elif self._recorded and self.role.tick - self._acknowledged > LEAD:
             self.blocked = True
+        elif self._pace.factor and not self._single and (wait := self._pace.wait(self.role.tick)) > SHORTEST_WAIT_S:
+            self._wake_every(wait * 1e9)
         else:
             self._single = False
             self._waiting = True
@@ -197,11 +197,17 @@ class PlantNode:
             ]
         self.shell.publish_all(messages)
 
-    def _pace(self) -> None:
-        """Take one tick on the wall clock with the newest command, which may be late."""
-        if self.finished or not self._waiting or self.shell.watch.failure is not None:
-            return
-        self.shell.guard(self._paced_tick)
+    def _wake_every(self, nanoseconds: float) -> None:
+        self._timer.timer_period_ns = int(nanoseconds)
+        self._timer.reset()
+
+    def _awake(self) -> None:
+        """Begin the tick that was early; in realtime take one with the newest command, which may be late."""
+        if self._period is None:
+            self._timer.cancel()
+            self._resume_loop()
+        elif self._waiting and not self.finished and self.shell.watch.failure is None:
+            self.shell.guard(self._paced_tick)
 
     def _paced_tick(self) -> None:
         command, stamp = self._command, self.role.stamp
@@ -223,41 +229,50 @@ class PlantNode:
             self.blocked = False
             self._next()
 
-    def _start(self, request: Any, response: Any) -> Any:
-        return self._resumed(response)
+    def set_paused(self, paused: bool) -> None:
+        """Begin no further tick, or go on."""
+        was, self.paused = self.paused, paused
+        if was and not paused:
+            self._pace.restart()
+            self._resume_loop()
 
-    def _stop(self, request: Any, response: Any) -> Any:
-        """End the run after the tick under way."""
-        self.request_stop()
-        response.success, response.message = True, f"stops at {self.role.stamp * 1e-9:.3f} s"
-        return response
+    def set_pace(self, factor: float) -> None:
+        """Change the pace while the train runs.
 
-    def _step(self, request: Any, response: Any) -> Any:
-        """Take one tick while paused."""
+        Raises
+        ------
+        ValueError
+            In realtime, where the pace is the clock's, if it is to be 0.
+        """
+        if self._period is not None:
+            if factor <= 0:
+                raise ValueError("pace 0: a run in realtime has a pace; give a number above 0")
+            self._period = self.role.setup.tick_ns / factor
+            self._wake_every(self._period)
+            return
+        self._pace.change(factor)
+        self._timer.cancel()
+        self._resume_loop()
+
+    def single_step(self) -> None:
+        """Take one tick while paused.
+
+        Raises
+        ------
+        ValueError
+            If it is not paused between two ticks.
+        """
         if not self.paused or self._waiting or self.finished:
-            response.success, response.message = False, "not paused between two ticks; call pause with data: true first"
-            return response
+            raise ValueError("not paused between two ticks; pause first")
         self._single = True
-        self._heard = time.monotonic()
-        self.shell.guard(self._next)
-        response.success, response.message = True, f"takes the tick at {self.role.stamp * 1e-9:.3f} s"
-        return response
+        self._resume_loop()
 
-    def _pause(self, request: Any, response: Any) -> Any:
-        if not request.data:
-            return self._resumed(response)
-        self.paused = True
-        response.success, response.message = True, f"pauses at {self.role.stamp * 1e-9:.3f} s"
-        return response
-
-    def _resumed(self, response: Any) -> Any:
-        was = self.paused
-        self.paused = False
-        if was and not self._waiting and not self.finished:
+    def _resume_loop(self) -> None:
+        """Begin a tick if none is under way and nothing else holds it back."""
+        busy = self._waiting or self.blocked or self.finished or self.shell.watch.failure is not None
+        if self._begun and not busy:
             self._heard = time.monotonic()
             self.shell.guard(self._next)
-        response.success, response.message = True, "runs"
-        return response
 
 
 def silent_node(last: dict[Role, int], stamp: int, blocked: bool) -> Role:

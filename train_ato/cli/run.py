@@ -41,8 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     way = parser.add_mutually_exclusive_group()
     way.add_argument("--engine", action="store_true", help="plain Python loop without ROS, same log")
     way.add_argument("--processes", action="store_true", help="one process for each node (default: all nodes in one)")
-    parser.add_argument(
+    clock = parser.add_mutually_exclusive_group()
+    clock.add_argument(
         "--realtime", type=float, metavar="F", help="pace on the wall clock, F simulated seconds a second"
+    )
+    clock.add_argument(
+        "--pace", type=float, default=0.0, metavar="F", help="lockstep, held back to F simulated seconds a second"
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/NAME-N)")
     parser.add_argument("--domain", type=int, metavar="N", help="ROS domain, 1 to 101 (default: a free one)")
@@ -57,13 +61,19 @@ def execute(options: argparse.Namespace) -> int:
     """Drive one scenario."""
     if options.realtime is not None and not 0 < options.realtime < float("inf"):
         raise ValueError(f"--realtime {options.realtime}: give a positive number, 1 for real time")
+    if not 0 <= options.pace < float("inf"):
+        raise ValueError(f"--pace {options.pace}: give a positive number, 1 for real time; 0 is as fast as it goes")
+    if options.pace and options.engine:
+        raise ValueError("--pace: the engine cannot be held back while it runs; use --realtime, or leave --engine out")
     check_domain(options.domain)
     setup = prepare_from(options, controller=options.controller)
     folder = RunFolder.make(options.out, setup.scenario.name)
     folder.begin(setup)
     note_compilation()
     try:
-        outcome = drive(setup, folder, way_of(options), options.realtime, options.domain, setup.scenario.name)
+        outcome = drive(
+            setup, folder, way_of(options), options.realtime, options.domain, setup.scenario.name, options.pace
+        )
     except ValueError:
         folder.discard()
         raise
@@ -89,7 +99,13 @@ def note_compilation() -> None:
 
 
 def drive(
-    setup: RunSetup, folder: RunFolder, way: str, realtime: float | None, domain: int | None, title: str
+    setup: RunSetup,
+    folder: RunFolder,
+    way: str,
+    realtime: float | None,
+    domain: int | None,
+    title: str,
+    pace: float = 0.0,
 ) -> Outcome:
     """Run a prepared scenario in one of the three ways, recorded into ``folder``."""
     with progress_bar(title) as progress:
@@ -108,7 +124,7 @@ def drive(
             return outcome.checked_against(sink.counts)
         from train_ato.graph.runner import run_graph
 
-        return run_graph(setup, folder.path, way=way, progress=progress, realtime=realtime, domain=domain)
+        return run_graph(setup, folder.path, way=way, progress=progress, realtime=realtime, pace=pace, domain=domain)
 
 
 def report(outcome: Outcome, folder: RunFolder, as_json: bool) -> None:

@@ -56,6 +56,7 @@ def make_node(
     realtime: float | None,
     timeout: float,
     recorded: bool = True,
+    pace: float = 0.0,
 ) -> Any:
     """Return the node of a role.
 
@@ -66,7 +67,16 @@ def make_node(
     """
     if role is Role.PLANT:
         compile_kernel()
-        return PlantNode(PlantRole(setup), shell, realtime=realtime, timeout=timeout, recorded=recorded)
+        resolved = (folder or setup.folder) / "scenario.yaml"
+        return PlantNode(
+            PlantRole(setup),
+            shell,
+            realtime=realtime,
+            timeout=timeout,
+            recorded=recorded,
+            pace=pace,
+            scenario=str(resolved.resolve()) if resolved.is_file() else "",
+        )
     if role is Role.PROFILE:
         return ProfileNode(ProfileRole(setup), shell)
     if role is Role.OBSERVER:

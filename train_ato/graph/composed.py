@@ -43,7 +43,8 @@ def run_composed(
         wire = Wire(setup.shape)
         shells = {role: Shell(role, wire, context, watch) for role in ROLES}
         nodes = {
-            role: make_node(role, setup, shells[role], folder, options.realtime, options.patience) for role in ROLES
+            role: make_node(role, setup, shells[role], folder, options.realtime, options.patience, pace=options.pace)
+            for role in ROLES
         }
         for role, shell in shells.items():
             if role is not Role.RECORDER:

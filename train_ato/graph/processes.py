@@ -85,7 +85,7 @@ class _Conductor:
             if role is Role.RECORDER:
                 arguments += ["--out", str(folder.resolve())]
             if role is Role.PLANT:
-                arguments += ["--timeout", repr(self._options.patience)]
+                arguments += ["--timeout", repr(self._options.patience), "--pace", repr(self._options.pace)]
                 if self._options.realtime is not None:
                     arguments += ["--realtime", repr(self._options.realtime)]
             self._children[role] = Child(role, arguments, environment, folder / "log", self._events)

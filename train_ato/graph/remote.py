@@ -1,8 +1,10 @@
-"""Changing a parameter of a running node from another process."""
+"""Asking the nodes of a running graph from another process: change a parameter, call a service."""
 
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -37,51 +39,99 @@ def _listed(domains: list[int]) -> str:
     return ", ".join(map(str, domains)) or "none"
 
 
-def set_parameter(domain: int, node: str, name: str, value: Any) -> str | None:
-    """Set one parameter of a running node.
+class Asking:
+    """A node that asks others, and its executor."""
 
-    Returns
-    -------
-    str or None
-        The reason if the node refused, else None.
+    def __init__(self, node: Any, executor: Any, domain: int) -> None:
+        self._node = node
+        self._executor = executor
+        self._domain = domain
 
-    Raises
-    ------
-    ValueError
-        If the node is not there or does not answer.
-    """
-    with tempfile.TemporaryDirectory(prefix="train_ato_set_") as scratch, applied(variables(domain, Path(scratch))):
-        import rclpy
+    def set_parameter(self, node: str, name: str, value: Any) -> str | None:
+        """Set one parameter of a running node.
+
+        Returns
+        -------
+        str or None
+            The reason if the node refused, else None.
+
+        Raises
+        ------
+        ValueError
+            If the node or the parameter is not there, or it does not answer.
+        """
         from rcl_interfaces.msg import ParameterType
         from rclpy.parameter import Parameter
         from rclpy.parameter_client import AsyncParameterClient
 
+        client = AsyncParameterClient(self._node, node)
+        if not client.wait_for_services(WAIT_S):
+            raise ValueError(f"node '{node}' is not on domain {self._domain}; is the run still going on?")
+        types = self._answer(client.get_parameter_types([name]), node).types
+        if list(types) in ([], [ParameterType.PARAMETER_NOT_SET]):
+            known = self._answer(client.list_parameters(), node).result.names
+            raise ValueError(f"{node} has no parameter '{name}'{close_match(name, known)}")
+        if isinstance(value, int) and list(types) == [ParameterType.PARAMETER_DOUBLE]:
+            value = float(value)
+        change = client.set_parameters([Parameter(name, value=value)])
+        result = self._answer(change, node).results[0]
+        return None if result.successful else str(result.reason)
+
+    def call(self, service: str, data: bool | None = None) -> tuple[bool, str]:
+        """Call a service of ``std_srvs``: ``Trigger``, or ``SetBool`` where a truth value is given.
+
+        Returns
+        -------
+        success, message
+            As the node answered.
+
+        Raises
+        ------
+        ValueError
+            If the service is not there or does not answer.
+        """
+        from std_srvs.srv import SetBool, Trigger
+
+        client = self._node.create_client(Trigger if data is None else SetBool, service)
+        if not client.wait_for_service(WAIT_S):
+            raise ValueError(f"service '{service}' is not on domain {self._domain}; is the run still going on?")
+        request = Trigger.Request() if data is None else SetBool.Request(data=data)
+        response = self._answer(client.call_async(request), service)
+        return bool(response.success), str(response.message)
+
+    def _answer(self, future: Any, who: str) -> Any:
+        self._executor.spin_until_future_complete(future, WAIT_S)
+        if not future.done():
+            raise ValueError(f"'{who}' on domain {self._domain} does not answer")
+        return future.result()
+
+
+@contextmanager
+def asking(domain: int) -> Iterator[Asking]:
+    """Give a node on a run's domain that can ask the others, and take it down."""
+    with tempfile.TemporaryDirectory(prefix="train_ato_set_") as scratch, applied(variables(domain, Path(scratch))):
+        import rclpy
+
         context = rclpy.Context()
         rclpy.init(context=context, domain_id=domain)
         try:
-            asking = rclpy.create_node("train_ato_set", context=context, enable_rosout=False)
-            client = AsyncParameterClient(asking, node)
-            if not client.wait_for_services(WAIT_S):
-                raise ValueError(f"node '{node}' is not on domain {domain}; is the run still going on?")
+            node = rclpy.create_node("train_ato_set", context=context, enable_rosout=False)
             executor = rclpy.executors.SingleThreadedExecutor(context=context)
-            executor.add_node(asking)
-            types = _answer(executor, client.get_parameter_types([name]), node, domain).types
-            if list(types) in ([], [ParameterType.PARAMETER_NOT_SET]):
-                known = _answer(executor, client.list_parameters(), node, domain).result.names
-                raise ValueError(f"{node} has no parameter '{name}'{close_match(name, known)}")
-            if isinstance(value, int) and list(types) == [ParameterType.PARAMETER_DOUBLE]:
-                value = float(value)
-            change = client.set_parameters([Parameter(name, value=value)])
-            result = _answer(executor, change, node, domain).results[0]
+            executor.add_node(node)
+            yield Asking(node, executor, domain)
             executor.shutdown()
-            asking.destroy_node()
+            node.destroy_node()
         finally:
             context.try_shutdown()
-    return None if result.successful else str(result.reason)
 
 
-def _answer(executor: Any, future: Any, node: str, domain: int) -> Any:
-    executor.spin_until_future_complete(future, WAIT_S)
-    if not future.done():
-        raise ValueError(f"node '{node}' on domain {domain} does not answer")
-    return future.result()
+def set_parameter(domain: int, node: str, name: str, value: Any) -> str | None:
+    """Set one parameter of a running node; return the reason if it refused, else None.
+
+    Raises
+    ------
+    ValueError
+        If the node or the parameter is not there, or it does not answer.
+    """
+    with asking(domain) as remote:
+        return remote.set_parameter(node, name, value)

@@ -26,6 +26,8 @@ class GraphOptions:
     ----------
     realtime : float or None
         Simulated seconds per second of wall time; None is lockstep.
+    pace : float
+        In lockstep, simulated seconds per second of wall time at most; 0 is as fast as it goes.
     timeout : float or None
         Wall time after which a node that does not answer fails the run [s]; None: 10 s in lockstep, 1 s when paced.
     meeting : float
@@ -35,6 +37,7 @@ class GraphOptions:
     """
 
     realtime: float | None = None
+    pace: float = 0.0
     timeout: float | None = None
     meeting: float = 10.0
     draining: float = 10.0

@@ -21,6 +21,7 @@ def run_graph(
     way: str,
     progress: Callable[[Progress], None] | None = None,
     realtime: float | None = None,
+    pace: float = 0.0,
     domain: int | None = None,
     timeout: float | None = None,
 ) -> Outcome:
@@ -33,7 +34,9 @@ def run_graph(
     progress
         Called about ten times a second of wall time.
     realtime
-        Simulated seconds per second of wall time; None is lockstep, as fast as it goes.
+        Simulated seconds per second of wall time; None is lockstep.
+    pace
+        In lockstep, simulated seconds per second of wall time at most; 0 is as fast as it goes.
     domain
         ROS domain; None takes a free one.
     timeout
@@ -44,7 +47,7 @@ def run_graph(
     ValueError
         If another run holds the domain, or a node cannot be made; an empty folder is removed again.
     """
-    options = GraphOptions(realtime=realtime, timeout=timeout)
+    options = GraphOptions(realtime=realtime, pace=pace, timeout=timeout)
     begin = time.perf_counter()
 
     def report(ticks: int) -> None:

@@ -23,6 +23,9 @@ def _arguments(role: Role) -> argparse.Namespace:
     if role is Role.PLANT:
         parser.add_argument("--realtime", type=float, metavar="F", help="pace on the wall clock instead of lockstep")
         parser.add_argument(
+            "--pace", type=float, default=0.0, metavar="F", help="hold lockstep back to F times real time"
+        )
+        parser.add_argument(
             "--timeout", type=float, metavar="S", help="wall time after which a silent node ends the run"
         )
         parser.add_argument("--recorded", action="store_true", help="do not begin without a recorder")
@@ -89,7 +92,8 @@ def _run(role: Role, options: argparse.Namespace, stopped: dict[str, bool]) -> i
         shell = Shell(role, Wire(setup.shape), context, watch, roles, options.ros or None)
         if role is not Role.RECORDER:
             executor.add_node(shell.node)
-        node = make_node(role, setup, shell, folder, realtime, timeout, recorded=options.pipes)
+        pace = getattr(options, "pace", 0.0)
+        node = make_node(role, setup, shell, folder, realtime, timeout, recorded=options.pipes, pace=pace)
         if options.pipes:
             return PipedNode(role, node, shell, executor, stopped).run()
         turner = AloneNode(role, node, shell, executor, stopped, getattr(options, "recorded", False))
