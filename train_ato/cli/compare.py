@@ -111,6 +111,7 @@ def _drive(setups: dict[str, RunSetup], keep: Path | None) -> tuple[list[dict[st
             with progress_bar(name) as progress, folder.sink(setup) as sink:
                 outcome = run_engine(setup, sink=sink, progress=progress)
             outcome = outcome.checked_against(sink.counts)
+            outcome = dataclasses.replace(outcome, summary={**outcome.summary, "way": "engine"})
             if outcome.interrupted:
                 raise RunFailed("interrupted")
             if keep is not None:

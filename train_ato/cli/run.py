@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +78,7 @@ def execute(options: argparse.Namespace) -> int:
     except ValueError:
         folder.discard()
         raise
+    outcome = replace(outcome, summary={**outcome.summary, "way": way_of(options)})
     folder.finish(setup, outcome)
     report(outcome, folder, options.json)
     if outcome.failure:

@@ -26,7 +26,8 @@ def event_figure(linked: Linked, events: Sequence[Event]) -> Figure:
         )
         bars = plot.hbar(y=row, left="begin", right="end", height=0.5, source=stretches, color=colour, line_width=2)
         dots.js_on_change("visible", CustomJS(args={"marks": linked.marked[kind]}, code=_HIDE))
-        items.append(LegendItem(label=KINDS[kind].words, renderers=[dots, bars]))
+        shown = [dots, bars] if moments.data["begin"] else [bars, dots]
+        items.append(LegendItem(label=KINDS[kind].words, renderers=shown))
         for renderer, tips in ((dots, [("at", "@begin{custom}")]), (bars, _FROM_TO)):
             plot.add_tools(
                 HoverTool(

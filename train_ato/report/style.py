@@ -33,8 +33,10 @@ Figure = Any
 
 LEFT, RIGHT = 84, 64
 """Room beside every frame in pixels, the same everywhere: equal times stand above each other."""
+SECOND_AXIS = 32
+"""More room on the right of figures over distance, one of which has a second axis there."""
 HEIGHT = 230
-CURSOR = {"line_color": INK, "line_width": 1, "line_alpha": 0.55, "line_dash": "dotted"}
+CURSOR = {"line_color": INK, "line_width": 1, "line_alpha": 0.75, "line_dash": "dotted"}
 _CLOCK = """
     const sign = value < 0 ? "-" : "", all = Math.abs(value);
     const h = Math.floor(all / 3600), m = Math.floor(all / 60) % 60, s = all - 60 * Math.floor(all / 60);
@@ -110,6 +112,7 @@ class Linked:
     def over_distance(self, axis: str, height: int = HEIGHT, **options: Any) -> Figure:
         """Return an empty figure over the position of vehicle 0 [km]."""
         plot = _plain(axis, height, x_range=self.place, **options)
+        plot.min_border_right = RIGHT + SECOND_AXIS
         plot.xaxis.axis_label = AXES["distance"]
         plot.add_tools(CrosshairTool(overlay=self._place_cursor))
         self.figures_over_distance.append(plot)
@@ -200,8 +203,11 @@ def style_axis(axis: Any) -> None:
     axis.minor_tick_line_color = None
 
 
-def legend_above(plot: Figure, items: list[Any]) -> None:
-    """Put a legend above the frame, where it covers nothing; a click on an entry hides its line."""
+def legend_above(plot: Figure, items: list[Any], glyph: int = 14) -> None:
+    """Put a legend above the frame, where it covers nothing; a click on an entry hides its line.
+
+    ``glyph`` is the height of the samples in pixels.
+    """
     legend = Legend(
         items=items,
         orientation="horizontal",
@@ -212,9 +218,9 @@ def legend_above(plot: Figure, items: list[Any]) -> None:
         label_text_font=FONT,
         label_text_font_size="12px",
         label_text_color=INK,
-        glyph_width=24,
+        glyph_width=max(24, glyph),
         label_height=14,
-        glyph_height=14,
+        glyph_height=glyph,
         padding=2,
         margin=2,
         spacing=14,

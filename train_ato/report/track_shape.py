@@ -41,7 +41,8 @@ def track_shape(line: Line, begin: float, end: float) -> TrackShape:
     """Return a line between two places [m]."""
     track = Track(line)
     inside = track.breaks[(track.breaks > begin) & (track.breaks < end)]
-    place = np.concatenate(([begin], inside, [end]))
+    changes = np.diff(track.grade[np.searchsorted(track.breaks, inside, side="right")], prepend=np.nan) != 0
+    place = np.concatenate(([begin], inside[changes], [end]))
     grade = track.grade[np.searchsorted(track.breaks, place, side="right")]
     grade[-1] = grade[-2]
     height = track.elevation(place)
