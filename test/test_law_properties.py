@@ -193,10 +193,11 @@ def closed_loop_radius(delay: float, sampling: float, lam: float) -> float:
 def test_gpc_with_n_3_is_stable_at_a_sampling_of_1_2_s_alone(lam, delay):
     """N = 3, Nu = 2: at 1.2 s all poles are inside the unit circle whatever the delay.
 
-    At 0.4 s with 1.2 s of delay, and at 0.2 s with any, no weight of the command brings them all inside.
+    At 0.4 s with 1.2 s of delay, 0.3 s with 1.1 s, and 0.2 s with any, no weight of the command brings them inside.
     """
     assert closed_loop_radius(delay, 1.2, min(lam, 10.0)) < 0.95
     assert closed_loop_radius(1.2, 0.4, lam) > 1.0 - 1e-4
+    assert closed_loop_radius(1.1, 0.3, lam) > 1.0 - 1e-4
     assert closed_loop_radius(delay, 0.2, lam) > 1.0 - 1e-4
 
 

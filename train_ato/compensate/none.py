@@ -1,4 +1,10 @@
-"""No compensation: the law sees the state as measured, the reference and the feed-forward of now."""
+"""No compensation: the law sees the state as measured, the reference and the feed-forward of now.
+
+A command acts late and nothing is done about it: right for trains that answer at once, and for laws that bring their
+own means (`funnel`, `gpc`).
+
+Needs: nothing; any law, any train.
+"""
 
 from __future__ import annotations
 

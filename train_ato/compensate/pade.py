@@ -1,5 +1,7 @@
 """Padé: the delay as a rational function, paper 001, eqs. (4), (5); the feed-forward of now from the reference alone.
 
+The papers' usual way to put a delay into equations, made usable: it gives a feed-forward alone.
+
     exp(-sigma s) = (lam - s)/(lam + s),  lam = 2/sigma                                             (4)
     a = b1 a'' + b2 a' + b3 a_s' + a_s                                                              (5)
     b1 = -tau/lam,  b2 = -(lam tau + 1)/lam,  b3 = -1/lam
@@ -12,6 +14,9 @@ the reference's and a_s' that of the demand without delay, a' + tau a''::
 
 with F the force of the nominal train along the profile: preview to first order, without looking ahead
 beyond the difference quotients, which span (sigma + tau)/2 to either side.
+
+Needs: a law that takes the feed-forward (`pid`, `rbf_switching_smc`, `smc` with ``equivalent: feedforward``); others
+are refused, because nothing would change for them. Delay and lag of the model.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 """Predictor: the law sees the train as it will be when the command acts.
 
+Feedback acts on what will be, not on what was: the delay leaves the loop, as far as the model is right. With an
+observer it also knows what pushes.
+
 The commands under way are known, so the train's motion over the delay is too, up to the disturbance, which the observer
 tells. Over every sub-interval h of the delay, with w the total of the commands due then (a newer command that arrives
 first replaces older ones)::
@@ -8,8 +11,12 @@ first replaces older ones)::
     v+ = v + (mean force + d - R)/M h,   R = resistance now + its change along the reference
 
 ``train: rigid`` moves the whole train by the same amounts; ``train: chain`` integrates every unit with the linear
-springs between them (every vehicle driven, spec of paper 002). The delay is the model's, or, ``delay: estimated``, the
-one among the ticks up to ``longest`` that explains the measured force from the commands sent best.
+springs between them (every vehicle driven, the train of paper 002). The delay is the model's, or, ``delay: estimated``,
+the one among the ticks up to ``longest`` that explains the measured force from the commands sent best.
+
+Needs: any law (`gpc` with ``delay: none``); delay and lag of the model. ``train: chain`` needs every vehicle driven and
+linear draft gears without slack; ``delay: estimated`` a first guess above 0. A rigid prediction does not help a long
+train: see `twin` and `train_predictor`.
 """
 
 from __future__ import annotations

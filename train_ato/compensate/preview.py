@@ -1,12 +1,18 @@
 """Preview: the feed-forward is that of the time the command will act; the state stays as measured.
 
+The profile is known ahead, so what the train will need when the command arrives is known too. Free, and the greatest
+part of what can be gained.
+
 Through a delay tau and a first-order lag Ta, exactly::
 
     u_ff(t) = F(t + tau) + Ta F'(t + tau)
 
 with F the force of the nominal train along the profile: the exact form of the inverse that paper 001 approximates by
-Padé (spec: a_ff = v_d'(t + sigma) + tau v_d''(t + sigma) + w). A unit whose delay depends on the sign of the command
-uses the delay of the sign its feed-forward has.
+Padé (per unit mass a_ff = v_d'(t + sigma) + tau v_d''(t + sigma) + w). A unit whose delay depends on the sign of the
+command uses the delay of the sign its feed-forward has.
+
+Needs: any law, any train; delay and lag of the model. Laws that bring their own equivalent control (`funnel`, `gpc`)
+take nothing of it but the reference ahead.
 """
 
 from __future__ import annotations

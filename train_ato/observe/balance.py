@@ -70,6 +70,10 @@ class Balance:
         """
         return self._weight * before + (1.0 - self._weight) * now
 
+    def known_rate(self, before: State, now: State) -> float:
+        """Return the mean over a tick of the acceleration that the forces explain [m/s²]."""
+        return self.mean_push(before.push, now.push) - 0.5 * (before.resisting + now.resisting)
+
     def forces(self, accelerations: list[float]) -> list[float]:
         """Return the force of every unit for unexplained accelerations [N]."""
         if self.lumped:

@@ -1,5 +1,7 @@
 """Cascaded observer of paper 002, eqs. (6)-(11), in realisable form, for every driven vehicle.
 
+Two disturbances at once: one that pushes the vehicle (d2), and one that shifts its speed against its position (d1).
+
 Per unit, with the known acceleration a = (u_applied - couplers - resistance - shoes)/m::
 
     x' = v + d1,  v' = a + d2;     estimate = m (d2 + d1')
@@ -7,6 +9,10 @@ Per unit, with the known acceleration a = (u_applied - couplers - resistance - s
 which is what acts in the direction of the force after the paper's change of variable v~ = v + d1 (12), (35). How the
 signs are sampled stands in :mod:`train_ato.observe.cascade`; ``method: levant`` is best up to 1 ms, `eso` is
 better from 10 ms on. ``unmatched: false`` leaves d1 out (the estimate is then m d2).
+
+Needs: measured position, speed and acting force; like `ndo` it draws the balance over every unit's vehicle where
+coupler forces are known, else over the train. A fast loop: at 50 ms and more, or with noise on the position, d1' is
+noise.
 """
 
 from __future__ import annotations
@@ -80,8 +86,7 @@ class Cascaded(GuardedObserver):
         for index, (cascade, state) in enumerate(zip(self.cascades, now, strict=True)):
             known = 0.0
             if self._before is not None:
-                before = self._before[index]
-                known = self._balance.mean_push(before.push, state.push) - 0.5 * (before.resisting + state.resisting)
+                known = self._balance.known_rate(self._before[index], state)
             cascade.step(places[index], state.speed, known)
         self._before = now
         offset = 1.0 if self._unmatched else 0.0

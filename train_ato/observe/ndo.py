@@ -1,5 +1,7 @@
 """Nonlinear disturbance observer of paper 000, eqs. (30)-(34), sampled exactly.
 
+What the measured acceleration is off from what the known forces explain, low-passed: grades, wind, wrong masses.
+
 With p(x) = omega v, (30) is a first-order filter of what the model does not explain::
 
     d' = omega (v' - f - u_applied/m - d)
@@ -23,6 +25,9 @@ Over what the balance is drawn:
   between two units), else ``train``.
 
 With an air brake the predicted shoe force is part of the model.
+
+Needs: measured speed and acting force. ``scope: vehicle`` also the force of every coupler beside a power unit, and is
+refused by the coupler's name without; ``auto`` falls back on the whole train.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""No observer: the disturbance is taken as 0."""
+"""No observer: the disturbance is taken as 0.
+
+For laws that bring their own integral action, and as the case that shows what an observer is worth.
+
+Needs: nothing.
+"""
 
 from __future__ import annotations
 

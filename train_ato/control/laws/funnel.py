@@ -1,5 +1,9 @@
 """Dynamic-surface funnel control with input delay and saturation, paper 003, eqs. (6)-(28), for the train as a whole.
 
+The errors of position and speed are kept inside boundaries that narrow with time and widen while the force is at its
+limit; the gain rises towards the boundary. A delay state takes the input delay out of the speed error, a network finds
+the resistance.
+
 m the train's inertia, s and v its mean position and speed (by the units' shares), the force split over the units::
 
     e1 = s - s_d,  e2 = v - alpha1 - h,  alpha_bar = -k1 e1 + v_d                                (6), (12), (20)
@@ -25,6 +29,10 @@ beta2 = 3e-7, runs h on the unlimited u, now and a delay ago, and learns on at a
 repaired and e²/phi² clipped in it as well, unless ``outside: printed`` lets the gains turn negative. Its dynamic funnel
 equals fixed gains k1 = k2 = 1 to four digits once a saturation has been (phi2 grows like e^t and never comes back).
 ``funnel: prescribed`` narrows without regard to saturation, the paper's comparison; ``fixed`` holds the boundaries.
+
+Needs: any train; several units are steered as one. Inertia and shares, for ``resistance: model`` the nominal resistance
+and line as well. The delay state replaces a predictor (with one, set ``delay_state: false``). No feed-forward:
+compensations that give only that are refused.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 """Nonlinear generalised predictive control, paper 004, eqs. (4)-(22): one loop for the train's mean speed, or per unit.
 
+Predicts the speed over a few long samples, chooses the commands that bring it nearest to the reference there, and sends
+the first. Model and unexplained rest are learnt while the train runs.
+
 Per loop, v speed, u command acceleration (force over inertia), every ``sampling`` seconds::
 
     A(z⁻¹) v(k) = B(z⁻¹) u(k-1) + xi(k-1)                                                        (7)
@@ -13,14 +16,19 @@ Per loop, v speed, u command acceleration (force over inertia), every ``sampling
 Corrections and what decides everything:
 
 * (10) prints e = w - v_hat, which diverges.
-* N = 3, Nu = 2 is unstable in traction for a sampling of 0.4 s and less at any lam; ``sampling`` 1.2 s works. In
-  between the command is held.
+* N = 3, Nu = 2 do not see beyond the delay at a short sampling: with 1.2 s of delay a pole is outside the unit circle
+  at 0.4 s and less whatever lam is, with 1.1 s at 0.3 s; ``sampling`` 1.2 s works. In between the command is held.
 * Identification on increments of v, A = (1 - z⁻¹) A': the projection on v itself only moves the pole at 1.
 * xi takes the resistance, grades and couplers: the network acts as a slow integrator; the raw residual destabilises.
 * ``beyond: zero`` is the print's u = 0 after Nu; ``hold`` holds the last one.
 * Independent laws on coupled units (``loops: unit``) fight over the couplers and are unstable on a coupled train.
 * Nominal A, B by Padé and zero-order hold from the model's delay, one set for traction and one for braking.
 * Predicts through its own delay model: run it with compensation `none`; under `predictor` set ``delay: none``.
+
+Needs: any train; delay and lag of the model, and the reference ahead (it asks for the preview itself). It predicts over
+the delay on its own: under `predictor` and `train_predictor` it is refused unless ``delay: none``. No feed-forward:
+compensations that give only that are refused. Meant for trains that answer as one mass; a long one needs a slower
+``sampling``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Sliding mode on a surface that includes the actuator's lag (ours; for trains with lag and delay, spec of paper 002).
+"""Sliding mode on a surface that includes the actuator's lag (ours; for the trains of paper 002 as they are).
+
+Trains answer through a lag and a delay, which the papers' surfaces ignore. This one contains the acceleration that the
+actuator gives, so that nothing is asked of it that it cannot do at once.
 
 On the state at the time the command acts (compensation `predictor`), e = x - x_d, a the acceleration that the actuator
 gives now and a_net the train's, everything per unit or for the train as a whole::
@@ -11,6 +14,10 @@ tau is the model's lag, exactly for a command held over the period Tc: Tc/(1 - e
 the train by its mean and adds a little differential damping between the units: a true delay above the modelled one is
 fatal to loops of each unit, not to this one. Coupler forces enter a_net where they are known; they are never cancelled
 through the delay (that is anti-damping) but act through the derivative of the surface alone.
+
+Needs: the measured force that acts, the model's lag, and the state at the acting time: compensation `predictor`
+(``train: chain`` on sprung units). Where coupler forces beside the units are not known it steers the train by its mean
+(``command: common``). No feed-forward: compensations that give only that are refused.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 """PID with feed-forward, the baseline of papers 000 (section 3.1), 001 (eq. 15) and 004.
 
+Feed-forward does the work, three gains correct what is left of the speed error. It is the baseline that every other law
+is compared with: most of what the papers' laws gain over their own PID is the preview that theirs lacks.
+
 Law, per unit, e = v - v_d (papers 001 and 004 write it with the other sign)::
 
     u = u_ff - K (kp e + ki I + kd de/dt) - d_hat
@@ -17,6 +20,10 @@ The defaults suit a long train: above its first mode the locomotive feels the wa
 ``filter_time`` smooths e in the first and third term only.
 
 Anti-windup: the integral holds while the unit is at a limit and the error drives it further.
+
+Needs: any train. Of the model it takes inertia and shares, of the loop the feed-forward (``feedforward: true``), the
+estimate and the measured state; no coupler sensor. ``feedforward: false`` is refused under compensations that give
+nothing else (`pade`, `twin`).
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Sliding mode with an RBF network for the unmodelled part, paper 000, eqs. (23)-(29), (35).
 
+A small network learns from the surface what f_hat leaves out, and is added to it.
+
 The law of :mod:`train_ato.control.laws.smc` with delta_hat added to f_hat::
 
     u = -m [f_hat + delta_hat + d_hat - v_d' + l1 e' + l2 e + xi |S|^alpha sgn S + zeta sgn S + ks S]      (35)
@@ -10,6 +12,8 @@ Corrections and additions: network inputs are clipped to the outermost centres (
 0.1 km/h, and bells that learn apart from each other give delta_hat a slope over e that excites the loop; the print is
 ``clip: false``); weights are bounded and held while the force is at a limit or the measurement is not sound. Without
 the linear reaching term ``ks`` the pair S, W is an undamped oscillator of 55 s and the network makes tracking worse.
+
+Needs: what `smc` needs.
 """
 
 from __future__ import annotations

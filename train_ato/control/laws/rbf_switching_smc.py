@@ -1,5 +1,8 @@
 """Sliding mode whose switching term is learnt by an RBF network, paper 001, eqs. (6)-(14).
 
+A sliding mode switches by the full gain at every crossing of its surface, which a train feels as chattering. Here the
+jump is learnt by a network as a smooth function of the surface.
+
 Per unit, e = x - x_d, s = c e + e' (7), everything as acceleration; M is the unit's share of the train's inertia::
 
     u = u_eq + M u_n - d_hat                                                                            (12)
@@ -22,6 +25,9 @@ Corrections:
   force is at a limit.
 * The identification network's job is the sign of ds/du alone. Through a delay its samples do not belong together, so
   its verdict counts only while it has explained e'' for a while; otherwise the physical sign (+) stands.
+
+Needs: any train: the feed-forward of a compensation (with lag and delay `preview`, `pade`, `twin` or `predictor`),
+inertia and shares; no coupler sensor.
 """
 
 from __future__ import annotations

@@ -1,5 +1,8 @@
 """Sliding mode with an adaptive reaching law, paper 000, eqs. (18)-(22).
 
+Draws the train onto a surface of position error, its rate and its integral, on which the error dies out by itself. The
+forces on the locomotive's own vehicle are measured and cancelled, so the law sees a free mass.
+
 Per unit, e = s - s_d, all in m/s² but u::
 
     S = e' + l1 e + l2 int e                                                                    (19)
@@ -21,6 +24,10 @@ Corrections and additions:
 * ``equivalent: feedforward`` takes the equivalent control from ``LawInput.feedforward`` and the train's inertia in
   place of the vehicle's: what is left of (22) under lag and delay. With lag and delay T in all, the print is unstable
   for T > m l1/(M l2), 0.17 s on the 10 684 t train; l1 = .07, l2 = .002, ks = .05 with ``twin`` are usable there.
+
+Needs: with ``equivalent: measured`` the force of every coupler beside a power unit: a sensor there, or a linear spring
+without slack between two units; a train without is refused by the coupler's name, and so are compensations that give
+only a feed-forward. With ``equivalent: feedforward`` any train and no sensor.
 """
 
 from __future__ import annotations
