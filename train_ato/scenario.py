@@ -59,11 +59,21 @@ class Links(SiModel):
     estimate: LinkSpec = LinkSpec()
 
 
+Parameters = dict[str, dict[str, float | int | bool | str]]
+
+
 class Swap(SiModel):
-    """Change of the law while the train runs."""
+    """Change of the law, or of parameters of laws, while the train runs."""
 
     at: Time = Field(ge=0)
-    controller: str
+    controller: str | None = Field(None, description="law in charge from then on; default: the one that is")
+    controllers: Parameters = Field(default_factory=dict, description="parameters of laws from then on")
+
+    @model_validator(mode="after")
+    def _changes_something(self) -> Swap:
+        if self.controller is None and not any(self.controllers.values()):
+            raise ValueError(f"swap at {self.at} s changes nothing; give controller or controllers")
+        return self
 
 
 class Score(SiModel):
@@ -71,9 +81,6 @@ class Score(SiModel):
 
     until: Length | None = Field(None, description="position of vehicle 0's centre at which it ends")
     until_time: Time | None = Field(None, gt=0)
-
-
-Parameters = dict[str, dict[str, float | int | bool | str]]
 
 
 class Scenario(SiModel):

@@ -20,6 +20,7 @@ from train_ato.nodes.profile import ProfileNode
 from train_ato.nodes.recorder import RecorderNode
 from train_ato.nodes.shell import Shell
 from train_ato.record.run_log import RunLog
+from train_ato.record.versions import attachments_for
 from train_ato.roles.controller import ControllerRole
 from train_ato.roles.plant import PlantRole
 from train_ato.roles.profile import ProfileRole
@@ -85,5 +86,6 @@ def make_node(
         return ControllerNode(ControllerRole(setup), shell)
     if folder is None:
         raise ValueError("the recorder needs a folder; give --out DIR")
-    log = RunLog(folder, setup.shape.topics, shell.node.get_namespace())
+    attached = attachments_for(setup.resolved_yaml())
+    log = RunLog(folder, setup.shape.topics, shell.node.get_namespace(), attached)
     return RecorderNode(log, shell)
