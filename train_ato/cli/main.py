@@ -23,6 +23,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("info", "what a run folder holds"),
     ("report", "a run, or several side by side, as one page of figures that works without a network"),
     ("check-law", "the contract tests on a law of your own"),
+    ("export", "the tables of a run as Parquet or CSV"),
     ("recover", "make a readable log of one that was killed"),
     ("set", "change a parameter of a running controller, for example swap its law"),
     ("do", "act on a running train: gust, delay jump, emergency brake, pause, step"),
