@@ -105,7 +105,7 @@ def _forces(setup: RunSetup, history: History) -> Lines:
 
 
 def _couplers(setup: RunSetup, history: History) -> Lines | None:
-    if setup.shape.n_vehicles < 2:
+    if setup.shape.n_vehicles < 2 or np.isnan(history.coupler_high).all():  # of a measured run nobody knows them
         return None
     columns: dict[str, Array] = {
         "draft": np.maximum(history.coupler_high, 0.0) / KILO,
@@ -120,12 +120,10 @@ def _couplers(setup: RunSetup, history: History) -> Lines | None:
 def _brake(history: History) -> list[tuple[str, Lines | None]]:
     """Return brake pipe and shoe force where the air brake was used."""
     pipe, shoes = history.brake_pipe, history.shoe_force
-    if pipe is None or shoes is None or float(np.ptp(pipe)) < APPLIED_PA:
+    if pipe is None or float(np.ptp(pipe)) < APPLIED_PA:
         return []
-    return [
-        ("pressure", Lines(history.time, {"pipe": pipe / KILO})),
-        ("shoe_force", Lines(history.time, {"shoe_force": shoes / KILO})),
-    ]
+    force = None if shoes is None else Lines(history.time, {"shoe_force": shoes / KILO})
+    return [("pressure", Lines(history.time, {"pipe": pipe / KILO})), ("shoe_force", force)]
 
 
 def _events(setup: RunSetup, history: History) -> list[Event]:

@@ -161,8 +161,9 @@ def replay_open_loop(setup: RunSetup, run: Path, progress: Callable[[Progress], 
 def _joined(
     run: Path, seen: dict[int, tuple[Measurement, Reference]], recorded: _Outputs, replayed: _Outputs
 ) -> OpenLoop:
-    """Put both outputs side by side, at the stamps that have both."""
-    common = [stamp for stamp in seen if stamp in recorded.force and (not replayed.pipe or stamp in recorded.pipe)]
+    """Put both outputs side by side, at the stamps that have both; a measured run says no demand of the brake pipe."""
+    pipes = bool(recorded.pipe and replayed.pipe)
+    common = [stamp for stamp in seen if stamp in recorded.force and (not pipes or stamp in recorded.pipe)]
     if not common:
         raise ValueError(
             f"{run}: no stamp has a profile, measurement, reference, estimate and command; nothing to compare"
@@ -173,6 +174,6 @@ def _joined(
         reference=np.array([seen[stamp][1].velocity for stamp in common]),
         recorded=np.array([recorded.force[stamp] for stamp in common]),
         replayed=np.array([replayed.force[stamp] for stamp in common]),
-        recorded_pipe=recorded.pressures(common) if replayed.pipe else np.empty(0),
-        replayed_pipe=replayed.pressures(common),
+        recorded_pipe=recorded.pressures(common) if pipes else np.empty(0),
+        replayed_pipe=replayed.pressures(common) if pipes else np.empty(0),
     )

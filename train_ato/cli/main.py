@@ -24,6 +24,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("report", "a run, or several side by side, as one page of figures that works without a network"),
     ("check-law", "the contract tests on a law of your own"),
     ("export", "the tables of a run as Parquet or CSV"),
+    ("import", "a recorded speed and force history as a run and a profile"),
     ("recover", "make a readable log of one that was killed"),
     ("set", "change a parameter of a running controller, for example swap its law"),
     ("do", "act on a running train: gust, delay jump, emergency brake, pause, step"),
@@ -31,6 +32,8 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("plan", "the driving profile alone"),
     ("drive", "a profile driven by a smooth driver on the flexible train"),
 )
+MODULES: dict[str, str] = {"import": "import_run"}
+"""Modules of the commands that cannot be called like them: ``import`` is a word of Python's own."""
 DONE, FAILED = 0, 1
 
 
@@ -41,7 +44,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"train-ato {VERSION}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=OneLineParser)
     for name, summary in COMMANDS:
-        module = importlib.import_module(f"train_ato.cli.{name.replace('-', '_')}")
+        module = importlib.import_module(f"train_ato.cli.{MODULES.get(name, name.replace('-', '_'))}")
         command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
         module.add_arguments(command)
         command.set_defaults(execute=module.execute)

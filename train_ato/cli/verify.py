@@ -12,8 +12,10 @@ from train_ato.cli.main import RunFailed
 from train_ato.cli.run import note_compilation
 from train_ato.cli.screen import print_json, progress_bar
 from train_ato.engine import run_engine
+from train_ato.measured.run import MEASURED
 from train_ato.record.changes import told_by
 from train_ato.record.difference import Comparison, compare
+from train_ato.record.versions import SCENARIO
 from train_ato.run_folder import RunFolder, open_run
 from train_ato.run_setup import RunSetup
 from train_ato.wire import Wire
@@ -37,6 +39,11 @@ def execute(options: argparse.Namespace) -> int:
     if not 0 <= options.relative < 1:
         raise ValueError(f"--relative {options.relative}: give a number from 0 to below 1, for example 1e-6")
     setup, summary = open_run(options.run)
+    if summary.get("controller") == MEASURED:
+        raise ValueError(
+            f"{options.run}: is a measured run, which nothing drives again; `train-ato run "
+            f"{options.run / SCENARIO}` drives a law on its profile"
+        )
     if summary.get("status", "done") != "done":
         raise ValueError(f"{options.run}: the run {summary['status']}; only a whole run can be compared with another")
     told = told_by(options.run)

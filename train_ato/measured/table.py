@@ -1,0 +1,217 @@
+"""A recorder's CSV as columns of numbers, every one still with the line it stands in."""
+
+from __future__ import annotations
+
+import csv
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from train_ato.measured.columns import TIMESTAMP, Column, column_of
+from train_ato.types import Array
+
+__all__ = ["Table", "read_table"]
+
+LARGEST_FILE = 512 * 2**20
+"""Files beyond this many bytes are refused."""
+SEPARATORS = (";", "\t", ",")
+_NUMBER = re.compile(r"^[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?$")
+_FRACTION = re.compile(r"[.,](\d+)")
+_NOTHING = frozenset(("", "nan", "null", "none", "na", "n/a", "-"))
+"""Texts of a cell that holds no number."""
+
+
+@dataclass
+class Table:
+    """Columns of a file in SI.
+
+    Attributes
+    ----------
+    columns : dict
+        What every column holds, in the order of the file.
+    values : dict of Array, each of shape (n,)
+        SI numbers by the column's title; NaN where the cell is empty.
+    lines : ndarray of int, shape (n,)
+        Line of the file in which every row stands, from 1.
+    decimals : dict of int
+        Most decimals with which a number of the column is written; -1 for numbers with an exponent.
+    """
+
+    path: Path
+    columns: dict[str, Column] = field(default_factory=dict)
+    values: dict[str, Array] = field(default_factory=dict)
+    lines: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    decimals: dict[str, int] = field(default_factory=dict)
+
+    def find(self, quantity: str, unit: int | None = None) -> Column | None:
+        """Return the column of a quantity, None if the file has none."""
+        for column in self.columns.values():
+            if column.quantity == quantity and column.unit == unit:
+                return column
+        return None
+
+    def wrong(self, row: int, column: Column, text: str) -> ValueError:
+        """Return an error that names the file, the line and the column."""
+        return ValueError(f"{self.path}: line {self.lines[row]}, {column.title}: {text}")
+
+    def resolution(self, column: Column) -> float:
+        """Return the smallest step that the numbers of a column can show as they are written [SI]; 0 if none shows."""
+        decimals = self.decimals[column.title]
+        return 0.0 if decimals < 0 or decimals > 9 else float(10.0**-decimals * column.factor)
+
+
+def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> Table:
+    """Read a recorder's file.
+
+    The first line that is neither empty nor begins with ``#`` names the columns.  They are separated by semicolons,
+    tabs or commas, whichever that line has; where it is not commas, a decimal comma is read too.  A cell may be empty.
+
+    Parameters
+    ----------
+    path
+        CSV file, in UTF-8, UTF-16 or Latin-1.
+    rename
+        Titles in the file and the names they go under.
+    ignore
+        Titles that are left out.
+
+    Raises
+    ------
+    ValueError
+        One line that names the file, the line and the column.
+    """
+    lines = _lines(path)
+    number, head = next(lines, (0, ""))
+    if not number:
+        raise ValueError(
+            f"{path}: no line of column names; the first line names them, such as time_s,speed_kmh,force_kn"
+        )
+    separator = next((mark for mark in SEPARATORS if mark in head), ",")
+    titles = [title.strip() for title in _cells(head, separator)]
+    while titles and not titles[-1]:
+        titles.pop()
+    table = Table(path)
+    try:
+        kept = _columns(table, titles, rename, ignore)
+    except ValueError as error:
+        raise ValueError(f"{path}: line {number}, {error}") from None
+    _read_rows(table, kept, lines, separator, len(titles))
+    return table
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield the lines that say something, with their numbers."""
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise ValueError(f"{path}: larger than {LARGEST_FILE // 2**20} MB; cut it into the runs it holds")
+        raw = path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror}); name the CSV file of a recorder") from None
+    for number, line in enumerate(_text(path, raw).splitlines(), 1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            yield number, line
+
+
+def _text(path: Path, raw: bytes) -> str:
+    try:
+        if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            return raw.decode("utf-16")
+        if b"\0" in raw:
+            raise ValueError(f"{path}: is no text; name the CSV file of a recorder")
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("latin-1")
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    return next(csv.reader([line], delimiter=separator)) if '"' in line else line.split(separator)
+
+
+def _columns(table: Table, titles: list[str], rename: dict[str, str], ignore: frozenset[str]) -> list[int]:
+    """Note what the columns hold; return the places of those that are read."""
+    for option, names in (("--rename", rename), ("--ignore", ignore)):
+        for name in names:
+            if name not in titles:
+                raise ValueError(f"{option} {name}: there is no such column; the file has {', '.join(titles)}")
+    kept = []
+    for place, title in enumerate(titles):
+        if title in ignore:
+            continue
+        if not title:
+            raise ValueError(f"column {place + 1} has no name; name it or take it out")
+        if title in table.columns:
+            raise ValueError(f"column '{title}' stands there twice")
+        column = column_of(title, rename.get(title, title))
+        other = table.find(column.quantity, column.unit)
+        if other is not None:
+            raise ValueError(
+                f"columns '{other.title}' and '{title}' say the same; leave one out with --ignore '{title}'"
+            )
+        table.columns[title] = column
+        kept.append(place)
+    return kept
+
+
+def _read_rows(table: Table, kept: list[int], lines: Iterator[tuple[int, str]], separator: str, width: int) -> None:
+    columns = list(table.columns.values())
+    texts: list[list[str]] = [[] for _ in columns]
+    numbers: list[int] = []
+    for number, line in lines:
+        cells = _cells(line, separator)
+        if len(cells) != width and not (len(cells) > width and not "".join(cells[width:]).strip()):
+            raise ValueError(f"{table.path}: line {number}: {len(cells)} values for {width} columns")
+        numbers.append(number)
+        for entries, place in zip(texts, kept, strict=True):
+            entries.append(cells[place].strip())
+    table.lines = np.array(numbers, dtype=np.int64)
+    for column, entries in zip(columns, texts, strict=True):
+        if column.quantity == TIMESTAMP:
+            table.values[column.title] = _moments(table, column, entries)
+        else:
+            table.values[column.title] = _numbers(table, column, entries, separator)
+
+
+def _numbers(table: Table, column: Column, entries: list[str], separator: str) -> Array:
+    """Turn the cells of a column into SI."""
+    values = np.full(len(entries), np.nan)
+    decimals = 0
+    for row, text in enumerate(entries):
+        if text.lower() in _NOTHING:
+            continue
+        if not _NUMBER.match(text) or ("," in text and separator == ","):
+            raise table.wrong(row, column, f"'{text[:30]}' is not a number")
+        plain = text.replace(",", ".")
+        value = float(plain)
+        if not math.isfinite(value):
+            raise table.wrong(row, column, f"'{text[:30]}' is too large")
+        values[row] = value
+        if decimals >= 0:
+            exponent = "e" in plain or "E" in plain
+            decimals = -1 if exponent else max(decimals, len(plain.partition(".")[2].rstrip("0")))
+    table.decimals[column.title] = decimals
+    return np.asarray(values * column.factor)
+
+
+def _moments(table: Table, column: Column, entries: list[str]) -> Array:
+    """Turn date and time of day into seconds since the first row."""
+    values = np.full(len(entries), np.nan)
+    first: datetime | None = None
+    for row, text in enumerate(entries):
+        if text.lower() in _NOTHING:
+            continue
+        plain = _FRACTION.sub(lambda match: "." + match[1][:6].ljust(6, "0"), text).replace("Z", "+00:00")
+        try:
+            moment = datetime.fromisoformat(plain)
+        except ValueError:
+            raise table.wrong(row, column, f"'{text[:30]}' is no moment like 2026-03-01T08:15:30.5") from None
+        moment = moment if moment.tzinfo is not None else moment.replace(tzinfo=timezone.utc)
+        first = first or moment
+        values[row] = (moment - first).total_seconds()
+    table.decimals[column.title] = -1
+    return values
