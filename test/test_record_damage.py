@@ -1,0 +1,240 @@
+"""Cut and damaged logs: recovered or refused in one line, and never with a message that was not recorded."""
+
+from __future__ import annotations
+
+import random
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.stream_reader import StreamReader
+from rosbags.rosbag2 import Reader
+
+from train_ato.cli import main
+from train_ato.record.reading import attachments, log_file, stream
+from train_ato.record.records import chunk_content
+from train_ato.record.recover import recover
+from train_ato.record.run_log import LogFile
+
+GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
+WHOLE = GOLDEN.read_bytes()
+ORIGINAL = [(m.channel.topic, m.publish_ns, m.log_ns, m.data) for m in stream(GOLDEN)]
+"""Every message of the golden run, in its order."""
+
+
+def cut(chance: random.Random) -> bytes:
+    return WHOLE[: chance.randrange(len(WHOLE))]
+
+
+def flipped(chance: random.Random) -> bytes:
+    data = bytearray(WHOLE)
+    for _ in range(chance.choice((1, 1, 1, 2, 5))):
+        data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+    return bytes(data)
+
+
+def overwritten(chance: random.Random) -> bytes:
+    begin, size = chance.randrange(len(WHOLE)), chance.randrange(1, 5000)
+    return WHOLE[:begin] + chance.randbytes(size) + WHOLE[begin + size :]
+
+
+def taken_out(chance: random.Random) -> bytes:
+    begin = chance.randrange(len(WHOLE))
+    return WHOLE[:begin] + WHOLE[begin + chance.randrange(1, 5000) :]
+
+
+def flipped_in_structure(chance: random.Random) -> bytes:
+    """Hit what holds the file together: heads of records, the smallest part of it."""
+    data = bytearray(WHOLE)
+    data[chance.choice(HEADS) + chance.randrange(60)] ^= 1 << chance.randrange(8)
+    return bytes(data)
+
+
+def heads() -> list[int]:
+    """Return where the records of the file begin."""
+    places, place = [], 8
+    while place < len(WHOLE) - 100:
+        places.append(place)
+        place += 9 + int.from_bytes(WHOLE[place + 1 : place + 9], "little")
+    return places
+
+
+HEADS = heads()
+KINDS: tuple[Callable[[random.Random], bytes], ...] = (cut, flipped, flipped_in_structure, overwritten, taken_out)
+CASES = [(kind, seed) for kind in KINDS[:2] for seed in range(25)]
+CASES += [(kind, seed) for kind in KINDS[2:] for seed in range(10)]
+
+
+def one_line(capsys: pytest.CaptureFixture[str], *arguments: str) -> int:
+    """Run a command; what it says on standard error is one line at most."""
+    try:
+        status = main(list(arguments))
+    except SystemExit as end:
+        status = int(end.code or 0)
+    said = capsys.readouterr().err
+    lines = said.strip().splitlines()
+    assert len(lines) == (status != 0), said
+    assert "Traceback" not in said
+    assert len(said) < 400
+    return status
+
+
+@pytest.mark.parametrize(("kind", "seed"), CASES, ids=lambda case: getattr(case, "__name__", str(case)))
+def test_whatever_is_recovered_was_recorded(
+    kind: Callable[[random.Random], bytes], seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks on a traceback, on a message that is not the original's, and on a new file that is not whole itself."""
+    damaged = kind(random.Random(f"{kind.__name__} {seed}"))
+    (tmp_path / "run.mcap").write_bytes(damaged)
+    status = one_line(capsys, "recover", str(tmp_path))
+    if status == 2:
+        assert (tmp_path / "run.mcap").read_bytes() == damaged
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["run.mcap"]
+        return
+    assert status == 0
+    assert (tmp_path / "run.mcap.broken").read_bytes() == damaged
+    left = iter(ORIGINAL)
+    count = 0
+    for m in stream(tmp_path / "run.mcap"):
+        assert any(entry == (m.channel.topic, m.publish_ns, m.log_ns, m.data) for entry in left)
+        count += 1
+    with Reader(tmp_path) as bag:
+        assert bag.message_count == count > 0
+    with (tmp_path / "run.mcap").open("rb") as file:
+        assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) == count
+
+
+@pytest.mark.parametrize(("kind", "seed"), CASES, ids=lambda case: getattr(case, "__name__", str(case)))
+def test_reading_commands_refuse_a_damaged_log_in_one_line(
+    kind: Callable[[random.Random], bytes], seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a wrong bit anywhere goes unseen: figures, tables and a replay would come from half a log."""
+    log = tmp_path / "run.mcap"
+    log.write_bytes(kind(random.Random(f"{kind.__name__} {seed}")))
+    for arguments in (
+        ("info", str(log)),
+        ("verify", str(log)),
+        ("replay", str(log)),
+        ("export", str(log), f"--out={tmp_path / 'tables'}", "--csv"),
+    ):
+        assert one_line(capsys, *arguments) == 2, arguments
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
+
+
+def chunks() -> dict[int, list[tuple[str, int, int, bytes]]]:
+    """Return where every chunk begins, and its messages."""
+    found: dict[int, list[tuple[str, int, int, bytes]]] = {}
+    left = iter(ORIGINAL)
+    for place in HEADS:
+        if WHOLE[place] == Opcode.CHUNK:
+            length = int.from_bytes(WHOLE[place + 1 : place + 9], "little")
+            data = chunk_content(WHOLE[place + 9 : place + 9 + length])
+            found[place] = []
+            at = 0
+            while at < len(data):
+                found[place] += [next(left)] if data[at] == Opcode.MESSAGE else []
+                at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
+    return found
+
+
+def read_back(folder: Path) -> list[tuple[str, int, int, bytes]]:
+    return [(m.channel.topic, m.publish_ns, m.log_ns, m.data) for m in stream(folder / "run.mcap")]
+
+
+def test_one_wrong_bit_costs_one_chunk(tmp_path: Path) -> None:
+    """Breaks if another chunk is lost with it: the first one holds what all messages need to be read."""
+    groups = chunks()
+    assert len(groups) >= 3
+    for place in groups:
+        folder = tmp_path / str(place)
+        folder.mkdir()
+        data = bytearray(WHOLE)
+        data[place + 200] ^= 1
+        (folder / "run.mcap").write_bytes(data)
+        found = recover(folder)
+        assert found.lost_chunks == 1
+        assert read_back(folder) == [entry for at, group in groups.items() if at != place for entry in group]
+        assert attachments(found.path) == attachments(GOLDEN)
+
+
+def test_every_closed_chunk_of_a_killed_run_comes_back(tmp_path: Path) -> None:
+    """Breaks if a log without summary is lost, or a chunk that is whole is left out."""
+    groups = chunks()
+    places = list(groups)
+    for number in range(1, len(places) + 1):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        end = places[number] if number < len(places) else len(WHOLE) - 3
+        (folder / "run.mcap.partial").write_bytes(WHOLE[: end + 30])
+        recover(folder)
+        assert read_back(folder) == [entry for at in places[:number] for entry in groups[at]]
+
+
+def test_a_whole_log_is_left_alone(tmp_path: Path) -> None:
+    shutil.copy(GOLDEN, tmp_path)
+    with pytest.raises(ValueError, match="is whole; there is nothing to recover"):
+        recover(tmp_path)
+    assert (tmp_path / "run.mcap").read_bytes() == WHOLE
+
+
+def test_the_log_of_a_run_that_goes_on_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if recover takes the file away under a recorder, or a reader calls a running run killed."""
+    log = LogFile(tmp_path)
+    with pytest.raises(ValueError, match="being written by a run that goes on"):
+        recover(tmp_path)
+    with pytest.raises(ValueError, match="still goes on"):
+        log_file(tmp_path)
+    assert one_line(capsys, "replay", str(tmp_path)) == 2
+    log.close()
+    assert log_file(tmp_path) == tmp_path / "run.mcap"
+
+
+def test_recover_overwrites_nothing(tmp_path: Path) -> None:
+    """Breaks if a second recover takes the place of what the first one kept."""
+    (tmp_path / "run.mcap.partial").write_bytes(WHOLE[:200_000])
+    (tmp_path / "run.mcap.broken").write_bytes(b"earlier")
+    with pytest.raises(ValueError, match=r"run\.mcap\.broken: exists already"):
+        recover(tmp_path)
+    assert (tmp_path / "run.mcap.broken").read_bytes() == b"earlier"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.mcap.broken", "run.mcap.partial"]
+
+
+@pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
+def test_logs_of_another_writer_are_recovered_too(compression: str, tmp_path: Path) -> None:
+    """Breaks if chunks are looked for by what only our writer does."""
+    from mcap.writer import CompressionType, Writer
+
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=2000, compression=CompressionType[compression.upper()])
+        writer.start("ros2")
+        schema = writer.register_schema("std_msgs/msg/Byte", "ros2msg", b"byte data")
+        channel = writer.register_channel("/byte", "cdr", schema)
+        for number in range(1000):
+            writer.add_message(channel, number, number.to_bytes(8, "little") * 4, number)
+        writer.finish()
+    data = bytearray(path.read_bytes())
+    place = 8
+    for _ in range(12):  # the header, and some chunks with the indexes of their messages
+        place += 9 + int.from_bytes(data[place + 1 : place + 9], "little")
+    place += 0 if data[place] == Opcode.CHUNK else 9 + int.from_bytes(data[place + 1 : place + 9], "little")
+    assert data[place] == Opcode.CHUNK
+    data[place + 90] ^= 0x10
+    path.write_bytes(data)
+    with pytest.raises(ValueError, match="damaged"):
+        list(stream(path))
+    found = recover(path)
+    assert found.path == path
+    assert 800 < found.messages < 1000
+    assert all(m.data == m.publish_ns.to_bytes(8, "little") * 4 for m in stream(path))
+    assert not (tmp_path / "metadata.yaml").exists()
+
+
+def test_our_checksums_are_those_of_the_format() -> None:
+    """Breaks if the library that defines MCAP finds another checksum over the data section than we wrote."""
+    with GOLDEN.open("rb") as file:
+        kinds = {type(record).__name__ for record in StreamReader(file, validate_crcs=True).records}
+    assert {"Attachment", "AttachmentIndex", "Statistics", "DataEnd", "Message"} <= kinds
