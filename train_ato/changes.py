@@ -116,6 +116,13 @@ class Told:
             listed.append({"at_s": stamp / SECOND, "name": entry.do, "value": values, "planned": foreseen})
         return sorted(listed, key=lambda row: float(row["at_s"]))
 
+    def listed(self) -> list[dict[str, Any]]:
+        """Return the changes without saying which were planned: when, what."""
+        told = [(stamp, name, value) for stamp, changes in self.laws for name, value in changes.items()]
+        told += [(stamp, entry.do, entry.model_dump(exclude={"at", "do"})) for stamp, entry in self.done]
+        told.sort(key=lambda entry: entry[0])
+        return [{"at_s": stamp / SECOND, "name": name, "value": value} for stamp, name, value in told]
+
     def driven(self, scenario: Scenario) -> Scenario:
         """Return the scenario that drives the run again: it plans what took effect, at the same steps.
 

@@ -158,8 +158,15 @@ def _complaint(path: Path, damage: Damage) -> str:
     return f"{path}: damaged or no log: {damage}; `train-ato recover {path}` saves what is whole"
 
 
-def attachments(path: Path) -> dict[str, bytes]:
+def attachments(path: Path, *, broken: bool = False) -> dict[str, bytes]:
     """Return the files that are attached to a log, by their names.
+
+    Parameters
+    ----------
+    path
+        MCAP file.
+    broken
+        End quietly at the first damage.
 
     Raises
     ------
@@ -174,7 +181,8 @@ def attachments(path: Path) -> dict[str, bytes]:
                     entry = attachment_of(record.content)
                     found[entry.name] = entry.data
     except Damage as damage:
-        raise ValueError(_complaint(path, damage)) from None
+        if not broken:
+            raise ValueError(_complaint(path, damage)) from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
     return found
