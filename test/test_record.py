@@ -2,6 +2,8 @@
 
 import errno
 import re
+import threading
+import time
 
 import pytest
 import yaml
@@ -11,14 +13,16 @@ from test_wire import LONG, message, same
 
 from train_ato.record.definitions import definition, from_typestore, installed
 from train_ato.record.layout import log_name, table_name
-from train_ato.record.reading import iter_raw, log_file, message_counts, read_log
+from train_ato.record.reading import iter_raw, log_file, message_counts, read_log, stream
 from train_ato.record.recover import recover
-from train_ato.record.run_log import RunLog
+from train_ato.record.run_log import CLOSE_AFTER_S, RunLog
 from train_ato.topics import EPOCH_NS, TOPICS, Rate
 from train_ato.wire import Wire
 
 TICK = 100_000_000
 WIRE = Wire(LONG)
+BREATH = threading.Event()
+"""Never set: waiting for it lets a moment pass between two looks."""
 
 
 def write(folder, ticks, close=True):
@@ -207,3 +211,62 @@ def test_an_existing_log_is_never_overwritten(tmp_path):
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(ValueError, match="cannot be written"):
         RunLog(tmp_path / "absent", LONG.topics)
+
+
+def whole_messages(path):
+    """Return how many messages stand in closed chunks that have reached the file."""
+    return sum(1 for _ in stream(path, broken=True))
+
+
+def wait_for(condition, limit=10.0):
+    last = time.monotonic() + limit
+    while not condition():
+        assert time.monotonic() < last, "did not happen in time"
+        BREATH.wait(0.02)
+
+
+def test_the_last_messages_of_a_stalled_run_reach_the_file(tmp_path):
+    """Breaks if a chunk waits for the next message before it is closed: a run that stalls sends none."""
+    log, sent = write(tmp_path, 3, close=False)
+    partial = tmp_path / "run.mcap.partial"
+    assert whole_messages(partial) == 0
+    wait_for(lambda: whole_messages(partial) == len(sent))
+    before = partial.stat().st_size
+    BREATH.wait(2.5 * CLOSE_AFTER_S)
+    assert partial.stat().st_size == before, "an empty chunk is written again and again"
+    log.close()
+    assert message_counts(tmp_path)["/train/cars"] == 3
+
+
+def test_slow_messages_are_never_older_than_a_second(tmp_path):
+    """Breaks if the age of a chunk is counted from its last message: a slow run would never close one."""
+    log = RunLog(tmp_path, LONG.topics)
+    data = WIRE.encode("ato/command", message("ato/command", LONG, 0))
+    partial = tmp_path / "run.mcap.partial"
+    begin = time.monotonic()
+    while whole_messages(partial) == 0:
+        log.add("ato/command", EPOCH_NS, EPOCH_NS, data)
+        BREATH.wait(0.05)
+        assert time.monotonic() - begin < 10
+    log.close()
+
+
+def test_a_full_disk_is_told_even_if_no_message_comes_any_more(tmp_path):
+    """Breaks if the failure of a write that nobody waited for is lost, and the run passes for recorded."""
+    log, _ = write(tmp_path, 3, close=False)
+    log._file._writer._stream = FullDisk(log._file._raw, 0)
+    wait_for(lambda: log.failure is not None)
+    with pytest.raises(OSError, match="writing failed"):
+        log.close()
+    log.close()
+    assert not (tmp_path / "run.mcap").exists()
+
+
+def test_no_thread_is_left(tmp_path):
+    """Breaks if a log leaves its clock behind, closed or forgotten."""
+    for number in range(5):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        log, _ = write(folder, 2, close=number % 2 == 0)
+        del log
+    wait_for(lambda: not [thread for thread in threading.enumerate() if thread.name == "chunk clock"])

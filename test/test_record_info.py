@@ -1,0 +1,107 @@
+"""What ``info`` says of a run: counts, rates, gaps, changes; of a folder, a log alone and one never closed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from train_ato.cli import main
+from train_ato.record.overview import overview
+from train_ato.record.reading import stream
+from train_ato.record.run_log import LogFile
+from train_ato.topics import EPOCH_NS
+
+GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
+
+
+def info(capsys: pytest.CaptureFixture[str], path: Path) -> dict:
+    assert main(["info", str(path), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_log_alone_tells_all_but_the_summary(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a log that was mailed without its folder does not say what law drove from when on."""
+    found = info(capsys, GOLDEN)
+    assert found["duration_s"] == pytest.approx(44.0)
+    assert found["messages"]["/train/cars"] == 441
+    by_name = {topic["name"]: topic for topic in found["topics"]}
+    assert by_name["/train/cars"]["rate_hz"] == pytest.approx(10.0)
+    assert by_name["/diagnostics"]["rate_hz"] == pytest.approx(4.0, abs=0.1)
+    assert by_name["/ato/profile"]["rate_hz"] is None
+    assert all(topic["gaps"] == 0 for topic in found["topics"])
+    assert [(row["at_s"], row["name"]) for row in found["changes"]] == [
+        (12.0, "pid.kp"),
+        (20.0, "controller"),
+        (24.0, "gust"),
+        (26.0, "delay_jump"),
+    ]
+    assert found["versions"]["train_ato"]
+    assert found["note"] == ""
+
+
+def test_a_run_folder_tells_its_summary_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = tmp_path / "run"
+    swaps = "--set=swaps=[{at: 3, controller: smc}]"
+    assert main(["run", "demo", "--engine", "--set=duration=5", swaps, f"--out={run}", "--json"]) == 0
+    capsys.readouterr()
+    found = info(capsys, run)
+    assert found["ticks"] == 50
+    assert found["status"] == "done"
+    assert found["changes"] == [{"at_s": 3.0, "name": "controller", "value": "smc", "planned": True}]
+    assert main(["info", str(run)]) == 0
+    shown = capsys.readouterr().out
+    for part in ("controller = smc", "planned", "/ato/command", "made by train_ato"):
+        assert part in shown
+
+
+def test_gaps_are_found_where_they_are(tmp_path: Path) -> None:
+    """Breaks if messages that were lost in the middle of a run do not show."""
+    log, numbers = LogFile(tmp_path), {}
+    for m in stream(GOLDEN):
+        name, stamp = m.channel.topic, m.publish_ns - EPOCH_NS
+        if name not in numbers:
+            numbers[name] = log.channel(name, m.schema.name, m.schema.data.decode(), "", "[]")
+        lost = name == "/ato/command" and (10e9 < stamp < 12e9 or stamp == 30e9)
+        if not lost:
+            log.write(numbers[name], m.publish_ns, m.log_ns, m.data)
+    log.close()
+    topics = {topic.name: topic for topic in overview(log.path).topics}
+    command = topics.pop("/ato/command")
+    assert (command.gaps, command.longest_gap_s, command.longest_gap_at_s) == (2, 2.0, 10.0)
+    assert all(topic.gaps == 0 for topic in topics.values())
+
+
+def test_a_log_that_was_never_closed_names_recover(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a killed run shows nothing, or does not say how to make its log readable."""
+    partial = tmp_path / "run.mcap.partial"
+    partial.write_bytes(GOLDEN.read_bytes()[:200_000])
+    for path in (partial, tmp_path):
+        found = info(capsys, path)
+        assert f"train-ato recover {partial}" in found["note"]
+        assert 100 < found["messages"]["/train/cars"] < 441
+        assert found["versions"]
+    assert main(["info", str(partial)]) == 0
+    assert "train-ato recover" in capsys.readouterr().out
+
+
+def test_a_log_that_is_being_written_is_not_called_killed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = LogFile(tmp_path)
+    number = log.channel("/ato/command", "sensor_msgs/msg/JointState", "", "", "[]")
+    log.write(number, EPOCH_NS, EPOCH_NS, bytes(12))
+    log.flush()
+    found = info(capsys, tmp_path)
+    assert "still goes on" in found["note"]
+    assert found["messages"] == {"/ato/command": 1}
+    log.close()
+
+
+def test_a_foreign_log_counts_from_its_first_message(tmp_path: Path) -> None:
+    log = LogFile(tmp_path)
+    number = log.channel("/chatter", "std_msgs/msg/Byte", "byte data\n", "", "[]")
+    for k in range(5):
+        log.write(number, 10**18 + k * 10**9, 0, bytes(8))
+    log.close()
+    (topic,) = overview(log.path).topics
+    assert (topic.first_s, topic.last_s, topic.rate_hz, topic.gaps) == (0.0, 4.0, 1.0, 0)
