@@ -31,7 +31,8 @@ def plain(message: Any) -> Any:
     if hasattr(message, "get_fields_and_field_types"):
         return {name: plain(getattr(message, name)) for name in message.get_fields_and_field_types()}
     if dataclasses.is_dataclass(message):
-        names = [part.name for part in dataclasses.fields(message) if not part.name.startswith("__")]
+        # rosbags keeps the constants of a definition, in capitals, among the fields.
+        names = [part.name for part in dataclasses.fields(message) if part.name.islower() and part.name[:2] != "__"]
         return {name: plain(getattr(message, name)) for name in names}
     if hasattr(message, "__slots__") and not isinstance(message, (list, tuple)):
         return {name.lstrip("_"): plain(getattr(message, name)) for name in message.__slots__ if name[:1] != "_"}
