@@ -14,7 +14,7 @@ from train_ato.types import Array
 __all__ = ["Measured", "measured"]
 
 BACKWARDS = 0.5 / 3.6
-"""Speeds this far below 0 are noise at standstill [m/s]."""
+"""Speeds up to this far from 0 are noise at standstill [m/s]."""
 FASTEST = 200.0
 """Speeds beyond this are a wrong unit [m/s]."""
 JUMP, JUMP_RATE = 1.5, 5.0
@@ -140,6 +140,8 @@ class _Check:
         self._rows.refuse(
             samples, speed > FASTEST, "{} is faster than any train; is the unit in the column's name right?"
         )
+        if speed.max() < BACKWARDS:
+            raise ValueError(f"{self._table.path}: column '{column.title}': the train never moves; this is no run")
         change = np.abs(np.diff(speed, prepend=speed[0]))
         rate = change / np.diff(samples.time, prepend=samples.time[0] - 1.0)
         self._rows.refuse(

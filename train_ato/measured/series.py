@@ -82,16 +82,16 @@ def series_of(found: Measured, setup: RunSetup) -> Series:
         for unit in range(units)
     ]
     applied = _of_units(found.force, time, units)
-    v, f = np.array(velocity).T, np.array(applied).T
+    v, f = np.stack(velocity, axis=1), np.stack(applied, axis=1)
     power = (v * f).sum(axis=1)
     reference = found.reference_speed
     kept = reference.at(time) if reference is not None else setup.profile.velocity[: time.size]
     return Series(
         time=time,
-        position=np.array(position).T,
+        position=np.stack(position, axis=1),
         velocity=v,
         applied=f,
-        command=np.array(_of_units(found.command, time, units)).T if found.command else f,
+        command=np.stack(_of_units(found.command, time, units), axis=1) if found.command else f,
         reference_velocity=kept,
         reference_acceleration=np.gradient(kept, setup.tick)
         if reference is not None

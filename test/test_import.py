@@ -1,0 +1,246 @@
+"""Measured runs: what a recorder wrote becomes a run and a profile that everything else accepts."""
+
+from __future__ import annotations
+
+import json
+import re
+from datetime import datetime, timedelta
+
+import numpy as np
+import pytest
+from import_files import CRUISE, TRAIN, metro, recorded, take, text_of
+
+import train_ato
+from train_ato.cli.main import main
+from train_ato.measured import run as measured_run
+from train_ato.profile.file import read_profile
+
+
+def test_a_run_of_ours_comes_back_the_same(tmp_path, capsys):
+    """Export, import: speed, place and force are what they were, and so is the profile where nothing is averaged."""
+    run, tables = tmp_path / "ours", tmp_path / "tables"
+    scenario = ["demo", "--engine", "--set", "duration=60", "--set", "plant.sensors={couplers: [0]}"]
+    main(["run", *scenario, "--out", str(run)])
+    main(["export", str(run), "--csv", "--topics", "train/measurement", "--out", str(tables)])
+    capsys.readouterr()
+    ignored = ["--ignore", "coupler_0_deflection_m", "coupler_0_deflection_rate_m_s", "coupler_0_force_n"]
+    train = ["--consist", "hxd1_c80_105", "--line", "daqin_section"]
+    text = (tables / "train_measurement.csv").read_text()
+    told = take(tmp_path, capsys, text, *ignored, "--smooth", "0", train=train)
+    before, after = (train_ato.load(folder)["train/measurement"] for folder in (run, tmp_path / "imported"))
+    for column in ("unit_0_position_m", "unit_0_speed_m_s", "unit_0_applied_force_n"):
+        assert np.allclose(after[column], before[column].iloc[:-1], rtol=0, atol=1e-7), column
+    profile = read_profile(tmp_path / "imported" / "profile.csv")
+    truth = train_ato.load(run, ["train/cars"])["train/cars"]
+    count = len(profile)
+    assert np.abs(profile.velocity - truth["car_0_speed_m_s"].to_numpy()[:count]).max() < 2e-3
+    assert np.abs(profile.position - truth["car_0_position_m"].to_numpy()[:count]).max() < 0.05
+    assert told["measured_profile"] == "the speed as it is"
+    energy = json.loads((run / "summary.json").read_text())["energy_traction_kwh"]
+    assert told["energy_traction_kwh"] == pytest.approx(energy, rel=0.01)
+
+
+def test_a_coarse_recorder_gives_a_profile_that_can_be_driven(tmp_path, capsys):
+    """Whole km/h once a second with decimal commas: breaks if their steps become accelerations of the train."""
+    time = np.arange(0.0, 121.0)
+    v, x, f = metro(time)
+    rows = text_of({"Zeit": time, "v [km/h]": np.round(3.6 * v), "km": np.round(x) / 1e3, "F": f / 1e3}, ";", 3)
+    text = "# Aufzeichnung 4711\n\n" + rows.replace(".", ",").replace(",000;", ";")
+    names = ["Zeit:=time_s", "v [km/h]:=speed_kmh", "km:=position_km", "F:=force_kn"]
+    told = take(tmp_path, capsys, text, "--rename", *names)
+    profile = read_profile(tmp_path / "imported" / "profile.csv")
+    truth = metro(profile.time)
+    assert np.sqrt(np.mean((profile.velocity - truth[0]) ** 2)) < 0.25
+    assert np.abs(profile.position - truth[1]).max() < 4.0
+    assert -1.0 < profile.acceleration.min() < -0.6
+    assert 0.7 < profile.acceleration.max() < 1.1
+    cruise = (profile.time > CRUISE[0] + 5) & (profile.time < CRUISE[1] - 5)
+    assert np.abs(profile.acceleration[cruise]).max() < 0.03
+    assert not profile.ends_rolling
+    assert told["measured_rows"] == 121
+    capsys.readouterr()
+    assert (
+        main(
+            [
+                "run",
+                str(tmp_path / "imported" / "scenario.yaml"),
+                "--engine",
+                "--json",
+                "--out",
+                str(tmp_path / "again"),
+            ]
+        )
+        == 0
+    )
+    driven = json.loads(capsys.readouterr().out)
+    assert driven["speed_rmse_kmh"] < 0.5
+    assert abs(driven["stop_error_m"]) < 0.5
+
+
+def test_the_profile_fits_into_another_scenario(tmp_path, capsys):
+    """Breaks if the command that the import prints does not work."""
+    (tmp_path / "run.csv").write_text(recorded(end=60.0))
+    out = tmp_path / "imported"
+    assert main(["import", str(tmp_path / "run.csv"), *TRAIN, "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    found = re.search(r"--set '(profile=\{.*\})'", printed)
+    assert found is not None, printed
+    assert "allow_rolling_end: true" in found[1]
+    other = ["xuzhou_metro", "--set", found[1], "--set", "duration=60", "--set", "plant.line=level"]
+    status = main(["run", *other, "--engine", "--json", "--out", str(tmp_path / "b")])
+    captured = capsys.readouterr()
+    assert status == 0, captured.err
+    assert json.loads(captured.out)["speed_rmse_kmh"] < 1.0
+
+
+def test_what_reads_runs_reads_a_measured_one(tmp_path, capsys):
+    """info, replay with a law, report and compare accept it; verify says why it cannot."""
+    time = np.arange(0.0, 100.1, 0.2)
+    v, _, f = metro(time)
+    text = recorded(0.2, 100.0, reference_speed_kmh=3.6 * v + 0.36, command_force_kn=f / 1e3 + 1)
+    take(tmp_path, capsys, text)
+    run = str(tmp_path / "imported")
+    assert main(["info", run, "--json"]) == 0
+    info = json.loads(capsys.readouterr().out)
+    assert info["controller"] == "measured"
+    assert info["status"] == "done"
+    assert info["speed_rmse_kmh"] == pytest.approx(0.36, abs=0.01)
+    assert info["command_variation_kn_per_s"] > 0
+    assert info["coupler_draft_max_kn"] is None
+    assert info["stop_error_m"] is None
+    frames = train_ato.load(run)
+    assert "train/cars" not in frames, "nobody measured every vehicle"
+    assert np.allclose(frames["ato/command"]["unit_0_force_n"].iloc[::2], f[:-1] + 1000.0, atol=1e-6)
+    assert np.allclose(frames["ato/reference"]["speed_m_s"].iloc[::2], v[:-1] + 0.1, atol=1e-9)
+    assert main(["replay", run, "--controller", "pid", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["ticks"] == len(frames["ato/command"])
+    assert main(["report", run, "--json"]) == 0
+    assert (tmp_path / "imported" / "report.html").stat().st_size > 10_000
+    capsys.readouterr()
+    assert main(["verify", run]) == 2
+    assert "is a measured run" in capsys.readouterr().err
+    scenario = str(tmp_path / "imported" / "scenario.yaml")
+    assert main(["compare", scenario, "--controllers", "pid", "--json", "--out", str(tmp_path / "c")]) == 0
+    assert main(["export", run, "--json"]) == 0
+
+
+def test_uneven_rows_are_read_linearly_at_the_tick(tmp_path, capsys):
+    """Breaks if rows are taken as if they were evenly spaced, or held until the next."""
+    time = np.sort(np.random.default_rng(3).uniform(0.1, 99.9, 400))
+    time = np.concatenate(([0.0], time[np.diff(time, prepend=0.0) > 0.01], [100.0])) + 1234.5
+    v, x, f = metro(time - 1234.5)
+    text = text_of({"time_s": time, "speed_m_s": v, "position_m": x, "force_n": f})
+    told = take(tmp_path, capsys, text, "--smooth", "0", "--tick", "0.05")
+    table = train_ato.load(tmp_path / "imported")["train/measurement"]
+    assert len(table) == 2000
+    for column, values in (("unit_0_speed_m_s", v), ("unit_0_position_m", x), ("unit_0_applied_force_n", f)):
+        expected = np.interp(np.asarray(table.index), time - 1234.5, values)
+        assert np.allclose(table[column], expected, rtol=0, atol=1e-6), column
+    assert told["simulated_s"] == 100.0
+    assert told["measured_largest_gap_s"] == pytest.approx(np.diff(time).max())
+
+
+SPELLED = {
+    "time": {"time_s": 1.0, "time_ms": 1e3, "time_min": 1 / 60, "time_h": 1 / 3600},
+    "speed": {"speed_m_s": 1.0, "speed_kmh": 3.6, "speed_mph": 1 / 0.44704, "unit_0_speed_kmh": 3.6},
+    "place": {"position_m": 1.0, "position_km": 1e-3, "unit_0_position_m": 1.0, "front_position_km": 1e-3},
+    "force": {"force_n": 1.0, "force_kn": 1e-3, "unit_0_force_mn": 1e-6, "unit_0_applied_force_n": 1.0},
+}
+
+
+@pytest.mark.parametrize("place", SPELLED["place"])
+@pytest.mark.parametrize(
+    ("time", "speed", "force"), list(zip(*(SPELLED[key] for key in ("time", "speed", "force")), strict=True))
+)
+def test_units_are_those_of_the_names(tmp_path, capsys, time, speed, place, force):
+    """Breaks if a factor is upside down or the front is taken for the first vehicle's centre."""
+    moments = np.arange(0.0, 40.1, 0.5)
+    v, x, f = metro(moments)
+    x = x + 59.0 if place.startswith("front") else x  # half of the metro's 118 m
+    columns = {time: moments, speed: v, place: x, force: f}
+    factors = {name: factor for names in SPELLED.values() for name, factor in names.items()}
+    take(tmp_path, capsys, text_of({name: values * factors[name] for name, values in columns.items()}))
+    table = train_ato.load(tmp_path / "imported")["train/measurement"].iloc[::5]
+    v, x, f = metro(moments[:-1])
+    assert np.allclose(table["unit_0_speed_m_s"], v, atol=1e-6)
+    assert np.allclose(table["unit_0_position_m"], x, atol=1e-5)
+    assert np.allclose(table["unit_0_applied_force_n"], f, atol=1e-2)
+
+
+def test_moments_traction_and_brake_apart_empty_cells(tmp_path, capsys):
+    """A recorder that writes the time of day, force and brake apart, and a slow channel only in every fifth row."""
+    time = np.arange(0.0, 120.2, 0.2)
+    v, x, f = metro(time)
+    begin = datetime(2026, 3, 1, 23, 59, 30)
+    moments = [(begin + timedelta(seconds=float(t))).isoformat(timespec="milliseconds") for t in time]
+    slow = [repr(float(value)) if row % 5 == 0 else "" for row, value in enumerate(x)]
+    columns = {
+        "timestamp": moments, "speed_m_s": v, "position_m": slow,
+        "traction_force_kn": np.maximum(f, 0) / 1e3, "brake_force_kn": np.maximum(-f, 0) / 1e3,
+    }  # fmt: skip
+    told = take(tmp_path, capsys, text_of(columns))
+    table = train_ato.load(tmp_path / "imported")["train/measurement"].iloc[::2]
+    assert np.allclose(table["unit_0_applied_force_n"], f[:-1], atol=1e-6)
+    assert np.allclose(table["unit_0_position_m"], x[:-1], atol=0.2)
+    assert re.search(r"position_m: 480 empty cells bridged, the first in line 3, at most 1 s", told["measured_notes"])
+
+
+def test_several_units_and_the_brake_pipe(tmp_path, capsys):
+    """A force of all units is shared, one for each is kept, and each unit stands where it is in the train."""
+    time = np.arange(0.0, 60.1, 0.5)
+    v, x, f = metro(time)
+    base = {"time_s": time, "speed_m_s": v / 4, "position_km": 10 + (x - 500) / 4000}
+    train = ["--consist", "hxd1_c80_210", "--line", "daqin_section"]
+    pressure = np.interp(time, [0, 30, 40], [6.0, 6.0, 5.5])
+    take(tmp_path, capsys, text_of({**base, "force_n": f, "brake_pipe_pressure_bar": pressure}), train=train)
+    frames = train_ato.load(tmp_path / "imported")
+    table = frames["train/measurement"]
+    assert np.allclose(table["unit_0_applied_force_n"], table["unit_1_applied_force_n"])
+    assert np.allclose((table["unit_0_applied_force_n"] + table["unit_1_applied_force_n"]).iloc[::5], f[:-1], atol=1e-6)
+    assert (table["unit_0_position_m"] - table["unit_1_position_m"]).between(1200, 1400).all()
+    assert frames["train/brake_pipe"]["pressure_pa"].iloc[-1] == pytest.approx(550e3)
+    other = tmp_path / "b"
+    other.mkdir()
+    apart = {**base, "unit_0_force_kn": f / 1e3, "unit_1_force_kn": np.full(time.size, 7.0)}
+    take(other, capsys, text_of(apart), train=train)
+    table = train_ato.load(other / "imported")["train/measurement"]
+    assert np.allclose(table["unit_1_applied_force_n"], 7000.0)
+
+
+def test_the_profile_alone_needs_no_force(tmp_path, capsys):
+    """Breaks if somebody who has only a speed cannot use it, or the place at the start is forgotten."""
+    (tmp_path / "gps.csv").write_text(recorded())
+    out = tmp_path / "p.csv"
+    options = ["--profile-only", "--ignore", "force_kn", "position_m", "--from-km", "12.5", "--out", str(out)]
+    assert main(["import", str(tmp_path / "gps.csv"), *TRAIN, *options, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    profile = read_profile(out)
+    assert profile.position[0] == pytest.approx(12_500 - 59)
+    assert told["distance_m"] == pytest.approx(metro(120.0)[1] - 500, rel=1e-3)
+    assert main(["import", str(tmp_path / "gps.csv"), *TRAIN, *options]) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_a_missing_file_and_a_taken_folder(tmp_path, capsys):
+    """Breaks if a folder that holds something is written into."""
+    assert main(["import", str(tmp_path / "no.csv"), *TRAIN]) == 2
+    assert re.search(r"no\.csv: cannot be read .No such file", capsys.readouterr().err)
+    (tmp_path / "run.csv").write_text(recorded())
+    (tmp_path / "imported").mkdir()
+    assert main(["import", str(tmp_path / "run.csv"), *TRAIN, "--out", str(tmp_path / "imported")]) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert list((tmp_path / "imported").iterdir()) == []
+
+
+def test_a_full_disk_leaves_nothing(tmp_path, capsys, monkeypatch):
+    """Breaks if half a run stays behind and is taken for a whole one."""
+
+    def full(setup, series, sink, progress):
+        sink.add("/clock", measured_run.Tick(0), 0)
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(measured_run, "write_messages", full)
+    (tmp_path / "run.csv").write_text(recorded())
+    assert main(["import", str(tmp_path / "run.csv"), *TRAIN, "--out", str(tmp_path / "deep" / "run")]) == 1
+    assert "No space left" in capsys.readouterr().err
+    assert not (tmp_path / "deep").exists()

@@ -1,0 +1,154 @@
+"""Files that are no measured run: one line names the file, the row, the column and the remedy; nothing is left."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from import_files import TRAIN, recorded, refused, take
+
+from train_ato.cli.main import main
+from train_ato.profile.file import read_profile
+
+FORCE = "time_s,speed_kmh,force_kn"
+GOOD = [f"{t},{min(t, 30) * 2},{50 if t < 30 else 5}" for t in range(41)]
+
+
+def rows(*lines: str, head: str = FORCE) -> str:
+    return "\n".join((head, *lines)) + "\n"
+
+
+def under(head: str) -> str:
+    """Return the good rows under another head."""
+    return rows(*GOOD, head=head)
+
+
+def beside(name: str, value) -> str:
+    """Return the good rows with a column more; ``value`` makes it from the number of the row."""
+    return rows(*(f"{line},{value(t)}" for t, line in enumerate(GOOD)), head=f"{FORCE},{name}")
+
+
+def but(number: int, line: str) -> str:
+    """Return good rows with one exchanged; the head is line 1."""
+    return rows(*GOOD[: number - 2], line, *GOOD[number - 1 :])
+
+
+def every(row) -> str:
+    """Return rows made from their number."""
+    return rows(*(row(t) for t in range(41)))
+
+
+COLUMNS = [
+    (under("time_s,sped_kmh,force_kn"), r"unknown column 'sped_kmh'; did you mean 'speed_kmh'"),
+    (under("time_s,Speed [km/h],force_kn"), r"unknown column 'Speed \[km/h\]'; did you mean 'speed_kmh'\?"),
+    (under("time_s,speed,force_kn"), r"'speed' names no unit; call it speed_m_s or speed_kmh"),
+    (beside("door", lambda t: 7), r"'door'.*--ignore 'door'"),
+    (under("time_s,reference_speed_kmh,force_kn"), r"no column of the speed; name one"),
+    (under("reference_speed_kmh,speed_kmh,force_kn"), r"no column of the time"),
+    (under("time_s,speed_kmh,reference_speed_kmh"), r"no column of the force.*--profile-only"),
+    (under("time_s,speed_kmh,speed_kmh"), r"'speed_kmh' stands there twice"),
+    (under("time_s,speed_kmh,speed_m_s"), r"'speed_kmh' and 'speed_m_s' say the same"),
+    (under("time_s,,force_kn"), r"column 2 has no name"),
+    (under("timestamp,speed_kmh,force_kn"), r"line 2, timestamp: '0' is no moment like"),
+    (beside("timestamp", lambda t: "2026-01-01"), r"both say the time"),
+    (beside("brake_force_kn", lambda t: 1), r"both say the force"),
+    (rows("0,1,2,3", "1,1,2,3", head="time_s,speed_kmh,position_m,front_position_m"), r"both say the position"),
+    (rows("0,1,2,3", "1,1,2,3", head="time_s,speed_kmh,force_n,unit_0_force_n"), r"is of all units.*; give either"),
+    (under("time_s,speed_kmh,unit_4_force_kn"), r"'unit_4_force_kn': the train has 1 power units"),
+    (under("time_s,speed_kmh,unit_0_door"), r"'unit_0_door': a power unit has"),
+    (beside("brake_pipe_pressure_kpa", lambda t: 600), r"'brake_pipe_pressure_kpa': train .* has no air brake"),
+    (every(lambda t: f"{t},{t},"), r"column 'force_kn' is empty"),
+]
+"""What may be wrong with columns."""
+ROWS = [
+    (but(12, "3,20,50"), r"line 12, time_s: 6 s before the row above"),
+    (but(12, "9,20,50"), r"line 12, time_s: the same time as the row above"),
+    (but(12, ",20,50"), r"line 12, time_s: is empty"),
+    (rows(*GOOD[:10], *GOOD[20:]), r"line 12, time_s: 11 s after the row above.*--largest-gap 11"),
+    (
+        rows(*GOOD[:10], *(f"{t},{t * 2}," for t in range(10, 20)), *GOOD[20:]),
+        r"line 22, force_kn: 11 s after the last value, in line 11",
+    ),
+    (rows(*GOOD[:30], *(f"{t},60," for t in range(30, 41))), r"line 42, force_kn: 11 s after the last value"),
+    (but(7, "5,fast,50"), r"line 7, speed_kmh: 'fast' is not a number"),
+    (but(7, "5,1_0,50"), r"line 7, speed_kmh: '1_0' is not a number"),
+    (but(7, "5,inf,50"), r"line 7, speed_kmh: 'inf' is not a number"),
+    (but(7, "5,1e999,50"), r"line 7, speed_kmh: '1e999' is too large"),
+    (but(7, "5,10"), r"line 7: 2 values for 3 columns"),
+    (but(7, "5,10,5,50"), r"line 7: 4 values for 3 columns"),
+    (but(7, '5,"10,5",50'), r"line 7, speed_kmh: '10,5' is not a number"),
+    (but(7, "5,-12,50"), r"line 7, speed_kmh: -12 is negative"),
+    (every(lambda t: f"{t},{t * 25},50"), r"line \d+, speed_kmh: .* faster than any train; is the unit"),
+    (but(20, "18,100,50"), r"line 20, speed_kmh: 100 is a jump that no train makes"),
+    (
+        under("time_s,speed_kmh,brake_force_kn").replace("20,40,50", "20,40,-3"),
+        r"line 22, brake_force_kn: -3 is negative",
+    ),
+    (every(lambda t: f"{t},{t},50000"), r"line 2, force_kn: 50000 kN is .* times what train 'xuzhou_metro_3' can do"),
+    (beside("position_m", lambda t: 900 - t), r"line 8, position_m: 894 lies behind the place that was reached"),
+    (beside("position_m", lambda t: 90 * t), r"'position_m' runs 3\.600 km, 'speed_kmh' adds up to 0\.4.*unit wrong"),
+    (beside("reference_speed_kmh", lambda t: -t), r"line 3, reference_speed_kmh: -1 is negative"),
+    (every(lambda t: f"{t},0,0"), r"'speed_kmh': the train never moves"),
+]
+"""What may be wrong with rows."""
+FILES = [
+    (rows("0,10,5"), r"1 rows of numbers; a history needs at least two"),
+    (rows(), r"0 rows of numbers"),
+    (rows("0,10,5", "0.05,10,5"), r"0\.05 s are no run"),
+    ("", r"no line of column names"),
+    ("# nothing\n\n", r"no line of column names"),
+    (b"\x00\x01\x02" * 50, r"is no text"),
+    (b"\xff\xfe\x00", r"unknown column|no line of column names"),
+]
+"""What may be wrong with the whole file."""
+OPTIONS = [
+    (["--rename", "v:=speed_kmh"], r"--rename v: there is no such column; the file has time_s"),
+    (["--rename", "v"], r"--rename v: write it as from:=to"),
+    (["--ignore", "door"], r"--ignore door: there is no such column"),
+    (["--from-km", "299.9"], r"leads the front to km 300\.\d+ .* beyond the end of line"),
+    (["--from-km", "nan"], r"--from-km nan: give kilometres"),
+    (["--tick", "0.033"], r"--tick 0\.033: give a multiple of 0\.005 s"),
+    (["--largest-gap", "nan"], r"--largest-gap nan: give seconds"),
+    (["--smooth", "1e9"], r"--smooth 1000000000\.0: give seconds from 0 to 60"),
+    (["--name", "../x"], r"rec\.csv: name = '\.\./x'"),
+    (["--consist", "hxd1_c80_15"], r"train 'hxd1_c80_15' is neither shipped"),
+    (["--line", "levle"], r"line 'levle' is neither shipped.*did you mean 'level'"),
+]
+"""Options with which good rows make no run."""
+HOSTILE = [*((text, [], told) for text, told in (*COLUMNS, *ROWS, *FILES)), *((rows(*GOOD), *case) for case in OPTIONS)]
+PIECES = [b"", b",", b"\n", b"-", b"e9", b"nan", b'"', b";", b"#", b"\xff", b"0", b"time_s"]
+
+
+@pytest.mark.parametrize(("text", "options", "message"), HOSTILE, ids=[case[2][:40] for case in HOSTILE])
+def test_what_cannot_be_is_refused_by_its_line(tmp_path, capsys, text, options, message):
+    """Each is something that a recorder's file or its user does; breaks if it becomes a run or a traceback."""
+    assert re.search(message, refused(tmp_path, capsys, text, *options))
+
+
+def test_the_good_rows_of_that_table_are_good(tmp_path, capsys):
+    """Else every case above would be refused for another reason than its own."""
+    assert take(tmp_path, capsys, rows(*GOOD))["measured_rows"] == 41
+    assert take(tmp_path, capsys, rows(*GOOD[:10], *GOOD[20:]), "--largest-gap", "11", "--out", str(tmp_path / "b"))
+
+
+@settings(max_examples=100)
+@given(st.data())
+def test_no_file_brings_a_traceback(tmp_path_factory, data):
+    """Bytes of a good file are changed, cut and doubled: a profile comes out, or one line; never anything else."""
+    folder = tmp_path_factory.mktemp("fuzz")
+    raw = bytearray(recorded(1.0, 40.0).encode())
+    for _ in range(data.draw(st.integers(1, 6))):
+        place = data.draw(st.integers(0, len(raw) - 1))
+        raw[place : place + data.draw(st.integers(0, 3))] = data.draw(st.sampled_from(PIECES))
+    (folder / "rec.csv").write_bytes(raw)
+    options = ["--profile-only", "--out", str(folder / "p.csv"), "--json"]
+    status = main(["import", str(folder / "rec.csv"), *TRAIN, *options])
+    assert status in (0, 2)
+    assert (folder / "p.csv").exists() == (status == 0)
+    if status == 0:
+        profile = read_profile(folder / "p.csv")
+        assert np.isfinite(profile.velocity).all()
+        assert profile.velocity.min() >= 0
