@@ -36,7 +36,7 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
     """
     errors = error.errors()
     first = min(errors, key=lambda entry: entry["type"] != "extra_forbidden")
-    place = ".".join(str(part) for part in first["loc"]) or "(whole file)"
+    place = ".".join(str(part) for part in first["loc"])
     value = _SHORT.repr(first.get("input"))
     if first["type"] == "extra_forbidden":
         known = _keys_at(model, first["loc"][:-1])
@@ -50,7 +50,7 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
         text = text[0].lower() + text[1:]
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     shown = f" = {value}" if value and first["type"] != "value_error" and first["type"] != "extra_forbidden" else ""
-    return f"{source}: {place}{shown}: {text}{more}"
+    return f"{source}: {place}{shown}: {text}{more}" if place else f"{source}: {text}{more}"
 
 
 def _keys_at(model: type[BaseModel], path: tuple[Any, ...]) -> set[str]:

@@ -82,8 +82,19 @@ CASES: list[tuple[str, list[str], str]] = [
      r"--until-km nan"),
     ("drive without knots", ["drive", "level", "hxd1_c80_105", "--until-km", "1", "--spacing", "0", "--out", "p.csv"],
      r"--spacing 0\.0"),
+    ("drive into a file of no kind", ["drive", "level", "hxd1_c80_105", "--until-km", "1", "--out", "p.txt"],
+     r"--out p\.txt: end it in \.csv"),
+    ("drive into a place that cannot be written",
+     ["drive", "level", "hxd1_c80_105", "--until-km", "1", "--out", "/proc/p.csv"], r"--out /proc/p\.csv: cannot be"),
+    ("plan into a place that cannot be written", ["plan", "level", "xuzhou_metro_3", "--out", "/proc/p.png"],
+     r"--out /proc/p\.png: cannot be written"),
+    ("plan backwards", ["plan", "level", "xuzhou_metro_3", "--from", "10", "--to", "5"],
+     r"options of plan: end = 5000 m must lie beyond begin"),
+    ("list of an unknown name", ["list", "daqin_secton"], r"unknown name.*did you mean 'daqin_section'"),
+    ("set to a value that is no YAML", ["set", "pid.kp=["], r"pid\.kp=\[: '\[' is not valid YAML"),
+    ("do with a value that is no YAML", ["do", "gust", "duration=["], r"duration=\[: '\[' is not valid YAML"),
     ("set without a run", ["set", "controller=smc", "--domain", "77"], r"--domain 77: no run holds it"),
-    ("verify nothing", ["verify", "nowhere"], r"nowhere: not a run folder"),
+    ("verify nothing", ["verify", "nowhere"], r"nowhere: no such log; name a run folder"),
     ("compare with an unknown law", ["compare", "demo", "--controllers", "pid,pidd"], r"unknown controller 'pidd'"),
     ("two ways at once", ["run", "demo", "--engine", "--processes"], r"not allowed with argument"),
     ("no command", [], r"required: COMMAND"),
@@ -143,6 +154,19 @@ def test_existing_and_unwritable_folders(
     (tmp_path / "file").write_text("")
     refused(["run", "demo", "--out", "there"], r"--out there: exists already", tmp_path, monkeypatch, capsys)
     refused(["run", "demo", "--out", "file/run"], r"--out file/run: cannot be made", tmp_path, monkeypatch, capsys)
+
+
+@pytest.mark.parametrize("text", ["{", "[]", ""])
+def test_a_summary_that_is_none(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a summary that somebody edited ends in a traceback, or the message does not name the file."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "demo", "--engine", "--json", "--set", "duration=1", "--out", "run"]) == 0
+    capsys.readouterr()
+    Path("run/summary.json").write_text(text)
+    refused(["info", "run"], r"run/summary\.json: ", tmp_path, monkeypatch, capsys)
+    refused(["verify", "run"], r"run/summary\.json: ", tmp_path, monkeypatch, capsys)
 
 
 BOMB = "a: &a [x, x]\n" + "".join(

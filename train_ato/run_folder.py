@@ -14,7 +14,6 @@ from typing import Any
 import yaml
 
 from plant_sim.library import StrictLoader
-from train_ato.figure import draw_run
 from train_ato.outcome import Outcome
 from train_ato.record.reading import attachments, log_file
 from train_ato.record.run_log import RunLog
@@ -90,6 +89,8 @@ class RunFolder:
         text = json.dumps(outcome.summary, indent=2, ensure_ascii=False)
         (self.path / "summary.json").write_text(text + "\n", encoding="utf-8")
         if outcome.history is not None:
+            from train_ato.figure import draw_run  # matplotlib: only runs that are drawn pay for it
+
             draw_run(setup, outcome.history, outcome.summary, self.path / "figure.png")
 
 
@@ -133,7 +134,12 @@ def read_summary(path: Path) -> dict[str, Any]:
     file = path / "summary.json"
     if not file.is_file():
         return {"status": "killed"}
-    summary: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+    try:
+        summary = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{file}: is not JSON ({error}); take the file away, the log is whole without it") from None
+    if not isinstance(summary, dict):
+        raise ValueError(f"{file}: holds {type(summary).__name__}, not figures by name; take the file away")
     return summary
 
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
-import yaml
-
 from train_ato.cli.screen import print_json
+from train_ato.given import given_value
 from train_ato.graph.remote import asking, the_running_domain
 
 ACTIONS: dict[str, tuple[str, bool | None, str]] = {
@@ -59,7 +58,7 @@ def _strength(action: str, service: str, text: str) -> tuple[str, float]:
     if service not in ("gust", "delay_jump"):
         raise ValueError(f"{action}: takes no '{text}'; only gust and delay-jump have a strength")
     name, equals, number = text.partition("=")
-    value = yaml.safe_load(number) if equals else None
+    value = given_value(number, text) if equals else None
     if not name or isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ValueError(f"{text}: write it as name=number, for example duration=20")
     return name, float(value)

@@ -10,8 +10,9 @@ from pathlib import Path
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from train_ato.cli.screen import console, print_json
+from train_ato.given import check_new_file
 from train_ato.profile.driver import Driver, drive, reference
-from train_ato.profile.file import csv_text
+from train_ato.profile.file import write_profile
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -21,14 +22,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--until-km", type=float, required=True, metavar="KM", help="where the run ends, still rolling")
     parser.add_argument("--speed-kmh", type=float, default=70.0, metavar="V", help="speed that the driver holds")
     parser.add_argument("--spacing", type=float, default=0.5, metavar="S", help="time between the knots written")
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="CSV to write")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="profile to write (.csv, .yaml)")
     parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
 
 
 def execute(options: argparse.Namespace) -> int:
     """Drive, write the profile, print the brake events as they go into a scenario."""
-    if options.out.exists():
-        raise ValueError(f"--out {options.out}: exists already; name a file that does not")
+    check_new_file(options.out, (".csv", ".yaml", ".yml"))
     consist, line = load_consist(options.consist), load_line(options.line)
     _check(options, line)
     driver = dataclasses.replace(Driver(), speed=options.speed_kmh / 3.6)
@@ -40,7 +40,7 @@ def execute(options: argparse.Namespace) -> int:
         f"over {driver.average:g} s three times: "
         f"train-ato drive {options.line} {options.consist} --until-km {options.until_km:g}"
     )
-    options.out.write_text(csv_text(profile, source), encoding="utf-8")
+    write_profile(profile, options.out, source)
     events = [{"time": round(time, 3), "reduction_kpa": round(reduction / 1e3, 3)} for time, reduction in run.events]
     result = {
         "file": str(options.out),
@@ -70,8 +70,6 @@ def _check(options: argparse.Namespace, line: Line) -> None:
         raise ValueError(f"--speed-kmh {options.speed_kmh}: give a speed from 1 to 500 km/h")
     if not 0.1 <= options.spacing <= 10:
         raise ValueError(f"--spacing {options.spacing}: give 0.1 to 10 s")
-    if not options.out.parent.is_dir():
-        raise ValueError(f"--out {options.out}: there is no folder {options.out.parent}; make it first")
 
 
 def _tell(place: float) -> None:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 import sys
 
-import yaml
-
 from train_ato.cli.screen import print_json
+from train_ato.given import given_value
 from train_ato.graph.remote import set_parameter, the_running_domain
 
 
@@ -24,7 +23,7 @@ def execute(options: argparse.Namespace) -> int:
     name, equals, text = options.assignment.partition("=")
     if not equals or not name:
         raise ValueError(f"{options.assignment}: write it as name=value, for example controller=smc")
-    value = yaml.safe_load(text)
+    value = given_value(text, options.assignment)
     if not isinstance(value, (bool, int, float, str)):
         raise ValueError(f"{options.assignment}: a parameter is a number, a word, true or false")
     domain = the_running_domain(options.domain)

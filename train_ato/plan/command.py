@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from plant_sim.input_error import explain
+from train_ato.given import check_new_file
 from train_ato.plan.figure import draw_plan
 from train_ato.plan.inputs import find_line, find_train
 from train_ato.plan.planner import Plan, plan
@@ -56,7 +57,8 @@ def planned(options: argparse.Namespace) -> dict[str, Any]:
     ValueError
         One line: what is wrong, where, and what to do.
     """
-    _check_files(options.out)
+    for path in options.out:
+        check_new_file(path, (*PROFILES, *FIGURES))
     line = find_line(options.line)
     consist, settings = find_train(options.consist)
     settings = _settings(options, settings)
@@ -113,16 +115,6 @@ def _settings(options: argparse.Namespace, settings: PlanSettings) -> PlanSettin
         return PlanSettings.model_validate(data)
     except ValidationError as error:
         raise ValueError(explain(error, "options of plan", PlanSettings)) from None
-
-
-def _check_files(paths: list[Path]) -> None:
-    for path in paths:
-        if path.suffix.lower() not in (*PROFILES, *FIGURES):
-            raise ValueError(f"--out {path}: end it in {', '.join((*PROFILES, *FIGURES))}")
-        if path.exists():
-            raise ValueError(f"--out {path}: exists already; name a file that does not")
-        if not path.parent.is_dir():
-            raise ValueError(f"--out {path}: folder '{path.parent}' does not exist; make it or choose another")
 
 
 def _source(options: argparse.Namespace, result: Plan) -> str:
