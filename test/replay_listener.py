@@ -10,7 +10,7 @@ from train_ato.replay.options import ReplayOptions
 from train_ato.replay.player import NODE
 from train_ato.replay.publishing import Replayed, replay
 
-LIMIT_S = 30.0
+LIMIT_S = 120.0
 """After so long a condition counts as not coming."""
 
 
@@ -69,7 +69,8 @@ class Listener:
         while time.monotonic() < last:
             self.executor.spin_once(timeout_sec=0.01)
 
-    def _answer(self, kind, service, request):
+    def answer(self, kind, service, request):
+        """Call a service and return its response."""
         client = self._clients.setdefault(service, self.node.create_client(kind, service))
         self.until(client.service_is_ready, f"service {service}")
         future = client.call_async(request)
@@ -80,7 +81,7 @@ class Listener:
         """Call one of the services without a request."""
         from std_srvs.srv import Trigger
 
-        return self._answer(Trigger, f"/{NODE}/{service}", Trigger.Request())
+        return self.answer(Trigger, f"/{NODE}/{service}", Trigger.Request())
 
     def set(self, name, value):
         """Set a parameter of the replay; return the reason of a refusal."""
@@ -88,7 +89,7 @@ class Listener:
         from rclpy.parameter import Parameter
 
         request = SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()])
-        (result,) = self._answer(SetParameters, f"/{NODE}/set_parameters", request).results
+        (result,) = self.answer(SetParameters, f"/{NODE}/set_parameters", request).results
         return None if result.successful else result.reason
 
 

@@ -21,20 +21,22 @@ TICKS = 3000
 REPLANNED = 1700
 
 
-def write(folder: Path, ticks: int = TICKS, speed: float = 200.0, *, tiny: bool = False) -> Path:
+def write(folder: Path, ticks: int = TICKS, *, tiny: bool = False, only: str | None = None) -> Path:
     """Write a run as a recorder of a graph does: log times on a wall clock that the simulation runs ahead of.
 
     The estimate comes a tick late, as from a node of its own, and the profile is planned again on the way. With
-    ``tiny`` every message has a chunk of its own.
+    ``tiny`` every message has a chunk of its own, with ``only`` there is one topic.
     """
     wire = Wire(LONG)
     with RunLog(folder, LONG.topics) as log:
         for tick in range(ticks):
-            received = EPOCH_NS + 10**18 + round(tick * TICK / speed)
+            received = EPOCH_NS + 10**18 + round(tick * TICK / 200.0)
             for topic in LONG.topics:
                 late = tick - 1 if topic.name == "ato/estimate" else tick
                 once = tick == 0 or (topic.name == "ato/profile" and tick == REPLANNED)
-                if topic.recorded and late >= 0 and (once if topic.rate is Rate.ONCE else topic.rate is Rate.TICK):
+                if only not in (None, topic.name) or not topic.recorded or late < 0:
+                    continue
+                if once if topic.rate is Rate.ONCE else topic.rate is Rate.TICK:
                     data = wire.encode(topic.name, message(topic.name, LONG, late * TICK, seed=tick))
                     log.add(topic.name, EPOCH_NS + late * TICK, received, data)
                     if tiny:

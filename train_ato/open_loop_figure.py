@@ -64,13 +64,13 @@ def _draw_speed(panel: Axes, result: OpenLoop, time: Array) -> None:
     panel.plot(time, 3.6 * result.reference, color=COLOURS[5], lw=2.2, alpha=0.5, label="profile")
     panel.plot(time, 3.6 * result.velocity, color=COLOURS[0], lw=1.0, label="measured")
     panel.set_ylabel("speed in km/h\n(both as recorded)")
-    panel.legend(loc="lower center", ncols=2, fontsize="small")
+    _legend(panel, 2)
 
 
 def _draw_pair(panel: Axes, time: Array, recorded: tuple[Array, str], replayed: tuple[Array, str]) -> None:
     panel.plot(time, recorded[0], color=COLOURS[5], lw=2.2, alpha=0.5, label=recorded[1])
     panel.plot(time, replayed[0], color=COLOURS[1], lw=0.8, label=replayed[1])
-    panel.legend(loc="upper right", ncols=2, fontsize="small")
+    _legend(panel, 2)
 
 
 def _draw_difference(panel: Axes, result: OpenLoop, time: Array) -> None:
@@ -88,4 +88,11 @@ def _draw_difference(panel: Axes, result: OpenLoop, time: Array) -> None:
     if not np.any(difference):
         panel.set_ylim(-1, 1)
     panel.set_ylabel("difference in kN\nper unit")
-    panel.legend(loc="upper right", ncols=units if units <= _FEW else 2, fontsize="small")
+    _legend(panel, units if units <= _FEW else 2)
+
+
+def _legend(panel: Axes, columns: int) -> None:
+    """Name the lines above the panel, where they cover nothing."""
+    panel.legend(
+        loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1, frameon=False, ncols=columns, fontsize="small"
+    )

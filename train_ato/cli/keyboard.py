@@ -60,7 +60,7 @@ def keyboard(wanted: bool) -> Iterator[Callable[[Playback], None] | None]:
     callable or None
         Gives the orders of the keys that were pressed; None without a terminal.
     """
-    if not (wanted and sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()):
+    if not (wanted and sys.stdin and sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()):
         yield None
         return
     import termios

@@ -139,7 +139,7 @@ class Playback:
                 self._turn(0.0)
 
     def _turn(self, seconds: float) -> None:
-        self._outlet.turn(seconds, self._log.begin_ns + round(self._clock.now * 1e9))
+        self._outlet.turn(seconds, self._log.begin_ns + round(self.state.moment * 1e9))
         self._turned = time.monotonic()
         if self._progress is not None and self._turned - self._told > TURN_S:
             self._told = self._turned

@@ -1,0 +1,231 @@
+"""``train-ato replay`` as a user runs it: a process of its own, another process that listens, keys, Ctrl-C."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from replay_listener import LIMIT_S
+from test_replay import COMMAND, PROFILE, domain, listen, recorded, run  # noqa: F401
+
+from train_ato.cli.keyboard import KEYS, pressed
+from train_ato.cli.main import main
+from train_ato.record.reading import message_counts
+
+COMMAND_LINE = [sys.executable, "-m", "train_ato", "replay"]
+
+
+def started(log: Path, *arguments: str, **more) -> subprocess.Popen:
+    """Start the command; its middleware profile is the one that it chooses itself."""
+    environment = {key: value for key, value in os.environ.items() if key != "FASTRTPS_DEFAULT_PROFILES_FILE"}
+    pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **more}
+    return subprocess.Popen([*COMMAND_LINE, str(log), *arguments], env=environment, text=True, **pipes)
+
+
+@pytest.fixture
+def long_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make a run with more messages than the queues on the way hold: 1000 at the sender, 5000 at the reader."""
+    from test_replay_log import write
+
+    return write(tmp_path_factory.mktemp("long"), 12_000, only=COMMAND)
+
+
+@pytest.mark.slow
+def test_nothing_is_lost_at_full_speed_to_a_slow_reader_that_keeps_all(long_run, listen, domain):  # noqa: F811
+    """Without waiting for the reader the queues would run over, and messages would go missing in the middle."""
+    listener = listen({COMMAND: COMMAND})
+    expected = recorded(long_run, COMMAND)
+    heard = listener.heard[COMMAND]
+
+    class Slow(list):
+        def append(self, data):
+            time.sleep(0.0003)
+            heard.append(data)
+
+    listener.heard[COMMAND] = Slow()
+    process = started(long_run, "--domain", str(domain), "--rate", "max", "--topics", COMMAND, "--json")
+    try:
+        listener.until(lambda: len(heard) >= len(expected), "the last message")
+        listener.until(lambda: process.poll() is not None, "the end of the process")
+    finally:
+        process.kill()
+        out, errors = process.communicate()
+    assert heard == expected
+    assert (process.returncode, errors) == (0, "")
+    result = json.loads(out)
+    assert result["published"] == {"/ato/command": len(expected)}
+    assert (result["end"], result["acknowledged"], result["moment_s"]) == ("end", True, 1199.9)
+
+
+def test_two_topics_change_names(run, listen, domain):  # noqa: F811
+    """Fails when the middleware reads the command line as well: it would change the new names back."""
+    listener = listen({COMMAND: COMMAND})
+    remap = ("--remap", "ato/command:=ato/estimate", "/ato/estimate:=/ato/command")
+    process = started(run, "--domain", str(domain), "--rate", "max", *remap)
+    try:
+        listener.until(lambda: process.poll() is not None, "the end of the process")
+    finally:
+        process.kill()
+        _, errors = process.communicate()
+    assert (process.returncode, errors) == (0, "")
+    expected = recorded(run, "ato/estimate")
+    assert listener.hear(COMMAND, len(expected)) == expected
+
+
+@pytest.mark.parametrize(("arguments", "status"), [((), 1), (("--loop", "--rate", "max"), 0), (("--start-paused",), 1)])
+def test_ctrl_c_ends_it_cleanly(run, listen, domain, arguments, status):  # noqa: F811
+    """What was sent is told, in one JSON value; a loop has no other end, so that is no failure."""
+    listener = listen({PROFILE: PROFILE})
+    process = started(run, "--domain", str(domain), "--json", *arguments)
+    try:
+        listener.hear(PROFILE, 1)
+        process.send_signal(signal.SIGINT)
+        out, errors = process.communicate(timeout=LIMIT_S)
+    finally:
+        process.kill()
+    assert process.returncode == status
+    result = json.loads(out)
+    assert result["end"] == "interrupted"
+    assert result["published"]["/ato/profile"] >= 1
+    assert errors.count("\n") <= 1
+    assert "Traceback" not in errors
+
+
+def test_keys_of_a_terminal(run, listen, domain):  # noqa: F811
+    """Space resumes, the arrow up makes it faster, and the terminal is given back as it was."""
+    import termios
+
+    listener = listen({COMMAND: COMMAND})
+    ours, theirs = pty.openpty()
+    before = termios.tcgetattr(theirs)
+    process = started(
+        run, "--domain", str(domain), "--start-paused", stdin=theirs, stderr=theirs, start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(theirs, termios.TIOCSCTTY, 0),
+    )  # fmt: skip
+    drawn = b""
+
+    def press(key):
+        os.write(ours, key)
+
+    def draw():
+        nonlocal drawn
+        while select.select([ours], [], [], 0)[0]:
+            drawn += os.read(ours, 65536)
+
+    def until(condition, what):
+        listener.until(lambda: (draw(), condition())[1], what)
+
+    try:
+        assert listener.call("is_paused").success
+        until(lambda: b"0.0 of 15.0 s, paused" in drawn, "the progress bar")
+        press(b"\x1b[A")
+        until(lambda: listener.call("get_rate").message == "1.1", "a faster rate")
+        press(b"\x1b[B")
+        until(lambda: listener.call("get_rate").message == "1", "a slower rate")
+        press(b" ")
+        until(lambda: len(listener.heard[COMMAND]) > 2, "messages after space")
+        press(b"\x03")  # Ctrl-C on the terminal
+        until(lambda: process.poll() is not None, "the end of the process")
+        assert process.returncode == 1
+        assert termios.tcgetattr(theirs) == before
+    finally:
+        process.kill()
+        process.communicate()
+        os.close(ours)
+        os.close(theirs)
+
+
+def test_keys_are_taken_apart():
+    orders = list(pressed(b"x \x1b[A\x1b[Cq\x1b[D "))
+    assert orders == [KEYS[b" "], KEYS[b"\x1b[A"], KEYS[b"\x1b[C"], KEYS[b" "]]
+
+
+def test_somebody_else_on_the_topic_is_told_of(run, listen, domain):  # noqa: F811
+    """Readers would get both: a running train and its recording."""
+    from train_ato.nodes.shell import message_class, quality_of_service
+    from train_ato.topics import BY_NAME
+
+    listener = listen({})
+    topic = BY_NAME[COMMAND]
+    listener.node.create_publisher(message_class(topic.type), COMMAND, quality_of_service(topic))
+    process = started(run, "--domain", str(domain), "--rate", "max", "--topics", COMMAND)
+    try:
+        _, errors = process.communicate(timeout=LIMIT_S)
+    finally:
+        process.kill()
+    assert process.returncode == 0
+    assert errors == (
+        "train-ato: /ato/command: published on this domain by listener too, readers get both; give --domain, --remap "
+        "or --exclude-topics\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--rate", "0"), "--rate 0: give a number above 0"),
+        (("--rate", "fast"), "invalid"),
+        (("--start-offset", "16"), "--start-offset 16: the run has 15 s; give 0 to 15"),
+        (("--start-offset", "-1"), "--start-offset -1"),
+        (("--playback-duration", "nan"), "--playback-duration nan"),
+        (("--delay", "inf"), "--delay inf"),
+        (("--clock", "-5"), "--clock -5"),
+        (("--domain", "500"), "--domain 500"),
+        (("--topics", "ato/comand"), "did you mean '/ato/command'"),
+        (("--exclude-topics", "nothing"), "--exclude-topics nothing: not in the log"),
+        (("--remap", "ato/command"), "write it as from:=to"),
+        (("--remap", "ato/command:=two words"), "no name of a topic"),
+        (("--wait-for-all-acked", "-1"), "--wait-for-all-acked -1"),
+    ],
+)
+def test_bad_input_is_one_line(run, capfd, arguments, says):  # noqa: F811
+    try:
+        status = main(["replay", str(run), *arguments])
+    except SystemExit as end:
+        status = end.code
+    captured = capfd.readouterr()
+    assert status == 2
+    assert says in captured.err
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""
+
+
+def test_a_domain_of_the_environment_that_is_none(run, capfd, monkeypatch):  # noqa: F811
+    monkeypatch.setenv("ROS_DOMAIN_ID", "abc")
+    assert main(["replay", str(run)]) == 2
+    assert "ROS_DOMAIN_ID abc" in capfd.readouterr().err
+
+
+def test_messages_that_are_not_installed_or_not_of_ros(tmp_path, capfd):
+    from mcap.writer import Writer
+
+    for kind, encoding, says in (
+        ("no_such_msgs/msg/Thing", "cdr", "are not installed"),
+        ("Thing", "json", "are none of ROS 2"),
+    ):
+        path = tmp_path / f"{encoding}.mcap"
+        with path.open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            channel = writer.register_channel("/thing", encoding, writer.register_schema(kind, "ros2msg", b""))
+            writer.add_message(channel, 1, b"{}", 1)
+            writer.finish()
+        assert main(["replay", str(path), "--domain", "99"]) == 2
+        captured = capfd.readouterr()
+        assert says in captured.err
+        assert captured.err.count("\n") == 1
+
+
+def test_the_counts_are_those_of_the_log(run, domain, capfd):  # noqa: F811
+    assert main(["replay", str(run), "--domain", str(domain), "--rate", "max"]) == 0
+    rows = [line.split() for line in capfd.readouterr().out.splitlines()]
+    assert {row[0]: int(row[1]) for row in rows if row[-1].isdigit()} == message_counts(run)
