@@ -21,7 +21,7 @@ _MOST_BYTES = 16 * 2**20
 """Readers are waited for after so many bytes on a topic, however few messages those are."""
 _SLICE_S = 0.02
 _STALL_S = 30.0
-"""A reader that takes nothing for so long is not waited for any longer; one that was killed is forgotten before."""
+"""A reader that does not confirm for so long is not waited for any longer; one that was killed is forgotten before."""
 _QUIET_S = 0.5
 """No reader has turned up for so long: all that were there are matched."""
 
@@ -129,7 +129,7 @@ class Player:
         self._full.waited_for = False
         name, self._full = self._full.topic.published_as, None
         sys.stderr.write(
-            f"train-ato: {name}: a reader has taken nothing for {_STALL_S:g} s and is not waited for any longer\n"
+            f"train-ato: {name}: a reader does not confirm within {_STALL_S:g} s and is not waited for any longer\n"
         )
         return True
 
