@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +15,7 @@ from plant_sim.library import consist_path, line_path
 from train_ato.cli import main
 from train_ato.scenario import shipped_scenarios
 
+ROOT = Path(__file__).resolve().parents[1]
 DEMO = yaml.safe_load(shipped_scenarios()["demo"].read_text())
 
 
@@ -205,3 +209,34 @@ def refused(
     assert len(captured.err.strip().splitlines()) == 1, captured.err
     assert re.search(message, captured.err), captured.err
     assert sorted(path.name for path in folder.rglob("*")) == before
+
+
+def test_help_needs_no_heavy_library() -> None:
+    """Breaks if the entry script imports what only some command needs: help would take a second."""
+    code = (
+        "import sys; from train_ato.cli import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'numpy', 'numba', 'matplotlib', 'pydantic', 'rclpy', 'pandas', 'rich'} & set(sys.modules)\n"
+        "sys.exit(', '.join(sorted(heavy)) or 0)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "drive a scenario and record it" in done.stdout
+
+
+@pytest.mark.parametrize("arguments", [["list"], ["list", "--json"], ["list", "pid"]])
+def test_a_reader_that_leaves_is_no_failure_to_tell(arguments: list[str]) -> None:
+    """`train-ato list | head -0`: breaks if a traceback or a word on pipes is shown."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run(
+        [sys.executable, "-m", "train_ato", *arguments],
+        cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=writer, stderr=subprocess.PIPE, text=True, check=False,
+    )  # fmt: skip
+    os.close(writer)
+    assert done.stderr == ""

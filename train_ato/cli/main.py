@@ -7,6 +7,7 @@ import importlib
 import os
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 from train_ato.arguments import BAD_INPUT, OneLineParser
 from train_ato.failure import RunFailed
@@ -37,17 +38,29 @@ MODULES: dict[str, str] = {"import": "import_run"}
 DONE, FAILED = 0, 1
 
 
+class _Command(OneLineParser):
+    """One command; its module is imported when the command is the one asked for, so that help stays fast."""
+
+    module = ""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Declare the options, then parse."""
+        if self.get_default("execute") is None:
+            module = importlib.import_module(self.module)
+            module.add_arguments(self)
+            self.set_defaults(execute=module.execute)
+        return super().parse_known_args(args, namespace)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = OneLineParser(
         prog="train-ato", description="Onboard automatic train operation on ROS 2, with the train it drives."
     )
     parser.add_argument("--version", action="version", version=f"train-ato {VERSION}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=OneLineParser)
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Command)
     for name, summary in COMMANDS:
-        module = importlib.import_module(f"train_ato.cli.{MODULES.get(name, name.replace('-', '_'))}")
         command = commands.add_parser(name, help=summary, description=summary[0].upper() + summary[1:] + ".")
-        module.add_arguments(command)
-        command.set_defaults(execute=module.execute)
+        command.module = f"train_ato.cli.{MODULES.get(name, name.replace('-', '_'))}"
     return parser
 
 
@@ -58,6 +71,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return int(options.execute(options) or DONE)
     except ValueError as error:
         return _complain(error, BAD_INPUT)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # who read has left: `train-ato list | head`
+        return FAILED
     except (OSError, RunFailed) as error:
         return _complain(error, FAILED)
     except KeyboardInterrupt:
@@ -68,6 +84,8 @@ def _complain(error: object, status: int) -> int:
     if os.environ.get("TRAIN_ATO_DEBUG") and isinstance(error, Exception):
         raise error
     text = " ".join(str(error).split())
+    if isinstance(error, OSError) and error.filename is not None:
+        text = f"{error.filename}: {error.strerror}"
     sys.stderr.write(f"train-ato: {text}\n")
     return status
 
