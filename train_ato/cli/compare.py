@@ -12,12 +12,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.cli.main import RunFailed
 from train_ato.cli.run import note_compilation
 from train_ato.cli.scenario_options import add_scenario_options, prepare_from
 from train_ato.cli.screen import console, print_json, progress_bar, table
 from train_ato.control.registry import LAWS
 from train_ato.engine import run_engine
+from train_ato.failure import RunFailed
 from train_ato.outcome import Outcome
 from train_ato.run_folder import RunFolder
 from train_ato.run_setup import RunSetup
@@ -133,7 +133,7 @@ def _folder(name: str, keep: Path | None) -> Iterator[RunFolder]:
 
 def _digest(name: str, run: Path, outcome: Outcome, runs: int) -> Digest:
     """Reduce a law's run to what the report needs."""
-    from train_ato.report.digest import digest, empty_digest, rows_for
+    from train_ato.report.digest import digest, empty_digest, share_of
     from train_ato.report.recording import read_recording
 
     with console().status(f"reading {name}"):
@@ -141,7 +141,7 @@ def _digest(name: str, run: Path, outcome: Outcome, runs: int) -> Digest:
             recording = dataclasses.replace(read_recording(run), summary=outcome.summary)
         except ValueError as error:
             return empty_digest(name, outcome.summary, str(error))
-        return digest(recording, name, *rows_for(runs))
+        return digest(recording, name, share_of(runs))
 
 
 def _draw(digests: list[Digest], folder: Path, title: str) -> bool:

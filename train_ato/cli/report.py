@@ -58,13 +58,13 @@ def execute(options: argparse.Namespace) -> int:
 
 def read(request: Request, status: Any) -> list[Digest]:
     """Read the runs one after the other; of each only what its figures need is kept."""
-    from train_ato.report.digest import digest, rows_for
+    from train_ato.report.digest import digest, share_of
     from train_ato.report.recording import read_recording
 
     digests = []
     for run, label in zip(request.runs, request.labels, strict=True):
         status.update(f"reading {label}")
-        digests.append(digest(read_recording(run), label, *rows_for(len(request.runs))))
+        digests.append(digest(read_recording(run), label, share_of(len(request.runs))))
     return digests
 
 

@@ -16,11 +16,13 @@ from train_ato.report.track_shape import TrackShape, track_shape
 from train_ato.report.words import WAYS
 from train_ato.types import Array
 
-ROWS = 9000
-"""Points of one figure of one run."""
-COLUMNS = 2400
-"""Columns of a heat map."""
-PROFILE_ROWS = 3000
+CELLS = 40_000
+"""Numbers of one figure of one run, times included."""
+MAP_CELLS = 260_000
+"""Cells of one heat map."""
+LEAST_COLUMNS, MOST_COLUMNS = 400, 6000
+"""Columns of a heat map, however many vehicles there are."""
+LEAST_ROWS, PROFILE_ROWS = 600, 3000
 MEASURES = ("position_km", "envelope_high", "envelope_low")
 """Columns that go along smoothly with others: no point is kept for them."""
 
@@ -66,7 +68,7 @@ class Digest:
     left_out: dict[str, str] = field(default_factory=dict)
 
 
-def digest(recording: Recording, label: str = "", rows: int = ROWS, columns: int = COLUMNS) -> Digest:
+def digest(recording: Recording, label: str = "", share: float = 1.0) -> Digest:
     """Reduce a run.
 
     Parameters
@@ -75,8 +77,8 @@ def digest(recording: Recording, label: str = "", rows: int = ROWS, columns: int
         The run.
     label
         What it is called; default: the name of its folder.
-    rows, columns
-        Most points of a figure and most columns of a heat map.
+    share
+        Part of a page that the run may take, see :func:`share_of`.
     """
     recording = replace(recording, summary=completed_summary(recording))
     lines: dict[str, Lines] = {}
@@ -84,12 +86,13 @@ def digest(recording: Recording, label: str = "", rows: int = ROWS, columns: int
     left_out: dict[str, str] = {}
     for name, make in LINES.items():
         try:
-            lines[name] = thinned(make(recording), rows)
+            lines[name] = thinned(make(recording), round(share * CELLS))
         except LeftOut as reason:
             left_out[name] = str(reason)
     for name, gather in MAPS.items():
         try:
-            maps[name] = heat_map(*gather(recording), columns)
+            time, values = gather(recording)
+            maps[name] = heat_map(time, values, columns_for(values.shape[1], share))
         except LeftOut as reason:
             left_out[name] = str(reason)
     return Digest(
@@ -114,9 +117,14 @@ def empty_digest(label: str, summary: dict[str, Any], reason: str) -> Digest:
     return Digest(label, summary, {}, (0.0, 0.0), {}, {}, [], [], None, None, remarks=[f"{label}: {reason}"])
 
 
-def rows_for(runs: int) -> tuple[int, int]:
-    """Return how many points of a figure and columns of a heat map each of so many runs may have on one page."""
-    return max(1200, 2 * ROWS // (runs + 1)), max(400, 2 * COLUMNS // (runs + 1))
+def share_of(runs: int) -> float:
+    """Return what part of a page's numbers each of so many runs may have, so that the page grows slowly with them."""
+    return 1.0 if runs == 1 else 2.0 / (runs + 1.0)
+
+
+def columns_for(places: int, share: float) -> int:
+    """Return the most columns of a heat map of so many vehicles."""
+    return round(float(np.clip(share * MAP_CELLS / max(1, places), LEAST_COLUMNS, MOST_COLUMNS)))
 
 
 def remarks_of(recording: Recording) -> list[str]:
@@ -129,8 +137,9 @@ def remarks_of(recording: Recording) -> list[str]:
     return remarks
 
 
-def thinned(lines: Lines, rows: int) -> Lines:
-    """Return lines with at most so many points, peaks kept."""
+def thinned(lines: Lines, cells: int) -> Lines:
+    """Return lines with at most about so many numbers altogether, peaks kept."""
+    rows = max(LEAST_ROWS, cells // (1 + len(lines.columns)))
     chosen = kept([values for name, values in lines.columns.items() if name not in MEASURES], rows)
     return Lines(lines.time[chosen], {name: values[chosen] for name, values in lines.columns.items()})
 

@@ -70,7 +70,38 @@ def events_of(recording: Recording) -> list[Event]:
     found: list[Event] = []
     for source in (_law, _air_brake, _limit, _disturbances, _jumps, _sensors, _outside, _plans, _noticed, _gaps, _ends):
         found += source(recording)
-    return sorted(found, key=lambda event: (event.begin, list(KINDS).index(event.kind)))
+    begin, end = recording.span
+    order = list(KINDS)
+    few = [
+        event
+        for kind in order
+        for event in _joined(sorted((e for e in found if e.kind == kind), key=lambda e: e.begin), (end - begin) / MOST)
+    ]
+    return sorted(few, key=lambda event: (event.begin, order.index(event.kind)))
+
+
+def _joined(events: list[Event], pause: float) -> list[Event]:
+    """Return events of one kind, those joined that follow each other at once where there are too many to tell."""
+    if len(events) <= MOST:
+        return events
+    groups = [[events[0]]]
+    until = _until(events[0])
+    for event in events[1:]:
+        if event.begin - until <= pause:
+            groups[-1].append(event)
+        else:
+            groups.append([event])
+        until = max(until, _until(event))
+    return [
+        group[0]
+        if len(group) == 1
+        else Event(group[0].kind, group[0].begin, f"{len(group)} times: {group[0].text} …", max(map(_until, group)))
+        for group in groups
+    ]
+
+
+def _until(event: Event) -> float:
+    return event.begin if event.end is None else event.end
 
 
 def delay_jumps(recording: Recording) -> list[tuple[float, float, float]]:

@@ -7,11 +7,13 @@ from bokeh.models import ColorBar, CustomJSHover, HoverTool, LinearColorMapper, 
 
 from train_ato.report.quantities import FONT, INK, buff_to_draft, none_to_full
 from train_ato.report.style import Figure, Linked
-from train_ato.report.thin import HeatMap
+from train_ato.report.thin import LARGEST_CODE, HeatMap
 
 MAP_ROW = 2.6
 """Height of a vehicle in a heat map, in pixels, between :data:`MAP_LEAST` and :data:`MAP_MOST` altogether."""
 MAP_LEAST, MAP_MOST = 150, 340
+NOTHING = "#b9c0c7"
+"""Colour of times of which there is no message."""
 
 
 def heat_figure(
@@ -32,22 +34,22 @@ def heat_figure(
     largest
         Value of the strongest colour; default: the largest of this picture.
     """
-    largest = largest or picture.largest
+    picture = picture if largest is None else picture.scaled(largest)
     count = picture.codes.shape[0]
     height = int(np.clip(MAP_ROW * count, MAP_LEAST, MAP_MOST)) + 90
     plot = linked.over_time(rows, height, y_range=Range1d(count - 0.5, -0.5, bounds=(-0.5, count - 0.5)))
     colours = buff_to_draft() if signed else none_to_full()
-    top = largest / picture.unit
+    low = -LARGEST_CODE if signed else 0
     image = plot.image(
         image=[picture.codes],
         x=picture.begin,
         y=-0.5,
         dw=picture.end - picture.begin,
         dh=count,
-        color_mapper=LinearColorMapper(palette=colours, low=-top if signed else 0, high=top),
+        color_mapper=LinearColorMapper(palette=colours, low=low, high=LARGEST_CODE, low_color=NOTHING),
         level="image",
     )
-    scale = LinearColorMapper(palette=colours, low=-largest if signed else 0.0, high=largest)
+    scale = LinearColorMapper(palette=colours, low=-picture.largest if signed else 0.0, high=picture.largest)
     plot.add_layout(_colour_bar(scale, f"{what} in {unit}{': buff < 0 < draft' if signed else ''}"), "above")
     cell = CustomJSHover(args={"unit": picture.unit}, code="return value < -127 ? '–' : (value * unit).toFixed(1)")
     plot.add_tools(

@@ -45,6 +45,7 @@ GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
             Row("command_variation_kn_per_s", "variation of the demand", "kN/s", 1, "sum of its changes over the time"),
             Row("saturated_s", "time at a force limit", "s", 1, "any unit at its envelope"),
             Row("held_steps", "steps with the last command repeated", "", 0, "no new command had come in time"),
+            Row("unsound_measurements", "measurements that were not used", "", 0, "not finite, or no train moves so"),
             Row("replans", "profiles planned anew", "", 0, "because force was missing"),
         ),
     ),

@@ -13,6 +13,8 @@ LARGEST_CODE = 127
 """Codes of a heat map go from minus to plus this."""
 NO_CODE = -128
 """Code of a cell without a value."""
+GAP = 3.0
+"""A value is held for so many steps; what comes later is a gap."""
 
 
 def kept(columns: list[Array], rows: int) -> NDArray[np.intp]:
@@ -85,6 +87,12 @@ class HeatMap:
         """Value of the largest code."""
         return LARGEST_CODE * self.unit
 
+    def scaled(self, largest: float) -> HeatMap:
+        """Return the same picture with another value of the largest code."""
+        unit = largest / LARGEST_CODE
+        codes = np.rint(np.clip(self.codes * (self.unit / unit), -LARGEST_CODE, LARGEST_CODE)).astype(np.int8)
+        return HeatMap(np.where(self.codes == NO_CODE, np.int8(NO_CODE), codes), unit, self.begin, self.end)
+
 
 def heat_map(time: Array, values: NDArray[np.floating], columns: int, largest: float | None = None) -> HeatMap:
     """Make a picture of values over time: of every cell the value farthest from zero.
@@ -104,16 +112,26 @@ def heat_map(time: Array, values: NDArray[np.floating], columns: int, largest: f
     step = (end - begin) / max(1, time.size - 1) or 1.0
     end += step
     count = max(1, min(columns, time.size))
-    column = np.minimum(((time - begin) / (end - begin) * count).astype(np.intp), count - 1)
+    width = (end - begin) / count
+    column = np.minimum(((time - begin) / width + 1e-6).astype(np.intp), count - 1)
     starts = np.flatnonzero(np.diff(column, prepend=-1))
     finite = np.nan_to_num(values, nan=0.0)
     high, low = np.maximum.reduceat(finite, starts, axis=0), np.minimum.reduceat(finite, starts, axis=0)
     extreme = np.where(high >= -low, high, low)
     top = float(np.abs(extreme).max()) if largest is None else largest
     unit = top / LARGEST_CODE if top > 0 else 1.0
-    codes = np.full((values.shape[1], count), NO_CODE, dtype=np.int8)
-    codes[:, column[starts]] = np.rint(np.clip(extreme.T / unit, -LARGEST_CODE, LARGEST_CODE)).astype(np.int8)
-    return HeatMap(codes, unit, begin, end)
+    codes = np.rint(np.clip(extreme.T / unit, -LARGEST_CODE, LARGEST_CODE)).astype(np.int8)
+    held = np.searchsorted(column[starts], np.arange(count), side="right") - 1
+    picture = codes[:, held]
+    middles: Array = np.asarray(begin + width * (np.arange(count) + 0.5), dtype=np.float64)
+    picture[:, _uncovered(time, middles, max(width, step))] = NO_CODE
+    return HeatMap(picture, unit, begin, end)
+
+
+def _uncovered(time: Array, middles: Array, reach: float) -> NDArray[np.bool_]:
+    """Tell which columns lie in a gap: the last value before their middle is older than a gap is."""
+    before = np.maximum(np.searchsorted(time, middles, side="right") - 1, 0)
+    return np.asarray(middles - time[before] > GAP * reach)
 
 
 def aligned(time: Array, other: Array, values: Array) -> Array:

@@ -1,0 +1,51 @@
+"""Runs that the tests of the report draw, and logs with parts of them missing."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Collection
+from pathlib import Path
+
+from train_ato.cli import main
+from train_ato.record.layout import table_name
+from train_ato.record.reading import stream
+from train_ato.record.run_log import LogFile
+
+EVENTFUL = [
+    "--set=duration=70",
+    "--set=plant.disturbances=[{kind: gust, begin: 12, end: 18, acceleration: -0.02}]",
+    "--set=plant.sensors={couplers: [0], velocity_noise: 0.005, freeze: [{unit: 0, begin: 52, end: 53}]}",
+    "--set=swaps=[{at: 30, controller: smc}, {at: 40.5, controller: pid}]",
+    "--set=brake={policy: planned, events: [{time: 45, reduction_kpa: 50}, {time: 60, reduction_kpa: 0}]}",
+    "--set=links.command={delay: 0.8, jump: {at: 35, add: 0.4}}",
+    "--observer=ndo",
+]
+"""70 s of the 106-vehicle train with a gust, a frozen measurement, two swaps, an air brake and a longer delay."""
+
+
+def drive(folder: Path, name: str, scenario: str, *options: str) -> Path:
+    """Drive a run in the engine and return its folder."""
+    out = folder / name
+    assert main(["run", scenario, "--engine", "--json", f"--out={out}", *options]) == 0
+    return out
+
+
+def without(run: Path, folder: Path, topics: Collection[str]) -> Path:
+    """Copy a run with some of its topics left out of the log."""
+    folder.mkdir()
+    for name in ("scenario.yaml", "summary.json"):
+        shutil.copy(run / name, folder / name)
+    log = LogFile(folder)
+    numbers: dict[str, int] = {}
+    for message in stream(run / "run.mcap"):
+        channel, schema = message.channel, message.schema
+        if table_name(channel.topic) in topics:
+            continue
+        if channel.topic not in numbers:
+            told = channel.metadata
+            numbers[channel.topic] = log.channel(
+                channel.topic, schema.name, schema.data.decode(), told["topic_type_hash"], told["offered_qos_profiles"]
+            )
+        log.write(numbers[channel.topic], message.publish_ns, message.log_ns, message.data)
+    log.close()
+    return folder

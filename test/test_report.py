@@ -1,0 +1,385 @@
+"""The report: it holds what the log holds, peaks and moments included, and is there whatever a run lacks."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from frames_logs import write_log
+from report_runs import EVENTFUL, drive, without
+from test_engine import Breaks
+from test_wire import LONG
+
+from train_ato.cli import main
+from train_ato.control.registry import LAWS
+from train_ato.report.digest import digest, share_of
+from train_ato.report.events import events_of
+from train_ato.report.lines import LINES, MAPS
+from train_ato.report.recording import Recording, Samples, read_recording
+from train_ato.report.summary_rows import filled_groups
+from train_ato.report.writing import clock, write_comparison, write_run
+
+
+@pytest.fixture(scope="module")
+def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return drive(tmp_path_factory.mktemp("report"), "eventful", "demo", *EVENTFUL)
+
+
+@pytest.fixture(scope="module")
+def several_units(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five driven vehicles without air brake, on a line without limits, grades and curves."""
+    return drive(tmp_path_factory.mktemp("report"), "units", "freight_consensus", "--set=duration=3")
+
+
+def test_events_of_a_run_are_found_at_their_times(eventful: Path) -> None:
+    """Breaks if an event is lost, moved to the next diagnostics, or called something else."""
+    found = {(event.kind, round(event.begin, 3), event.end and round(event.end, 3)) for event in
+             events_of(read_recording(eventful)) if event.kind != "limit"}  # fmt: skip
+    assert found == {
+        ("disturbance", 12.0, 18.0),
+        ("law", 30.0, None),
+        ("fault", 35.0, None),
+        ("law", 40.5, None),
+        ("air_brake", 45.0, None),
+        ("fault", 52.0, 53.0),
+        ("air_brake", 60.0, None),
+    }
+    texts = " | ".join(event.text for event in events_of(read_recording(eventful)))
+    for words in ("law pid → smc", "law smc → pid", "600 → 550 kPa", "550 → 600 kPa", "-0.02 m/s²", "plus 0.4 s"):
+        assert words in texts
+
+
+def test_thousands_of_events_are_told_in_a_few(eventful: Path) -> None:
+    """Breaks if a pressure that never stands still fills the page with marks."""
+    base = read_recording(eventful)
+    time, pressure = base.of("ato/brake_pipe", "pressure")
+    restless = 550e3 + 50e3 * (np.arange(pressure.size) % 2)[:, None]
+    noisy = replace(base, topics={**base.topics, "ato/brake_pipe": Samples(time, {"pressure": restless})})
+    found = [event for event in events_of(noisy) if event.kind == "air_brake"]
+    assert len(found) == 1
+    assert found[0].text.startswith(f"{time.size - 1} times: ")
+    assert (found[0].begin, found[0].end) == (time[1], time[-1])
+
+
+def test_every_figure_of_an_eventful_run_is_there_and_holds_the_log(eventful: Path) -> None:
+    """Breaks if a figure loses its peaks, mixes up topics or units, or shows a wrong quantity."""
+    recording = read_recording(eventful)
+    reduced = digest(recording)
+    assert set(reduced.left_out) == {"unit_forces"}
+    cars, command = recording.topics["train/cars"], recording.topics["ato/command"]
+    speed, forces, extremes = (reduced.lines[name].columns for name in ("speed", "forces", "coupler_extremes"))
+    assert speed["speed"].max() == pytest.approx(3.6 * cars["speed"][:, 0].max(), abs=1e-12)
+    assert speed["position_km"][-1] == pytest.approx(cars["position"][-1, 0] / 1e3)
+    assert np.nanmax(forces["demand"]) == pytest.approx(command["force"].max() / 1e3)
+    assert extremes["draft"].max() == pytest.approx(cars["coupler"].max() / 1e3)
+    assert extremes["buff"].min() == pytest.approx(min(0.0, cars["coupler"].min() / 1e3))
+    assert reduced.maps["couplers"].codes.shape[0] == 105
+    shoes = recording.topics["train/brake_cylinders"]["shoe_force"]
+    assert reduced.lines["shoe_force"].columns["shoe_force"].max() == pytest.approx(shoes.sum(axis=1).max() / 1e3)
+    assert np.nanmin(reduced.lines["pipe"].columns["pipe_demand"]) == pytest.approx(550.0)
+    summary = json.loads((eventful / "summary.json").read_text())
+    energy = reduced.lines["energy"].columns
+    assert energy["traction"][-1] == pytest.approx(summary["energy_traction_kwh"])
+    work = sum(values[-1] for name, values in energy.items() if name != "kinetic")
+    assert work == pytest.approx(energy["kinetic"][-1], abs=0.02 * energy["traction"][-1])
+
+
+def test_the_delay_in_the_log_is_found_and_follows_its_jump(eventful: Path) -> None:
+    """Breaks if the delay is off by a tick, or the jump of the link and the lag are not counted."""
+    lines = digest(read_recording(eventful)).lines["delay"]
+    before, after = lines.time < 33, lines.time > 42
+    assert np.nanmedian(lines.columns["delay"][before]) == pytest.approx(1.2, abs=0.05)
+    assert np.nanmedian(lines.columns["delay"][after]) == pytest.approx(1.6, abs=0.05)
+    assert lines.columns["delay_set"][before] == pytest.approx(1.2)
+    assert lines.columns["delay_set"][after] == pytest.approx(1.6)
+    assert np.nanmax(lines.columns["delay_believed"]) == pytest.approx(1.2)
+
+
+def test_one_command_writes_one_small_file(eventful: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the page leans on files beside it or on a network, or the JSON says something else than the disk."""
+    assert main(["report", str(eventful), f"--out={tmp_path / 'page.html'}", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
+    assert told["bytes"] == (tmp_path / "page.html").stat().st_size < 5e6
+    assert told["left_out"] == {"eventful": {"unit_forces": "the train has a single power unit"}}
+    page = (tmp_path / "page.html").read_text()
+    assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)=\"?(http|//|file)", page)
+    assert "default-src 'none'" in page
+    for row_key in ("speed_rmse_kmh", "coupler_draft_max_kn", "energy_regenerated_kwh"):
+        assert row_key in page
+
+
+def test_the_page_stands_in_the_run_folder_and_may_be_made_again(eventful: Path) -> None:
+    """Breaks if a second report of the same run is refused, or leaves a scratch file."""
+    for _ in range(2):
+        assert main(["report", str(eventful)]) == 0
+    assert {path.name for path in eventful.glob("report*")} == {"report.html"}
+
+
+@pytest.mark.parametrize(
+    "topic",
+    ["train/cars", "train/measurement", "ato/reference", "ato/command", "ato/estimate", "/diagnostics", "ato/profile",
+     "ato/limits", "train/brake_pipe", "train/brake_cylinders", "train/disturbance", "ato/brake_pipe"],
+)  # fmt: skip
+def test_a_missing_topic_leaves_out_its_figures_alone(topic: str, eventful: Path, tmp_path: Path) -> None:
+    """Breaks if one missing topic takes others with it or ends in a traceback."""
+    run = without(eventful, tmp_path / "run", {topic})
+    reduced = digest(read_recording(run))
+    gone = {
+        "train/cars": {"couplers", "coupler_extremes"},
+        "train/measurement": {"delay"},
+        "ato/reference": {"speed_error", "position_error"},
+        "ato/command": {"delay"},
+        "train/brake_cylinders": {"shoes", "shoe_force"},
+    }
+    assert set(reduced.left_out) - {"unit_forces"} == gone.get(topic, set())
+    assert all(reason for reason in reduced.left_out.values())
+    assert main(["report", str(run)]) == 0
+
+
+def test_a_measured_run_has_the_figures_of_what_was_measured(eventful: Path, tmp_path: Path) -> None:
+    """Breaks if a log with forces and speeds alone, as of a real train, is refused or shown as truth."""
+    keep = {"train/measurement", "ato/reference"}
+    gone = {message for message in LINES_OF if message not in keep}
+    run = without(eventful, tmp_path / "run", gone)
+    (run / "scenario.yaml").unlink()
+    (run / "summary.json").unlink()
+    recording = read_recording(run)
+    reduced = digest(recording)
+    assert {"speed", "speed_error", "position_error", "forces", "energy"} == set(reduced.lines)
+    assert "measured_speed" in reduced.lines["speed"].columns
+    applied, speed = recording.topics["train/measurement"]["applied"], recording.topics["train/measurement"]["speed"]
+    work = (np.maximum(applied * speed, 0.0)[1:, 0] * 0.1).sum() / 3.6e6
+    assert reduced.lines["energy"].columns["traction"][-1] == pytest.approx(work)
+    assert any("measured" in remark for remark in reduced.remarks)
+    assert main(["report", str(run)]) == 0
+
+
+LINES_OF = (
+    "/clock", "train/cars", "train/brake_pipe", "train/brake_cylinders", "train/disturbance", "ato/profile",
+    "ato/limits", "ato/estimate", "ato/command", "ato/brake_pipe", "/diagnostics",
+)  # fmt: skip
+
+
+def test_a_log_of_nonsense_without_scenario_is_drawn(tmp_path: Path) -> None:
+    """Breaks if the report relies on a scenario, on order, on numbers that make sense, or on equal times."""
+    write_log(tmp_path, LONG, 40)
+    assert main(["report", str(tmp_path)]) == 0
+    assert main(["report", str(tmp_path / "run.mcap"), f"--out={tmp_path / 'again.html'}"]) == 0
+    reduced = digest(read_recording(tmp_path))
+    assert any(remark.startswith("Without scenario") for remark in reduced.remarks)
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 7, 15])
+def test_a_run_of_a_few_ticks_is_drawn(ticks: int, tmp_path: Path) -> None:
+    """Breaks if a figure needs more points than a run has."""
+    run = drive(tmp_path, "short", "demo", f"--set=duration={ticks / 10}")
+    assert main(["report", str(run), f"--figures={tmp_path / 'figures'}"]) == 0
+    assert digest(read_recording(run)).lines["speed"].time.size == ticks + 1
+
+
+def test_several_units_have_a_line_each(several_units: Path) -> None:
+    """Breaks if units are summed, mixed up or compared with vehicle 0's place."""
+    recording = read_recording(several_units)
+    reduced = digest(recording)
+    assert list(reduced.lines["position_error"].columns) == [f"position_error:{unit}" for unit in range(5)]
+    reference = recording.topics["ato/reference"]["position"][0, 0]
+    start = recording.topics["train/cars"]["position"][0]
+    for unit in range(5):
+        error = reduced.lines["position_error"].columns[f"position_error:{unit}"][0]
+        assert error == pytest.approx(start[unit] + recording.setup.model.offsets[unit] - reference)
+    assert {"pipe", "shoes", "shoe_force"} == set(reduced.left_out)
+    assert main(["report", str(several_units)]) == 0
+
+
+def test_a_failed_run_says_so_at_the_top(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a reader can take half a run for a whole one."""
+    monkeypatch.setitem(LAWS._loaded, "breaks", Breaks)
+    out = tmp_path / "run"
+    assert main(["run", "demo", "--engine", "--controller", "breaks", "--set=duration=20", f"--out={out}"]) == 1
+    assert main(["report", str(out)]) == 0
+    warning = re.search(r'class="warning">([^<]*)<', (out / "report.html").read_text())
+    assert warning is not None
+    assert warning[1].startswith("The run failed at 0:0")
+    assert "boom" in warning[1]
+    assert [event.text for event in events_of(read_recording(out)) if event.kind == "end"] == [
+        json.loads((out / "summary.json").read_text())["failure"]
+    ]
+
+
+def test_a_recovered_run_has_its_figures_worked_out_from_the_log(eventful: Path, tmp_path: Path) -> None:
+    """Breaks if a killed run has no summary although its log holds everything, or another one than the run had."""
+    run = without(eventful, tmp_path / "run", ())
+    (run / "summary.json").unlink()
+    worked_out, told = digest(read_recording(run)).summary, json.loads((eventful / "summary.json").read_text())
+    assert worked_out["status"] == "killed"
+    for key in ("speed_rmse_kmh", "position_error_max_m", "coupler_draft_max_kn", "energy_traction_kwh", "jerk_max"):
+        assert worked_out[key] == pytest.approx(told[key], rel=1e-9, abs=1e-9), key
+
+
+@pytest.mark.slow
+def test_runs_side_by_side_have_a_column_and_a_colour_each(
+    eventful: Path, several_units: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if runs of other trains, times and ticks cannot be laid over each other."""
+    page = tmp_path / "both.html"
+    arguments = ["report", str(eventful), str(several_units), f"--out={page}", f"--figures={tmp_path / 'figures'}"]
+    assert main([*arguments, "--format=svg", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert set(told["runs"]) == {"eventful", "units"}
+    text = page.read_text()
+    assert len(re.findall(r'<th class="value"><span class="swatch"', text)) == 2
+    assert {Path(path).name for path in told["figures"]} >= {"comparison.svg", "couplers.svg"}
+    assert all(Path(path).is_file() for path in told["figures"])
+
+
+def test_equal_names_are_told_apart(eventful: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if two runs of one name fall into one."""
+    (tmp_path / "other").mkdir()
+    twin = without(eventful, tmp_path / "other" / "eventful", ())
+    assert main(["report", str(eventful), str(twin), f"--out={tmp_path / 'two.html'}", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["runs"]) == 2
+
+
+@pytest.mark.slow
+def test_compare_leaves_table_figure_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if compare forgets the page, or leaves logs that nobody asked for."""
+    out = tmp_path / "compared"
+    assert main(["compare", "demo", "--controllers=pid,smc", "--set=duration=30", f"--out={out}", "--json"]) == 0
+    assert [entry["controller"] for entry in json.loads(capsys.readouterr().out)] == ["pid", "smc"]
+    assert {path.name for path in out.iterdir()} == {"summary.json", "figure.png", "comparison.html"}
+    kept = tmp_path / "kept"
+    assert main(["compare", "demo", "--controllers=pid", "--set=duration=5", f"--out={kept}", "--keep"]) == 0
+    assert (kept / "pid" / "run.mcap").is_file()
+    assert main(["report", str(kept / "pid")]) == 0
+
+
+@pytest.mark.slow
+def test_compare_shows_a_law_that_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if one law that fails takes the comparison of the others with it."""
+    monkeypatch.setitem(LAWS._loaded, "breaks", Breaks)
+    out = tmp_path / "compared"
+    assert main(["compare", "demo", "--controllers=pid,breaks", "--set=duration=20", f"--out={out}"]) == 1
+    assert "breaks: The run failed" in (out / "comparison.html").read_text()
+
+
+@pytest.mark.slow
+def test_figures_for_print_are_equal_for_equal_runs(eventful: Path, tmp_path: Path) -> None:
+    """Breaks if a figure carries its date or a random name, one is missing, or its text is not text."""
+    for name, kind in (("one", "svg"), ("two", "svg"), ("pixels", "png")):
+        page, figures = tmp_path / f"{name}.html", tmp_path / name
+        assert main(["report", str(eventful), f"--out={page}", f"--figures={figures}", f"--format={kind}"]) == 0
+    names = {path.stem for path in (tmp_path / "one").iterdir()}
+    assert names == {path.stem for path in (tmp_path / "pixels").glob("*.png")}
+    assert names == {
+        "speed", "speed_over_distance", "errors", "forces", "couplers", "air_brake", "disturbance", "delay", "energy"
+    }  # fmt: skip
+    for name in names:
+        assert (tmp_path / "one" / f"{name}.svg").read_bytes() == (tmp_path / "two" / f"{name}.svg").read_bytes(), name
+    assert "coupler force in kN" in (tmp_path / "one" / "couplers.svg").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nowhere"], "nowhere: no such log"),
+        (["{run}", "--out=page.pdf"], r"--out page\.pdf: a report is an HTML file"),
+        (["{run}", "--out=no/such/page.html"], "no folder no/such"),
+        (["{run}", "--out=taken.html"], r"taken\.html: exists already"),
+        (["{run}", "{run}"], "named twice"),
+        (["{run}", "--figures=taken.html"], "is a file"),
+        (["taken.html"], "taken.html"),
+    ],
+)
+def test_bad_requests_are_refused_in_one_line(
+    arguments: list[str],
+    message: str,
+    eventful: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Breaks if nonsense is found out after the work, or ends in a traceback."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "taken.html").write_text("somebody's")
+    assert main(["report", *(argument.format(run=eventful) for argument in arguments)]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert len(said.err.strip().splitlines()) == 1
+    assert re.search(message, said.err), said.err
+    assert [path.name for path in tmp_path.iterdir()] == ["taken.html"]
+    assert (tmp_path / "taken.html").read_text() == "somebody's"
+
+
+def test_a_killed_run_is_refused_with_the_remedy(
+    eventful: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if half a log is drawn without a word, or the reader is not told what to do."""
+    shutil.copy(eventful / "scenario.yaml", tmp_path)
+    (tmp_path / "run.mcap.partial").write_bytes((eventful / "run.mcap").read_bytes()[:-50_000])
+    assert main(["report", str(tmp_path)]) == 2
+    assert "train-ato recover" in capsys.readouterr().err
+    assert main(["recover", str(tmp_path)]) == 0
+    assert main(["report", str(tmp_path)]) == 0
+
+
+@pytest.mark.slow
+def test_the_longest_train_with_noise_on_everything_stays_small(eventful: Path, tmp_path: Path) -> None:
+    """Breaks if the size of a page grows with the run: an hour of 212 vehicles and 8 units, nothing smooth."""
+    random = np.random.default_rng(1)
+    base = read_recording(eventful)
+    time = 0.1 * np.arange(36_000)
+
+    def noise(columns: int) -> np.ndarray:
+        return 1e5 * random.standard_normal((time.size, columns), dtype=np.float32).astype(np.float64)
+
+    along, units = noise(212), noise(8)
+    topics = {
+        "train/cars": Samples(time, {"position": along, "speed": along, "coupler": along}),
+        "train/measurement": Samples(time, {"position": units, "speed": units, "applied": units}),
+        "train/disturbance": Samples(time, {"force": along}),
+        "train/brake_cylinders": Samples(time, {"shoe_force": along}),
+        "train/brake_pipe": Samples(time, {"pressure": noise(1)}),
+        "ato/brake_pipe": Samples(time, {"pressure": noise(1)}),
+        "ato/reference": Samples(time, {"position": noise(1), "speed": noise(1), "acceleration": noise(1)}),
+        "ato/estimate": Samples(time, {"force": noise(8)}),
+        "ato/command": Samples(time, {"force": noise(8)}),
+    }
+    worst = Recording("worst", tmp_path, {}, None, topics=topics, profiles=base.profiles, said=base.said)
+    reduced = digest(worst)
+    assert set(LINES) | set(MAPS) == set(reduced.lines) | set(reduced.maps)
+    assert write_run(reduced, tmp_path / "worst.html") < 5e6
+    several = [digest(worst, name, share_of(3)) for name in "abc"]
+    assert write_comparison(several, tmp_path / "several.html") < 10e6
+
+
+def test_the_summary_is_told_with_words_and_units(eventful: Path) -> None:
+    """Breaks if a figure of summary.json that a person wants is not in the table."""
+    summary = json.loads((eventful / "summary.json").read_text())
+    told = {row.key for _, rows in filled_groups([summary]) for row, _ in rows}
+    named = {"scenario", "controller", "observer", "compensation", "seed", "status", "version", "way", "ticks"}
+    numbers = {key for key, value in summary.items() if isinstance(value, (int, float)) and key not in named}
+    assert numbers <= told
+    texts = dict((row.key, texts[0]) for _, rows in filled_groups([summary]) for row, texts in rows)  # noqa: C402
+    assert float(texts["coupler_buff_max_kn"].replace("−", "-")) == round(summary["coupler_buff_max_kn"])
+
+
+@pytest.mark.parametrize(
+    ("time", "text"), [(0.0, "0:00.0"), (59.96, "1:00.0"), (725.3, "12:05.3"), (3661.0, "1:01:01.0")]
+)
+def test_clock(time: float, text: str) -> None:
+    """Breaks if a minute has 60.0 seconds."""
+    assert clock(time) == text
+
+
+def test_unfinished_runs_are_marked_at_their_end(eventful: Path) -> None:
+    """Breaks if an interrupted run looks like one that ended by itself."""
+    recording = read_recording(eventful)
+    cut = replace(recording, summary={**recording.summary, "status": "interrupted"})
+    ends = [event for event in events_of(cut) if event.kind == "end"]
+    assert [(event.begin, event.text) for event in ends] == [(recording.span[1], "the run was interrupted")]
