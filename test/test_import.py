@@ -8,6 +8,7 @@ from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
+import yaml
 from import_files import CRUISE, TRAIN, metro, recorded, take, text_of
 
 import train_ato
@@ -199,6 +200,10 @@ def test_several_units_and_the_brake_pipe(tmp_path, capsys):
     assert np.allclose((table["unit_0_applied_force_n"] + table["unit_1_applied_force_n"]).iloc[::5], f[:-1], atol=1e-6)
     assert (table["unit_0_position_m"] - table["unit_1_position_m"]).between(1200, 1400).all()
     assert frames["train/brake_pipe"]["pressure_pa"].iloc[-1] == pytest.approx(550e3)
+    brake = yaml.safe_load((tmp_path / "imported" / "scenario.yaml").read_text())["brake"]
+    assert brake["policy"] == "planned", "who drives the profile again brakes as the driver did"
+    assert [event["reduction"] for event in brake["events"]] == [1e4, 2e4, 3e4, 4e4, 5e4]
+    assert all(31 <= event["time"] <= 40 for event in brake["events"])
     other = tmp_path / "b"
     other.mkdir()
     apart = {**base, "unit_0_force_kn": f / 1e3, "unit_1_force_kn": np.full(time.size, 7.0)}

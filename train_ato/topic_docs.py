@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from train_ato.topics import TOPICS, Topic
+from train_ato.topics import DIAGNOSTIC_UNITS, TOPICS, Topic
 
 PAGE = Path(__file__).parent.parent / "msgs_docs" / "topics.md"
 
@@ -27,7 +27,17 @@ def page() -> str:
         lines += ["", f"## `{topic.name}`", "", f"{topic.meaning[0].upper()}{topic.meaning[1:]}.", ""]
         lines += ["| field | unit | meaning |", "|---|---|---|"]
         lines += [f"| `{field}` | {unit or '-'} | {meaning or '-'} |" for field, unit, meaning in topic.fields]
+        if topic.name == "/diagnostics":
+            lines += _units()
     return "\n".join(lines) + "\n"
+
+
+def _units() -> list[str]:
+    """Return which values of the diagnostics have which unit."""
+    by_unit: dict[str, list[str]] = {}
+    for key, unit in DIAGNOSTIC_UNITS.items():
+        by_unit.setdefault(unit, []).append(f"`{key}`")
+    return ["", "Keys with a unit:", "", *(f"* {unit}: {', '.join(keys)}" for unit, keys in by_unit.items())]
 
 
 def _row(topic: Topic) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plant_sim.library import load_consist, load_line
-from train_ato.cli.screen import print_json, progress_bar, table
+from train_ato.cli.screen import console, print_json, progress_bar, table
 from train_ato.measured.columns import QUANTITIES, TIMESTAMP
 from train_ato.measured.recording import Measured, measured
 from train_ato.measured.samples import LARGEST_GAP
@@ -109,7 +109,8 @@ def execute(options: argparse.Namespace) -> int:
     consist, line = load_consist(options.consist), load_line(options.line)
     if not consist.power_units:
         raise ValueError(f"--consist {options.consist}: has no power unit; name the train that was measured")
-    found_in = read_table(options.csv, _renames(options.rename), frozenset(options.ignore))
+    with console().status(f"reading {options.csv}"):
+        found_in = read_table(options.csv, _renames(options.rename), frozenset(options.ignore))
     half = consist.vehicles[0].length / 2
     offsets = np.array(consist.offsets)[list(consist.power_units)]
     found = measured(found_in, len(consist.power_units), half, offsets, options.largest_gap)

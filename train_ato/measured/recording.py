@@ -20,7 +20,7 @@ FASTEST = 200.0
 JUMP, JUMP_RATE = 1.5, 5.0
 """A change of speed from row to row beyond the first [m/s] and faster than the second [m/s²] is no train's."""
 FALL = 5.0
-"""Positions may fall by this noise below the largest before [m]."""
+"""Positions may fall by this noise below the largest before [m]; by more where they are written more coarsely."""
 DISTANCE_SHARE, DISTANCE_LEAST = 0.2, 200.0
 """Way of the position column and integral of the speed may differ by this share or this length [m]."""
 
@@ -216,9 +216,8 @@ class _Check:
         if centre is None:
             return None
         fallen = np.maximum.accumulate(centre.values) - centre.values
-        self._rows.refuse(
-            centre, fallen > FALL, "{} lies behind the place that was reached; positions rise along the line"
-        )
+        noise = max(FALL, 1.5 * self._table.resolution(centre.column))
+        self._rows.refuse(centre, fallen > noise, "{} lies behind the place that was reached; positions rise")
         self._check_distance(centre, found.speed)
         return centre
 

@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.consist import Consist
+from plant_sim.library import load_consist
 from train_ato.history import History
 from train_ato.measured.recording import Measured
+from train_ato.measured.samples import Samples
 from train_ato.measured.series import Series
-from train_ato.metrics import summarise
+from train_ato.metrics import differences, summarise
 from train_ato.outcome import Outcome
 from train_ato.profile.file import csv_text
 from train_ato.profile.profile import Profile
@@ -27,6 +30,8 @@ __all__ = ["MEASURED", "measured_setup", "outcome_of", "write_messages"]
 
 LARGEST_STEP = 0.005
 """Step of the plant where the scenario is driven [s]."""
+REDUCTION_STEP = 10e3
+"""Steps in which a recorded reduction of the brake pipe becomes events [Pa]."""
 MEASURED = "measured"
 """What stands in the summary for the law: nobody here knows who drove."""
 UNKNOWN = (
@@ -60,7 +65,27 @@ def measured_setup(found: Measured, profile: Profile, consist: str, line: str, n
         "plant": {"consist": _absolute(consist), "line": _absolute(line)},
         "profile": {"knots": csv_text(profile, f"measured: {path.name}"), **rolling},
     }
+    if found.pressure is not None and (events := brake_events(found.pressure, load_consist(consist))):
+        data["brake"] = {"policy": "planned", "events": events}
     return prepare(check(data, path), path)
+
+
+def brake_events(pressure: Samples, consist: Consist) -> list[dict[str, float]]:
+    """Return the applications and releases that a recorded brake-pipe pressure shows, as a scenario plans them.
+
+    The reduction is taken in steps, so that neither noise nor the slope of a wave makes an event of its own.
+    """
+    events: list[dict[str, float]] = []
+    if consist.air_brake is None:
+        return events
+    held = 0.0
+    for time, value in zip(pressure.time.tolist(), pressure.values.tolist(), strict=True):
+        reduction = consist.air_brake.charged - value
+        step = max(0.0, round(reduction / REDUCTION_STEP) * REDUCTION_STEP)
+        if abs(reduction - held) > 0.75 * REDUCTION_STEP and step != held:
+            held = step
+            events.append({"time": round(time, 3), "reduction": held})
+    return events
 
 
 def _absolute(name: str) -> str:
@@ -109,9 +134,14 @@ def _told(series: Series, tick: int, stamp: int) -> Diagnostic:
 
 
 def outcome_of(setup: RunSetup, found: Measured, series: Series, window: float) -> Outcome:
-    """Return summary and series as a run of ours leaves them; what was not measured is null."""
+    """Return summary and series as a run of ours leaves them; what was not measured is null.
+
+    Acceleration and jerk are those of the profile: differences of a speed as it is recorded are those of its noise.
+    """
     history = _history(setup, series)
     figures = summarise(setup, history)
+    acceleration, jerk = differences(setup.profile.velocity, setup.tick)
+    figures["acceleration_max"], figures["jerk_max"] = float(np.abs(acceleration).max()), float(np.abs(jerk).max())
     unknown = {
         *UNKNOWN,
         *(() if series.referenced else OF_A_REFERENCE),
@@ -148,7 +178,7 @@ def outcome_of(setup: RunSetup, found: Measured, series: Series, window: float) 
 
 
 def _history(setup: RunSetup, series: Series) -> History:
-    """Return the series as figures and summaries take them: couplers unknown, accelerations those of the profile."""
+    """Return the series as figures and summaries take them; of the couplers nobody knows."""
     part, count = slice(0, setup.ticks), setup.ticks
     nothing = np.full(count, np.nan)
     profile = setup.profile
@@ -157,7 +187,7 @@ def _history(setup: RunSetup, series: Series) -> History:
         position=series.position[part],
         velocity=series.velocity[part],
         front_position=profile.position[part],
-        front_velocity=profile.velocity[part],
+        front_velocity=series.velocity[part, 0],
         coupler_high=nothing,
         coupler_low=nothing,
         coupler_some=np.full((count, 3), np.nan),
