@@ -32,7 +32,7 @@ from train_ato.record.layout import (
 from train_ato.record.mcap_writer import McapWriter
 from train_ato.topics import EPOCH_NS, TOPICS, Topic
 
-CHUNK = 256 * 1024
+CHUNK = 1024 * 1024
 """Size at which a chunk is closed [bytes]; a killed run loses what is in the open one."""
 CLOSE_AFTER_S = 0.8
 """Age at which the open chunk is closed whatever its size [s]; with the time that takes it is less than a second."""
@@ -52,6 +52,8 @@ class LogFile:
         Texts to attach, by file name, before the first message.
     name
         Name of the closed file.
+    chunk_size
+        Size at which a chunk is closed [bytes].
 
     Raises
     ------
@@ -59,7 +61,13 @@ class LogFile:
         If there is a log in the folder already or it cannot be written.
     """
 
-    def __init__(self, folder: Path, attachments: Mapping[str, bytes] | None = None, name: str = LOG) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        attachments: Mapping[str, bytes] | None = None,
+        name: str = LOG,
+        chunk_size: int = CHUNK,
+    ) -> None:
         self.path = folder / name
         self._partial = folder / f"{name}.partial"
         for taken in (self.path, self._partial):
@@ -78,7 +86,7 @@ class LogFile:
         self._told = False
         self.failure: str | None = None
         self.closed = False
-        self._writer = McapWriter(self._stream, "ros2", "train_ato", CHUNK)
+        self._writer = McapWriter(self._stream, "ros2", "train_ato", chunk_size)
         self._guard(lambda: self._begin(attachments or {}))
         self._clock = ChunkClock(self._close_in_time, CLOSE_AFTER_S)
 
