@@ -18,9 +18,11 @@ EVENTFUL = [
     "--set=swaps=[{at: 30, controller: smc}, {at: 40.5, controller: pid}]",
     "--set=brake={policy: planned, events: [{time: 45, reduction_kpa: 50}, {time: 60, reduction_kpa: 0}]}",
     "--set=links.command={delay: 0.8, jump: {at: 35, add: 0.4}}",
+    "--set=interventions=[{do: gust, at: 48, acceleration: 0.01, duration: 3}, {do: emergency_brake, at: 66.2}]",
     "--observer=ndo",
 ]
-"""70 s of the 106-vehicle train with a gust, a frozen measurement, two swaps, an air brake and a longer delay."""
+"""70 s of the 106-vehicle train with a gust, a frozen measurement, two swaps, an air brake and a longer delay;
+then a second gust and the emergency brake."""
 
 
 def drive(folder: Path, name: str, scenario: str, *options: str) -> Path:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.report.events import Event, events_of
+from train_ato.report.events import Event
+from train_ato.report.happened import events_of
 from train_ato.report.lines import KMH, LINES, MAPS, LeftOut, Lines
 from train_ato.report.log_summary import completed_summary
 from train_ato.report.recording import Recording

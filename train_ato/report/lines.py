@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from train_ato.metrics import limit_over_train
 from train_ato.model import TrainModel
 from train_ato.report.delays import delays
-from train_ato.report.events import delay_jumps
+from train_ato.report.happened import delay_jumps
 from train_ato.report.recording import Recording
 from train_ato.report.thin import aligned
 from train_ato.types import Array

@@ -6,6 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+from train_ato.given import check_new_file
 from train_ato.record.reading import log_file
 from train_ato.report.words import COMPARISON, REPORT
 
@@ -51,14 +52,9 @@ def checked(runs: list[Path], page: Path | None, figures: Path | None, kind: str
         folder = runs[0] if runs[0].is_dir() else runs[0].parent
         page = folder / REPORT if len(runs) == 1 else Path(COMPARISON)
     else:
-        if page.suffix.lower() not in (".html", ".htm"):
-            raise ValueError(f"--out {page}: a report is an HTML file; name one that ends in .html")
-        if page.exists():
-            raise ValueError(f"--out {page}: exists already; name a file that does not")
-    if not page.parent.is_dir():
-        raise ValueError(f"--out {page}: there is no folder {page.parent}; make it first")
-    if figures is not None and figures.exists() and not figures.is_dir():
-        raise ValueError(f"--figures {figures}: is a file; name a folder")
+        check_new_file(page, (".html", ".htm"))
+    if figures is not None and any(place.exists() and not place.is_dir() for place in (figures, *figures.parents)):
+        raise ValueError(f"--figures {figures}: is a file or lies in one; name a folder")
     return Request(tuple(runs), labels_of(places), page, figures, kind)
 
 
