@@ -65,6 +65,7 @@ setup(
         "PyYAML>=6",
         "rich>=13",
         "matplotlib>=3.8",
+        "pillow>=9",
         "bokeh>=3.4",
         "Jinja2>=3.1",
         "filelock>=3.12",

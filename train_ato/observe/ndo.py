@@ -18,7 +18,7 @@ explain is in the estimate, a network's delta included.
 Over what the balance is drawn:
 
 * ``vehicle``: every unit's own vehicle, with the measured forces of its couplers; what `smc` needs.  f_hat is
-  f/(1 + model_error), the law's model.
+  f/(1 + model_error), the law's model, so the part of f that it lacks stands in the estimate beside the disturbance.
 * ``train``: the whole train as one rigid mass, the estimate shared out over the units; what laws with a feed-forward
   need. On a long train the couplers' waves are then "disturbance": omega at most about .03 1/s with lag and delay.
 * ``auto``: ``vehicle`` where the couplers beside all units have known forces (a sensor, or a linear spring

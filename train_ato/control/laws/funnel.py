@@ -105,6 +105,7 @@ class Funnel(GuardedLaw):
         self._keep = math.exp(-leak * period)
         self._charge = -math.expm1(-leak * period) / leak if leak > 0.0 else period
         self._width = p.fastest / max(1, p.bells - 1)
+        self._clip, self._flips = float(p.clip), p.outside == "printed"
         self._narrow = math.exp(-A2 * period)
         self._centres = [index * self._width for index in range(p.bells)]
         self._weights = Weights([0.0] * p.bells, p.weight_limit)
@@ -154,9 +155,9 @@ class Funnel(GuardedLaw):
 
     def _gain(self, gain: float, error: float, boundary: float) -> float:
         inside = (error / boundary) ** 2
-        if self.parameters.outside == "printed":
+        if self._flips:
             return gain / (1.0 - inside) if abs(1.0 - inside) > 1e-9 else gain * 1e9
-        return gain / (1.0 - min(inside, float(self.parameters.clip)))
+        return gain / (1.0 - min(inside, self._clip))
 
     def _surface(self, aim: float, slope: float) -> tuple[float, float]:
         """Return alpha1 and its derivative: those of the aim, or of the printed filter (13), (19).

@@ -80,6 +80,7 @@ class Pid(GuardedLaw):
         if not parameters.feedforward:
             self.leaves_feedforward = "this law is told to leave it: set pid.feedforward: true"
         self._of_position = parameters.integral == "position"
+        self._led, self._told = parameters.feedforward, parameters.disturbance
         self._nothing = [0.0] * self.n
         self.forget()
 
@@ -96,13 +97,12 @@ class Pid(GuardedLaw):
 
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force wanted [N]."""
-        p = self.parameters
         errors = list(map(sub, inputs.velocity.tolist(), inputs.reference_velocity.tolist()))
         if self._smooth:
             errors = self._filter(errors)
         integrals = self._distances(inputs) if self._of_position else self._summed(errors)
-        known = inputs.feedforward.tolist() if p.feedforward else self._nothing
-        disturbance = inputs.disturbance.tolist() if p.disturbance else self._nothing
+        known = inputs.feedforward.tolist() if self._led else self._nothing
+        disturbance = inputs.disturbance.tolist() if self._told else self._nothing
         wanted = []
         for unit, (kp, ki, kd) in enumerate(self._gains):
             error = errors[unit]

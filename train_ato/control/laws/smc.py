@@ -23,7 +23,8 @@ Corrections and additions:
 * the integral of e is clamped and held while the force is at a limit.
 * ``equivalent: feedforward`` takes the equivalent control from ``LawInput.feedforward`` and the train's inertia in
   place of the vehicle's: what is left of (22) under lag and delay. With lag and delay T in all, the print is unstable
-  for T > m l1/(M l2), 0.17 s on the 10 684 t train; l1 = .07, l2 = .002, ks = .05 with ``twin`` are usable there.
+  for T > m l1/(M l2), 0.17 s on the 10 684 t train. Under ``twin`` l1 = .07, l2 = .002, ks = .02, kappa = .01, phi = 1
+  are usable there: M (l1 + ks + kappa/phi) must stay near the wave impedance of the couplers, 1e6 N s/m.
 
 Needs: with ``equivalent: measured`` the force of every coupler beside a power unit: a sensor there, or a linear spring
 without slack between two units; a train without is refused by the coupler's name, and so are compensations that give

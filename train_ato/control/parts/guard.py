@@ -112,8 +112,8 @@ class GuardedLaw:
         """Forget what was learnt and stored."""
 
     def mean(self, values: list[float]) -> float:
-        """Return the mean over the units by their shares."""
-        return mean_over_units(self.share, values)
+        """Return the mean over the units by their shares; of one unit its own value."""
+        return values[0] if self.n == 1 else mean_over_units(self.share, values)
 
     def missed(self) -> None:
         """Take note that one measurement was not usable: difference quotients must not bridge it."""

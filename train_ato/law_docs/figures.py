@@ -1,0 +1,126 @@
+"""Figure of a page: error and force, or estimate and truth, of two runs over each other, as a small PNG."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from train_ato.figure import COLOURS, LONG_RUN_S
+from train_ato.history import History
+from train_ato.law_docs.blocks import Block
+from train_ato.law_docs.homes import Home
+from train_ato.reproduce.claims import Case, Result
+from train_ato.reproduce.freight_observers import truth as paper_002
+from train_ato.run_setup import RunSetup, prepare
+from train_ato.scenario import load
+from train_ato.types import Array
+
+POINTS = 3000
+"""Beyond so many points a line is drawn as the band between its extremes."""
+COLOURS_OF_PNG = 64
+GREY = "#4b4b4b"
+
+
+def draw_home(block: Block, home: Home, runs: Mapping[str, tuple[Case, Result]], path: Path) -> None:
+    """Draw the first two runs of a page over each other."""
+    figure = Figure(figsize=(8.4, 4.6), dpi=90, layout="constrained")
+    FigureCanvasAgg(figure)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    drawn = [(label, _setup(case), result.history) for label, (case, result) in list(runs.items())[:2]]
+    times = [history.time for _, _, history in drawn if history is not None]
+    minutes = max(time[-1] for time in times) > LONG_RUN_S
+    for index, (label, setup, history) in reversed(list(enumerate(drawn))):
+        assert history is not None
+        part = _part(home, history)
+        time = history.time[part] / (60.0 if minutes else 1.0)
+        style = {"color": COLOURS[index], "lw": 1.8 if index else 1.0, "alpha": 0.7 if index else 1.0, "label": label}
+        _line(upper, time, _error(home, setup, history)[part], **style)
+        if home.lower == "force":
+            _line(lower, time, history.applied.sum(axis=1)[part] / 1e3, **style)
+            continue
+        if index == 0:
+            _line(lower, time, _truth(setup, history)[part] / 1e3, color=GREY, lw=2.6, alpha=0.45, label="truth")
+        if np.any(history.estimate):
+            _line(lower, time, history.estimate[part, 0] / 1e3, **style)
+    upper.set_ylabel("speed error in km/h" if home.draw == "speed" else "position error in m")
+    lower.set_ylabel("force in kN" if home.lower == "force" else "disturbance in kN\n(front unit)")
+    lower.set_xlabel("time in min" if minutes else "time in s")
+    for panel in (upper, lower) if home.lower == "estimate" else (upper,):
+        handles, labels = panel.get_legend_handles_labels()
+        panel.legend(
+            handles[::-1], labels[::-1], loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, fontsize="small",
+            frameon=False,
+        )  # fmt: skip
+    for panel in (upper, lower):
+        panel.grid(alpha=0.3)
+        panel.margins(x=0.01)
+    upper.set_title(drawn[0][1].scenario.name, loc="left", fontsize="small")
+    save_small(figure, path)
+
+
+def save_small(figure: Figure, path: Path) -> None:
+    """Write a figure as a PNG with few colours: a fifth of the size, and nobody sees it."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png")
+    buffer.seek(0)
+    Image.open(buffer).convert("RGB").quantize(COLOURS_OF_PNG).save(path, optimize=True)
+
+
+def _line(panel: Axes, time: Array, values: Array, **style: Any) -> None:
+    """Draw a line; a long one by the extremes of its pieces, so that no peak is lost."""
+    if time.size > POINTS:
+        width = -(-time.size // (POINTS // 2))
+        count = time.size // width
+        pieces = values[: count * width].reshape(count, width)
+        values = np.column_stack((pieces.min(axis=1), pieces.max(axis=1))).ravel()
+        time = np.repeat(time[: count * width : width], 2)
+    panel.plot(time, values, **style)
+
+
+def _setup(case: Case) -> RunSetup:
+    return prepare(*load(case.scenario, changes=dict(case.changes)))
+
+
+def _part(home: Home, history: History) -> slice:
+    if home.span is None:
+        return slice(0, history.time.size)
+    begin, end = np.searchsorted(history.time, home.span)
+    return slice(int(begin), int(end))
+
+
+def _error(home: Home, setup: RunSetup, history: History) -> Array:
+    """Return the front unit's error."""
+    if home.draw == "speed":
+        return 3.6 * (history.velocity[:, 0] - history.reference_velocity)
+    return np.asarray(history.position[:, 0] + setup.model.offsets[0] - history.reference_position)
+
+
+def _truth(setup: RunSetup, history: History) -> Array:
+    """Return the disturbance of the front unit [N].
+
+    Of a train that is one vehicle it is what the nominal model leaves of the true motion, unknown grades included;
+    of others the outside force on the unit's vehicle, with the rate of its speed offset where it has one (d2 + d1' of
+    paper 002).
+    """
+    if any(spec.kind == "paper002" for spec in setup.plant.disturbances):
+        _, pushed, offset_rate = paper_002(history.time)
+        return float(setup.model.unit_inertia[0]) * (pushed[:, 0] + offset_rate[:, 0])
+    if setup.shape.n_vehicles > 1:
+        return history.disturbance[:, 0]
+    model = setup.model
+    speed, place = history.front_velocity, history.front_position
+    later = np.roll(history.applied[:, 0], -1)
+    known = np.array([model.rigid_force(x, v, 0.0) for x, v in zip(place.tolist(), speed.tolist(), strict=True)])
+    pull = np.append(np.diff(speed), 0.0) / setup.tick
+    found: Array = model.inertia * pull - 0.5 * (history.applied[:, 0] + later) + known
+    found[np.abs(speed) < 0.5] = np.nan  # the holding brake and dry friction are no disturbance
+    found[-1] = np.nan
+    return found

@@ -1,0 +1,223 @@
+"""Where every block is at home: the scenario of its figure, what is drawn beside it, and the runs of its table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from train_ato.reproduce.claims import Case
+from train_ato.reproduce.heavy_haul_cases import LEAN
+
+
+@dataclass(frozen=True)
+class Home:
+    """Runs of one page; the first two are drawn.
+
+    Attributes
+    ----------
+    runs : dict
+        Words for a run, and the run.
+    draw : str
+        Upper panel: ``speed`` or ``position`` error.
+    lower : str
+        Lower panel: ``force`` of all units, or ``estimate`` against the truth.
+    span : tuple of float
+        Part of the run that is drawn [s]; None: all.
+    """
+
+    runs: Mapping[str, Case]
+    draw: str = "speed"
+    lower: str = "force"
+    span: tuple[float, float] | None = None
+
+
+def _run(
+    scenario: str,
+    law: str | None = None,
+    observer: str | None = None,
+    compensation: str | None = None,
+    values: Mapping[str, Any] | None = None,
+    **blocks: Any,
+) -> Case:
+    """Return a run of a scenario with other blocks; ``values`` are parameters of the law."""
+    chosen = {"controller": law, "observer": observer, "compensation": compensation}
+    changes: dict[str, Any] = {key: name for key, name in chosen.items() if name is not None}
+    if values:
+        changes["controllers"] = {law or "pid": dict(values)}
+    return Case(scenario, changes | blocks)
+
+
+DAQIN, METRO, FREIGHT = "daqin_heavy_haul", "xuzhou_metro", "freight_consensus"
+FUNNEL, GPC = "crh380a_funnel:short", "crh380a_gpc:short"
+SCORED = (0.0, 2618.0)
+"""Part of the heavy-haul run that its figures are taken over [s]; the stop comes after it."""
+
+HOMES: dict[str, Home] = {
+    "controller/pid": Home(
+        {
+            "pid": _run("demo"),
+            "pid without feed-forward": _run("demo", values={"feedforward": False, "kp": 0.1}),
+            "45 km heavy haul": _run(DAQIN),
+            "45 km heavy haul under twin": _run(f"{DAQIN}:twin"),
+            "metro": _run(METRO),
+        }
+    ),
+    "controller/smc": Home(
+        {
+            "smc": _run(f"{DAQIN}:ideal", "smc"),
+            "pid": _run(f"{DAQIN}:ideal"),
+            "smc as printed, ks = 0": _run(f"{DAQIN}:ideal", "smc", values={"ks": 0.0}),
+            "smc, disturbance (40)": _run(f"{DAQIN}:ideal+disturbed", "smc"),
+            "smc with lag and delay under twin": _run(f"{DAQIN}:twin", "smc", values=LEAN),
+        },
+        span=SCORED,
+    ),
+    "controller/rbf_smc": Home(
+        {
+            "rbf_smc": _run(f"{DAQIN}:ideal", "rbf_smc"),
+            "pid": _run(f"{DAQIN}:ideal"),
+            "rbf_smc as printed, ks = 0, no clip": _run(
+                f"{DAQIN}:ideal", "rbf_smc", values={"ks": 0.0, "clip": False}
+            ),
+            "rbf_smc, disturbance (40), ndo": _run(f"{DAQIN}:ideal+disturbed", "rbf_smc", "ndo"),
+        },
+        span=SCORED,
+    ),
+    "controller/rbf_switching_smc": Home(
+        {
+            "rbf_switching_smc": _run(f"{METRO}:disturbed", "rbf_switching_smc", "eso", "predictor"),
+            "pid": _run(f"{METRO}:disturbed", "pid", "eso", "predictor"),
+            "rbf_switching_smc, ideal actuator": _run(f"{METRO}:ideal", "rbf_switching_smc"),
+            "the bare relay, ideal actuator": _run(
+                f"{METRO}:ideal", "rbf_switching_smc", values={"switching": "sign"}
+            ),
+        }
+    ),
+    "controller/fixed_time_smc": Home(
+        {
+            "fixed_time_smc": _run(f"{FREIGHT}:aligned"),
+            "pid": _run(f"{FREIGHT}:aligned", "pid", values={"kp": 2.0, "ki": 1.0}),
+            "fixed_time_smc from 108 m out of place": _run(FREIGHT),
+            "a real train, delay 0.3 s, gains 0.3, eso": _run(
+                f"{FREIGHT}:realistic+delay_0_3", "fixed_time_smc", "eso", "predictor",
+                {"surface": 0.3, "reaching": 0.3, "unmatched": False},
+            ),
+        },
+        draw="position",
+    ),
+    "controller/lag_smc": Home(
+        {
+            "lag_smc": _run(f"{FREIGHT}:realistic+delay_1_0"),
+            "pid": _run(f"{FREIGHT}:realistic+delay_1_0", "pid", values={"kp": 0.5, "ki": 0.05}),
+            "lag_smc, common command": _run(f"{FREIGHT}:realistic+delay_1_0", "lag_smc", values={"command": "common"}),
+            "lag_smc, delay 0.6 s": _run(f"{FREIGHT}:realistic"),
+            "pid, delay 0.6 s": _run(f"{FREIGHT}:realistic", "pid", values={"kp": 0.5, "ki": 0.05}),
+        },
+        draw="position",
+    ),
+    "controller/funnel": Home(
+        {
+            "funnel": _run(FUNNEL, "funnel", compensation="none"),
+            "pid": _run(FUNNEL, compensation="none"),
+            "funnel as printed, f known": _run(
+                FUNNEL, "funnel", compensation="none", values={"variant": "printed", "resistance": "model"}
+            ),
+            "funnel, 200 kN": _run(f"{FUNNEL}+saturated", "funnel", compensation="none"),
+        }
+    ),
+    "controller/gpc": Home(
+        {
+            "gpc": _run(GPC, "gpc", compensation="none"),
+            "pid": _run(GPC),
+            "gpc, gain, delay and lag jump": _run(f"{GPC}+jump", "gpc", compensation="none"),
+            "gpc, a loop for each coupled unit": _run(GPC, "gpc", compensation="none", values={"loops": "unit"}),
+        }
+    ),
+    "observer/none": Home(
+        {
+            "none": _run(f"{METRO}:disturbed"),
+            "eso": _run(f"{METRO}:disturbed", observer="eso"),
+        },
+        lower="estimate",
+    ),
+    "observer/ndo": Home(
+        {
+            "ndo": _run(f"{DAQIN}:ideal+disturbed", "smc", "ndo"),
+            "none": _run(f"{DAQIN}:ideal+disturbed", "smc"),
+            "ndo, metro with grades unknown to it": _run(f"{METRO}:disturbed", observer="ndo"),
+        },
+        lower="estimate",
+        span=(600.0, 900.0),
+    ),
+    "observer/cascaded": Home(
+        {
+            "cascaded": _run(f"{FREIGHT}:aligned"),
+            "none": _run(f"{FREIGHT}:aligned", observer="none"),
+            "cascaded, metro with grades unknown to it": _run(f"{METRO}:disturbed", observer="cascaded"),
+        },
+        draw="position",
+        lower="estimate",
+    ),
+    "observer/eso": Home(
+        {
+            "eso": _run(f"{METRO}:disturbed", observer="eso"),
+            "none": _run(f"{METRO}:disturbed"),
+            "eso, real freight train": _run(f"{FREIGHT}:realistic"),
+            "none, real freight train": _run(f"{FREIGHT}:realistic", observer="none"),
+        },
+        lower="estimate",
+    ),
+    "compensation/none": Home(
+        {
+            "none": _run(METRO, compensation="none"),
+            "preview": _run(METRO),
+        }
+    ),
+    "compensation/pade": Home(
+        {
+            "pade": _run(METRO, compensation="pade"),
+            "none": _run(METRO, compensation="none"),
+            "preview": _run(METRO),
+        }
+    ),
+    "compensation/preview": Home(
+        {
+            "preview": _run(METRO),
+            "none": _run(METRO, compensation="none"),
+            "preview, 45 km heavy haul": _run(DAQIN),
+            "none, 45 km heavy haul": _run(DAQIN, compensation="none"),
+        }
+    ),
+    "compensation/predictor": Home(
+        {
+            "predictor": _run(f"{METRO}:long_delay", observer="eso", compensation="predictor"),
+            "preview": _run(f"{METRO}:long_delay", observer="eso"),
+            "predictor, gains for 0.3 s": _run(f"{METRO}:disturbed", observer="eso", compensation="predictor"),
+            "predictor, delay estimated": _run(
+                f"{METRO}:slower", observer="eso", compensation="predictor",
+                compensations={"predictor": {"delay": "estimated"}},
+            ),
+        }
+    ),
+    "compensation/train_predictor": Home(
+        {
+            "train_predictor": _run(DAQIN, "smc", compensation="train_predictor"),
+            "none": _run(DAQIN, "smc", compensation="none"),
+            "train_predictor, moderate mismatch": _run(
+                f"{DAQIN}:mismatch", "smc", compensation="train_predictor"
+            ),
+        },
+        span=SCORED,
+    ),
+    "compensation/twin": Home(
+        {
+            "twin": _run(f"{DAQIN}:twin"),
+            "preview": _run(DAQIN),
+            "twin, moderate mismatch": _run(f"{DAQIN}:twin+mismatch"),
+            "twin, strong mismatch": _run(f"{DAQIN}:twin+strong_mismatch"),
+        },
+        span=SCORED,
+    ),
+}  # fmt: skip
+"""By kind and name; a block that is not here has a page of text alone."""
