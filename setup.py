@@ -49,6 +49,8 @@ setup(
             "schemas/*.json",
             "graph/*.xml",
             "report/page.*",
+            "view/page.*",
+            "view/layouts/*",
         ],
     },
     data_files=[
@@ -68,6 +70,8 @@ setup(
         "pillow>=9",
         "bokeh>=3.4",
         "Jinja2>=3.1",
+        "tornado>=6.2",
+        "foxglove-sdk>=0.30",
         "filelock>=3.12",
         "pandas>=2.1",
         "pyarrow>=14",

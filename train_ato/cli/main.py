@@ -29,6 +29,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("recover", "make a readable log of one that was killed"),
     ("set", "change a parameter of a running controller, for example swap its law"),
     ("do", "act on a running train: gust, delay jump, emergency brake, pause, step"),
+    ("view", "a page to look at: a run that goes on, one that it starts, or a recorded one"),
     ("verify", "run a recorded scenario again and compare every message"),
     ("plan", "the driving profile alone"),
     ("drive", "a profile driven by a smooth driver on the flexible train"),

@@ -1,0 +1,106 @@
+"""What lies ahead: speed of the profile, limits, the stop and the grades over the place, the train in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from bokeh.models import ColumnDataSource, Range1d
+from bokeh.plotting import figure
+
+from train_ato.view.facts import KMH, Facts, Profile
+from train_ato.view.style import DOWNHILL, LIMIT, PROFILE, SOFT, STOP, TEXT, TRAIN, UPHILL
+
+MOST_KNOTS = 4000
+FAR = 1e4
+"""How far the first and the last step of limit and grade are drawn beyond the line [km]."""
+
+
+class Ahead:
+    """The two figures and the sources that change when the profile does.
+
+    Attributes
+    ----------
+    figures
+        Speed over the place, and grade over the place.
+    span : Range1d
+        Places in view [km]; the page moves it with the train.
+    """
+
+    def __init__(self, now: ColumnDataSource, strip: ColumnDataSource, facts: Facts, tools: dict[str, Any]) -> None:
+        self.span = Range1d(-0.3, 2.0)
+        self._profile = ColumnDataSource({"place": [], "speed": []})
+        self._limit = ColumnDataSource({"place": [], "speed": []})
+        self.heights = Range1d(0.0, 100.0)
+        speed = figure(height=236, x_range=self.span, y_range=self.heights, y_axis_label="km/h", name="ahead", **tools)
+        speed.varea(x="place", y1=0, y2="speed", source=self._profile, fill_color=PROFILE, fill_alpha=0.10)
+        speed.line("place", "speed", source=self._profile, line_color=PROFILE, line_width=2.4)
+        speed.step("place", "speed", source=self._limit, mode="after", line_color=LIMIT, line_width=2.2)
+        speed.line("place", "speed", source=strip, line_color=TRAIN, line_width=1.6)
+        speed.vspan(x="stop", source=now, line_color=STOP, line_width=3)
+        speed.text(
+            x="stop", y=0, text={"value": "STOP"}, source=now, x_offset=-6, y_offset=-4, text_align="right",
+            text_color=STOP, text_font_size="12px", text_font_style="bold",
+        )  # fmt: skip
+        speed.vspan(x="place", source=now, line_color=TRAIN, line_width=1, line_dash=[2, 3])
+        speed.segment(x0="rear", x1="place", y0=0, y1=0, source=now, line_color=TRAIN, line_width=9)
+        speed.scatter("place", "speed", source=now, marker="circle", size=11, fill_color=TRAIN, line_color=TEXT)
+        speed.xaxis.visible = False
+        self.figures = (speed, _grade(self.span, facts, now, tools))
+        self.show_limits(facts)
+
+    def show_limits(self, facts: Facts) -> None:
+        """Draw the limits."""
+        if facts.limit_places.size:
+            places = np.concatenate((facts.limit_places / 1e3, [FAR]))
+            speeds = np.concatenate((facts.limit_speeds, facts.limit_speeds[-1:])) * KMH
+            self._limit.data = {"place": places, "speed": speeds}
+
+    def show_profile(self, profile: Profile, facts: Facts, scale: float) -> None:
+        """Draw a profile over the place of the train's front; it may be thinned, the stop is kept."""
+        chosen = np.unique(np.linspace(0, profile.time.size - 1, min(profile.time.size, MOST_KNOTS)).astype(int))
+        self._profile.data = {
+            "place": (profile.position[chosen] + facts.nose) / 1e3,
+            "speed": KMH * profile.velocity[chosen],
+        }
+        low = KMH * float(profile.velocity.min())
+        self.heights.start = min(-0.04 * scale, 1.1 * low)
+        self.heights.end = 1.06 * scale
+
+
+def _grade(span: Range1d, facts: Facts, now: ColumnDataSource, tools: dict[str, Any]) -> Any:
+    """Return the grades under the speed; empty where the line is not known."""
+    begins = facts.grade_places / 1e3
+    ends = np.concatenate((begins[1:], [FAR])) if begins.size else begins
+    grades = facts.grades
+    source = ColumnDataSource(
+        {
+            "begin": begins,
+            "end": ends,
+            "grade": grades,
+            "middle": (begins + np.minimum(ends, begins + 2.0)) / 2,
+            "colour": [UPHILL if grade > 0 else DOWNHILL for grade in grades],
+            "text": [f"{grade:+.1f}".replace("+0.0", "0").replace("-0.0", "0") for grade in grades],
+        }
+    )
+    plot = figure(
+        height=92,
+        x_range=span,
+        y_range=Range1d(
+            1.3 * min(-2.0, float(grades.min(initial=0.0))), 1.6 * max(2.0, float(grades.max(initial=0.0)))
+        ),
+        y_axis_label="‰",
+        x_axis_label="km",
+        name="grade",
+        **tools,
+    )
+    plot.yaxis.ticker.desired_num_ticks = 3
+    plot.quad(left="begin", right="end", bottom=0, top="grade", source=source, fill_color="colour", line_color=None)
+    plot.text(
+        x="middle", y=plot.y_range.end, text="text", source=source, y_offset=3, text_align="center",
+        text_baseline="top", text_font_size="10px", text_color=TEXT,
+    )  # fmt: skip
+    plot.segment(x0="rear", x1="place", y0=0, y1=0, source=now, line_color=TRAIN, line_width=5)
+    plot.vspan(x="stop", source=now, line_color=STOP, line_width=3)
+    plot.hspan(y=0, line_color=SOFT, line_width=1)
+    return plot

@@ -1,0 +1,64 @@
+"""Forces along the train: every coupler in draft or in buff, and the air brake of every vehicle under it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from bokeh.models import BasicTicker, BasicTickFormatter, ColumnDataSource, LinearColorMapper, Range1d
+from bokeh.plotting import figure
+
+from train_ato.view.facts import Facts
+from train_ato.view.feed import LEAST_REACH, LEAST_SHOE
+from train_ato.view.style import BUFF, DRAFT, SHOE, SOFT
+
+
+class Along:
+    """The figures along the train.
+
+    Attributes
+    ----------
+    source
+        One row for each vehicle: ``vehicle``, ``coupler`` (kN, of the coupler behind it) and ``shoe`` (kN).
+    figures
+        Coupler force, and shoe force where there is an air brake; the front of the train is on the right.
+    reach, shoe_reach : Range1d
+        Of the forces; the page widens them when one goes beyond.
+    """
+
+    def __init__(self, facts: Facts, tools: dict[str, Any]) -> None:
+        n = facts.shape.n_vehicles
+        zeros = np.zeros(n, dtype=np.float32)
+        self.source = ColumnDataSource({"vehicle": np.arange(n), "coupler": zeros, "shoe": zeros})
+        self._count = n
+        span = Range1d(n - 0.4, -0.6)
+        self.reach = Range1d(-LEAST_REACH, LEAST_REACH)
+        self.shoe_reach = Range1d(0.0, LEAST_SHOE)
+        coupler = figure(height=272, x_range=span, y_range=self.reach, y_axis_label="coupler kN", name="along", **tools)
+        sign = LinearColorMapper(palette=[BUFF, DRAFT], low=-1e-6, high=1e-6)
+        coupler.vbar(
+            x="vehicle", top="coupler", width=0.86, source=self.source, line_color=None,
+            fill_color={"field": "coupler", "transform": sign},
+        )  # fmt: skip
+        coupler.hspan(y=0, line_color=SOFT, line_width=1)
+        coupler.yaxis.formatter = BasicTickFormatter(use_scientific=False)
+        coupler.yaxis.ticker.desired_num_ticks = 5
+        coupler.xgrid.visible = False
+        self.figures = [coupler]
+        if facts.shape.air_brake:
+            coupler.xaxis.major_label_text_font_size = "0px"
+            self.figures.append(self._shoes(span, tools))
+        self.figures[-1].xaxis.ticker = BasicTicker(min_interval=1, num_minor_ticks=0)
+        self.figures[-1].xaxis.axis_label = "vehicle, the front on the right"
+
+    def _shoes(self, span: Range1d, tools: dict[str, Any]) -> Any:
+        plot = figure(height=154, x_range=span, y_range=self.shoe_reach, y_axis_label="shoes kN", name="shoes", **tools)
+        plot.vbar(x="vehicle", top="shoe", width=0.86, source=self.source, fill_color=SHOE, line_color=None)
+        plot.yaxis.ticker.desired_num_ticks = 3
+        plot.xgrid.visible = False
+        return plot
+
+    def show(self, along: dict[str, Any]) -> None:
+        """Show the forces of one moment."""
+        whole = slice(0, self._count)
+        self.source.patch({"coupler": [(whole, along["coupler"])], "shoe": [(whole, along["shoe"])]})

@@ -1,0 +1,130 @@
+"""Acting on the nodes of a running graph, without ever waiting for them: requests go out, answers come back as calls.
+
+Everything here runs in the thread that turns the executor; other threads hand their requests over by :meth:`ask`.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
+from std_srvs.srv import SetBool, Trigger
+
+from train_ato.view.tuning import Tunable, coerced, from_descriptor
+
+NODES = ("controller", "plant")
+TRIGGERS = ("step", "stop", "gust", "delay_jump")
+SWITCHES = ("pause", "emergency_brake")
+
+Answer = Callable[[bool, str], None]
+"""Takes whether it was done, and what the node said."""
+
+
+class Controls:
+    """Parameters and services of ``controller`` and ``plant``.
+
+    Attributes
+    ----------
+    tunables : dict
+        Parameters by node and name, kept up to date by the nodes' own events.
+    number : int
+        Rises with every change of one.
+    """
+
+    def __init__(self, node: Any, wake: Callable[[], None]) -> None:
+        self._node = node
+        self._wake = wake
+        self._requests: deque[Callable[[], None]] = deque()
+        self._clients = {name: AsyncParameterClient(node, name) for name in NODES}
+        self._services = {name: node.create_client(Trigger, f"plant/{name}") for name in TRIGGERS}
+        self._services |= {name: node.create_client(SetBool, f"plant/{name}") for name in SWITCHES}
+        self.tunables: dict[str, dict[str, Tunable]] = {name: {} for name in NODES}
+        self.number = 0
+        node.create_subscription(ParameterEvent, "/parameter_events", self._changed, 100)
+
+    @property
+    def ready(self) -> bool:
+        """Whether the parameters of both nodes are known."""
+        return all(self.tunables.values())
+
+    def ask(self, request: Callable[[], None]) -> None:
+        """Let the executor's thread do something."""
+        self._requests.append(request)
+        self._wake()
+
+    def serve(self) -> None:
+        """Do what other threads asked for; called by the executor's thread."""
+        while self._requests:
+            self._requests.popleft()()
+
+    def learn(self) -> None:
+        """Ask the nodes that are there for their parameters."""
+        for name, client in self._clients.items():
+            if not self.tunables[name] and client.services_are_ready():
+                client.list_parameters().add_done_callback(lambda future, name=name: self._listed(name, future))
+
+    def _listed(self, node: str, future: Any) -> None:
+        client = self._clients[node]
+        names = list(future.result().result.names)
+        descriptors = client.describe_parameters(names)
+
+        def valued(values: Any) -> None:
+            found = zip(descriptors.result().descriptors, values.result().values, strict=True)
+            self.tunables[node] = {
+                descriptor.name: from_descriptor(descriptor, parameter_value_to_python(value))
+                for descriptor, value in found
+            }
+            self.number += 1
+
+        descriptors.add_done_callback(lambda _: client.get_parameters(names).add_done_callback(valued))
+
+    def _changed(self, event: Any) -> None:
+        known = self.tunables.get(event.node.rpartition("/")[2], {})
+        for parameter in event.changed_parameters:
+            if parameter.name in known:
+                value = parameter_value_to_python(parameter.value)
+                known[parameter.name] = replace(known[parameter.name], value=value)
+                self.number += 1
+
+    def set_parameter(self, node: str, name: str, value: Any, answer: Answer) -> None:
+        """Set a parameter from any thread; a refusal comes back with its reason."""
+
+        def request() -> None:
+            tunable = self.tunables[node].get(name)
+            client = self._clients[node]
+            if tunable is None or not client.services_are_ready():
+                answer(False, f"{node} does not answer: is the run over?")
+                return
+            change = client.set_parameters([Parameter(name, value=coerced(tunable, value))])
+            change.add_done_callback(lambda future: done(future.result().results[0]))
+
+        def done(result: Any) -> None:
+            answer(bool(result.successful), f"{name} = {value}" if result.successful else str(result.reason))
+
+        self.ask(request)
+
+    def call(self, service: str, answer: Answer, data: bool | None = None) -> None:
+        """Call a service of the plant from any thread."""
+
+        def request() -> None:
+            client = self._services[service]
+            if not client.service_is_ready():
+                answer(False, "the plant does not answer: is the run over?")
+                return
+            asked = Trigger.Request() if data is None else SetBool.Request(data=data)
+            client.call_async(asked).add_done_callback(lambda future: done(future.result()))
+
+        def done(response: Any) -> None:
+            answer(bool(response.success), str(response.message))
+
+        self.ask(request)
+
+    def value(self, node: str, name: str, default: Any = None) -> Any:
+        """Return a parameter as it is now."""
+        found = self.tunables[node].get(name)
+        return default if found is None else found.value

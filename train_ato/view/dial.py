@@ -1,0 +1,113 @@
+"""The speed dial: needle, speed of the profile as a ring, the limit as a hook, and the force inside its envelope."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from bokeh.models import ColumnDataSource, Range1d
+from bokeh.plotting import figure
+
+from train_ato.view.moment import DIAL_BEGIN, DIAL_SWEEP, angle
+from train_ato.view.style import APPLIED, DEMAND, EDGE, FAINT, LIMIT, PANE, PROFILE, SOFT, TEXT
+
+SIZE = 270
+DIAL_END = DIAL_BEGIN - DIAL_SWEEP
+
+
+def dial(now: ColumnDataSource, ticks: ColumnDataSource) -> Any:
+    """Return the dial, bound to the row of the moment and to the ticks of its scale."""
+    plot = figure(
+        frame_width=SIZE,
+        frame_height=round(SIZE * 0.9),
+        x_range=Range1d(-1.10, 1.10),
+        y_range=Range1d(-0.88, 1.10),
+        tools="",
+        toolbar_location=None,
+        min_border_left=0,
+        min_border_right=0,
+        min_border_top=0,
+        min_border_bottom=0,
+        outline_line_color=None,
+        name="dial",
+    )
+    plot.axis.visible = False
+    plot.grid.visible = False
+    ring = {"x": 0, "y": 0, "source": now, "line_color": None}
+    plot.annular_wedge(
+        x=0, y=0, inner_radius=0.93, outer_radius=1.0, start_angle=DIAL_END, end_angle=DIAL_BEGIN,
+        fill_color="#22384c", line_color=None,
+    )  # fmt: skip
+    plot.annular_wedge(
+        inner_radius=0.93, outer_radius=1.0, start_angle=DIAL_END, end_angle="limit_angle", fill_color=LIMIT,
+        fill_alpha=0.30, **ring,
+    )  # fmt: skip
+    plot.annular_wedge(
+        inner_radius=0.93, outer_radius=1.0, start_angle="profile_angle", end_angle=DIAL_BEGIN, fill_color=PROFILE,
+        fill_alpha=0.85, **ring,
+    )  # fmt: skip
+    plot.ray(x=0, y=0, length=1.07, angle="limit_angle", source=now, line_color=LIMIT, line_width=5)
+    plot.circle(x=0, y=0, radius=0.86, fill_color=PANE, line_color=None)
+    plot.segment("x0", "y0", "x1", "y1", source=ticks, line_color=SOFT, line_width="width")
+    plot.text(
+        "x", "y", "text", source=ticks, text_align="center", text_baseline="middle", text_font_size="13px",
+        text_color=TEXT,
+    )  # fmt: skip
+    plot.ray(x=0, y=0, length=0.66, angle="speed_angle", source=now, line_color="needle", line_width=9)
+    plot.ray(x=0, y=0, length=0.91, angle="speed_angle", source=now, line_color="needle", line_width=3)
+    plot.circle(x=0, y=0, radius=0.38, fill_color="#182838", line_color=EDGE, line_width=2)
+    plot.text(
+        x=0, y=0.03, text="speed_text", source=now, text_align="center", text_baseline="middle",
+        text_font_size="44px", text_font_style="bold", text_color="needle",
+    )  # fmt: skip
+    plot.text(
+        x=0, y=-0.235, text={"value": "km/h"}, text_align="center", text_baseline="middle", text_font_size="12px",
+        text_color=SOFT,
+    )  # fmt: skip
+    return plot
+
+
+def tick_columns(scale: float) -> dict[str, list[Any]]:
+    """Return the ticks and numbers of a dial that ends at so many km/h."""
+    step = next(step for step in (10, 20, 50, 100) if scale / step <= 10)
+    minor = step // 2 if step > 10 else step / 2
+    columns: dict[str, list[Any]] = {name: [] for name in ("x0", "y0", "x1", "y1", "width", "x", "y", "text")}
+    for number in range(round(scale / minor) + 1):
+        speed = number * minor
+        major = number % round(step / minor) == 0
+        at, inner = angle(speed, scale), 0.80 if major else 0.85
+        cosine, sine = math.cos(at), math.sin(at)
+        values = (inner * cosine, inner * sine, 0.905 * cosine, 0.905 * sine, 2.0 if major else 1.0)
+        for name, value in zip(("x0", "y0", "x1", "y1", "width"), values, strict=True):
+            columns[name].append(value)
+        columns["x"].append(0.68 * cosine)
+        columns["y"].append(0.68 * sine)
+        columns["text"].append(f"{speed:g}" if major else "")
+    return columns
+
+
+def force_bar(now: ColumnDataSource, most: float, least: float) -> Any:
+    """Return the force of all units between the most electric brake and the most traction."""
+    known = math.isfinite(most) and math.isfinite(least)
+    reach = (1.08 * least / 1e3, 1.08 * most / 1e3) if known and most > least else (-1000.0, 1000.0)
+    plot = figure(
+        width=SIZE + 12,
+        height=52,
+        x_range=Range1d(*reach),
+        y_range=Range1d(-1, 1),
+        tools="",
+        toolbar_location=None,
+        min_border_left=8,
+        min_border_right=8,
+        name="force",
+    )
+    plot.yaxis.visible = False
+    plot.ygrid.visible = False
+    plot.xaxis.ticker.desired_num_ticks = 6
+    plot.hbar(y=0, left="least", right="most", height=1.5, source=now, fill_color=FAINT, line_color=EDGE)
+    plot.hbar(y=0, left=0, right="applied", height=1.0, source=now, fill_color=APPLIED, line_color=None)
+    plot.segment(
+        x0="demand", x1="demand", y0=-0.95, y1=0.95, source=now, line_color=DEMAND, line_width=4,
+    )  # fmt: skip
+    plot.segment(x0=0, x1=0, y0=-1, y1=1, line_color=SOFT, line_width=1)
+    return plot

@@ -1,0 +1,135 @@
+"""What is known of a run before its first message: sizes of the train, speed limits, grades, force envelopes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from plant_sim.track import Track
+from train_ato.run_setup import RunSetup
+from train_ato.shape import Shape
+from train_ato.types import Array
+
+KMH = 3.6
+SCALES = (40, 60, 80, 100, 120, 160, 200, 250, 300, 350, 400, 500)
+"""Ends of the speed dial [km/h]."""
+ROOM = 1.12
+"""The dial reaches beyond the highest speed by this factor."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Knots of the profile in force: time [s], position of vehicle 0's centre [m], speed [m/s]."""
+
+    time: Array
+    position: Array
+    velocity: Array
+
+    @property
+    def end(self) -> float:
+        """Where vehicle 0's centre is at its end [m]."""
+        return float(self.position[-1])
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What does not change while a train runs.
+
+    Attributes
+    ----------
+    title
+        Name of the scenario, or what stands for it.
+    shape
+        Sizes of the train.
+    duration
+        Simulated time of the whole run [s]; 0 where it is not known.
+    rear
+        Distance of every vehicle's centre behind vehicle 0's [m], shape (n,).
+    nose
+        Front of the train before vehicle 0's centre [m].
+    length
+        Of the train [m].
+    limit_places, limit_speeds
+        Steps of the speed limit [m, m/s].
+    grade_places, grades
+        Steps of the grade [m, ‰], > 0 uphill.
+    speeds, most, least
+        Table of the nominal envelope of all units: speed [m/s], largest traction and (negative) brake force [N].
+    subtitle
+        Train, line, observer and compensation in words.
+    """
+
+    title: str
+    shape: Shape
+    duration: float = 0.0
+    rear: Array = field(default_factory=lambda: np.zeros(0))
+    nose: float = 0.0
+    length: float = 0.0
+    limit_places: Array = field(default_factory=lambda: np.zeros(0))
+    limit_speeds: Array = field(default_factory=lambda: np.zeros(0))
+    grade_places: Array = field(default_factory=lambda: np.zeros(0))
+    grades: Array = field(default_factory=lambda: np.zeros(0))
+    speeds: Array = field(default_factory=lambda: np.zeros(0))
+    most: Array = field(default_factory=lambda: np.zeros(0))
+    least: Array = field(default_factory=lambda: np.zeros(0))
+    subtitle: str = ""
+
+    def limit_now(self, front: float) -> float:
+        """Return the lowest limit between the rear and the front of the train [m/s]; infinite where there is none."""
+        if not self.limit_places.size:
+            return float("inf")
+        first = max(0, int(np.searchsorted(self.limit_places, front - self.length, side="right")) - 1)
+        last = int(np.searchsorted(self.limit_places, front, side="right"))
+        return float(self.limit_speeds[first:last].min(initial=np.inf))
+
+    def next_lower_limit(self, front: float) -> tuple[float, float] | None:
+        """Return place [m] and speed [m/s] of the next limit ahead that is lower than the one in force there."""
+        now = self.limit_now(front)
+        ahead = np.flatnonzero((self.limit_places > front) & (self.limit_speeds < now))
+        return (float(self.limit_places[ahead[0]]), float(self.limit_speeds[ahead[0]])) if ahead.size else None
+
+    def envelope(self, speed: float) -> tuple[float, float]:
+        """Return the largest brake force (negative) and traction force of all units at a speed [N]; NaN if unknown."""
+        if not self.speeds.size:
+            return float("nan"), float("nan")
+        return float(np.interp(speed, self.speeds, self.least)), float(np.interp(speed, self.speeds, self.most))
+
+    def scale(self, profile: Profile | None) -> int:
+        """Return the end of the speed dial [km/h]: room for the limits and for the profile."""
+        fastest = KMH * float(self.limit_speeds.max(initial=0.0))
+        if profile is not None:
+            fastest = max(fastest, ROOM * KMH * float(np.abs(profile.velocity).max(initial=0.0)))
+        return next((end for end in SCALES if end > fastest), SCALES[-1])
+
+
+def facts_of(setup: RunSetup) -> Facts:
+    """Return what a scenario says of its run."""
+    consist, line, scenario = setup.consist, setup.line, setup.scenario
+    track = Track(line)
+    places = np.concatenate(([line.begin], track.breaks[(track.breaks > line.begin) & (track.breaks < line.end)]))
+    grades = 1e3 * track.grade[np.searchsorted(track.breaks, places, side="right")]
+    kept = np.concatenate(([True], np.diff(grades) != 0.0))
+    fastest = 1.3 * max(float(np.abs(setup.profile.velocity).max()), 10.0)
+    speeds: Array = np.linspace(0.0, fastest, 200)
+    least, most = (
+        np.array([side.sum() for side in sides])
+        for sides in zip(*(setup.model.force_limits(np.full(setup.shape.n_units, v)) for v in speeds), strict=True)
+    )
+    names = f"observer {scenario.observer}, compensation {scenario.compensation}, seed {scenario.seed}"
+    return Facts(
+        title=scenario.name,
+        shape=setup.shape,
+        duration=setup.ticks * setup.tick,
+        rear=np.array(consist.offsets, dtype=np.float64),
+        nose=consist.vehicles[0].length / 2,
+        length=consist.length,
+        limit_places=np.array([limit.at for limit in line.speed_limits], dtype=np.float64),
+        limit_speeds=np.array([limit.speed for limit in line.speed_limits], dtype=np.float64),
+        grade_places=places[kept],
+        grades=grades[kept],
+        speeds=speeds,
+        most=most,
+        least=least,
+        subtitle=f"{consist.name}, {consist.mass / 1e3:.0f} t, {consist.length:.0f} m, on {line.name}; {names}",
+    )

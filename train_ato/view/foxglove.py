@@ -1,0 +1,231 @@
+"""A Foxglove WebSocket beside the page: the messages themselves, with the definitions that ROS 2 gives them.
+
+Of a live run they are the newest of every topic, twenty looks a second; of a recorded run all of them, as time goes
+on, and Foxglove's own player moves that time for the page too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol, cast
+
+import foxglove
+from foxglove import Capability, Channel, Context, Schema
+from foxglove.websocket import PlaybackCommand, PlaybackControlRequest, PlaybackState, PlaybackStatus, ServerListener
+
+from train_ato.record.definitions import definition
+from train_ato.record.layout import log_name, table_name
+from train_ato.record.reading import RawMessage
+from train_ato.replay.log import ReplayLog, message_time
+from train_ato.topics import BY_NAME, EPOCH_NS
+from train_ato.view.feed import FRAMES_PER_SECOND, Feed
+from train_ato.view.live import LiveFeed
+from train_ato.view.recorded import RecordedFeed
+
+LOOPBACK = "127.0.0.1"
+MOST_AT_ONCE = 20_000
+"""Messages of a recorded run that are sent between two looks; a longer way is jumped over."""
+
+
+class Source(Protocol):
+    """Where the messages come from."""
+
+    def poll(self, send: Callable[[str, int, bytes], None]) -> int | None:
+        """Hand out what is new as (topic of the table, ns since 1970, bytes); return the time that it is now."""
+
+    def close(self) -> None:
+        """Let go of it."""
+
+
+class FoxgloveServer:
+    """WebSocket server with one channel for each topic.
+
+    Parameters
+    ----------
+    feed
+        What the page shows.
+    port
+        To listen at on this machine; 0 is a free one.
+
+    Attributes
+    ----------
+    url : str
+        What Foxglove connects to.
+
+    Raises
+    ------
+    ValueError
+        If the port cannot be had.
+    """
+
+    def __init__(self, feed: Feed, port: int) -> None:
+        context = Context()
+        topics = [topic for topic in feed.facts.shape.topics if topic.recorded]
+        self._channels = {topic.name: _channel(topic.name, context) for topic in topics}
+        self._latched = {topic.name for topic in topics if topic.latched}
+        self._kept: dict[str, tuple[bytes, int]] = {}
+        self._stopping = threading.Event()
+        capabilities = [Capability.Time]
+        span = None
+        if not feed.live:
+            begin, end = cast("RecordedFeed", feed).span
+            span = (EPOCH_NS + round(begin * 1e9), EPOCH_NS + round(end * 1e9))
+            capabilities.append(Capability.PlaybackControl)
+        self._source: Source = (
+            _Newest(cast("LiveFeed", feed)) if feed.live else _Played(cast("RecordedFeed", feed), [*self._channels])
+        )
+        try:
+            self._server = foxglove.start_server(
+                name=f"train_ato: {feed.facts.title}",
+                host=LOOPBACK,
+                port=port,
+                capabilities=capabilities,
+                server_listener=_Listener(self, feed),
+                supported_encodings=["cdr"],
+                context=context,
+                playback_time_range=span,
+            )
+        except Exception as error:  # the library raises what its Rust side says
+            self._source.close()
+            raise ValueError(f"--foxglove {port}: {' '.join(str(error).split())}; name another port, or 0") from None
+        self.url = f"ws://{LOOPBACK}:{self._server.port}"
+        self._thread = threading.Thread(target=self._run, name="foxglove", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        shown = -1
+        while not self._stopping.wait(1.0 / FRAMES_PER_SECOND):
+            now = self._source.poll(self._send)
+            if now is not None and now != shown:
+                shown = now
+                self._server.broadcast_time(now)
+
+    def _send(self, topic: str, moment_ns: int, data: bytes) -> None:
+        if topic in self._latched:
+            self._kept[topic] = (data, moment_ns)
+        self._channels[topic].log(data, log_time=moment_ns)
+
+    def greet(self, topic: str) -> None:
+        """Send a late subscriber the latched message of a topic."""
+        name = table_name(topic)
+        if name in self._kept:
+            data, moment_ns = self._kept[name]
+            self._channels[name].log(data, log_time=moment_ns)
+
+    def tell(self, state: PlaybackState) -> None:
+        """Tell Foxglove's player that somebody else moved the time."""
+        self._server.broadcast_playback_state(state)
+
+    def close(self) -> None:
+        """End the thread and the server."""
+        self._stopping.set()
+        self._thread.join(timeout=2.0)
+        self._source.close()
+        self._server.stop()
+        for channel in self._channels.values():
+            channel.close()
+
+
+class _Listener(ServerListener):
+    """What Foxglove asks for."""
+
+    def __init__(self, server: FoxgloveServer, feed: Feed) -> None:
+        self._server = server
+        self._feed = feed
+
+    def on_subscribe(self, client: Any, channel: Any) -> None:
+        self._server.greet(channel.topic)
+
+    def on_playback_control_request(self, playback_control_request: PlaybackControlRequest) -> PlaybackState | None:
+        """Play, pause or go to a moment as its player was told to."""
+        asked, feed = playback_control_request, self._feed
+        if not isinstance(feed, RecordedFeed):
+            return None
+        if asked.seek_time is not None:
+            feed.seek((asked.seek_time - EPOCH_NS) * 1e-9)
+        feed.speed = asked.playback_speed
+        feed.set_playing(asked.playback_command == PlaybackCommand.Play)
+        return PlaybackState(
+            status=PlaybackStatus.Playing if feed.playing else PlaybackStatus.Paused,
+            current_time=EPOCH_NS + round(feed.time * 1e9),
+            playback_speed=feed.speed,
+            did_seek=asked.seek_time is not None,
+            request_id=asked.request_id,
+        )
+
+
+class _Newest:
+    """Messages of a live run, read by the thread of the feed."""
+
+    def __init__(self, feed: LiveFeed) -> None:
+        self._feed = feed
+        self._tap = feed.tap()
+
+    def poll(self, send: Callable[[str, int, bytes], None]) -> int | None:
+        while self._tap:
+            send(*self._tap.popleft())
+        frame = self._feed.frame
+        return None if frame is None else EPOCH_NS + round(frame.moment.time * 1e9)
+
+    def close(self) -> None:
+        self._feed.untap(self._tap)
+
+
+class _Played:
+    """Messages of a recorded run, as the feed's time goes on."""
+
+    def __init__(self, feed: RecordedFeed, topics: list[str]) -> None:
+        self._feed = feed
+        self._log = ReplayLog(feed.recording.path)
+        self._names = {name: table_name(name) for name in self._log.topics if table_name(name) in topics}
+        self._depths = {name: 1 for name in self._names if BY_NAME[str(self._names[name])].latched}
+        self._messages: Iterator[RawMessage] = iter(())
+        self._ahead: RawMessage | None = None
+        self._time = -1
+
+    def poll(self, send: Callable[[str, int, bytes], None]) -> int | None:
+        self._feed.advance()
+        now = EPOCH_NS + round(self._feed.time * 1e9)
+        step = now - self._time
+        if self._time < 0 or step < 0 or step > 2_000_000_000 * max(1.0, self._feed.speed / FRAMES_PER_SECOND):
+            self._enter(now, send)
+        self._time = now
+        for _ in range(MOST_AT_ONCE):
+            message = self._ahead or next(self._messages, None)
+            self._ahead = message
+            if message is None or message_time(message) > now:
+                return now
+            self._ahead = None
+            send(str(self._names[message.channel.topic]), message_time(message), bytes(message.data))
+        self._enter(now, send)
+        return now
+
+    def _enter(self, now: int, send: Callable[[str, int, bytes], None]) -> None:
+        """Go on from another moment; latched topics are told as they stood there."""
+        for message in self._log.standing(self._depths, now):
+            send(str(self._names[message.channel.topic]), message_time(message), bytes(message.data))
+        tick = round(self._feed.tick * 1e9)
+        self._messages = self._log.messages([*self._names], now - tick + 1)
+        self._ahead = None
+
+    def close(self) -> None:
+        self._log.close()
+
+
+def _channel(topic: str, context: Context) -> Channel:
+    known = BY_NAME[topic]
+    text = definition(known.type).text
+    schema = Schema(name=known.type, encoding="ros2msg", data=text.encode())
+    return Channel(log_name(known), schema=schema, message_encoding="cdr", context=context)
+
+
+@contextlib.contextmanager
+def serve_foxglove(feed: Feed, port: int) -> Iterator[FoxgloveServer]:
+    """Serve a feed to Foxglove while the context lasts."""
+    server = FoxgloveServer(feed, port)
+    try:
+        yield server
+    finally:
+        server.close()

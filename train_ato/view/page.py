@@ -1,0 +1,198 @@
+"""One page in one browser: the figures, what ties them together, and twenty times a second what is new."""
+
+from __future__ import annotations
+
+import html
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any, cast
+
+from bokeh.core.properties import Int
+from bokeh.events import DocumentReady
+from bokeh.model import DataModel
+from bokeh.models import ColumnDataSource, CustomJS, RadioButtonGroup
+from bokeh.themes import Theme
+from jinja2 import Template
+
+from train_ato.view.ahead import Ahead
+from train_ato.view.along import Along
+from train_ato.view.dial import dial, force_bar, tick_columns
+from train_ato.view.feed import FRAMES_PER_SECOND, Feed
+from train_ato.view.strips import Strips
+from train_ato.view.style import THEME, WIDGETS
+
+if TYPE_CHECKING:
+    from train_ato.view.live import LiveFeed
+    from train_ato.view.recorded import RecordedFeed
+
+VIEWS_KM = (1, 2, 4, 8)
+WINDOWS_S = (60, 180, 600)
+"""Choices of the place ahead that is in view, and of the time that the strip charts show."""
+UNDER_WAY = 2
+"""Frames that a browser may be behind; a slow one, or a hidden one, gets fewer and never an old one."""
+_TOOLS: dict[str, Any] = {"tools": "", "toolbar_location": None, "sizing_mode": "stretch_width"}
+_EMPTY = {
+    **dict.fromkeys(("speed_angle", "profile_angle", "limit_angle"), 3.927),
+    **dict.fromkeys(("place", "rear", "stop", "speed", "applied", "demand", "most", "least", "time"), 0.0),
+    "needle": "#f2f5f7",
+    "speed_text": "–",
+}
+"""The row of the moment before there is one."""
+
+
+class Drawn(DataModel):  # type: ignore[misc]
+    """What the browser says back: the newest frame that it has drawn."""
+
+    number = Int(default=0)
+
+
+class Page:
+    """Fills a Bokeh document and keeps it up to date.
+
+    Attributes
+    ----------
+    frames : int
+        Frames sent to this browser.
+    """
+
+    def __init__(self, document: Any, feed: Feed) -> None:
+        self._document = document
+        self._feed = feed
+        self.frames = 0
+        self._drawn = Drawn()
+        self._shown = self._profile_number = self._strip_number = -1
+        self._marks = -1
+        self._window = (0.0, 0.0)
+        self._now = ColumnDataSource({name: [value] for name, value in _EMPTY.items()}, name="now")
+        self._answer = ColumnDataSource({"text": [""], "done": [1]}, name="answer")
+        self._ticks = ColumnDataSource(tick_columns(feed.scale))
+        self._scale = feed.scale
+        self._several = feed.facts.shape.n_vehicles > 1
+        self._strips = Strips(self._now, self._several, _TOOLS)
+        self._ahead = Ahead(self._now, self._strips.source, feed.facts, _TOOLS)
+        self._along = Along(feed.facts, _TOOLS)
+        self._side = self._controls()
+        self._fill()
+        self.update()
+        document.add_periodic_callback(self.update, 1000 // FRAMES_PER_SECOND)
+
+    def _controls(self) -> Any:
+        """Return what stands at the side and in the bar: only what is needed is loaded."""
+        if self._feed.live:
+            from train_ato.view.panel import Panel
+
+            return Panel(cast("LiveFeed", self._feed), self._say)
+        from train_ato.view.playback import Playback
+
+        return Playback(cast("RecordedFeed", self._feed))
+
+    def _fill(self) -> None:
+        """Put the figures into the document and tie them together in the browser."""
+        document, facts = self._document, self._feed.facts
+        most = float(facts.most.max()) if facts.most.size else float("nan")
+        least = float(facts.least.min()) if facts.least.size else float("nan")
+        view = RadioButtonGroup(
+            labels=[f"{km} km" for km in VIEWS_KM], active=1, name="view", stylesheets=[WIDGETS], height=24
+        )
+        window = RadioButtonGroup(
+            labels=[f"{seconds // 60} min" for seconds in WINDOWS_S], active=1, name="window", stylesheets=[WIDGETS],
+            height=24,
+        )  # fmt: skip
+        window.on_change("active", lambda attr, old, new: self._forget_window())
+        self._window_choice = window
+        roots = [
+            dial(self._now, self._ticks), force_bar(self._now, most, least), *self._ahead.figures,
+            *self._strips.figures, *(self._along.figures if self._several else ()),
+            self._side.bar, self._side.column, view, window,
+        ]  # fmt: skip
+        for root in roots:
+            document.add_root(root)
+        arguments = {
+            "now": self._now, "view": view, "window_": window, "views": VIEWS_KM, "windows": WINDOWS_S,
+            "place_range": self._ahead.span, "span": self._strips.span, "reach": self._along.reach,
+            "shoes": self._along.shoe_reach, "live": self._feed.live, "drawn": self._drawn,
+            "answer": self._answer,
+        }  # fmt: skip
+        follow = CustomJS(args=arguments, code=_asset("page.js"))
+        document.js_on_event(DocumentReady, follow)
+        self._now.js_on_change("data", follow)
+        view.js_on_change("active", follow)
+        window.js_on_change("active", follow)
+        self._answer.js_on_change(
+            "data", CustomJS(code="window.trainAto.say(cb_obj.data.text[0], cb_obj.data.done[0])")
+        )
+        document.theme = Theme(json=THEME)
+        document.title = f"train_ato: {facts.title}"
+        document.template = Template(_asset("page.html"))
+        document.template_variables.update(
+            facts=facts,
+            title=html.escape(facts.title),
+            subtitle=html.escape(facts.subtitle),
+            live=self._feed.live,
+            style=_asset("page.css"),
+            several=self._several,
+            air_brake=facts.shape.air_brake,
+        )
+
+    def _forget_window(self) -> None:
+        self._window = (0.0, 0.0)
+
+    def _say(self, done: bool, text: str) -> None:
+        """Show what a node answered, from any thread."""
+
+        def show() -> None:
+            self._answer.data = {"text": [text], "done": [int(done)]}
+
+        self._document.add_next_tick_callback(show)
+
+    def update(self) -> None:
+        """Send what is new."""
+        feed = self._feed
+        feed.advance()
+        if self._profile_number != feed.profile_number:
+            self._profile_number = feed.profile_number
+            self._show_profile()
+        if self._marks != len(feed.marks):
+            self._marks = len(feed.marks)
+            marks = feed.marks
+            self._strips.marks.data = {"time": [m.time for m in marks], "label": [m.label for m in marks]}
+        self._side.update()
+        frame = feed.frame
+        if frame is None or frame.number == self._shown or self.frames - self._drawn.number >= UNDER_WAY:
+            return
+        self._shown = frame.number
+        self.frames += 1
+        self._show_strip(frame.moment.time)
+        self._along.show(frame.along)
+        self._now.data = {**frame.now, "number": [self.frames]}
+
+    def _show_profile(self) -> None:
+        feed = self._feed
+        if self._scale != feed.scale:
+            self._scale = feed.scale
+            self._ticks.data = tick_columns(feed.scale)
+        self._ahead.show_limits(feed.facts)
+        if feed.profile is not None:
+            self._ahead.show_profile(feed.profile, feed.facts, feed.scale)
+
+    def _show_strip(self, time: float) -> None:
+        """Stream the newest rows of a live run; of a recorded one send the part around the time when it is left."""
+        feed = self._feed
+        if not feed.live:
+            width = WINDOWS_S[self._window_choice.active]
+            begin, end = self._window
+            if not begin + width <= time <= end - width / 2:
+                self._window = (time - 2 * width, time + 2 * width)
+                self._strips.source.data = cast("RecordedFeed", feed).part(*self._window)
+            return
+        with feed.lock:
+            rows = feed.strip.since(max(0, self._strip_number))
+            first = self._strip_number < 0
+            self._strip_number = feed.strip.added
+        if first:
+            self._strips.source.data = rows
+        elif rows["time"].size:
+            self._strips.source.stream(rows, rollover=feed.strip.rows)
+
+
+def _asset(name: str) -> str:
+    return (files("train_ato") / "view" / name).read_text(encoding="utf-8")

@@ -1,0 +1,199 @@
+"""What a person does to a running train: choose the law, set its parameters, disturb it, stop it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from bokeh.models import Button, Checkbox, Column, Div, Row, Select, Slider, Spinner
+
+from train_ato.view.live import LiveFeed
+from train_ato.view.style import SOFT, WIDGETS
+from train_ato.view.tuning import Tunable, slider_scale
+
+WIDTH = 292
+PACES = {
+    "½ ×": 0.5,
+    "1 ×": 1.0,
+    "2 ×": 2.0,
+    "5 ×": 5.0,
+    "10 ×": 10.0,
+    "20 ×": 20.0,
+    "50 ×": 50.0,
+    "as fast as it goes": 0.0,
+}
+"""Pace of the simulation by its name."""
+
+
+class Panel:
+    """Widgets of one browser; what others change shows here too.
+
+    Parameters
+    ----------
+    feed
+        The running graph.
+    say
+        Takes what a node answered and whether it was done, in the document's own turn.
+    """
+
+    def __init__(self, feed: LiveFeed, say: Callable[[bool, str], None]) -> None:
+        self._feed = feed
+        self._say = say
+        self._number = -1
+        self._widgets: dict[str, list[Any]] = {}
+        self._shown_law = ""
+        self._following = False
+        sheets = {"stylesheets": [WIDGETS]}
+        self._law = Select(title="control law (ROS parameter controller)", options=[], width=WIDTH, **sheets)
+        self._law.on_change("value", lambda attr, old, law: self._set("controller", "controller", law))
+        self._parameters = Column(children=[], width=WIDTH, name="parameters")
+        self._brake = Button(label="EMERGENCY BRAKE", button_type="danger", width=WIDTH, height=44, **sheets)
+        self._brake.on_click(self._emergency)
+        self.column = Column(
+            children=[
+                _heading("law"), self._law, self._parameters,
+                _heading("disturb"), *self._disturbances(), _heading("stop"), self._brake,
+            ],
+            width=WIDTH,
+            name="panel",
+        )  # fmt: skip
+        self._pause = Button(label="pause", width=84, name="pause", **sheets)
+        self._pause.on_click(lambda: self._feed.controls.call("pause", self._say, not self._feed.paused))
+        self._step = Button(label="step", width=64, name="step", **sheets)
+        self._step.on_click(lambda: self._feed.controls.call("step", self._say))
+        self._pace = Select(options=[*PACES], value="1 ×", width=150, name="pace", **sheets)
+        self._pace.on_change("value", self._pace_chosen)
+        stop = Button(label="end the run", width=96, name="stop", **sheets)
+        stop.on_click(lambda: self._feed.controls.call("stop", self._say))
+        self.bar = Row(children=[self._pause, self._step, self._pace, stop], name="bar")
+
+    def _disturbances(self) -> list[Any]:
+        """Return the widgets of gusts and delay jumps; how strong they are stands in the plant's parameters."""
+        gust = Button(label="gust", width=92, name="gust", stylesheets=[WIDGETS])
+        gust.on_click(lambda: self._feed.controls.call("gust", self._say))
+        jump = Button(label="delay jump", width=92, name="delay_jump", stylesheets=[WIDGETS])
+        jump.on_click(lambda: self._feed.controls.call("delay_jump", self._say))
+        force = self._spinner("gust.acceleration", "m/s²", -1.0, 1.0, 0.005)
+        duration = self._spinner("gust.duration", "s", 0.5, 3600.0, 1.0)
+        add = self._spinner("delay_jump.add", "s more", -60.0, 60.0, 0.1)
+        factor = self._spinner("delay_jump.factor", "times", 0.0, 1000.0, 0.1)
+        return [Row(children=[gust, force, duration]), Row(children=[jump, add, factor])]
+
+    def _spinner(self, name: str, title: str, low: float, high: float, step: float) -> Any:
+        spinner = Spinner(title=title, low=low, high=high, step=step, value=0.0, width=92, stylesheets=[WIDGETS])
+        spinner.on_change("value_throttled", lambda attr, old, value: self._set("plant", name, value))
+        self._widgets[name] = [spinner]
+        return spinner
+
+    def _set(self, node: str, name: str, value: Any) -> None:
+        """Ask the node to take a value, unless the widget only follows it."""
+        if not self._following and value is not None and value != self._feed.controls.value(node, name):
+            self._feed.controls.set_parameter(node, name, value, self._answered)
+
+    def _answered(self, done: bool, text: str) -> None:
+        """Say it; a widget whose value was refused goes back to what the node has."""
+        if not done:
+            self._number = -1
+        self._say(done, text)
+
+    def _emergency(self) -> None:
+        applied = self._feed.frame is not None and self._feed.frame.moment.state == "emergency brake"
+        self._feed.controls.call("emergency_brake", self._say, not applied)
+
+    def _pace_chosen(self, attr: str, old: str, name: str) -> None:
+        if name in PACES:
+            self._set("plant", "pace", PACES[name])
+
+    def update(self) -> None:
+        """Follow what the nodes say; cheap when nothing changed."""
+        frame = self._feed.frame
+        applied = frame is not None and frame.moment.state == "emergency brake"
+        label = "release the emergency brake" if applied else "EMERGENCY BRAKE"
+        if self._brake.label != label:
+            self._brake.update(label=label, button_type="warning" if applied else "danger")
+        if self._number == self._feed.controls.number:
+            return
+        self._number = self._feed.controls.number
+        self._following = True
+        try:
+            self._follow()
+        finally:
+            self._following = False
+
+    def _follow(self) -> None:
+        tunables = self._feed.controls.tunables
+        law = tunables["controller"].get("controller")
+        if law is not None:
+            if self._law.options != list(law.choices):
+                self._law.options = list(law.choices)
+            self._law.value = law.value
+            if self._shown_law != law.value:
+                self._shown_law = law.value
+                self._show_parameters(tunables["controller"])
+        for node in tunables.values():
+            for name, tunable in node.items():
+                for widget in self._widgets.get(name, ()):
+                    _follow_value(widget, tunable)
+        paused = bool(self._feed.paused)
+        self._pause.label = "resume" if paused else "pause"
+        self._step.disabled = not paused
+        self._show_pace(float(self._feed.controls.value("plant", "pace", 0.0)))
+
+    def _show_pace(self, pace: float) -> None:
+        name = next((name for name, value in PACES.items() if value == pace), f"{pace:g} ×")
+        if name not in self._pace.options:
+            self._pace.options = [*PACES, name]
+        self._pace.value = name
+
+    def _show_parameters(self, known: dict[str, Tunable]) -> None:
+        """Put the parameters of the law in charge into the panel."""
+        mine = [tunable for name, tunable in known.items() if name.startswith(f"{self._shown_law}.")]
+        plants = self._feed.controls.tunables["plant"]
+        self._widgets = {name: found for name, found in self._widgets.items() if name in plants}
+        self._parameters.children = [self._widget(tunable) for tunable in mine]
+
+    def _widget(self, tunable: Tunable) -> Any:
+        """Return the widget that suits a parameter; its meaning is shown on hovering."""
+        name = tunable.name
+        options: dict[str, Any] = {"stylesheets": [WIDGETS], "name": name, "disabled": tunable.read_only}
+        if tunable.choices:
+            words = list(tunable.choices)
+            widget = Select(title=tunable.title, options=words, value=tunable.value, width=WIDTH, **options)
+            widget.on_change("value", lambda attr, old, value: self._set("controller", name, value))
+        elif isinstance(tunable.value, bool):
+            widget = Checkbox(label=tunable.title, active=tunable.value, width=WIDTH, **options)
+            widget.on_change("active", lambda attr, old, value: self._set("controller", name, value))
+        else:
+            return self._number_widgets(tunable, options)
+        self._widgets[name] = [widget]
+        return widget
+
+    def _number_widgets(self, tunable: Tunable, options: dict[str, Any]) -> Any:
+        """Return a slider over a sensible part of the range, and a field that takes all of it."""
+        name, scale = tunable.name, slider_scale(tunable)
+        slider = Slider(
+            title=tunable.title, start=scale.low, end=scale.high, step=scale.step, value=tunable.value,
+            format="0[.]000000", width=WIDTH - 92, **options,
+        )  # fmt: skip
+        field = Spinner(value=tunable.value, step=scale.step, width=80, stylesheets=[WIDGETS])
+        slider.on_change("value_throttled", lambda attr, old, value: self._set("controller", name, value))
+        field.on_change("value", lambda attr, old, value: self._set("controller", name, value))
+        self._widgets[name] = [slider, field]
+        return Row(children=[slider, field])
+
+
+def _follow_value(widget: Any, tunable: Tunable) -> None:
+    if isinstance(widget, Checkbox):
+        widget.active = tunable.value
+        return
+    if isinstance(widget, Slider) and not widget.start <= tunable.value <= widget.end:
+        scale = slider_scale(tunable)
+        widget.update(start=scale.low, end=scale.high, step=scale.step)
+    if widget.value != tunable.value:
+        widget.value = tunable.value
+
+
+def _heading(text: str) -> Any:
+    return Div(
+        text=text, styles={"color": SOFT, "font-size": "12px", "letter-spacing": ".06em", "margin": "4px 0 0 5px"}
+    )

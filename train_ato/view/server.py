@@ -1,0 +1,123 @@
+"""Serving the page: on this machine only unless an address is given, to pages of its own only."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import logging
+import os
+import socket
+from collections.abc import Callable
+from typing import Any
+
+from bokeh.application import Application
+from bokeh.application.handlers.function import FunctionHandler
+from bokeh.server.server import BaseServer
+from bokeh.server.tornado import BokehTornado
+from bokeh.server.util import bind_sockets
+from tornado.httpserver import HTTPServer
+from tornado.ioloop import IOLoop, PeriodicCallback
+
+from train_ato.view.feed import Feed
+from train_ato.view.page import Page
+
+LOOPBACK = "127.0.0.1"
+ANYWHERE = ("0.0.0.0", "::", "")
+UNUSED_MS = 5_000
+"""Time after which the state of a closed browser window is dropped."""
+LARGEST_MESSAGE = 1 << 20
+
+
+class PageServer:
+    """Web server of one feed.
+
+    Parameters
+    ----------
+    feed
+        What is shown, in every browser the same.
+    address, port
+        To listen at; port 0 is a free one.
+
+    Attributes
+    ----------
+    url : str
+        Address of the page.
+    pages : list of Page
+        Those that are open.
+
+    Raises
+    ------
+    ValueError
+        If the address or the port cannot be had.
+    """
+
+    def __init__(self, feed: Feed, address: str = LOOPBACK, port: int = 0) -> None:
+        if not os.environ.get("TRAIN_ATO_DEBUG"):
+            for name in ("bokeh", "tornado"):
+                logging.getLogger(name).setLevel(logging.CRITICAL)
+        self.pages: list[Page] = []
+        self._feed = feed
+        self._asyncio = asyncio.new_event_loop()
+        asyncio.set_event_loop(self._asyncio)
+        self._loop = IOLoop.current()
+        try:
+            sockets, self.port = bind_sockets(address, port)
+        except OSError as error:
+            self._asyncio.close()
+            if error.errno == errno.EADDRINUSE:
+                raise ValueError(f"--port {port}: in use already; name another one, or 0 for a free one") from None
+            raise ValueError(f"--address {address}, --port {port}: {error.strerror or error}") from None
+        host = LOOPBACK if address in ANYWHERE else address
+        self.url = f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
+        application = BokehTornado(
+            {"/": Application(FunctionHandler(self._fill))},
+            extra_websocket_origins=[f"{name}:{self.port}" for name in _names(address)],
+            absolute_url=self.url,
+            websocket_max_message_size_bytes=LARGEST_MESSAGE,
+            unused_session_lifetime_milliseconds=UNUSED_MS,
+            check_unused_sessions_milliseconds=UNUSED_MS,
+        )
+        http = HTTPServer(application)
+        http.add_sockets(sockets)
+        self._server = BaseServer(self._loop, application, http)
+
+    def _fill(self, document: Any) -> None:
+        page = Page(document, self._feed)
+        self.pages.append(page)
+        document.on_session_destroyed(lambda _: self.pages.remove(page))
+
+    def run(self, stopped: Callable[[], bool]) -> None:
+        """Serve until ``stopped``, asked ten times a second, says so."""
+        self._server.start()
+
+        def look() -> None:
+            if stopped():
+                self._loop.stop()
+
+        PeriodicCallback(look, 100).start()
+        try:
+            self._loop.start()
+        finally:
+            self._server.unlisten()
+            self._server.stop()
+            self._loop.run_sync(self._settle)
+            self._loop.close(all_fds=True)
+            asyncio.set_event_loop(None)
+
+    async def _settle(self) -> None:
+        """Let open connections see that the server is gone."""
+        others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
+        for task in others:
+            task.cancel()
+        await asyncio.gather(*others, return_exceptions=True)
+
+
+def _names(address: str) -> list[str]:
+    """Return the names under which a page of this server may be open: others may not talk to it."""
+    names = {"localhost", LOOPBACK}
+    if address in ANYWHERE:
+        names |= {socket.gethostname(), socket.getfqdn()}
+        names |= {str(found[4][0]) for found in socket.getaddrinfo(socket.gethostname(), None, socket.AF_INET)}
+    else:
+        names.add(address)
+    return sorted(names)
