@@ -1,11 +1,11 @@
 """Time allowance: a timetable kept with less energy, by coasting and a reduced cruise.
 
-The fastest run between full traction, cruise, coasting and full braking that needs least traction work has one
-parameter, the cruise V (Howlett and Pudney, "Energy-Efficient Train Control", 1995): traction ends at V, and coasting
-goes over into braking at the speed U = psi(V)/phi'(V), with phi = v r(v), psi = v² r'(v), r the running resistance.
-For V far above the limits U is above them too: the fastest run.  Lowering V spends the allowance, on all runs of the
-journey alike.  On real grades the rule for U is not exact; so runs with less coasting are tried as well and the one
-that needs least traction work is taken.
+Traction is used below the switching curve of :mod:`train_ato.plan.value` alone, which follows from one price of time on
+all runs of the journey; lowering the price spends the allowance.  The curve is found on a coarse grid and without the
+limit on the jerk, so the classical rule is tried beside it: traction ends at one speed V, and coasting goes over into
+braking at U = psi(V)/phi'(V), with phi = v r(v), psi = v² r'(v), r the running resistance (Howlett and Pudney,
+"Energy-Efficient Train Control", 1995), or with less coasting, down to a reduced cruise alone.  What needs least
+traction work is taken.
 """
 
 from __future__ import annotations
@@ -15,69 +15,106 @@ from dataclasses import replace
 
 import numpy as np
 
-from train_ato.plan.run import Run, Style
+from train_ato.plan.run import Run
+from train_ato.plan.style import FASTEST, Style
 from train_ato.plan.train_tables import STEP
+from train_ato.plan.value import switching_curve
 
 __all__ = ["spread_allowance"]
 
-COASTING = (0.0, 0.5, 0.8, 1.0, 1.2)
+COASTING = (0.0, 1.0)
 """Factors tried on how far below V coasting reaches; 0 is a reduced cruise alone."""
 EXACT = 0.02
 """A timetable met within this is met [s]."""
+NEAR = 0.002
+"""Part of the time to which the price of time is searched; the speeds of its curve are scaled for the rest."""
+PRICES = (1e-5, 1e4)
+"""Between which the price of time is searched [W/kg]."""
+SCALES = (0.5, 2.0)
+"""Between which the speeds of a switching curve are scaled."""
 ROUNDS = 60
 SLOWEST = 0.5
 """No cruise is slower than this [m/s]."""
 LEFT_OVER = 1.0
 """Time that may be left over at the last stop where no way of driving takes all of it [s]."""
 
+Styles = list[Style]
 
-def spread_allowance(runs: list[Run], time: float) -> Style:
-    """Return the style of driving that takes the given time over all runs with the least traction work.
+
+def spread_allowance(runs: list[Run], time: float) -> Styles:
+    """Return the style of driving of every run that takes the given time over all with the least traction work.
+
+    Where even the fastest takes longer, the fastest.
 
     Raises
     ------
     ValueError
-        If the time is too short, or so long that the train would have to crawl.
+        If the time is so long that the train would have to crawl.
     """
-    least = sum(run.time() for run in runs)
-    if time < least - EXACT:
-        raise ValueError(
-            f"timetable too tight: {time:.1f} s of running between km {runs[0].begin / 1000:.3f} and "
-            f"km {runs[-1].end / 1000:.3f}, at least {least:.1f} s are needed; allow {least - time:.1f} s more"
-        )
-    if time <= least + EXACT:
-        return Style()
+    if time <= sum(run.time() for run in runs) + EXACT:
+        return [FASTEST] * len(runs)
     candidates = [_search(runs, time, factor) for factor in COASTING]
-    candidates.append(_capped(runs, time, Style()))
-    if all(time - _time(runs, style) > LEFT_OVER for style in candidates):
+    candidates += [_priced(runs, time), _capped(runs, time, [FASTEST] * len(runs))]
+    if all(time - _time(runs, styles) > LEFT_OVER for styles in candidates):
         raise ValueError(
             f"timetable too slack: {time:.1f} s of running would need a speed at which the train crawls; wait at a "
             "stop instead"
         )
-    return min(candidates, key=lambda style: sum(traction_work(run, style) for run in runs))
+    return min(candidates, key=lambda styles: sum(map(traction_work, runs, styles)))
 
 
-def _search(runs: list[Run], time: float, factor: float) -> Style:
+def _priced(runs: list[Run], time: float) -> Styles:
+    """Return the switching curves of the price of time that takes the time."""
+    stretches = [run.stretches() for run in runs]
+
+    def styles(price: float) -> Styles:
+        return [Style(curve=switching_curve(stretch, price, STEP)) for stretch in stretches]
+
+    low, high = PRICES
+    best = styles(high)
+    for _ in range(ROUNDS):
+        price = float(np.sqrt(low * high))
+        driven = styles(price)
+        needed = _time(runs, driven)
+        if needed <= time:
+            high, best = price, driven
+        else:
+            low = price
+        if abs(needed - time) < NEAR * time or high / low < 1.0001:
+            best = driven
+            break
+    scaled = _bisected(runs, time, lambda scale: [replace(style, scale=scale) for style in best], *SCALES)
+    return _capped(runs, time, [replace(style, scale=scaled) for style in best])
+
+
+def _search(runs: list[Run], time: float, factor: float) -> Styles:
     """Return the style of one coasting factor that takes the time; what no cruise spends exactly, a cap spends."""
     train = runs[0].track.train
-    cruise = _bisected(runs, time, lambda speed: _style(runs, speed, factor), 4 * train.speed_max)
-    return _capped(runs, time, _style(runs, cruise, factor))
+
+    def styles(speed: float) -> Styles:
+        return [_style(runs, speed, factor)] * len(runs)
+
+    cruise = _bisected(runs, time, styles, SLOWEST, 4 * train.speed_max)
+    return _capped(runs, time, styles(cruise))
 
 
-def _capped(runs: list[Run], time: float, style: Style) -> Style:
-    """Return the style with a cap that spends the time that is left."""
-    if time - _time(runs, style) < EXACT:
-        return style
+def _capped(runs: list[Run], time: float, styles: Styles) -> Styles:
+    """Return the styles with a cap that spends the time that is left."""
+    if time - _time(runs, styles) < EXACT:
+        return styles
     train = runs[0].track.train
-    return replace(style, cap=_bisected(runs, time, lambda speed: replace(style, cap=speed), train.speed_max))
+
+    def capped(speed: float) -> Styles:
+        return [replace(style, cap=speed) for style in styles]
+
+    return capped(_bisected(runs, time, capped, SLOWEST, train.speed_max))
 
 
-def _bisected(runs: list[Run], time: float, style: Callable[[float], Style], fast: float) -> float:
-    """Return the slowest speed found that keeps the time; ``fast`` must keep it."""
-    slow = SLOWEST
+def _bisected(runs: list[Run], time: float, styles: Callable[[float], Styles], slow: float, fast: float) -> float:
+    """Return the slowest value found that keeps the time, from the slow and the fast end; the latter must keep it."""
     for _ in range(ROUNDS):
         middle = float(np.sqrt(fast * slow))
-        needed = _time(runs, style(middle))
+        needed = _time(runs, styles(middle))
         fast, slow = (middle, slow) if needed <= time else (fast, middle)
         if 0 <= time - needed < EXACT or fast - slow < 1e-9:
             break
@@ -94,10 +131,10 @@ def _style(runs: list[Run], cruise: float, factor: float) -> Style:
     return Style(cruise, coast)
 
 
-def _time(runs: list[Run], style: Style) -> float:
+def _time(runs: list[Run], styles: Styles) -> float:
     """Return the time of all runs [s]; infinite where the train cannot go so slowly."""
     try:
-        return sum(run.time(style) for run in runs)
+        return sum(run.time(style) for run, style in zip(runs, styles, strict=True))
     except ValueError:
         return np.inf
 

@@ -73,12 +73,12 @@ def backward(
 @_compiled
 def forward(
     ceiling: Array, table: Array, spacing: float, up: Array, flat: Array, down: Array, steps: Array,
-    service: float, service_down: float, begin_energy: float, cut_off: float,
+    service: float, service_down: float, begin_energy: float, cut_off: Array,
 ) -> tuple[Array, int]:  # fmt: skip
     """Return E of the fastest run under a ceiling from the backward pass, and the cell in which it stalls (or -1).
 
-    Above ``cut_off`` the train has no traction: it holds that speed, or coasts where it would gain speed by itself.
-    A train that is above the ceiling brakes as it can until it is not.
+    Above ``cut_off``, E at every place, the train has no traction: it holds that speed, or coasts where it would gain
+    speed by itself or the cut-off falls faster.  A train that is above the ceiling brakes as it can until it is not.
     """
     n = ceiling.size - 1
     energy = np.empty(n + 1)
@@ -93,9 +93,9 @@ def forward(
                 rate = min(service, _read(table, TRACTION, at, spacing) - up[k])
             last = at
             at = energy[k] + (0.5 if stage == 0 else 1.0) * steps[k] * rate
-        if at > cut_off:
+        if at > cut_off[k + 1]:
             coast = energy[k] - steps[k] * (_read(table, COAST, last, spacing) + flat[k])
-            at = min(at, max(coast, cut_off))
+            at = min(at, max(coast, cut_off[k + 1]))
         at = max(at, min(ceiling[k + 1], energy[k])) if above else min(at, ceiling[k + 1])
         if at <= 0.0 and (k + 1 < n or ceiling[n] > 0.0):
             return energy, k
@@ -145,7 +145,8 @@ def spread(values: Array, width: Array, places: Array, largest: bool) -> Array:
 def clip_peaks(energy: Array, places: Array, hold: float, jump: float) -> int:
     """Flatten, in place, every peak where the acceleration would fall by more than ``jump`` in less than ``hold`` s.
 
-    The speed of the flat part is the highest that lasts ``hold``.  Returns how many peaks were flattened.
+    The speed of the flat part is the highest that lasts ``hold``, or that of a dip beside the peak.  Returns how many
+    peaks were flattened.
     """
     n = energy.size - 1
     clipped, k = 0, 1
@@ -159,19 +160,26 @@ def clip_peaks(energy: Array, places: Array, hold: float, jump: float) -> int:
         if right < n and energy[right + 1] > energy[k]:
             k = right + 1
             continue
-        rise = (energy[left] - energy[left - 1]) / (places[left] - places[left - 1])
-        fall = 0.0
-        if right < n:
-            fall = (energy[right] - energy[right + 1]) / (places[right + 1] - places[right])
         cap = energy[k]
+        reach = hold * np.sqrt(2.0 * cap)
+        rise, fall = 0.0, 0.0
+        i = left
+        while i > 0 and places[right] - places[i] < reach:
+            rise = max(rise, (energy[i] - energy[i - 1]) / (places[i] - places[i - 1]))
+            i -= 1
+        i = right
+        while i < n and places[i] - places[left] < reach:
+            fall = max(fall, (energy[i] - energy[i + 1]) / (places[i + 1] - places[i]))
+            i += 1
         if rise + fall > jump and fall > 0.0:
             while places[right] - places[left] < hold * np.sqrt(2.0 * cap) and left > 0 and right < n:
-                if energy[left - 1] >= energy[right + 1]:
-                    left -= 1
-                    cap = min(cap, energy[left])
+                before, after = energy[left - 1], energy[right + 1]
+                if before > cap or after > cap:  # a dip: from or into it the run goes on without the peak
+                    break
+                if before >= after:
+                    left, cap = left - 1, before
                 else:
-                    right += 1
-                    cap = min(cap, energy[right])
+                    right, cap = right + 1, after
             for i in range(left, right + 1):
                 energy[i] = min(energy[i], cap)
             clipped += 1

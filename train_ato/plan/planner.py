@@ -13,17 +13,21 @@ import numpy as np
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from train_ato.plan.allowance import spread_allowance
+from train_ato.plan.allowance import EXACT, spread_allowance
 from train_ato.plan.journey import journey_of
 from train_ato.plan.line_tables import LineForce, SpeedLimits
-from train_ato.plan.run import Knots, Run, Style, Track
+from train_ato.plan.run import Run
 from train_ato.plan.settings import PlanSettings
+from train_ato.plan.style import FASTEST, Knots, Style, Track
 from train_ato.plan.train_tables import AvailableForce, TrainTables
 from train_ato.profile.knots import knot_count
 from train_ato.profile.profile import Profile
 from train_ato.types import Array
 
 __all__ = ["Plan", "assemble", "plan"]
+
+TIMETABLE_ROUNDS = 5
+"""Searches for the styles of a timetable, each with the windows and reserves that the one before needed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,17 +133,38 @@ def plan(
     track = Track(train, force, SpeedLimits(line, train.speed_max), settings)
     journey = journey_of(line, settings)
     runs = [Run(track, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in journey.stretches(settings)]
-    style = Style()
-    if settings.time is not None:
-        for run in runs:
-            run.tune(0.0, period)
-        style = spread_allowance(runs, settings.time - sum(journey.dwells))
 
     def departure(number: int, arrival: float) -> float:
         return arrival if number == 0 else arrival + journey.dwells[number - 1]
 
-    since = settings.departure if settings.begin_speed > 0 else 0.0
-    return assemble(runs, [style] * len(runs), settings, line, period, departure, since)
+    def drive(styles: list[Style]) -> Plan:
+        since = settings.departure if settings.begin_speed > 0 else 0.0
+        return assemble(runs, styles, settings, line, period, departure, since)
+
+    fastest = drive([FASTEST] * len(runs))
+    return fastest if settings.time is None else _timetabled(runs, fastest, settings.time, drive)
+
+
+def _timetabled(runs: list[Run], fastest: Plan, time: float, drive: Callable[[list[Style]], Plan]) -> Plan:
+    """Return the plan that keeps a timetable [s]; comfort and forces may need some of the time that its styles spend.
+
+    Raises
+    ------
+    ValueError
+        If the time is too short, or so long that the train would have to crawl.
+    """
+    if time < fastest.running_time - EXACT:
+        raise ValueError(
+            f"timetable too tight: {time:.1f} s between km {runs[0].begin / 1000:.3f} and km "
+            f"{runs[-1].end / 1000:.3f}, at least {fastest.running_time:.1f} s are needed; allow "
+            f"{fastest.running_time - time:.1f} s more"
+        )
+    standing = sum(departure - arrival for _, arrival, departure in fastest.arrivals[1:-1])
+    for _ in range(TIMETABLE_ROUNDS):
+        plan = drive(spread_allowance(runs, time - standing))
+        if plan.running_time <= time + EXACT:
+            return plan
+    return fastest
 
 
 def assemble(

@@ -15,8 +15,9 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.plan.line_tables import LineForce, SpeedLimits
 from train_ato.plan.planner import Plan, assemble
-from train_ato.plan.run import Run, Style, Track
+from train_ato.plan.run import Run
 from train_ato.plan.settings import PlanSettings
+from train_ato.plan.style import FASTEST, Track
 from train_ato.plan.train_tables import AvailableForce, TrainTables
 from train_ato.profile.profile import Profile
 from train_ato.types import Array
@@ -154,7 +155,7 @@ def _replan(
             return state.time if speed > 0 else max(state.time, legs[0].departure)
         return max(arrival + legs[number].dwell, legs[number].departure)
 
-    return assemble(runs, [Style()] * len(runs), settings, line, profile.period, departure, state.time)
+    return assemble(runs, [FASTEST] * len(runs), settings, line, profile.period, departure, state.time)
 
 
 def _legs_left(profile: Profile, half: float, time: float, front: float) -> list[_Leg]:

@@ -7,14 +7,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from train_ato.plan.accelerations import acceleration_table, cannot_brake, stalls
-from train_ato.plan.line_tables import Grid, LineForce, SpeedLimits
+from train_ato.plan.line_tables import Grid
 from train_ato.plan.passes import backward, clip_peaks, durations, forward, spread
-from train_ato.plan.settings import PlanSettings
 from train_ato.plan.smoothing import averaged, largest_jump, raw_run
-from train_ato.plan.train_tables import STEP, TrainTables
+from train_ato.plan.style import FASTEST, Knots, Style, Track
+from train_ato.plan.train_tables import STEP
+from train_ato.plan.value import Stretches
 from train_ato.types import Array
 
-__all__ = ["Run", "Style", "Track"]
+__all__ = ["Run"]
 
 ATTEMPTS = 25
 """Rounds of tightening until the averaged run keeps what the raw run keeps."""
@@ -22,45 +23,6 @@ STANDSTILL = 0.05
 """Speed below which the holding brake brakes, whatever the envelopes say [m/s]."""
 TOLERANCE = 1e-6
 """Relative excess of a force or limit that counts as rounding."""
-
-
-@dataclass(frozen=True, slots=True)
-class Style:
-    """How fast a run is driven [m/s].
-
-    Attributes
-    ----------
-    cut_off : float
-        No traction above it; downhill the train may run faster.
-    coast_above : float
-        The train coasts towards a braking above it.
-    cap : float
-        Never faster, also downhill.
-    """
-
-    cut_off: float = np.inf
-    coast_above: float = np.inf
-    cap: float = np.inf
-
-
-@dataclass(frozen=True, slots=True)
-class Track:
-    """What a run is driven on and with."""
-
-    train: TrainTables
-    force: LineForce
-    limits: SpeedLimits
-    settings: PlanSettings
-
-
-@dataclass(frozen=True, slots=True)
-class Knots:
-    """A driven run at some times: place of the front [m], speed, acceleration and own force [N] > 0 traction."""
-
-    place: Array
-    speed: Array
-    rate: Array
-    force: Array
 
 
 @dataclass
@@ -127,7 +89,7 @@ class Run:
             return 0.0
         return max(self.begin_rate, -1.8 * self.begin_speed / self.window)
 
-    def raw(self, style: Style = Style()) -> Array:
+    def raw(self, style: Style = FASTEST) -> Array:
         """Return v²/2 of the raw run at every place of the grid.
 
         Raises
@@ -141,11 +103,7 @@ class Run:
         end_energy = self.end_speed**2 / 2
         coast = style.coast_above**2 / 2
         limit = np.minimum(parts["limit"], style.cap**2 / 2)
-        top, lost = backward(
-            limit, parts["table"], STEP, parts["down"], parts["flat"], grid.steps, down_rate, end_energy, coast
-        )
-        if lost >= 0:
-            raise ValueError(cannot_brake(self.track.train, grid, parts, lost, top))
+        top = self._ceiling(limit, coast)
         first = (self.begin_speed + self.rate_before * self.window / 2) ** 2 / 2
         if first > top[0] * (1 + 1e-9) + 1e-9 and not self.late:
             raise ValueError(
@@ -154,7 +112,7 @@ class Run:
             )
         energy, stalled = forward(
             top, parts["table"], STEP, parts["up"], parts["flat"], parts["down"], grid.steps,
-            up_rate, down_rate, first, style.cut_off**2 / 2,
+            up_rate, down_rate, first, style.cut_off_energy(grid.places),
         )  # fmt: skip
         if stalled >= 0:
             raise ValueError(stalls(self.track.train, grid, parts, stalled, bool(energy[0] <= 0)))
@@ -168,11 +126,36 @@ class Run:
             clip_peaks(energy, grid.places, self.window, float(settings.jerk or 0.0) * self.window)
         return np.asarray(energy)
 
-    def time(self, style: Style = Style()) -> float:
+    def _ceiling(self, limit: Array, coast_above: float = np.inf) -> Array:
+        """Return the largest v²/2 from which every limit ahead can be kept."""
+        grid, parts, settings = self.grid, self._parts(), self.track.settings
+        down_rate = settings.deceleration if settings.deceleration is not None else np.inf
+        top, lost = backward(
+            limit, parts["table"], STEP, parts["down"], parts["flat"], grid.steps, down_rate, self.end_speed**2 / 2,
+            coast_above,
+        )  # fmt: skip
+        if lost >= 0:
+            raise ValueError(cannot_brake(self.track.train, grid, parts, lost, top))
+        return np.asarray(top)
+
+    def stretches(self) -> Stretches:
+        """Return the run as the search for the least work sees it."""
+        parts, settings = self._parts(), self.track.settings
+        service = settings.acceleration if settings.acceleration is not None else np.inf
+        return Stretches(
+            self.grid.places,
+            self._ceiling(parts["limit"]),
+            parts["flat"],
+            parts["table"],
+            service,
+            self.end_speed**2 / 2,
+        )
+
+    def time(self, style: Style = FASTEST) -> float:
         """Return the duration of the run [s]."""
         return float(durations(self.raw(style), self.grid.steps).sum()) + self.window
 
-    def tune(self, start: float, period: float, style: Style = Style()) -> None:
+    def tune(self, start: float, period: float, style: Style = FASTEST) -> None:
         """Choose window, reserve and widening so that the averaged run keeps every limit at the knots.
 
         Parameters
@@ -236,7 +219,7 @@ class Run:
             rate = np.clip(rate, np.minimum(least, 0.0), np.where(rate > 0, np.maximum(most, 0.0), np.inf))
         return Knots(place, speed, rate, train.inertia * rate + resists)
 
-    def raw_run(self, style: Style = Style()) -> Array:
+    def raw_run(self, style: Style = FASTEST) -> Array:
         """Return the raw run over time, see :func:`train_ato.plan.smoothing.raw_run`."""
         return self._raw_run(self.raw(style))
 
