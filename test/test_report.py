@@ -11,12 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from frames_logs import write_log
+from import_files import recorded, take
 from report_runs import EVENTFUL, drive, without
 from test_engine import Breaks
 from test_wire import LONG
 
 from train_ato.cli import main
 from train_ato.control.registry import LAWS
+from train_ato.figure import titles
 from train_ato.report.digest import digest, share_of
 from train_ato.report.happened import events_of
 from train_ato.report.lines import LINES, MAPS
@@ -163,6 +165,19 @@ def test_a_measured_run_has_the_figures_of_what_was_measured(eventful: Path, tmp
     assert reduced.lines["energy"].columns["traction"][-1] == pytest.approx(work)
     assert any("measured" in remark for remark in reduced.remarks)
     assert main(["report", str(run)]) == 0
+
+
+def test_an_imported_run_leaves_out_what_was_not_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if forces stand as their own commands, or the speed as its own reference, with no error and no delay."""
+    take(tmp_path, capsys, recorded())
+    run = tmp_path / "imported"
+    reduced = digest(read_recording(run))
+    assert set(reduced.lines) == {"speed", "forces", "energy"}
+    assert set(reduced.lines["forces"].columns) == {"applied", "envelope_low", "envelope_high"}
+    assert "not measured" in reduced.left_out["delay"]
+    assert "not measured" in reduced.left_out["speed_error"]
+    assert main(["report", str(run)]) == 0
+    assert "run.csv" in (run / "report.html").read_text()
 
 
 LINES_OF = (
@@ -381,6 +396,15 @@ def test_the_summary_is_told_with_words_and_units(eventful: Path) -> None:
 def test_clock(time: float, text: str) -> None:
     """Breaks if a minute has 60.0 seconds."""
     assert clock(time) == text
+
+
+def test_the_figure_of_a_run_says_how_it_was_driven_and_how_it_ended() -> None:
+    """Breaks if a figure of an interrupted run, or of another way of running, looks like any other."""
+    summary = {"scenario": "demo", "controller": "pid", "observer": "none", "compensation": "preview", "seed": 1}
+    assert titles({**summary, "status": "done"}) == ["demo: pid, observer none, compensation preview, seed 1"]
+    assert titles({**summary, "status": "interrupted", "way": "processes"})[1:] == [
+        "run as ROS nodes, a process each, INTERRUPTED"
+    ]
 
 
 def test_unfinished_runs_are_marked_at_their_end(eventful: Path) -> None:

@@ -31,6 +31,8 @@ COLOURS = ("#1b6ca8", "#d1495b", "#2e8b57", "#8f5fb8", "#c98a1b", "#4b4b4b", "#1
 """Colours of lines that show no quantity of the report: laws, settings, differences."""
 LOW = {"pressure": 0.6, "shoe_force": 0.6}
 """Panels lower than the others."""
+OUTSIDE = ("gust", "delay_jump", "emergency_brake")
+"""Changes that act on the train; all others are of the law."""
 APPLIED_PA = 1000.0
 """A brake pipe that never falls by this much was never used [Pa]."""
 
@@ -53,7 +55,7 @@ def draw_run(setup: RunSetup, history: History, summary: dict[str, Any], path: P
         *(_brake(history)),
     ]
     drawn = [(axis, lines) for axis, lines in panels if lines is not None]
-    events = _events(setup, history)
+    events = _events(setup, history, summary)
     with styled():
         figure, axes = sheet(len(drawn), [LOW.get(axis, 1.0) for axis, _ in drawn])
         for panel, (axis, lines) in zip(axes, drawn, strict=True):
@@ -126,8 +128,15 @@ def _brake(history: History) -> list[tuple[str, Lines | None]]:
     return [("pressure", Lines(history.time, {"pipe": pipe / KILO})), ("shoe_force", force)]
 
 
-def _events(setup: RunSetup, history: History) -> list[Event]:
+def _events(setup: RunSetup, history: History, summary: dict[str, Any]) -> list[Event]:
+    """Return what was changed while the run went on, the end of the scored part and that of an unfinished run."""
+    events = []
+    for change in summary.get("changes", ()):
+        kind = "outside" if change["name"] in OUTSIDE else "law"
+        events.append(Event(kind, float(change["at_s"]), str(change["name"])))
     part = scored_part(setup, history)
-    if part.stop >= history.time.size:
-        return []
-    return [Event("scored", float(history.time[part.stop]), "end of the scored part")]
+    if part.stop < history.time.size:
+        events.append(Event("scored", float(history.time[part.stop]), "end of the scored part"))
+    if summary.get("status") in ENDS:
+        events.append(Event("end", float(history.time[-1]), str(summary["status"])))
+    return events

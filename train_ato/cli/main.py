@@ -17,7 +17,7 @@ __all__ = ["RunFailed", "main"]
 
 COMMANDS: tuple[tuple[str, str], ...] = (
     ("run", "drive a scenario and record it"),
-    ("compare", "drive a scenario with several laws: one table and one figure"),
+    ("compare", "drive a scenario with several laws: one table, one figure, one page"),
     ("reproduce", "the papers' claims beside what is measured here"),
     ("list", "scenarios, laws, observers, compensations, consists and lines"),
     ("replay", "publish a recorded run again, or try a law on its inputs"),

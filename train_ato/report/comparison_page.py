@@ -40,13 +40,13 @@ FIGURES: tuple[tuple[str, str, tuple[Shared, ...]], ...] = (
         "Tracking",
         (
             Shared("speed", ("speed", "measured_speed"), "speed", "Speed", "Of vehicle 0's centre.", 280),
-            Shared("speed_error", ("speed_error",), "speed_error", "Speed error", "Truth minus reference{worst}.", 220),
+            Shared("speed_error", ("speed_error",), "speed_error", "Speed error", "Train minus reference{worst}.", 220),
             Shared(
                 "position_error",
                 ("position_error",),
                 "position_error",
                 "Position error",
-                "Truth minus reference{worst}; > 0 is ahead of the profile.",
+                "Train minus reference{worst}; > 0 is ahead of the profile.",
                 220,
             ),
         ),

@@ -24,6 +24,9 @@ MAP_CELLS = 260_000
 LEAST_COLUMNS, MOST_COLUMNS = 400, 6000
 """Columns of a heat map, however many vehicles there are."""
 LEAST_ROWS, PROFILE_ROWS = 600, 3000
+MEASURED = ("measured_file", "measured_columns", "measured_resampled", "measured_profile", "measured_command",
+            "measured_reference", "measured_notes")  # fmt: skip
+"""What the summary of a measured run says of its origin."""
 MEASURES = ("position_km", "envelope_high", "envelope_low")
 """Columns that go along smoothly with others: no point is kept for them."""
 
@@ -201,7 +204,9 @@ def facts_of(recording: Recording) -> dict[str, str]:
     for key in ("controller", "observer", "compensation", "seed"):
         if key in summary:
             facts[{"controller": "law"}.get(key, key)] = str(summary[key])
-    facts["run as"] = WAYS.get(str(summary.get("way")), str(summary.get("way", ""))) or "not recorded"
+    facts |= {key.replace("_", " "): str(summary[key]) for key in MEASURED if summary.get(key)}
+    way = "a measured run" if "measured_file" in summary else str(summary.get("way") or "not recorded")
+    facts["run as"] = WAYS.get(way, way)
     facts["run"] = str(recording.path)
     if "version" in summary:
         facts["version"] = f"train_ato {summary['version']}"

@@ -101,6 +101,8 @@ def _reference(recording: Recording, name: str, time: Array) -> Array:
     reference = recording.of("ato/reference", name)
     if reference is None:
         raise LeftOut("the log has no ato/reference")
+    if not recording.recorded("reference"):
+        raise LeftOut("the reference was not measured: the profile is the measured speed itself")
     return np.asarray(aligned(time, *reference)[:, :1])
 
 
@@ -130,6 +132,8 @@ def forces(recording: Recording) -> Lines:
     command, applied = recording.of("ato/command", "force"), recording.of("train/measurement", "applied")
     if applied is None and command is None:
         raise LeftOut("the log has neither ato/command nor train/measurement")
+    if applied is not None and not recording.recorded("command"):
+        command = None
     time = (command or applied or (np.empty(0), np.empty(0)))[0]
     columns: dict[str, Array] = {}
     for name, found in (("demand", command), ("applied", applied)):
@@ -214,6 +218,8 @@ def disturbance(recording: Recording) -> Lines:
 
 def delay(recording: Recording) -> Lines:
     """Return the delay from command to effect as found in the log, as set, and as the law believes it [s]."""
+    if not recording.recorded("command"):
+        raise LeftOut("the command was not measured")
     found = delays(recording, delay_jumps(recording))
     command = recording.of("ato/command", "force")
     if not found or command is None:

@@ -141,6 +141,10 @@ class Recording:
         """Whether the log holds no truth, as that of a measured run."""
         return "train/cars" not in self.topics
 
+    def recorded(self, what: str) -> bool:
+        """Tell whether a measured run's ``command`` or ``reference`` was measured; a simulated run has both."""
+        return not str(self.summary.get(f"measured_{what}", "")).startswith("not recorded")
+
     @property
     def span(self) -> tuple[float, float]:
         """First and last stamp [s]."""

@@ -37,12 +37,12 @@ FIGURES: tuple[tuple[str, str, tuple[Wanted, ...]], ...] = (
         "Tracking",
         (
             Wanted("speed", "speed", "Speed", "Of vehicle 0's centre; the limit is the lowest under the train.", 280),
-            Wanted("speed_error", "speed_error", "Speed error", "Truth minus reference at the same stamp.", 200),
+            Wanted("speed_error", "speed_error", "Speed error", "Train minus reference at the same stamp.", 200),
             Wanted(
                 "position_error",
                 "position_error",
                 "Position error",
-                "Truth minus reference at the same stamp; > 0 is ahead of the profile.",
+                "Train minus reference at the same stamp; > 0 is ahead of the profile.",
                 200,
             ),
         ),

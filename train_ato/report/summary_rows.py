@@ -70,6 +70,10 @@ GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
 """The rows of the summary."""
 
 
+NOT_STANDING = "stop_error_m"
+"""A dash is worth a line here: the train did not stand at the end."""
+
+
 def shown(row: Row, summary: dict[str, Any]) -> str:
     """Return the value of a row as it is read; a dash where a run has none."""
     value = summary.get(row.key)
@@ -84,11 +88,12 @@ def filled_groups(summaries: list[dict[str, Any]]) -> list[tuple[str, list[tuple
     groups = []
     for title, rows in GROUPS:
         filled = [(row, [shown(row, summary) for summary in summaries]) for row in rows]
-        filled = [(row, texts) for row, texts in filled if any(text != "–" for text in texts) or row.key in _ALWAYS]
+        tracked = any(summary.get("speed_rmse_kmh") is not None for summary in summaries)
+        filled = [
+            (row, texts)
+            for row, texts in filled
+            if any(text != "–" for text in texts) or (tracked and row.key == NOT_STANDING)
+        ]
         if any(any(text != "–" for text in texts) for _, texts in filled):
             groups.append((title, filled))
     return groups
-
-
-_ALWAYS = ("stop_error_m",)
-"""A dash is worth a line: the train did not stand at the end."""
