@@ -194,7 +194,7 @@ TOPICS: tuple[Topic, ...] = (
         (Role.PLANT, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER),
         (),
         Rate.SECOND,
-        "mode, law, delays, limits, interventions, per node",
+        "mode, law, delays, limits, interventions, per node; at once too when something happens",
         (("status[].values", "", "key and value as text, SI"),),
     ),
     Topic(

@@ -95,6 +95,7 @@ class ControlStack:
         self._pressure: float | None = None
         self._cut = False
         self._unsound = 0
+        self._unsound_estimates = 0
         self._held = HeldSteps(hold_limit, period)
         self._saturated = 0
         self._swaps = 0
@@ -136,6 +137,7 @@ class ControlStack:
         """Return counts of what the guards did, as text."""
         return {
             "unsound_measurements": str(self._unsound),
+            "unsound_estimates": str(self._unsound_estimates),
             "held_steps": str(self._held.total),
             "saturated_steps": str(self._saturated),
             "swaps": str(self._swaps),
@@ -228,7 +230,10 @@ class ControlStack:
         high: Array,
     ) -> LawInput:
         """Return what the law may know, as the compensation shows it."""
-        disturbance = estimate.force if within(estimate.force, STRONGEST) else self._nothing
+        disturbance = estimate.force
+        if not within(disturbance, STRONGEST):
+            disturbance = self._nothing
+            self._unsound_estimates += 1
         under_way = self._sent.under_way()
         t = measurement.stamp * 1e-9
         view = self._compensation.see(

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from train_ato.control.contract import parameter
 from train_ato.control.parts.couplers import UnitCouplers
 from train_ato.control.parts.shares import mean_over_units
 from train_ato.observe.contract import ObserverInput
 
 if TYPE_CHECKING:
     from train_ato.model import TrainModel
+
+
+def scope() -> Any:
+    """Declare the parameter ``scope`` of an observer that draws a balance."""
+    meaning = "balance over every unit's vehicle, over the train, or as the couplers allow"
+    return parameter("auto", "", 0, 0, meaning, choices=("auto", "vehicle", "train"))
 
 
 class State(NamedTuple):

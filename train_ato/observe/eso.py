@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from train_ato.control.contract import parameter
 from train_ato.control.parts.two_poles import TwoPoles
-from train_ato.observe.balance import Balance, State
+from train_ato.observe.balance import Balance, State, scope
 from train_ato.observe.contract import ObserverInput
 from train_ato.observe.guard import GuardedObserver
 
@@ -35,14 +35,7 @@ class EsoParameters:
     """Parameters of :class:`Eso`."""
 
     omega: float = parameter(2.0, "1/s", 0.0, 1e6, "bandwidth: both poles at exp(-omega Tc)")
-    scope: str = parameter(
-        "auto",
-        "",
-        0,
-        0,
-        "balance over every unit's vehicle, over the train, or as the couplers allow",
-        choices=("auto", "vehicle", "train"),
-    )
+    scope: str = scope()
 
 
 class Eso(GuardedObserver):

@@ -37,7 +37,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from train_ato.control.contract import parameter
-from train_ato.observe.balance import Balance, State
+from train_ato.observe.balance import Balance, State, scope
 from train_ato.observe.contract import ObserverInput
 from train_ato.observe.guard import GuardedObserver
 
@@ -50,14 +50,7 @@ class NdoParameters:
     """Parameters of :class:`Ndo`."""
 
     omega: float = parameter(20.0, "1/s", 0.0, 1e6, "bandwidth; the paper's 1000 is a difference quotient")
-    scope: str = parameter(
-        "auto",
-        "",
-        0,
-        0,
-        "balance over every unit's vehicle, over the train, or as the sensors allow",
-        choices=("auto", "vehicle", "train"),
-    )
+    scope: str = scope()
     model_error: float = parameter(0.01, "1", -0.5, 10.0, "f_hat = f/(1 + model_error), vehicle scope only")
 
 
