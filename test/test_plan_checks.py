@@ -204,3 +204,18 @@ def test_the_same_request_gives_the_same_bits() -> None:
     path, asked = line(3000, stops=[{"at": 0}, {"at": 1000, "dwell": 10}, {"at": 3000}]), PlanSettings(time=240)
     first, second = (plan(path, STRONG, asked) for _ in range(2))
     assert isinstance(first, Plan) and first.profile == second.profile
+
+
+def test_a_train_stays_where_its_brakes_reach() -> None:
+    """Planned to the last km/h of its envelopes a tram that ran 0.1 km/h faster on a fall had no brake at all."""
+    ends = {"traction": [{"to_kmh": 80, "force_kn": 50}], "brake": [{"to_kmh": 80, "force_kn": 60}]}
+    tram = {"mass_t": 38, "length": 30, "resistance": {"n": [600, 20, 5]}}
+    data = {"schema": "train_ato/consist/1", "name": "tram", "train": [{"type": "tram"}]}
+    line = load_line("level")
+    fastest = []
+    for brake_to in (80, 100):
+        ends["brake"] = [{"to_kmh": brake_to, "force_kn": 60}]
+        consist = Consist.model_validate(data | {"vehicle_types": {"tram": tram | ends}})
+        fastest.append(3.6 * plan(line, consist, PlanSettings(end=line.begin + 3000)).profile.velocity.max())
+        assert 3.6 * balancing_speed(consist, 0.0) == pytest.approx(80.0, abs=0.1)
+    assert fastest == pytest.approx([0.98 * 80, 80], abs=0.05)

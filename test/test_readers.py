@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -99,7 +100,12 @@ def test_a_bench_line_with_curves() -> None:
     line = ttobench.line_from(BENCH, "bench.json")
     assert [stop.at for stop in line.stops] == [0, 5000] and line.end == 5000
     assert [g.grade for g in line.grades] == pytest.approx([0.002, -0.0035])
-    assert [(c.begin, c.end, c.radius) for c in line.curves] == [(300, 600, 500)]
+    assert (line.curves[0].begin, line.curves[-1].end) == (300, 600)
+    assert all(a.end == pytest.approx(b.begin) for a, b in pairwise(line.curves))
+    turned = sum((c.end - c.begin) / c.radius for c in line.curves)  # of 1/800 falling to -1/500, linear with its sign
+    assert turned == pytest.approx(300 / 2 * (800**-2 + 500**-2) / (1 / 800 + 1 / 500), rel=0.02)
+    plain = BENCH | {"curvatures": BENCH["curvatures"] | {"values": [[300.0, -500.0, -500.0], [600.0, 0, 0]]}}
+    assert [(c.begin, c.end, c.radius) for c in ttobench.line_from(plain, "plain").curves] == [(300, 600, 500)]
 
 
 @pytest.mark.parametrize("name", ["00_var_gradient_minusplus_6", "00_var_speed_limit_100", "CH_StGallen_Wil"])

@@ -28,7 +28,9 @@ class PlanSettings(SiModel):
     force_margin: float = Field(
         0.1, ge=0, lt=1, description="part of traction and brake envelopes kept for the controller"
     )
-    speed_max: Speed | None = Field(None, gt=0, description="of the train; default: where its envelopes end")
+    speed_max: Speed | None = Field(
+        None, gt=0, description="of the train; default: where traction ends, and a little below where the brakes end"
+    )
     begin_speed: Speed = Field(0.0, ge=0, description="speed at the begin")
     end_speed: Speed = Field(0.0, ge=0, description="speed at the end")
     air_brake: bool = Field(True, description="count on the air brake where the train has one")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from plant_sim.consist import Consist
-from train_ato.plan.train_tables import TrainTables
+from train_ato.plan.train_tables import HIGHEST, TrainTables
 
 __all__ = ["balancing_speed", "holding_force", "steepest_start"]
 
@@ -18,15 +18,12 @@ def balancing_speed(consist: Consist, grade: float) -> float:
     grade
         > 0 uphill, 1 per mille = 0.001.
     """
-    train = TrainTables(consist)
+    train = TrainTables(consist, HIGHEST)
     left = train.traction - train.resistance - train.mass * train.gravity * grade
-    inside = train.speed <= train.speed_max
-    above = np.flatnonzero((left > 0) & inside)
+    above = np.flatnonzero(left[:-1] > 0)
     if not above.size:
         return 0.0
     k = int(above[-1])
-    if k + 1 >= left.size or not inside[k + 1]:
-        return train.speed_max
     return float(train.speed[k] + (train.speed[k + 1] - train.speed[k]) * left[k] / (left[k] - left[k + 1]))
 
 

@@ -10,12 +10,14 @@ from plant_sim.consist import Consist
 from plant_sim.traction import Envelope
 from train_ato.types import Array
 
-__all__ = ["AvailableForce", "TrainTables"]
+__all__ = ["HIGHEST", "AvailableForce", "TrainTables"]
 
 STEP = 0.02
 """Spacing of the tables over the speed [m/s]."""
 HIGHEST = 200.0
 """No table reaches beyond this speed [m/s]."""
+OVERSPEED = 0.02
+"""Part of the speed that a plan stays below the end of the brakes: a train that runs a little faster must brake."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +51,7 @@ class TrainTables:
     consist
         The train.
     speed_max
-        Of the train [m/s]; None: where its envelopes end.
+        Of the train [m/s]; None: where its envelopes end, and a little below where its brakes do.
     air_brake
         Count on the shoes at the largest reduction of the braking factor's table.
     point_mass
@@ -107,12 +109,18 @@ class TrainTables:
         polynomials = np.array([vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles])
         self._polynomial: Array = polynomials.sum(axis=0)
         self._refuse_helpless()
-        ends = [float(envelope.rows[-1, 0]) for envelope in (self._traction or self._electric)]
-        self.speed_max = min(max(ends), HIGHEST) if speed_max is None else min(speed_max, HIGHEST)
+        self.speed_max = min(self._fastest() if speed_max is None else speed_max, HIGHEST)
         self.speed: Array = STEP * np.arange(int(np.ceil(self.speed_max / STEP)) + 3, dtype=np.float64)
         self.traction, self.electric, air = self._forces_on_grid()
         self.brake = self.electric + air
         self.resistance = self.resistance_at(self.speed)
+
+    def _fastest(self) -> float:
+        """Return where traction ends, or a little below the end of the brakes if that is slower [m/s]."""
+        ends = [
+            max((float(e.rows[-1, 0]) for e in units), default=np.inf) for units in (self._traction, self._electric)
+        ]
+        return min(ends[0], ends[1] if self._shoes > 0 else (1.0 - OVERSPEED) * ends[1], HIGHEST)
 
     def _refuse_helpless(self) -> None:
         if not self._electric and self._shoes <= 0:

@@ -1,12 +1,13 @@
 """Lines of TTOBench, an open library of train trajectory optimisation benchmarks (JSON, BSD-2).
 
 Stops, speed limits and gradients over the distance; gradients are positive uphill in the direction of running.
-Curvatures are linear in 1/R between their entries (transition curves); here every entry is a curve of the sharper of
-the radii at its two ends, so that the resistance is never too small.
+Curvatures are linear in 1/R between their entries (transition curves); they become short curves of their mean
+curvature, so that the work of their resistance is right.
 """
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ SPEEDS = {"km/h": 1 / 3.6, "m/s": 1.0}
 SLOPES = {"permil": 1e-3, "percent": 1e-2, "1": 1.0}
 STRAIGHT = 1e5
 """Radii beyond this are straight [m]."""
+TRANSITION, PIECES = 20.0, 10
+"""Length of the curves that a transition is cut into [m], and the most of them."""
 
 
 def is_ttobench(data: dict[str, Any]) -> bool:
@@ -99,22 +102,35 @@ def _curves(top: Fields, end: float) -> list[dict[str, float]]:
         return []
     fields = top.below("curvatures")
     unit = _unit(fields, "position", LENGTHS)
-    rows: list[tuple[float, float]] = []
+    rows: list[tuple[float, float, float]] = []
     for k, row in enumerate(fields.rows("values", 3)):
         place = f"{fields.place}: values[{k}]"
-        radii = [_radius(value, f"{place}[{i + 1}]") for i, value in enumerate(row[1:])]
-        rows.append((number(row[0], f"{place}[0]", -1e8, 1e8) * unit, min(radii)))
-    ends = [at for at, _ in rows[1:]] + [end]
+        first, last = (_curvature(value, f"{place}[{i + 1}]") for i, value in enumerate(row[1:]))
+        rows.append((number(row[0], f"{place}[0]", -1e8, 1e8) * unit, first, last))
+    ends = [at for at, _, _ in rows[1:]] + [end]
     return [
-        {"begin": at, "end": stop, "radius": radius}
-        for (at, radius), stop in zip(rows, ends, strict=True)
-        if radius < STRAIGHT and stop > at
+        curve
+        for (at, first, last), stop in zip(rows, ends, strict=True)
+        if stop > at
+        for curve in _transition(at, stop, first, last)
     ]
 
 
-def _radius(value: Any, place: str) -> float:
-    """Return the magnitude of a radius; 0, null and 'infinity' are straight."""
+def _transition(begin: float, end: float, first: float, last: float) -> list[dict[str, float]]:
+    """Return the curves of an entry whose curvature runs from the first to the last [1/m]."""
+    count = 1 if first == last else min(PIECES, math.ceil((end - begin) / TRANSITION))
+    length = (end - begin) / count
+    mean = [abs(first + (last - first) * (k + 0.5) / count) for k in range(count)]
+    return [
+        {"begin": begin + k * length, "end": begin + (k + 1) * length, "radius": 1 / curvature}
+        for k, curvature in enumerate(mean)
+        if curvature > 1 / STRAIGHT
+    ]
+
+
+def _curvature(value: Any, place: str) -> float:
+    """Return 1/R with its sign; 0, null and 'infinity' are straight."""
     if value is None or (isinstance(value, str) and "inf" in value.lower()) or value in (float("inf"), float("-inf")):
-        return STRAIGHT
-    radius = abs(number(value, place))
-    return radius if radius > 0 else STRAIGHT
+        return 0.0
+    radius = number(value, place)
+    return 1 / radius if radius else 0.0
