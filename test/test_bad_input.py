@@ -100,6 +100,8 @@ CASES: list[tuple[str, list[str], str]] = [
     ("set without a run", ["set", "controller=smc", "--domain", "77"], r"--domain 77: no run holds it"),
     ("verify nothing", ["verify", "nowhere"], r"nowhere: no such log; name a run folder"),
     ("compare with an unknown law", ["compare", "demo", "--controllers", "pid,pidd"], r"unknown controller 'pidd'"),
+    ("compare without a law", ["compare", "demo", "--controllers", ","], r"--controllers ,: names no law"),
+    ("engine with a domain", ["run", "demo", "--engine", "--domain", "5"], r"--domain 5: the engine uses no ROS"),
     ("two ways at once", ["run", "demo", "--engine", "--processes"], r"not allowed with argument"),
     ("no command", [], r"required: COMMAND"),
     ("not a run", ["info", "."], r"not a run folder"),

@@ -1,16 +1,18 @@
-"""Ctrl-C and SIGTERM as a flag, so that no step and no write is cut in the middle."""
+"""Ctrl-C, SIGTERM and a closed terminal: a flag while a run lasts, otherwise the same clean end."""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+_ENDING = (signal.SIGTERM, signal.SIGHUP)
+
 
 class Interrupt:
-    """Set by Ctrl-C or SIGTERM; the loops look at it, so that no callback is cut in the middle."""
+    """Set by Ctrl-C, SIGTERM or a closed terminal; the loops look at it, so that no callback is cut in the middle."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -22,15 +24,35 @@ class Interrupt:
 
 @contextmanager
 def interruptible() -> Iterator[Interrupt]:
-    """Turn SIGINT and SIGTERM into a flag while a run lasts."""
+    """Turn the signals that end a command into a flag while a run lasts, so that no step and no write is cut."""
     interrupt = Interrupt()
+    with _handled(interrupt.ask, (signal.SIGINT, *_ENDING)):
+        yield interrupt
+
+
+@contextmanager
+def ending_like_ctrl_c() -> Iterator[None]:
+    """Let SIGTERM and a closed terminal end a command as Ctrl-C does: what it holds is given back."""
+    with _handled(_interrupted, _ENDING):
+        yield
+
+
+def _interrupted(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt
+
+
+@contextmanager
+def _handled(handler: Callable[[int, FrameType | None], None], numbers: Iterable[int]) -> Iterator[None]:
+    """Handle signals, and put the handlers back; under ``nohup`` a closed terminal stays without effect."""
     if threading.current_thread() is not threading.main_thread():
-        yield interrupt
+        yield
         return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, interrupt.ask) for number in numbers]
+    before = {number: signal.getsignal(number) for number in numbers}
+    taken = {number for number, old in before.items() if number != signal.SIGHUP or old != signal.SIG_IGN}
+    for number in taken:
+        signal.signal(number, handler)
     try:
-        yield interrupt
+        yield
     finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
+        for number in taken:
+            signal.signal(number, before[number])

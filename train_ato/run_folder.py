@@ -15,6 +15,7 @@ import yaml
 
 from plant_sim.library import StrictLoader
 from train_ato.outcome import Outcome
+from train_ato.record.layout import LOG, PARTIAL
 from train_ato.record.reading import attachments, log_file
 from train_ato.record.run_log import RunLog
 from train_ato.record.versions import SCENARIO, attachments_for
@@ -57,6 +58,11 @@ class RunFolder:
         except OSError as error:
             raise ValueError(f"--out {path}: cannot be made ({error.strerror}); name a writable place") from None
         return cls(path, made)
+
+    @property
+    def recorded(self) -> bool:
+        """Whether a log was begun."""
+        return any((self.path / name).exists() for name in (LOG, PARTIAL))
 
     def discard(self) -> None:
         """Remove the folder of a run that never started, and the folders above that were made for it."""

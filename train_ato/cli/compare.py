@@ -52,10 +52,10 @@ def execute(options: argparse.Namespace) -> int:
     setups, left_out = _setups(options)
     first = next(iter(setups.values()))
     folder = RunFolder.make(options.out, f"compare-{first.scenario.name}")
-    note_compilation()
     try:
+        note_compilation()
         summaries, digests = _drive(setups, folder.path if options.keep else None)
-    except (RunFailed, OSError):
+    except (RunFailed, OSError, KeyboardInterrupt):
         folder.discard()
         raise
     (folder.path / "summary.json").write_text(json.dumps(summaries, indent=2) + "\n", encoding="utf-8")
@@ -79,7 +79,11 @@ def execute(options: argparse.Namespace) -> int:
 
 def _setups(options: argparse.Namespace) -> tuple[dict[str, RunSetup], dict[str, str]]:
     """Prepare one run for each law; laws that were not asked for by name are left out when they do not fit."""
-    asked = [name.strip() for name in options.controllers.split(",") if name.strip()] if options.controllers else None
+    asked = None
+    if options.controllers is not None:
+        asked = [name.strip() for name in options.controllers.split(",") if name.strip()]
+        if not asked:
+            raise ValueError(f"--controllers {options.controllers}: names no law; leave it out to take all that fit")
     setups: dict[str, RunSetup] = {}
     left_out: dict[str, str] = {}
     base: RunSetup | None = None

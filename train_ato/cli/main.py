@@ -11,6 +11,7 @@ from typing import Any
 
 from train_ato.arguments import BAD_INPUT, OneLineParser
 from train_ato.failure import RunFailed
+from train_ato.interrupt import ending_like_ctrl_c
 from train_ato.version import VERSION
 
 __all__ = ["RunFailed", "main"]
@@ -68,8 +69,9 @@ def _parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
     try:
-        options = _parser().parse_args(arguments)
-        return int(options.execute(options) or DONE)
+        with ending_like_ctrl_c():
+            options = _parser().parse_args(arguments)
+            return int(options.execute(options) or DONE)
     except ValueError as error:
         return _complain(error, BAD_INPUT)
     except BrokenPipeError:
@@ -79,6 +81,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _complain(error, FAILED)
     except KeyboardInterrupt:
         return _complain("interrupted", FAILED)
+    except Exception as error:
+        if not _began_with_ctrl_c(error):
+            raise
+        return _complain("interrupted", FAILED)
+
+
+def _began_with_ctrl_c(error: BaseException | None) -> bool:
+    """Tell whether an error is what compiled code made of Ctrl-C: a SystemError or an ImportError."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def _complain(error: object, status: int) -> int:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from train_ato.cli.main import RunFailed
 from train_ato.cli.scenario_options import add_scenario_options, prepare_from
-from train_ato.cli.screen import COMPILE_NOTE, console, print_json, progress_bar, table
+from train_ato.cli.screen import COMPILE_NOTE, noted_when_slow, print_json, progress_bar, table
 from train_ato.graph.environment import check_domain
 from train_ato.interrupt import interruptible
 from train_ato.outcome import Outcome
@@ -66,20 +65,27 @@ def execute(options: argparse.Namespace) -> int:
         raise ValueError(f"--pace {options.pace}: give a positive number, 1 for real time; 0 is as fast as it goes")
     if options.pace and options.engine:
         raise ValueError("--pace: the engine cannot be held back while it runs; use --realtime, or leave --engine out")
+    if options.domain is not None and options.engine:
+        raise ValueError(f"--domain {options.domain}: the engine uses no ROS; leave it or --engine out")
     check_domain(options.domain)
     setup = prepare_from(options, controller=options.controller)
     folder = RunFolder.make(options.out, setup.scenario.name)
-    folder.begin(setup)
-    note_compilation()
     try:
+        folder.begin(setup)
+        note_compilation()
         outcome = drive(
             setup, folder, way_of(options), options.realtime, options.domain, setup.scenario.name, options.pace
         )
+        outcome = replace(outcome, summary={**outcome.summary, "way": way_of(options)})
+        folder.finish(setup, outcome)
     except ValueError:
         folder.discard()
         raise
-    outcome = replace(outcome, summary={**outcome.summary, "way": way_of(options)})
-    folder.finish(setup, outcome)
+    except KeyboardInterrupt:
+        if not folder.recorded:
+            folder.discard()
+            raise
+        raise RunFailed(f"interrupted; what was recorded is in {folder.path}") from None
     report(outcome, folder, options.json)
     if outcome.failure:
         raise RunFailed(outcome.failure)
@@ -92,12 +98,8 @@ def note_compilation() -> None:
     """Load the train's kernel; where that takes long it is being compiled, once on this machine, and a line says so."""
     from plant_sim.train import compile_kernel
 
-    note = threading.Timer(2.0, lambda: console().print(COMPILE_NOTE))
-    note.start()
-    try:
+    with noted_when_slow(COMPILE_NOTE):
         compile_kernel()
-    finally:
-        note.cancel()
 
 
 def drive(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from train_ato.cli.screen import COMPILE_NOTE, PLANNER_NOTE, noted_when_slow
 from train_ato.run_setup import RunSetup, prepare
 from train_ato.scenario import load
 
@@ -42,4 +43,5 @@ def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
     }
     overlay = {key: value for key, value in overlay.items() if value is not None}
     scenario, path = load(options.scenario, tuple(options.assignments), overlay)
-    return prepare(scenario, path)
+    with noted_when_slow(PLANNER_NOTE if scenario.profile.plan is not None else COMPILE_NOTE):
+        return prepare(scenario, path)

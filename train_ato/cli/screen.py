@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -17,11 +18,24 @@ from rich.table import Table
 from train_ato.outcome import Progress
 
 COMPILE_NOTE = "Compiling the train's kernel, once on this machine; later runs start at once."
+PLANNER_NOTE = "Planning takes a moment; on a machine's first run kernels are compiled for it."
 
 
 def console() -> Console:
     """Return the console for people: standard error, so that standard output stays clean for results."""
     return Console(stderr=True, highlight=False)
+
+
+@contextmanager
+def noted_when_slow(text: str) -> Iterator[None]:
+    """Print a line when something takes longer than two seconds: on a machine's first run kernels are compiled."""
+    note = threading.Timer(2.0, lambda: console().print(text, soft_wrap=True))
+    note.daemon = True
+    note.start()
+    try:
+        yield
+    finally:
+        note.cancel()
 
 
 @contextmanager

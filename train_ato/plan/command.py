@@ -78,9 +78,10 @@ def planned(options: argparse.Namespace) -> dict[str, Any]:
 
 def execute(options: argparse.Namespace) -> int:
     """Plan, and print one JSON value or a table."""
-    from train_ato.cli.screen import print_json, shown, table
+    from train_ato.cli.screen import PLANNER_NOTE, noted_when_slow, print_json, shown, table
 
-    result = planned(options)
+    with noted_when_slow(PLANNER_NOTE):
+        result = planned(options)
     if options.json:
         print_json(result)
         return 0

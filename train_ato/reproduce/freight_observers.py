@@ -183,9 +183,10 @@ def observer_accuracy(
     changes = {"tick": tick, "step": min(tick, 1e-3), "duration": duration, "profile": {"until": 30}}
     scenario, path = load("freight_consensus:aligned", changes=changes)
     setup = prepare(scenario, path)
-    history = run_engine(setup).history
-    if history is None:
-        raise ValueError(f"observers at {tick:g} s: the run left no tick")
+    outcome = run_engine(setup)
+    history = outcome.history
+    if history is None or outcome.interrupted:
+        raise ValueError(f"observers at {tick:g} s: the run was cut off")
     known = _Drive(history, setup.model, tick).known()
     true = np.stack(truth(history.time))
     whole = np.stack(truth(np.linspace(0.0, JUMPS[0], 2001, endpoint=False)))

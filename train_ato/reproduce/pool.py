@@ -58,6 +58,8 @@ def carry_out(case: Case | Calculation, progress: Any = None) -> Result:
             return Result(figures, None, None, series)
         scenario, path = load(case.scenario, changes=dict(case.changes))
         outcome = run_engine(prepare(scenario, path), progress=progress)
+        if outcome.interrupted:
+            return Result({}, None, "interrupted")
         return Result(outcome.summary, outcome.history, outcome.failure)
     except Exception as error:
         return Result({}, None, " ".join(f"{type(error).__name__}: {error}".split()))
@@ -85,7 +87,7 @@ class WorkerPool:
         for connection, process in self._workers.items():
             with suppress(OSError):
                 connection.close()
-            process.terminate()
+            process.kill()  # it holds nothing, and a long calculation would not listen
         for process in self._workers.values():
             process.join()
         self._workers.clear()
