@@ -15,11 +15,12 @@ import yaml
 
 from train_ato.changes import Told, changes_of, from_text, swap_of
 from train_ato.engine import run_engine
-from train_ato.record.changes import told_by
+from train_ato.record.changes import late_commands, told_by
 from train_ato.record.difference import compare
 from train_ato.run_folder import STARTED, RunFolder, open_run
 from train_ato.run_setup import prepare
 from train_ato.scenario import Swap, load
+from train_ato.types import Diagnostic
 from train_ato.wire import Wire
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -226,3 +227,15 @@ def test_a_law_set_from_another_process_is_recorded_and_verified(
     found = compare(run, other.path, Wire(plain.shape))
     assert found.first is not None
     assert found.first.stamp == round(first * SECOND)
+
+
+def test_late_commands_of_a_paced_run_are_counted(tmp_path: Path) -> None:
+    """Breaks if verify blames the code where the wall clock was to blame: the last count of the plant holds."""
+    setup = prepare(*load("demo"))
+    with RunFolder.make(tmp_path / "run", "demo").sink(setup) as sink:
+        for second, late in enumerate((0, 2, 3)):
+            values = {"wall_late": str(late), "wall_held": "1"}
+            sink.add("/diagnostics", Diagnostic(second * SECOND, "plant", 0, "running", values), second * SECOND)
+        sink.add("/diagnostics", Diagnostic(0, "controller", 0, "engaged", {"wall_late": "99"}), 0)
+    assert late_commands(tmp_path / "run") == 4
+    assert late_commands(drive(tmp_path / "lockstep")) == 0

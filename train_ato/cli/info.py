@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from train_ato.cli.screen import print_json, table
+from train_ato.cli.screen import print_json, share_bar, table
 from train_ato.record.overview import Overview, TopicOverview, overview
 from train_ato.record.reading import log_file, partial_of, state_of
 from train_ato.record.versions import SCENARIO
@@ -25,10 +25,12 @@ def execute(options: argparse.Namespace) -> int:
     run: Path = options.run
     partial = partial_of(run)
     if partial is not None:
-        found, note = overview(partial, broken=True), f"{partial}: {state_of(partial)}"
+        log, note = partial, f"{partial}: {state_of(partial)}"
     else:
         _check_folder(run)
-        found, note = overview(log_file(run)), ""
+        log, note = log_file(run), ""
+    with share_bar(f"reading {log}") as progress:
+        found = overview(log, broken=partial is not None, progress=lambda share: progress(share, ""))
     summary = _summary(run)
     changes = summary.pop("changes", None) or found.told.listed()
     if options.json:

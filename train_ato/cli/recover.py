@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from train_ato.cli.screen import print_json
+from train_ato.cli.screen import print_json, share_bar
 from train_ato.record.recover import recover
 
 
@@ -20,7 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Write what is whole of the log as a new one; the damaged file is kept beside it."""
-    found = recover(options.file)
+    with share_bar(f"recovering {options.file}") as progress:
+        found = recover(options.file, lambda share: progress(share, ""))
     if options.json:
         print_json(
             {

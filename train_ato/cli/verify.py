@@ -10,10 +10,10 @@ from pathlib import Path
 
 from train_ato.cli.main import RunFailed
 from train_ato.cli.run import note_compilation
-from train_ato.cli.screen import print_json, progress_bar
+from train_ato.cli.screen import print_json, progress_bar, share_bar
 from train_ato.engine import run_engine
 from train_ato.measured.run import MEASURED
-from train_ato.record.changes import told_by
+from train_ato.record.changes import late_commands, told_by
 from train_ato.record.difference import Comparison, compare
 from train_ato.record.versions import SCENARIO
 from train_ato.run_folder import RunFolder, open_run
@@ -55,7 +55,11 @@ def execute(options: argparse.Namespace) -> int:
         how = f"up to {options.relative:g} of its field" if options.relative else "bit for bit"
         sys.stdout.write(f"{options.run}: {found.messages} messages are equal, {how}\n")
     if not found.equal:
-        raise RunFailed(f"{options.run}: {found.differing} of {found.messages} messages differ; first: {found.first}")
+        late = late_commands(options.run)
+        paced = f"; paced on the wall clock, {late} commands came late or not at all" if late else ""
+        raise RunFailed(
+            f"{options.run}: {found.differing} of {found.messages} messages differ; first: {found.first}{paced}"
+        )
     return 0
 
 
@@ -74,4 +78,5 @@ def compare_with_new(run: Path, setup: RunSetup, relative: float = 0.0) -> Compa
             outcome = run_engine(setup, sink=sink, progress=progress)
         if outcome.failure or outcome.interrupted:
             raise RunFailed(outcome.failure or "interrupted")
-        return compare(run, again.path, Wire(setup.shape), relative)
+        with share_bar("comparing") as tell:
+            return compare(run, again.path, Wire(setup.shape), relative, lambda share: tell(share, ""))

@@ -26,3 +26,13 @@ def told_by(run: Path) -> Told:
     for _, _, data in iter_raw(run, ("/diagnostics",)):
         told.take(decode_diagnostic(data))
     return told
+
+
+def late_commands(run: Path) -> int:
+    """Return how many commands of a run on the wall clock came late or not at all: those cannot be repeated."""
+    counts = [0]
+    for _, _, data in iter_raw(run, ("/diagnostics",)):
+        message = decode_diagnostic(data)
+        if message.node == "plant":
+            counts.append(sum(int(message.values.get(key, "0")) for key in ("wall_late", "wall_held")))
+    return max(counts)

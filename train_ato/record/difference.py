@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.record.reading import iter_raw
+from train_ato.record.reading import Progress, iter_raw
 from train_ato.topics import TOPICS
 from train_ato.wire import Wire
 
@@ -76,7 +76,7 @@ class Comparison:
         return self.differing == 0
 
 
-def compare(one: Path, other: Path, wire: Wire, relative: float = 0.0) -> Comparison:
+def compare(one: Path, other: Path, wire: Wire, relative: float = 0.0, progress: Progress | None = None) -> Comparison:
     """Compare two logs of the same scenario.
 
     Parameters
@@ -87,17 +87,23 @@ def compare(one: Path, other: Path, wire: Wire, relative: float = 0.0) -> Compar
         Decoder for the train of both.
     relative
         Numbers may differ by this part of the largest magnitude of their field in ``one``; 0 compares bit for bit.
+    progress
+        Takes the share of the work that is done.
 
     Raises
     ------
     ValueError
         If one of the files is no log, or damaged.
     """
-    left, right = _by_topic(one), _by_topic(other)
+    tell = progress or _silent
+    left = _by_topic(one, lambda share: tell(0.4 * share))
+    right = _by_topic(other, lambda share: tell(0.4 + 0.4 * share))
     messages = 0
     topics: dict[str, int] = {}
     found: list[Difference] = []
-    for topic in sorted({*left, *right}, key=lambda name: _ORDER.get(name, len(_ORDER))):
+    names = sorted({*left, *right}, key=lambda name: _ORDER.get(name, len(_ORDER)))
+    for number, topic in enumerate(names):
+        tell(0.8 + 0.2 * number / len(names))
         mine, theirs = left.get(topic, []), right.get(topic, [])
         messages += max(len(mine), len(theirs))
         scale = _Scale(topic, mine, wire, relative)
@@ -110,10 +116,14 @@ def compare(one: Path, other: Path, wire: Wire, relative: float = 0.0) -> Compar
     return Comparison(messages, len(found), topics, first)
 
 
-def _by_topic(run: Path) -> dict[str, list[Entry]]:
+def _silent(share: float) -> None:
+    pass
+
+
+def _by_topic(run: Path, progress: Progress) -> dict[str, list[Entry]]:
     """Messages of every topic in stamp order; those of one stamp, from several nodes, by content."""
     messages: dict[str, list[Entry]] = {}
-    for topic, stamp, data in iter_raw(run):
+    for topic, stamp, data in iter_raw(run, progress=progress):
         messages.setdefault(topic, []).append((stamp, data))
     for topic, entries in messages.items():
         entries.sort(key=lambda entry: entry if topic == "/diagnostics" else entry[:1])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from train_ato.changes import Told
 from train_ato.record.layout import table_name
-from train_ato.record.reading import attachments, stream
+from train_ato.record.reading import Progress, attachments, stream
 from train_ato.record.versions import VERSIONS, read_versions
 from train_ato.topics import BY_NAME, EPOCH_NS, Rate
 from train_ato.wire_variable import decode_diagnostic
@@ -74,7 +74,7 @@ class Overview:
         return max(topic.last_s for topic in self.topics) - min(topic.first_s for topic in self.topics)
 
 
-def overview(path: Path, *, broken: bool = False) -> Overview:
+def overview(path: Path, *, broken: bool = False, progress: Progress | None = None) -> Overview:
     """Read a log through and return what it holds.
 
     Parameters
@@ -83,6 +83,8 @@ def overview(path: Path, *, broken: bool = False) -> Overview:
         MCAP file.
     broken
         Of a file that was never closed: what can be read of it.
+    progress
+        Takes the share of the file that is read.
 
     Raises
     ------
@@ -92,7 +94,7 @@ def overview(path: Path, *, broken: bool = False) -> Overview:
     stamps: dict[str, array[int]] = {}
     types: dict[str, str] = {}
     told = Told()
-    for message in stream(path, broken=broken):
+    for message in stream(path, broken=broken, progress=progress):
         name = message.channel.topic
         if name not in stamps:
             stamps[name] = array("q")

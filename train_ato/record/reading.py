@@ -120,7 +120,11 @@ class Definitions:
             raise Damage(f"a chunk holds what it cannot ({type(error).__name__}: {error})") from None
 
 
-def stream(path: Path, *, broken: bool = False) -> Iterator[RawMessage]:
+Progress = Callable[[float], None]
+"""Takes the share of a work that is done, 0 to 1."""
+
+
+def stream(path: Path, *, broken: bool = False, progress: Progress | None = None) -> Iterator[RawMessage]:
     """Read a log from its beginning, message by message, in the order in which it was written.
 
     Every chunk is checked before its first message is handed out, the file as a whole at its end.
@@ -131,6 +135,8 @@ def stream(path: Path, *, broken: bool = False) -> Iterator[RawMessage]:
         MCAP file.
     broken
         End quietly at the first damage, also where the file breaks off, as a killed run leaves it.
+    progress
+        Takes the share of the file that is read, chunk by chunk.
 
     Raises
     ------
@@ -140,9 +146,13 @@ def stream(path: Path, *, broken: bool = False) -> Iterator[RawMessage]:
     known = Definitions()
     try:
         with path.open("rb") as file:
-            for record in records(file, path.stat().st_size):
+            size, done = max(1, path.stat().st_size), 0
+            for record in records(file, size):
+                done += len(record.content)
                 if record.code == Opcode.CHUNK:
                     yield from known.messages(chunk_content(record.content))
+                    if progress is not None:
+                        progress(done / size)
                 elif record.code == Opcode.MESSAGE:
                     yield from known.messages(_RECORD.pack(record.code, len(record.content)) + record.content)
                 else:
@@ -188,7 +198,9 @@ def attachments(path: Path, *, broken: bool = False) -> dict[str, bytes]:
     return found
 
 
-def iter_raw(run: Path, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, bytes]]:
+def iter_raw(
+    run: Path, topics: Collection[str] | None = None, progress: Progress | None = None
+) -> Iterator[tuple[str, int, bytes]]:
     """Read the messages of a run as (topic of the table, publish stamp, CDR bytes), in the order of the log.
 
     Parameters
@@ -197,9 +209,11 @@ def iter_raw(run: Path, topics: Collection[str] | None = None) -> Iterator[tuple
         Run folder or MCAP file.
     topics
         Names in the table; default: all.
+    progress
+        Takes the share of the file that is read.
     """
     known: dict[str, str | None] = {}
-    for message in stream(log_file(run)):
+    for message in stream(log_file(run), progress=progress):
         name = message.channel.topic
         if name not in known:
             found = table_name(name)

@@ -23,7 +23,7 @@ from mcap.records import Attachment, Channel
 
 from train_ato.record.layout import LOG, METADATA, PARTIAL
 from train_ato.record.mcap_writer import MAGIC
-from train_ato.record.reading import Definitions, RawMessage, being_written, stream
+from train_ato.record.reading import Definitions, Progress, RawMessage, being_written, stream
 from train_ato.record.records import Damage, attachment_of, chunk_content, chunk_head
 from train_ato.record.run_log import LogFile
 
@@ -53,13 +53,15 @@ class Recovered:
     lost_chunks: int
 
 
-def recover(file: Path) -> Recovered:
+def recover(file: Path, progress: Progress | None = None) -> Recovered:
     """Write what is whole of a damaged log as a proper one with its ``metadata.yaml``.
 
     Parameters
     ----------
     file
         ``run.mcap.partial`` of a killed run, a damaged ``.mcap``, or the folder of a run that holds one.
+    progress
+        Takes the share of the file that is read.
 
     Raises
     ------
@@ -72,7 +74,7 @@ def recover(file: Path) -> Recovered:
         raise ValueError(f"{kept}: exists already; move it away first")
     try:
         with tempfile.TemporaryDirectory(dir=source.parent, prefix=".recover-") as scratch:
-            messages, lost = _rewrite(source, Path(scratch), target.name)
+            messages, lost = _rewrite(source, Path(scratch), target.name, progress)
             bag = target.name == LOG or (target.parent / METADATA).exists()
             source.rename(kept)
             (Path(scratch) / target.name).rename(target)
@@ -111,7 +113,7 @@ def _whole(path: Path) -> bool:
     return True
 
 
-def _rewrite(source: Path, scratch: Path, name: str) -> tuple[int, int]:
+def _rewrite(source: Path, scratch: Path, name: str, progress: Progress | None) -> tuple[int, int]:
     """Write the whole chunks of a file into a folder; return the number of messages and of lost chunks."""
     log: LogFile | None = None
     numbers: dict[str, int] = {}
@@ -120,7 +122,7 @@ def _rewrite(source: Path, scratch: Path, name: str) -> tuple[int, int]:
         if source.stat().st_size == 0:
             raise ValueError(f"{source}: is empty; nothing can be recovered")
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            wreck = Wreck(data)
+            wreck = Wreck(data, progress)
             for message in wreck.messages():
                 if log is None:
                     log = LogFile(scratch, {entry.name: entry.data for entry in wreck.attachments()}, name)
@@ -153,6 +155,8 @@ class Wreck:
     ----------
     data
         All of it.
+    progress
+        Takes the share of it that is read.
 
     Attributes
     ----------
@@ -160,8 +164,9 @@ class Wreck:
         Chunks that were found by their pattern and are damaged.
     """
 
-    def __init__(self, data: mmap.mmap) -> None:
+    def __init__(self, data: mmap.mmap, progress: Progress | None = None) -> None:
         self._data = data
+        self._progress = progress
         self.lost = 0
 
     def messages(self) -> Iterator[RawMessage]:
@@ -175,6 +180,8 @@ class Wreck:
                 yield from self._inside(self._content(begin), known)
             else:
                 self.lost += 1
+            if self._progress is not None:
+                self._progress(begin / len(self._data))
 
     def _inside(self, content: bytes | None, known: Definitions) -> list[RawMessage]:
         """Return the messages of a chunk, none of one that cannot be understood."""
