@@ -68,7 +68,7 @@ setup(
         "rich>=13",
         "matplotlib>=3.8",
         "pillow>=9",
-        "bokeh>=3.4",
+        "bokeh>=3.7",
         "Jinja2>=3.1",
         "tornado>=6.2",
         "foxglove-sdk>=0.30",

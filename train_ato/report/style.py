@@ -134,7 +134,7 @@ class Linked:
                 ))  # fmt: skip
             if moments.data["begin"]:
                 drawn.append(plot.vspan(
-                    x="begin", source=moments, line_color=colour, line_width=1.3, line_dash=[5, 3], line_alpha=0.9,
+                    x="begin", source=moments, line_color=colour, line_width=1.3, line_dash="5 3", line_alpha=0.9,
                     level="underlay",
                 ))  # fmt: skip
 
