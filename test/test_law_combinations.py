@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+from plant_sim.library import consist_path
 from train_ato.cli import main
 from train_ato.compensate.registry import COMPENSATIONS
 from train_ato.control.registry import LAWS
@@ -130,6 +132,17 @@ def test_refused_before_the_start(
     assert re.search(reason, said)
     assert said.count("\n") == 1
     assert not out.exists()
+
+
+def test_a_train_that_nothing_drives_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Wagons alone: one line before the start, not a failure in the middle of some node."""
+    consist = yaml.safe_load(consist_path("hxd1_c80_105").read_text(encoding="utf-8"))
+    consist["train"] = consist["train"][1:]
+    path = tmp_path / "wagons.yaml"
+    path.write_text(yaml.safe_dump(consist), encoding="utf-8")
+    changes = [f"--set=plant.consist={path}", "--set=plant.sensors.couplers=[]", "--set=duration=5"]
+    assert main(["run", "demo", "--engine", f"--out={tmp_path / 'run'}", *changes]) == 2
+    assert "controller 'pid': no vehicle of the train has traction or brake" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
