@@ -134,9 +134,7 @@ class RunSetup:
         if values is None:
             values = self.controller_parameters.get(name, {})
         if not self.model.n_units:
-            raise ValueError(
-                f"controller '{name}': no vehicle of the train has traction or brake; give one of them some"
-            )
+            raise ValueError(f"controller '{name}': no vehicle of the train has traction or brake; give one some")
         law: Law = LAWS.make(name, values, self.model, self.control_period)
         refuse_misfit(name, law, self.compensation, COMPENSATIONS.get(self.compensation))
         return law
