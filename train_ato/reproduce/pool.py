@@ -120,7 +120,12 @@ class WorkerPool:
     def _start(self) -> Connection:
         ours, theirs = self._context.Pipe()
         process = self._context.Process(target=_work, args=(theirs,), daemon=True, name="reproduce")
-        process.start()
+        # The terminal's Ctrl-C is for this process alone; a worker inherits the mask from its very first moment on.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+        try:
+            process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
         self._workers[ours] = process
         return ours
@@ -143,7 +148,6 @@ class WorkerPool:
 
 def _work(connection: Connection) -> None:
     """Carry out whatever comes through the pipe until it is closed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def report(progress: Progress) -> None:
         connection.send(progress.simulated / progress.duration)
