@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from bokeh.models import ColorBar, CustomJSHover, HoverTool, LinearColorMapper, Range1d
+from bokeh.models import AdaptiveTicker, ColorBar, CustomJSHover, HoverTool, LinearColorMapper, Range1d
 
 from train_ato.report.quantities import FONT, INK, buff_to_draft, none_to_full
 from train_ato.report.style import Figure, Linked
@@ -68,6 +68,7 @@ def heat_figure(
             attachment="horizontal",
         )
     )
+    plot.yaxis.ticker = AdaptiveTicker(mantissas=[1, 2, 5], min_interval=1)
     plot.ygrid.visible = False
     plot.xgrid.visible = False
     return plot

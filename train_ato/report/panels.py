@@ -6,7 +6,7 @@ They know nothing of runs and pages; whoever has arrays can use them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from bokeh.models import (
 from train_ato.report.quantities import (
     FROM_ZERO,
     GREY,
+    OF_ONE,
     QUANTITIES,
     RUN_COLOURS,
     Quantity,
@@ -49,7 +50,7 @@ def traces_of(columns: Sequence[str]) -> list[Trace]:
         if unit:
             colour = RUN_COLOURS[int(unit) % len(RUN_COLOURS)]
             dash = "dashed" if name == "truth" else look.dash
-            look = Quantity(f"{look.words}, unit {unit}", look.unit, colour, dash, look.width, look.digits)
+            look = replace(look, words=f"{look.words.removesuffix(OF_ONE)}, unit {unit}", colour=colour, dash=dash)
         traces.append(Trace(column, look))
     return traces
 

@@ -25,6 +25,7 @@ from train_ato.report.quantities import (
     FROM_ZERO,
     GREY,
     INK,
+    OF_ONE,
     PURPLE,
     QUANTITIES,
     RUN_COLOURS,
@@ -157,7 +158,7 @@ def draw_lines(axes: Axes, lines: Lines, axis: str, events: Sequence[Event] = ()
         look = QUANTITIES[name]
         colour = RUN_COLOURS[int(unit) % len(RUN_COLOURS)] if unit else look.colour
         dash = DASHES["dashed" if unit and name == "truth" else look.dash]
-        words = f"{look.words}, unit {unit}" if unit else look.words
+        words = f"{look.words.removesuffix(OF_ONE)}, unit {unit}" if unit else look.words
         values = lines.columns[column]
         if name in ("draft", "buff"):
             axes.fill_between(x, 0.0, values, color=colour, alpha=0.2, lw=0)

@@ -54,6 +54,8 @@ class Quantity:
     digits: int = 1
 
 
+OF_ONE = " on that vehicle"
+"""Left out of the words where several units are told by their number."""
 QUANTITIES: dict[str, Quantity] = {
     "profile": Quantity("profile", "km/h", GREY, width=3.2, digits=2),
     "speed": Quantity("train", "km/h", BLUE, digits=2),
@@ -74,7 +76,7 @@ QUANTITIES: dict[str, Quantity] = {
     "last_coupler": Quantity("last coupler", "kN", ORANGE, width=1.0),
     "estimate": Quantity("estimate", "kN", GREEN, width=1.0),
     "whole_truth": Quantity("truth on the whole train", "kN", GREY, width=1.0),
-    "truth": Quantity("truth on that vehicle", "kN", PURPLE, width=1.6),
+    "truth": Quantity(f"truth{OF_ONE}", "kN", PURPLE, width=1.6),
     "delay_set": Quantity("set in the scenario: delay and lag", "s", ORANGE, width=2.2, digits=2),
     "delay": Quantity("found in the log", "s", BLUE, digits=2),
     "delay_believed": Quantity("believed by the law", "s", GREEN, "dashed", digits=2),

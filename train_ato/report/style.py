@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from bokeh.events import DoubleTap
@@ -31,7 +32,7 @@ from train_ato.report.quantities import AXES, FAINT, FONT, INK
 Figure = Any
 """A Bokeh figure; its classes are made at run time."""
 
-LEFT, RIGHT = 84, 64
+LEFT, RIGHT = 92, 64
 """Room beside every frame in pixels, the same everywhere: equal times stand above each other."""
 SECOND_AXIS = 32
 """More room on the right of figures over distance, one of which has a second axis there."""
@@ -208,6 +209,8 @@ def legend_above(plot: Figure, items: list[Any], glyph: int = 14) -> None:
 
     ``glyph`` is the height of the samples in pixels.
     """
+    columns = _columns([item.label.value for item in items])
+    plot.height += LEGEND_ROW * (math.ceil(len(items) / columns) - 1)
     legend = Legend(
         items=items,
         orientation="horizontal",
@@ -224,9 +227,21 @@ def legend_above(plot: Figure, items: list[Any], glyph: int = 14) -> None:
         padding=2,
         margin=2,
         spacing=14,
-        ncols="auto",
+        ncols=columns,
     )
     plot.add_layout(legend, "above")
+
+
+def _columns(labels: list[str]) -> int:
+    """Return how many entries of a legend stand beside each other: all, or what the usual width holds."""
+    widest = max((len(label) for label in labels), default=0)
+    if sum(54.0 + LETTER * len(label) for label in labels) < LEGEND_WIDTH:
+        return max(1, len(labels))
+    return max(1, int(LEGEND_WIDTH / (54.0 + LETTER * widest)))
+
+
+LEGEND_WIDTH, LETTER, LEGEND_ROW = 1000.0, 6.2, 28
+"""Room for a legend, usual width of a letter, and height of a row, in pixels."""
 
 
 def number(digits: int) -> CustomJSHover:
