@@ -83,12 +83,12 @@ def _grade(span: Range1d, facts: Facts, now: ColumnDataSource, tools: dict[str, 
             "text": [f"{grade:+.1f}".replace("+0.0", "0").replace("-0.0", "0") for grade in grades],
         }
     )
+    lowest = 1.3 * min(-2.0, float(grades.min(initial=0.0)))
+    highest = 1.6 * max(2.0, float(grades.max(initial=0.0)))
     plot = figure(
         height=92,
         x_range=span,
-        y_range=Range1d(
-            1.3 * min(-2.0, float(grades.min(initial=0.0))), 1.6 * max(2.0, float(grades.max(initial=0.0)))
-        ),
+        y_range=Range1d(lowest, max(highest, -0.5 * lowest)),
         y_axis_label="‰",
         x_axis_label="km",
         name="grade",

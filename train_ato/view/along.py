@@ -46,7 +46,7 @@ class Along:
         coupler.xgrid.visible = False
         self.figures = [coupler]
         if facts.shape.air_brake:
-            coupler.xaxis.major_label_text_font_size = "0px"
+            coupler.xaxis.visible = False
             self.figures.append(self._shoes(span, tools))
         self.figures[-1].xaxis.ticker = BasicTicker(min_interval=1, num_minor_ticks=0)
         self.figures[-1].xaxis.axis_label = "vehicle, the front on the right"

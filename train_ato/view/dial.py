@@ -31,8 +31,7 @@ def dial(now: ColumnDataSource, ticks: ColumnDataSource) -> Any:
         outline_line_color=None,
         name="dial",
     )
-    plot.axis.visible = False
-    plot.grid.visible = False
+    plot.below, plot.left, plot.center = [], [], []
     ring = {"x": 0, "y": 0, "source": now, "line_color": None}
     plot.annular_wedge(
         x=0, y=0, inner_radius=0.93, outer_radius=1.0, start_angle=DIAL_END, end_angle=DIAL_BEGIN,
@@ -101,8 +100,7 @@ def force_bar(now: ColumnDataSource, most: float, least: float) -> Any:
         min_border_right=8,
         name="force",
     )
-    plot.yaxis.visible = False
-    plot.ygrid.visible = False
+    plot.left, plot.center = [], []
     plot.xaxis.ticker.desired_num_ticks = 6
     plot.hbar(y=0, left="least", right="most", height=1.5, source=now, fill_color=FAINT, line_color=EDGE)
     plot.hbar(y=0, left=0, right="applied", height=1.0, source=now, fill_color=APPLIED, line_color=None)

@@ -8,7 +8,7 @@ from typing import Any
 
 from train_ato.types import Array
 from train_ato.view.facts import Facts, Profile
-from train_ato.view.moment import Moment, along, now, strip_row
+from train_ato.view.moment import Moment, along, now, strip_row, where
 from train_ato.view.strip import Strip
 
 FRAMES_PER_SECOND = 20
@@ -25,13 +25,14 @@ class Frame:
     ----------
     number
         Rises with every new frame.
-    now, along
-        Columns of the driver's display (one row) and of the force strip along the train.
+    now, where, along
+        Columns of the driver's display and of place and time (one row each), and of the force strip along the train.
     """
 
     number: int
     moment: Moment
     now: dict[str, list[Any]]
+    where: dict[str, list[float]]
     along: dict[str, Array]
 
 
@@ -96,7 +97,7 @@ class Feed:
         row = now(moment, self.facts, self.profile, self.scale)
         self._widen(forces)
         row["coupler_reach"], row["shoe_reach"] = [self._reach[0]], [self._reach[1]]
-        self.frame = Frame(number, moment, row, forces)
+        self.frame = Frame(number, moment, row, where(moment, self.facts, self.profile), forces)
 
     def _widen(self, forces: dict[str, Array]) -> None:
         """Let the axes of the force strip reach as far as the largest force so far, with some room."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol, cast
 
@@ -22,6 +23,7 @@ from train_ato.replay.log import ReplayLog, message_time
 from train_ato.topics import BY_NAME, EPOCH_NS
 from train_ato.view.feed import FRAMES_PER_SECOND, Feed
 from train_ato.view.live import LiveFeed
+from train_ato.view.reader import Copied
 from train_ato.view.recorded import RecordedFeed
 
 LOOPBACK = "127.0.0.1"
@@ -29,11 +31,15 @@ MOST_AT_ONCE = 20_000
 """Messages of a recorded run that are sent between two looks; a longer way is jumped over."""
 
 
+Send = Callable[[str, int, bytes], None]
+"""Takes a message: topic of the table, ns since 1970, bytes."""
+
+
 class Source(Protocol):
     """Where the messages come from."""
 
-    def poll(self, send: Callable[[str, int, bytes], None]) -> int | None:
-        """Hand out what is new as (topic of the table, ns since 1970, bytes); return the time that it is now."""
+    def poll(self, send: Send | None) -> int | None:
+        """Hand out what is new, if somebody wants it; return the time that it is now [ns since 1970]."""
 
     def close(self) -> None:
         """Let go of it."""
@@ -61,7 +67,8 @@ class FoxgloveServer:
     """
 
     def __init__(self, feed: Feed, port: int) -> None:
-        context = Context()
+        # Channels close when the last hold on their context is gone.
+        self._context = context = Context()
         topics = [topic for topic in feed.facts.shape.topics if topic.recorded]
         self._channels = {topic.name: _channel(topic.name, context) for topic in topics}
         self._latched = {topic.name for topic in topics if topic.latched}
@@ -97,7 +104,8 @@ class FoxgloveServer:
     def _run(self) -> None:
         shown = -1
         while not self._stopping.wait(1.0 / FRAMES_PER_SECOND):
-            now = self._source.poll(self._send)
+            wanted = any(channel.has_sinks() for channel in self._channels.values())
+            now = self._source.poll(self._send if wanted else None)
             if now is not None and now != shown:
                 shown = now
                 self._server.broadcast_time(now)
@@ -161,16 +169,22 @@ class _Newest:
 
     def __init__(self, feed: LiveFeed) -> None:
         self._feed = feed
-        self._tap = feed.tap()
+        self._tap: deque[Copied] | None = None
 
-    def poll(self, send: Callable[[str, int, bytes], None]) -> int | None:
-        while self._tap:
+    def poll(self, send: Send | None) -> int | None:
+        if send is None:
+            self.close()
+        elif self._tap is None:
+            self._tap = self._feed.tap()
+        while self._tap and send is not None:
             send(*self._tap.popleft())
         frame = self._feed.frame
         return None if frame is None else EPOCH_NS + round(frame.moment.time * 1e9)
 
     def close(self) -> None:
-        self._feed.untap(self._tap)
+        if self._tap is not None:
+            self._feed.untap(self._tap)
+            self._tap = None
 
 
 class _Played:
@@ -185,9 +199,12 @@ class _Played:
         self._ahead: RawMessage | None = None
         self._time = -1
 
-    def poll(self, send: Callable[[str, int, bytes], None]) -> int | None:
+    def poll(self, send: Send | None) -> int | None:
         self._feed.advance()
         now = EPOCH_NS + round(self._feed.time * 1e9)
+        if send is None:
+            self._time = -1
+            return now
         step = now - self._time
         if self._time < 0 or step < 0 or step > 2_000_000_000 * max(1.0, self._feed.speed / FRAMES_PER_SECOND):
             self._enter(now, send)
@@ -202,7 +219,7 @@ class _Played:
         self._enter(now, send)
         return now
 
-    def _enter(self, now: int, send: Callable[[str, int, bytes], None]) -> None:
+    def _enter(self, now: int, send: Send) -> None:
         """Go on from another moment; latched topics are told as they stood there."""
         for message in self._log.standing(self._depths, now):
             send(str(self._names[message.channel.topic]), message_time(message), bytes(message.data))

@@ -113,15 +113,10 @@ def now(moment: Moment, facts: Facts, profile: Profile | None, scale: float) -> 
         "profile_angle": angle(abs(KMH * moment.reference[1]), scale),
         "limit_angle": angle(limit, scale),
         "needle": OVERSPEED if over else NEEDLE,
-        "place": front / 1e3,
-        "rear": (front - facts.length) / 1e3,
-        "stop": (front + stop) / 1e3 if math.isfinite(stop) else math.nan,
-        "speed": moment.speed,
         "applied": float(moment.applied.sum()) / 1e3,
         "demand": float(moment.command.sum()) / 1e3,
         "most": most / 1e3,
         "least": least / 1e3,
-        "time": moment.time,
         "state": moment.state,
         "law": moment.law,
         "speed_text": f"{moment.speed:.0f}"
@@ -144,6 +139,18 @@ def now(moment: Moment, facts: Facts, profile: Profile | None, scale: float) -> 
         "factor_text": f"× {moment.factor:.3g}" if math.isfinite(moment.factor) else "",
     }
     return {name: [value] for name, value in row.items()}
+
+
+def where(moment: Moment, facts: Facts, profile: Profile | None) -> dict[str, list[float]]:
+    """Return the one row that the figures over time and place follow: km, km/h, s."""
+    front = float(moment.position[0]) + facts.nose
+    return {
+        "place": [front / 1e3],
+        "rear": [(front - facts.length) / 1e3],
+        "stop": [math.nan if profile is None else (profile.end + facts.nose) / 1e3],
+        "speed": [moment.speed],
+        "time": [moment.time],
+    }
 
 
 def angle(speed: float, scale: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import time
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, cast
 
@@ -30,9 +31,13 @@ WINDOWS_S = (60, 180, 600)
 UNDER_WAY = 2
 """Frames that a browser may be behind; a slow one, or a hidden one, gets fewer and never an old one."""
 _TOOLS: dict[str, Any] = {"tools": "", "toolbar_location": None, "sizing_mode": "stretch_width"}
+WHERE = ("place", "rear", "stop", "speed", "time")
+"""What the figures over time and over place follow; they move by pixels, so they are drawn less often."""
+WHERE_S = 0.14
+"""Wall time from one drawing of them to the next."""
 _EMPTY = {
     **dict.fromkeys(("speed_angle", "profile_angle", "limit_angle"), 3.927),
-    **dict.fromkeys(("place", "rear", "stop", "speed", "applied", "demand", "most", "least", "time"), 0.0),
+    **dict.fromkeys(("applied", "demand", "most", "least"), 0.0),
     "needle": "#f2f5f7",
     "speed_text": "–",
 }
@@ -63,12 +68,15 @@ class Page:
         self._marks = -1
         self._window = (0.0, 0.0)
         self._now = ColumnDataSource({name: [value] for name, value in _EMPTY.items()}, name="now")
+        self._where = ColumnDataSource({name: [0.0] for name in WHERE}, name="where")
+        self._where_at = 0.0
+        self._where_due = False
         self._answer = ColumnDataSource({"text": [""], "done": [1]}, name="answer")
         self._ticks = ColumnDataSource(tick_columns(feed.scale))
         self._scale = feed.scale
         self._several = feed.facts.shape.n_vehicles > 1
-        self._strips = Strips(self._now, self._several, _TOOLS)
-        self._ahead = Ahead(self._now, self._strips.source, feed.facts, _TOOLS)
+        self._strips = Strips(self._where, self._several, _TOOLS)
+        self._ahead = Ahead(self._where, self._strips.source, feed.facts, _TOOLS)
         self._along = Along(feed.facts, _TOOLS)
         self._side = self._controls()
         self._fill()
@@ -107,14 +115,21 @@ class Page:
         for root in roots:
             document.add_root(root)
         arguments = {
-            "now": self._now, "view": view, "window_": window, "views": VIEWS_KM, "windows": WINDOWS_S,
-            "place_range": self._ahead.span, "span": self._strips.span, "reach": self._along.reach,
-            "shoes": self._along.shoe_reach, "live": self._feed.live, "drawn": self._drawn,
-            "answer": self._answer,
+            "where": self._where, "view": view, "window_": window, "views": VIEWS_KM, "windows": WINDOWS_S,
+            "place_range": self._ahead.span, "span": self._strips.span, "live": self._feed.live,
         }  # fmt: skip
         follow = CustomJS(args=arguments, code=_asset("page.js"))
-        document.js_on_event(DocumentReady, follow)
-        self._now.js_on_change("data", follow)
+        show = CustomJS(
+            args={
+                "now": self._now, "reach": self._along.reach, "shoes": self._along.shoe_reach, "drawn": self._drawn,
+                "answer": self._answer,
+            },
+            code="window.trainAto.take(now.data, reach, shoes, drawn)",
+        )  # fmt: skip
+        for action in (follow, show):
+            document.js_on_event(DocumentReady, action)
+        self._now.js_on_change("data", show)
+        self._where.js_on_change("data", follow)
         view.js_on_change("active", follow)
         window.js_on_change("active", follow)
         self._answer.js_on_change(
@@ -135,6 +150,7 @@ class Page:
 
     def _forget_window(self) -> None:
         self._window = (0.0, 0.0)
+        self._where_due = True
 
     def _say(self, done: bool, text: str) -> None:
         """Show what a node answered, from any thread."""
@@ -157,13 +173,19 @@ class Page:
             self._strips.marks.data = {"time": [m.time for m in marks], "label": [m.label for m in marks]}
         self._side.update()
         frame = feed.frame
-        if frame is None or frame.number == self._shown or self.frames - self._drawn.number >= UNDER_WAY:
+        if frame is None or self.frames - self._drawn.number >= UNDER_WAY:
             return
-        self._shown = frame.number
-        self.frames += 1
-        self._show_strip(frame.moment.time)
-        self._along.show(frame.along)
-        self._now.data = {**frame.now, "number": [self.frames]}
+        if frame.number != self._shown:
+            self._shown = frame.number
+            self.frames += 1
+            self._along.show(frame.along)
+            self._now.data = {**frame.now, "number": [self.frames]}
+            self._where_due = True
+        if self._where_due and time.monotonic() - self._where_at > WHERE_S:
+            self._where_at = time.monotonic()
+            self._where_due = False
+            self._show_strip(frame.moment.time)
+            self._where.data = frame.where
 
     def _show_profile(self) -> None:
         feed = self._feed
@@ -174,14 +196,14 @@ class Page:
         if feed.profile is not None:
             self._ahead.show_profile(feed.profile, feed.facts, feed.scale)
 
-    def _show_strip(self, time: float) -> None:
+    def _show_strip(self, at: float) -> None:
         """Stream the newest rows of a live run; of a recorded one send the part around the time when it is left."""
         feed = self._feed
         if not feed.live:
             width = WINDOWS_S[self._window_choice.active]
             begin, end = self._window
-            if not begin + width <= time <= end - width / 2:
-                self._window = (time - 2 * width, time + 2 * width)
+            if not begin + width <= at <= end - width / 2:
+                self._window = (at - 2 * width, at + 2 * width)
                 self._strips.source.data = cast("RecordedFeed", feed).part(*self._window)
             return
         with feed.lock:

@@ -64,7 +64,7 @@ class RecordedFeed(Feed):
         self._profiles = [Profile(found.time, found.position, found.speed) for found in recording.profiles]
         self._planned = np.array([found.at for found in recording.profiles])
         self._table = _table(recording, self.facts)
-        self.marks = [Mark(event.begin, event.kind, event.text) for event in events_of(recording)]
+        self.marks = [Mark(event.begin, event.kind.replace("_", " "), event.text) for event in events_of(recording)]
         self.seek(self.span[0])
 
     def seek(self, moment: float) -> None:

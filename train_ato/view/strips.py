@@ -64,8 +64,7 @@ class Strips:
             coupler.hspan(y=0, line_color=SOFT, line_width=1)
             self.figures.append(coupler)
         for plot in self.figures[:-1]:
-            plot.xaxis.major_label_text_font_size = "0px"
-            plot.xaxis.major_tick_line_color = None
+            plot.xaxis.visible = False
         self.figures[-1].height += 16
 
     def _chart(self, label: str, name: str) -> Any:
