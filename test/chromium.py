@@ -121,6 +121,12 @@ class Page:
         button = "none" if kind == "mouseMoved" and not clicks else "left"
         self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, clickCount=clicks)
 
+    def close(self) -> None:
+        """Ask the browser to end."""
+        self._session = None
+        with contextlib.suppress(RuntimeError, OSError):
+            self.send("Browser.close")
+
     def screenshot(self, path: Path) -> None:
         """Write what is in the window as PNG."""
         path.write_bytes(base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"]))
@@ -145,10 +151,22 @@ def browser() -> Iterator[Page]:
         os.close(to_read[0])
         os.close(to_write[1])
         try:
-            yield Page(to_write[0], to_read[1])
+            page = Page(to_write[0], to_read[1])
+            yield page
+            page.close()
         finally:
+            _end(process)
+            os.close(to_read[1])
+            os.close(to_write[0])
+
+
+def _end(process: int) -> None:
+    """Wait a little for the browser to go by itself, so that it writes no more into its folder; then end it."""
+    limit = time.monotonic() + 5.0
+    while os.waitpid(process, os.WNOHANG) == (0, 0):
+        if time.monotonic() > limit:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process, signal.SIGKILL)
             os.waitpid(process, 0)
-            os.close(to_read[1])
-            os.close(to_write[0])
+            return
+        time.sleep(0.02)
