@@ -194,10 +194,12 @@ def couplers(results: Results) -> Judgement:
 def start(results: Results) -> Judgement:
     """Judge the 150 m of the compared method."""
     began, reversed_began = (_stretch_at_start(results[key]) for key in ("ideal", "printed order"))
-    lost = float(np.abs(position_error(series_of(results["printed order"]), OFFSETS)).max())
+    history = series_of(results["printed order"])
+    lost = float(np.abs(position_error(history, OFFSETS)).max())
     measured = (
         f"printed order: {written(reversed_began, 'm')} in every coupler at t = 0, and with 5000 m/s² the law is lost "
-        f"from there ({written(lost, 'm')} within 10 s); physical order: {written(began, 'm')}"
+        f"from there ({written(lost, 'm')} off within {written(float(history.time[-1]), 's')}); physical order: "
+        f"{written(began, 'm')}"
     )
     if began < 0.01 < reversed_began and lost > 1e3:
         return Judgement(
