@@ -8,26 +8,37 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
-from train_ato.cli.screen import COMPILE_NOTE
-
+ROOT = Path(__file__).resolve().parents[1]
 ENDED = (1, -signal.SIGINT)
 """Python itself leaves by SIGINT when Ctrl-C fell into an ``exec`` of a module that was being imported."""
 BREATH = threading.Event()
 """Never set: waiting for it lets a moment pass between two looks."""
 
 
-def started(folder: Path, *arguments: str) -> subprocess.Popen[str]:
-    """Start a command in a session of its own, as a terminal does, with a folder of its own for scratch files."""
+@contextmanager
+def started(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Start a command in a session of its own, as a terminal does, with a folder of its own for scratch files.
+
+    Whatever becomes of the test, nothing of the command lives longer.
+    """
     (folder / "scratch").mkdir()
-    environment = {**os.environ, "TMPDIR": str(folder / "scratch"), "MARK": str(folder)}
-    return subprocess.Popen(
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(folder / "scratch"), "MARK": str(folder)}
+    process = subprocess.Popen(
         [sys.executable, "-m", "train_ato", *arguments],
         cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
+    try:
+        yield process
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate(timeout=30)
 
 
 def descendants(folder: Path) -> list[str]:
@@ -43,50 +54,57 @@ def descendants(folder: Path) -> list[str]:
     return found
 
 
-def wait_for(condition, limit=60.0):
+def wait_for(condition, limit=200.0):
     last = time.monotonic() + limit
     while not condition():
         assert time.monotonic() < last, "did not happen in time"
         BREATH.wait(0.02)
 
 
+COMPARE = ["compare", "demo", "--controllers", "pid,smc", "--out", "out"]
+REPRODUCE = ["reproduce", "002", "--out", "out"]
+RUN = ["run", "demo", "--engine", "--realtime", "20", "--out", "out"]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize(
-    "arguments",
+    ("arguments", "number"),
     [
-        ["compare", "daqin_heavy_haul", "--controllers", "pid,smc", "--out", "out"],
-        ["reproduce", "002", "--out", "out"],
-        ["run", "daqin_heavy_haul", "--engine", "--out", "out"],
+        pytest.param(COMPARE, signal.SIGINT, id="compare"),
+        pytest.param(REPRODUCE, signal.SIGINT, id="reproduce"),
+        pytest.param(REPRODUCE, signal.SIGTERM, id="reproduce-term"),
+        pytest.param(RUN, signal.SIGINT, id="run"),
+        pytest.param(RUN, signal.SIGHUP, id="run-hup"),
     ],
-    ids=["compare", "reproduce", "run"],
 )
 def test_the_end_is_one_line(arguments: list[str], number: signal.Signals, tmp_path: Path) -> None:
     """Breaks on a traceback, a warning, a worker that goes on, a scratch folder or a folder of half a result."""
-    process = started(tmp_path, *arguments)
-    wait_for((tmp_path / "out").exists)
-    BREATH.wait(1.0)
-    os.killpg(process.pid, number)
-    out, err = process.communicate(timeout=60)
-    assert process.returncode in ENDED, err
-    assert out == "" or arguments[0] == "run"
-    said = [line for line in err.strip().splitlines() if line != COMPILE_NOTE]
-    assert len(said) == 1, err
-    assert said[0].startswith("train-ato: interrupted")
-    wait_for(lambda: not descendants(tmp_path))
+    with started(tmp_path, *arguments) as process:
+        wait_for(lambda: (tmp_path / "out").exists() or process.poll() is not None)
+        BREATH.wait(0.5)
+        os.killpg(process.pid, number)
+        out, err = process.communicate(timeout=200)
+        assert process.returncode in ENDED, err
+        assert out == "" or arguments[0] == "run"
+        assert len(err.strip().splitlines()) == 1, err
+        assert err.startswith("train-ato: interrupted")
+        wait_for(lambda: not descendants(tmp_path))
     assert list((tmp_path / "scratch").iterdir()) == []
     left = {path.name for path in tmp_path.iterdir()} - {"scratch"}
     whole_run = left == {"out"} and "in out" in err and (tmp_path / "out" / "run.mcap").exists()
     assert not left or whole_run, left
 
 
-@pytest.mark.parametrize("moment", [0.4, 0.8, 1.6, 3.2])
+@pytest.mark.parametrize("moment", [0.4, 0.8, 1.6])
 def test_a_plan_is_interrupted_at_any_moment(moment: float, tmp_path: Path) -> None:
     """Compiled code turns Ctrl-C into an error of its own; breaks if that reaches the user."""
-    process = started(tmp_path, "plan", "highspeed_286km", "crh380a_one_mass", "--time", "4000", "--out", "plan.csv")
-    BREATH.wait(moment)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    arguments = ("plan", "highspeed_286km", "crh380a_one_mass", "--time", "4000", "--out", "plan.csv")
+    with started(tmp_path, *arguments) as process:
+        BREATH.wait(moment)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=200)
+    if "init_import_site" in err:
+        pytest.skip("Ctrl-C fell into the start of Python itself")
     assert "Traceback" not in err
     if process.returncode == 0:
         assert "plan.csv" in out
@@ -107,4 +125,4 @@ def test_nohup_is_respected(tmp_path: Path) -> None:
         "    signal.raise_signal(signal.SIGTERM)\n"
         "    assert interrupt.asked\n"
     )
-    subprocess.run([sys.executable, "-c", code], check=True)
+    subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from xml.etree import ElementTree
 
 import jsonschema
 import pytest
@@ -97,3 +98,16 @@ def test_version_is_the_same_everywhere() -> None:
     """Breaks if package.xml or the changelog is left behind."""
     assert f"<version>{VERSION}</version>" in (REPO / "package.xml").read_text()
     assert re.search(rf"^## {re.escape(VERSION)}", (REPO / "CHANGELOG.md").read_text(), re.M)
+
+
+def test_package_xml_names_every_dependency() -> None:
+    """Breaks if a dependency is added to setup.py and not to package.xml, as a key of rosdep or among those without."""
+    listed = re.search(r"install_requires=\[(.*?)\]", (REPO / "setup.py").read_text(), re.S)
+    assert listed is not None
+    wanted = {name.lower() for name in re.findall(r'"([A-Za-z0-9-]+)', listed[1])}
+    root = ElementTree.parse(REPO / "package.xml").getroot()
+    keys = {str(entry.text).removeprefix("python3-").removesuffix("-pip") for entry in root.iter("exec_depend")}
+    without = re.search(r"with pip: ([^.]*)\.", (REPO / "package.xml").read_text())
+    assert without is not None
+    aliases = {"pyyaml": "yaml", "pillow": "pil"}
+    assert {aliases.get(name, name) for name in wanted} <= keys | set(without[1].split())
