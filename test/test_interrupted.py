@@ -14,9 +14,11 @@ from pathlib import Path
 
 import pytest
 
+import train_ato
 from train_ato.cli.screen import COMPILE_NOTE, PLANNER_NOTE
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(train_ato.__file__).resolve().parents[1]
+"""Where the package that is tested lies: installed, or the source."""
 ENDED = (1, -signal.SIGINT)
 """Python itself leaves by SIGINT when Ctrl-C fell into an ``exec`` of a module that was being imported."""
 BREATH = threading.Event()

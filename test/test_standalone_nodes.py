@@ -16,6 +16,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+import train_ato
 from train_ato import node_docs
 from train_ato.cli import main
 from train_ato.graph import shared_memory
@@ -25,7 +26,8 @@ from train_ato.record.reading import stream
 from train_ato.run_folder import open_run
 from train_ato.wire import Wire
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(train_ato.__file__).resolve().parents[1]
+"""Where the package that is tested lies: installed, or the source."""
 ROLES = ("recorder", "profile", "observer", "controller", "plant")
 WALL = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99", "way")
 BREATH = threading.Event()
