@@ -244,7 +244,7 @@ rclpy = pytest.importorskip("rclpy")
 
 from train_ato.graph.environment import applied, claim_domain, variables  # noqa: E402
 from train_ato.graph.remote import asking  # noqa: E402
-from train_ato.record.difference import differences  # noqa: E402
+from train_ato.record.difference import compare  # noqa: E402
 from train_ato.run_folder import RunFolder  # noqa: E402
 from train_ato.wire import Wire  # noqa: E402
 
@@ -307,7 +307,7 @@ def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
     again = RunFolder.make(tmp_path / "again", "again")
     with again.sink(setup) as sink:
         run_engine(with_planned(setup, *found), sink=sink)
-    assert differences(running.folder, again.path, Wire(setup.shape)) == []
+    assert compare(running.folder, again.path, Wire(setup.shape)).differing == 0
 
 
 def test_refusals_name_their_reason(tmp_path):
