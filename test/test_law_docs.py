@@ -12,7 +12,8 @@ from matplotlib import image
 from train_ato.cli import run as run_command
 from train_ato.cli.scenario_options import prepare_from
 from train_ato.law_docs import __main__ as command_line
-from train_ato.law_docs.__main__ import FOLDER, chosen, read_measured, texts
+from train_ato.law_docs.__main__ import FOLDER as PLACE
+from train_ato.law_docs.__main__ import chosen, read_measured, texts
 from train_ato.law_docs.blocks import Block, blocks
 from train_ato.law_docs.homes import HOMES, Home
 from train_ato.law_docs.markup import sections
@@ -24,7 +25,9 @@ from train_ato.scenario import load
 
 BLOCKS = {block.key: block for block in blocks()}
 CASES = {command(case): case for home in HOMES.values() for case in home.runs.values()}
-PAGES = texts(read_measured())
+FOLDER = Path(__file__).resolve().parents[1] / PLACE
+MEASURED = read_measured(FOLDER)
+PAGES = texts(MEASURED)
 LARGEST_PNG = 60_000
 
 
@@ -59,7 +62,7 @@ def test_figure_is_there_and_small(key: str) -> None:
 
 def test_measured_tables_are_those_of_the_homes() -> None:
     """Breaks if a home changes and its runs were not driven again: python -m train_ato.law_docs --measure."""
-    stored = {key: [(row["run"], row["command"]) for row in rows] for key, rows in read_measured().items()}
+    stored = {key: [(row["run"], row["command"]) for row in rows] for key, rows in MEASURED.items()}
     assert stored == {key: [(label, command(case)) for label, case in home.runs.items()] for key, home in HOMES.items()}
     assert set(HOMES) == set(BLOCKS)
 

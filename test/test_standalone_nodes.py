@@ -189,4 +189,5 @@ def test_bad_input_to_a_node_is_one_line(role: str, arguments: list[str], says: 
 
 def test_node_page_is_that_of_the_nodes() -> None:
     """Breaks if a parameter or service changes and its page does not: python -m train_ato.node_docs."""
-    assert node_docs.PAGE.read_text(encoding="utf-8") == node_docs.page()
+    page = Path(__file__).resolve().parents[1] / node_docs.PAGE
+    assert page.read_text(encoding="utf-8") == node_docs.page(page)

@@ -15,16 +15,17 @@ from train_ato.run_setup import prepare
 from train_ato.scenario import load
 from train_ato.topics import Role, published_by, read_by
 
-PAGE = Path(__file__).parent.parent / "msgs_docs" / "nodes.md"
+PAGE = Path("msgs_docs", "nodes.md")
+"""Where it is written, below the top of the repository, where the command is started."""
 MARK = "<!-- From here on made by `python -m train_ato.node_docs`; do not edit by hand. -->"
 _EVERYWHERE = frozenset({"use_sim_time", "start_type_description_service"})
 
 
-def page() -> str:
+def page(written: Path = PAGE) -> str:
     """Return the page: what stands above the mark, and below it what the nodes say of themselves."""
-    above, mark, _ = PAGE.read_text(encoding="utf-8").partition(MARK)
+    above, mark, _ = written.read_text(encoding="utf-8").partition(MARK)
     if not mark:
-        raise ValueError(f"{PAGE}: the line '{MARK}' is missing; put it back below the text")
+        raise ValueError(f"{written}: the line '{MARK}' is missing; put it back below the text")
     return above + MARK + "\n" + "\n".join(_sections()) + "\n"
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from train_ato.topics import DIAGNOSTIC_UNITS, TOPICS, Topic
 
-PAGE = Path(__file__).parent.parent / "msgs_docs" / "topics.md"
+PAGE = Path("msgs_docs", "topics.md")
+"""Where it is written, below the top of the repository, where the command is started."""
 
 
 def page() -> str:

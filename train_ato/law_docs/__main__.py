@@ -17,7 +17,8 @@ from train_ato.control.parameters import closest
 from train_ato.law_docs.blocks import Block, blocks
 from train_ato.law_docs.pages import Measured, index, page
 
-FOLDER = Path(__file__).parents[2] / "msgs_docs" / "laws"
+FOLDER = Path("msgs_docs", "laws")
+"""Where they are written, below the top of the repository, where the command is started."""
 MEASURED = "measured.json"
 
 
