@@ -66,11 +66,14 @@ def execute(options: argparse.Namespace) -> int:
         from train_ato.view.server import PageServer
 
         server = PageServer(feed, options.address, options.port)
+        foxglove = None
         if options.foxglove is not None:
             from train_ato.view.foxglove import serve_foxglove
 
-            stack.enter_context(serve_foxglove(feed, options.foxglove))
+            foxglove = stack.enter_context(serve_foxglove(feed, options.foxglove))
         sys.stdout.write(f"{server.url}\n")
+        if foxglove is not None:
+            sys.stdout.write(f"{foxglove.url}\n")
         sys.stdout.flush()
         if sys.stderr.isatty():
             console().print("Ctrl-C ends it.")

@@ -59,6 +59,8 @@ class FoxgloveServer:
     ----------
     url : str
         What Foxglove connects to.
+    listener
+        Takes what Foxglove asks for.
 
     Raises
     ------
@@ -83,13 +85,14 @@ class FoxgloveServer:
         self._source: Source = (
             _Newest(cast("LiveFeed", feed)) if feed.live else _Played(cast("RecordedFeed", feed), [*self._channels])
         )
+        self.listener = _Listener(self, feed)
         try:
             self._server = foxglove.start_server(
                 name=f"train_ato: {feed.facts.title}",
                 host=LOOPBACK,
                 port=port,
                 capabilities=capabilities,
-                server_listener=_Listener(self, feed),
+                server_listener=self.listener,
                 supported_encodings=["cdr"],
                 context=context,
                 playback_time_range=span,

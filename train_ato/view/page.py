@@ -169,8 +169,7 @@ class Page:
             self._show_profile()
         if self._marks != len(feed.marks):
             self._marks = len(feed.marks)
-            marks = feed.marks
-            self._strips.marks.data = {"time": [m.time for m in marks], "label": [m.label for m in marks]}
+            self._strips.show_marks(feed.marks)
         self._side.update()
         frame = feed.frame
         if frame is None or self.frames - self._drawn.number >= UNDER_WAY:

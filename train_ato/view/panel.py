@@ -80,7 +80,9 @@ class Panel:
         return [Row(children=[gust, force, duration]), Row(children=[jump, add, factor])]
 
     def _spinner(self, name: str, title: str, low: float, high: float, step: float) -> Any:
-        spinner = Spinner(title=title, low=low, high=high, step=step, value=0.0, width=92, stylesheets=[WIDGETS])
+        spinner = Spinner(
+            name=name, title=title, low=low, high=high, step=step, value=0.0, width=92, stylesheets=[WIDGETS]
+        )
         spinner.on_change("value_throttled", lambda attr, old, value: self._set("plant", name, value))
         self._widgets[name] = [spinner]
         return spinner

@@ -7,10 +7,13 @@ from typing import Any
 from bokeh.models import BasicTickFormatter, ColumnDataSource, CustomJSTickFormatter, DataRange1d, Range1d
 from bokeh.plotting import figure
 
+from train_ato.view.feed import Mark
 from train_ato.view.moment import STRIP
 from train_ato.view.style import APPLIED, BUFF, DEMAND, DRAFT, FAINT, LIMIT, MARK, PROFILE, SOFT, TRAIN
 
 HEIGHT = 110
+LABEL_STEP, LABEL_LEVELS = 13, 4
+"""Labels of what happened stand on so many levels, so many pixels apart."""
 _CLOCK = """
     const h = Math.floor(tick / 3600), m = Math.floor(tick / 60) % 60;
     const s = Math.round(tick - 60 * Math.floor(tick / 60));
@@ -27,7 +30,7 @@ class Strips:
     source
         Rows of :data:`train_ato.view.moment.STRIP`.
     marks
-        What happened: time, label.
+        What happened: time, label, and how high the label stands, so that neighbours do not cover each other.
     span : Range1d
         Times in view [s]; the page moves it.
     figures
@@ -36,7 +39,7 @@ class Strips:
 
     def __init__(self, now: ColumnDataSource, several: bool, tools: dict[str, Any]) -> None:
         self.source = ColumnDataSource({name: [] for name in STRIP})
-        self.marks = ColumnDataSource({"time": [], "label": []})
+        self.marks = ColumnDataSource({"time": [], "label": [], "lift": []})
         self.span = Range1d(0.0, 180.0)
         self._now = now
         self._tools = tools
@@ -45,7 +48,7 @@ class Strips:
         speed.line("time", "limit", source=self.source, line_color=LIMIT, line_width=1.4, line_dash=[6, 4])
         speed.line("time", "speed", source=self.source, line_color=TRAIN, line_width=1.6)
         speed.text(
-            x="time", y=0, text="label", source=self.marks, x_offset=4, y_offset=-2, text_color=MARK,
+            x="time", y=0, text="label", source=self.marks, x_offset=4, y_offset="lift", text_color=MARK,
             text_font_size="11px",
         )  # fmt: skip
         error = self._chart("error km/h", "strip_error")
@@ -66,6 +69,14 @@ class Strips:
         for plot in self.figures[:-1]:
             plot.xaxis.visible = False
         self.figures[-1].height += 16
+
+    def show_marks(self, marks: list[Mark]) -> None:
+        """Mark what happened."""
+        self.marks.data = {
+            "time": [mark.time for mark in marks],
+            "label": [mark.label for mark in marks],
+            "lift": [-2 - LABEL_STEP * (number % LABEL_LEVELS) for number in range(len(marks))],
+        }
 
     def _chart(self, label: str, name: str) -> Any:
         plot = figure(

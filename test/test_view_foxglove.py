@@ -1,0 +1,192 @@
+"""What Foxglove gets over its WebSocket: our topics with their definitions, the bytes of the log, the time."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+import struct
+import time
+from itertools import pairwise
+
+import pytest
+
+pytest.importorskip("rclpy")
+pytest.importorskip("foxglove")
+
+from tornado.websocket import websocket_connect
+
+from train_ato.engine import run_engine
+from train_ato.record.reading import iter_raw
+from train_ato.run_folder import RunFolder
+from train_ato.run_setup import prepare
+from train_ato.scenario import load
+from train_ato.topics import EPOCH_NS
+from train_ato.view.foxglove import serve_foxglove
+from train_ato.view.recorded import RecordedFeed
+
+PROTOCOLS = ["foxglove.sdk.v1", "foxglove.websocket.v1"]
+MESSAGE, TIME = 1, 2
+"""First byte of the server's binary messages."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Record half a minute of the demo."""
+    setup = prepare(*load("demo", ("duration=30",)))
+    folder = RunFolder.make(tmp_path_factory.mktemp("foxglove") / "run", "demo")
+    folder.begin(setup)
+    with folder.sink(setup) as sink:
+        outcome = run_engine(setup, sink=sink)
+    folder.finish(setup, outcome)
+    return folder.path
+
+
+class Client:
+    """A Foxglove that notes what it gets."""
+
+    def __init__(self, connection):
+        self._connection = connection
+        self.channels = {}
+        self.messages = {}
+        self.times = []
+        self.told = []
+        self._numbers = {}
+
+    @classmethod
+    async def connect(cls, url):
+        return cls(await websocket_connect(url, subprotocols=PROTOCOLS))
+
+    async def until(self, condition, limit=30.0):
+        """Read until a condition holds."""
+        last = time.monotonic() + limit
+        while not condition():
+            assert time.monotonic() < last, f"never came; told {[entry.get('op') for entry in self.told]}"
+            try:
+                data = await asyncio.wait_for(self._connection.read_message(), 0.5)
+            except asyncio.TimeoutError:
+                continue
+            assert data is not None, "the server has left"
+            self._take(data)
+
+    def _take(self, data):
+        if isinstance(data, str):
+            entry = json.loads(data)
+            self.told.append(entry)
+            if entry["op"] == "advertise":
+                self.channels |= {channel["topic"]: channel for channel in entry["channels"]}
+        elif data[0] == MESSAGE:
+            number, moment = struct.unpack_from("<IQ", data, 1)
+            self.messages.setdefault(self._numbers[number], []).append((moment, bytes(data[13:])))
+        elif data[0] == TIME:
+            self.times.append(struct.unpack_from("<Q", data, 1)[0])
+
+    async def subscribe(self, *topics):
+        wanted = []
+        for topic in topics:
+            self._numbers[len(self._numbers) + 1] = topic
+            wanted.append({"id": len(self._numbers), "channelId": self.channels[topic]["id"]})
+        await self._connection.write_message(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+
+
+def test_a_recorded_run_goes_to_foxglove_as_it_was_recorded(run):
+    """Breaks if a definition, a byte or a time differs from the log, or the latched profile does not arrive."""
+    feed = RecordedFeed(run)
+
+    async def look(server):
+        client = await Client.connect(server.url)
+        await client.until(lambda: "/train/cars" in client.channels)
+        cars = client.channels["/train/cars"]
+        assert (cars["encoding"], cars["schemaName"], cars["schemaEncoding"]) == (
+            "cdr",
+            "sensor_msgs/msg/JointState",
+            "ros2msg",
+        )
+        assert "float64[] effort" in cars["schema"]
+        assert "MSG: std_msgs/Header" in cars["schema"]
+        await client.subscribe("/train/cars", "/ato/profile")
+        await client.until(lambda: client.messages.get("/ato/profile") and client.messages.get("/train/cars"))
+        feed.speed = 20.0
+        feed.set_playing(True)
+        await client.until(lambda: feed.time >= 30.0 and len(client.messages["/train/cars"]) > 250)
+        await client.until(lambda: client.times and client.times[-1] == EPOCH_NS + 30 * 10**9)
+        return client
+
+    with serve_foxglove(feed, 0) as server:
+        client = asyncio.run(look(server))
+    recorded = {EPOCH_NS + stamp: bytes(data) for _, stamp, data in iter_raw(run, ("train/cars",))}
+    moments = [moment for moment, _ in client.messages["/train/cars"]]
+    assert moments == sorted(moments)
+    assert all(recorded[moment] == data for moment, data in client.messages["/train/cars"])
+    gaps = {round((b - a) / 1e8) for a, b in pairwise(moments)}
+    assert gaps <= {0, 1}, "messages are missing"
+    assert client.times == sorted(client.times)
+
+
+def test_foxgloves_player_moves_the_time_of_the_page(run):
+    """Breaks if play, pause or the time slider of Foxglove do nothing here."""
+    feed = RecordedFeed(run)
+
+    async def look(server):
+        client = await Client.connect(server.url)
+        await client.until(lambda: any(entry["op"] == "serverInfo" for entry in client.told))
+        info = next(entry for entry in client.told if entry["op"] == "serverInfo")
+        assert {"time", "playbackControl"} <= set(info["capabilities"])
+
+    with serve_foxglove(feed, 0) as server:
+        asyncio.run(look(server))
+
+        from foxglove.websocket import PlaybackCommand
+
+        class Asked:
+            playback_command = PlaybackCommand.Play
+            playback_speed = 5.0
+            seek_time = EPOCH_NS + 12 * 10**9
+            request_id = "1"
+
+        state = server.listener.on_playback_control_request(Asked())
+        assert feed.playing
+        assert feed.speed == 5.0
+        assert feed.time >= 12.0
+        assert state.did_seek
+        Asked.playback_command, Asked.seek_time = PlaybackCommand.Pause, None
+        server.listener.on_playback_control_request(Asked())
+        assert not feed.playing
+
+
+def test_a_port_in_use_is_refused_in_one_line(run):
+    """Breaks if the library's own error reaches the user, or a thread stays behind."""
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with (
+            pytest.raises(ValueError, match=f"--foxglove {port}: .*name another port"),
+            serve_foxglove(RecordedFeed(run), port),
+        ):
+            pass
+
+
+@pytest.mark.slow
+def test_a_live_run_goes_to_foxglove(tmp_path):
+    """Breaks if a running graph does not reach Foxglove, with its time and its latched profile."""
+    from view_browser import viewing
+
+    options = ("--scenario", "demo", "--pace", "10", "--out", str(tmp_path / "run"), "--foxglove", "0")
+    with viewing(*options, lines=2) as view:
+        assert view.lines[1].startswith("ws://127.0.0.1:")
+
+        async def look():
+            client = await Client.connect(view.lines[1])
+            await client.until(lambda: "/train/cars" in client.channels)
+            await client.subscribe("/train/cars", "/ato/profile", "/diagnostics")
+            await client.until(lambda: len(client.messages.get("/train/cars", ())) > 30)
+            await client.until(lambda: client.messages.get("/ato/profile") and client.messages.get("/diagnostics"))
+            await client.until(lambda: len(client.times) > 10)
+            return client
+
+        client = asyncio.run(look())
+        assert view.end() == 0
+    stamps = [moment for moment, _ in client.messages["/train/cars"]]
+    assert stamps == sorted(stamps)
+    assert client.times == sorted(client.times)
