@@ -23,10 +23,12 @@ import time
 from pathlib import Path
 from typing import Any
 
+from goals import Goal, judge
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
 
 FRAMES, SHARE = 20.0, 0.25
-"""What is to be reached: frames a second, and less than this part of a core."""
+"""What is to be reached: frames a second (a hundredth is left to the beat of the two clocks), part of a core."""
 
 
 def browser_seconds(root: int) -> float:
@@ -148,7 +150,7 @@ def main() -> int:
         finally:
             run.send_signal(signal.SIGINT)
             run.wait()
-    best = min(rounds, key=lambda entry: (entry["frames_per_s"] < 0.95 * FRAMES, entry["share"]))
+    best = max(rounds, key=lambda entry: (round(entry["frames_per_s"]), -entry["share"]))
     result = {"scenario": options.scenario, "pace": options.pace, "pages": options.pages, **best, "rounds": rounds}
     if options.json:
         print(json.dumps(result, indent=2))
@@ -159,7 +161,11 @@ def main() -> int:
                 f"  {entry['frames_per_s']:5.1f} frames/s, {100 * entry['share']:5.1f} % of a core here, "
                 f"{100 * entry['browser_share']:6.1f} % in the browser"
             )
-    return 0 if best["frames_per_s"] > 0.95 * FRAMES and best["share"] < SHARE else 1
+    goals = (
+        Goal("frames a second", round(best["frames_per_s"], 1), 0.99 * FRAMES, at_least=True),
+        Goal("share of a core of the server", best["share"], SHARE),
+    )
+    return judge(goals, quiet=options.json)
 
 
 if __name__ == "__main__":

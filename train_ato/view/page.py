@@ -81,7 +81,7 @@ class Page:
         self._side = self._controls()
         self._fill()
         self.update()
-        document.add_periodic_callback(self.update, 1000 // FRAMES_PER_SECOND)
+        document.add_periodic_callback(self.update, 500 // FRAMES_PER_SECOND)
 
     def _controls(self) -> Any:
         """Return what stands at the side and in the bar: only what is needed is loaded."""
@@ -161,7 +161,7 @@ class Page:
         self._document.add_next_tick_callback(show)
 
     def update(self) -> None:
-        """Send what is new."""
+        """Send what is new; looked for twice as often as it comes, so that none is missed."""
         feed = self._feed
         feed.advance()
         if self._profile_number != feed.profile_number:

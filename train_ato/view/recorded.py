@@ -14,7 +14,7 @@ from train_ato.report.recording import Recording, read_recording
 from train_ato.shape import Shape
 from train_ato.types import Array
 from train_ato.view.facts import KMH, Facts, Profile, facts_of
-from train_ato.view.feed import Feed, Mark
+from train_ato.view.feed import FRAMES_PER_SECOND, Feed, Mark
 from train_ato.view.moment import STRIP, Moment
 
 MOST_POINTS = 1500
@@ -90,7 +90,10 @@ class RecordedFeed(Feed):
         """Let time go on as far as the wall clock did since the last look; any number of pages may call this."""
         with self._turn:
             now = time.monotonic()
-            passed, self._looked = now - self._looked, now
+            passed = now - self._looked
+            if passed < 0.9 / FRAMES_PER_SECOND:
+                return
+            self._looked = now
             if self.playing:
                 self.time = min(self.time + self.speed * passed, self.span[1])
                 self.playing = self.time < self.span[1]
