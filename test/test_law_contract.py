@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, SINGLE, inputs, model
 
+from train_ato.cli import main
 from train_ato.control.check import check_law, table
 from train_ato.control.contract import LawInput, LawOutput
 from train_ato.control.laws.pid import Pid
@@ -121,9 +124,72 @@ class Deaf(Pid):
         return LawOutput(out.force * 0.0) if self.dead else out
 
 
+class Throwing(Pid):
+    """Raises from its hundredth step on."""
+
+    def forget(self):
+        super().forget()
+        self.steps = 0
+
+    def demand(self, given):
+        self.steps += 1
+        if self.steps >= 100:
+            raise ZeroDivisionError("late")
+        return super().demand(given)
+
+
+class Leaving(Pid):
+    """Ends the program."""
+
+    def step(self, given):
+        raise SystemExit(3)
+
+
+class Unmade(Pid):
+    """Cannot be made, and not for the train's sake."""
+
+    def __init__(self, parameters, of, period):
+        raise TypeError("not made")
+
+
+class Mute:
+    """Has no step()."""
+
+    Parameters = Pid.Parameters
+
+    def __init__(self, parameters, of, period):
+        self.reset()
+
+    def reset(self):
+        pass
+
+
+class Backward(Pid):
+    """Wants a preview of less than nothing."""
+
+    horizon = -3
+
+
+class LateScribbler(Pid):
+    """Writes into its preview, and not at once."""
+
+    horizon = 5
+
+    def demand(self, given):
+        if given.t > 10.0 and given.preview.velocity.flags.writeable:
+            given.preview.velocity[0] = 0.0
+        return super().demand(given)
+
+
 @pytest.mark.parametrize(
     ("law", "test"),
     [
+        (Throwing, "time of a step"),
+        (Leaving, "same inputs, same bits"),
+        (Unmade, "accepts the train"),
+        (Mute, "has the methods and words of a law"),
+        (Backward, "has the methods and words of a law"),
+        (LateScribbler, "leaves its inputs alone"),
         (Leaky, "reset forgets everything"),
         (Unbounded, "finite and inside the limits"),
         (Scribbler, "leaves its inputs alone"),
@@ -135,6 +201,33 @@ class Deaf(Pid):
 def test_the_checker_finds_faults(law, test):
     """Breaks if a contract test lets a law through that it exists to stop."""
     assert test in {finding.test for finding in failures(check_law(law))}
+
+
+def test_a_law_slower_than_its_period_fails_and_is_left_at_that(monkeypatch):
+    """Breaks if a law that no loop can wait for passes, or is driven for the thousands of steps of the other tests."""
+    monkeypatch.setattr("train_ato.control.check.PATIENCE", 0.0)
+    monkeypatch.setattr("train_ato.control.check.TRAINS", ("xuzhou_metro_3",))
+    steps = []
+
+    class Sleeping(Pid):
+        def step(self, given):
+            steps.append(time.sleep(0.11))
+            return super().step(given)
+
+    assert [finding.test for finding in failures(check_law(Sleeping))] == ["time of a step"]
+    assert len(steps) == 1
+
+
+def test_what_a_law_prints_is_not_taken_for_the_findings(monkeypatch, tmp_path, capsys):
+    """Breaks if --json gives a reader anything beside one JSON value."""
+    lines = ["from train_ato.control.laws.pid import Pid", "class Loud(Pid):", "    def demand(self, given):"]
+    lines += ["        print('step')", "        return super().demand(given)"]
+    (tmp_path / "loud_law.py").write_text("\n".join(lines), encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert main(["check-law", "loud_law:Loud", "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert all(finding["passed"] is not False for finding in json.loads(out))
+    assert "step" in err
 
 
 def test_the_checker_wants_described_parameters():

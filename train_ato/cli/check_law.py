@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import sys
 from pathlib import Path
 
 from train_ato.cli.main import RunFailed
-from train_ato.cli.screen import print_json
+from train_ato.cli.screen import print_json, share_bar
 from train_ato.control.check import check_law, table
 
 
@@ -25,7 +26,9 @@ def execute(options: argparse.Namespace) -> int:
     here = str(Path.cwd())
     if here not in sys.path:
         sys.path.insert(0, here)
-    findings = check_law(options.law)
+    # What the law prints belongs on the other stream: standard output is for the findings.
+    with share_bar(f"checking {options.law}") as told, contextlib.redirect_stdout(sys.stderr):
+        findings = check_law(options.law, told=told)
     if options.json:
         print_json([dataclasses.asdict(finding) for finding in findings])
     else:
