@@ -63,14 +63,18 @@ class Weights:
 
     def learn(self, rate: float, hidden: Sequence[float]) -> None:
         """Move every weight by ``rate h_j`` and the momentum of the last move."""
-        bound, momentum, values, moved = self._bound, self._momentum, self.values, self._moved
+        bound, momentum, values = self._bound, self._momentum, self.values
+        least = -bound
+        if not momentum:
+            for j, h in enumerate(hidden):
+                new = values[j] + rate * h
+                values[j] = new if least <= new <= bound else min(max(new, least), bound)
+            return
+        moved = self._moved
         for j, h in enumerate(hidden):
             old = values[j]
-            new = old + rate * h
-            if momentum:
-                new += momentum * moved[j]
-            if not -bound <= new <= bound:
-                new = min(max(new, -bound), bound)
-            if momentum:
-                moved[j] = new - old
+            new = old + rate * h + momentum * moved[j]
+            if not least <= new <= bound:
+                new = min(max(new, least), bound)
+            moved[j] = new - old
             values[j] = new
