@@ -195,9 +195,13 @@ def test_every_closed_chunk_of_a_killed_run_comes_back(tmp_path: Path) -> None:
 
 def test_a_whole_log_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "run.mcap").write_bytes(WHOLE)
+    recover(tmp_path)  # metadata.yaml
     with pytest.raises(ValueError, match="is whole; there is nothing to recover"):
         recover(tmp_path)
     assert (tmp_path / "run.mcap").read_bytes() == WHOLE
+    (tmp_path / "alone.mcap").write_bytes(WHOLE)
+    with pytest.raises(ValueError, match="is whole; there is nothing to recover"):
+        recover(tmp_path / "alone.mcap")
 
 
 def test_the_log_of_a_run_that_goes_on_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

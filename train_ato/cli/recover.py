@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from train_ato.cli.screen import print_json, share_bar
+from train_ato.record.layout import METADATA
 from train_ato.record.recover import recover
 
 
@@ -26,11 +27,17 @@ def execute(options: argparse.Namespace) -> int:
         print_json(
             {
                 "log": str(found.path),
-                "kept": str(found.kept),
+                "kept": None if found.kept is None else str(found.kept),
                 "messages": found.messages,
                 "lost_chunks": found.lost_chunks,
+                "metadata_only": found.metadata_only,
             }
         )
+        return 0
+    if found.metadata_only:
+        kept = f"; kept as it was: {found.kept}" if found.kept else ""
+        again = found.path.parent / METADATA
+        sys.stdout.write(f"{found.path} is whole, {found.messages} messages; written again: {again}{kept}\n")
         return 0
     lost = f"; {found.lost_chunks} damaged or cut chunks were left out" if found.lost_chunks else ""
     sys.stdout.write(f"{found.messages} messages recovered into {found.path}{lost}; kept as it was: {found.kept}\n")

@@ -124,7 +124,8 @@ class _Loading:
         if self._asked is not None and not any(_named(channel.topic, name) for name in self._asked):
             return False
         if channel.message_encoding != "cdr" or schema.encoding != "ros2msg":
-            self._left_out[channel.topic] = f"encoding {channel.message_encoding}, {schema.encoding}: not ROS 2"
+            encodings = f"{channel.message_encoding}, {schema.encoding or 'no schema'}"
+            self._left_out[channel.topic] = f"encoding {encodings}: not ROS 2"
             return False
         return True
 

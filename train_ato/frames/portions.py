@@ -10,6 +10,7 @@ from pathlib import Path
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
+from train_ato.record.reading import NO_SCHEMA
 from train_ato.record.records import Damage, channel_of, chunk_content, records, schema_of
 
 __all__ = ["Portion", "Reader"]
@@ -149,6 +150,6 @@ class Reader:
         elif code == Opcode.CHANNEL:
             channel = channel_of(content)
             if channel.id not in self._open:
-                schema = self._schemas.get(channel.schema_id) or Schema(id=0, data=b"", encoding="", name="")
+                schema = self._schemas.get(channel.schema_id) or NO_SCHEMA
                 self.channels.append((channel, schema))
                 self._open[channel.id] = Portion(channel, schema) if self._wanted(channel, schema) else None

@@ -69,6 +69,7 @@ class ChannelCount:
 
     name: str
     type: str
+    encoding: str
     hash: str
     qos: str
     count: int
@@ -93,7 +94,7 @@ def bag_information(file_name: str, channels: Sequence[ChannelCount], begin: int
             "topic_metadata": {
                 "name": channel.name,
                 "type": channel.type,
-                "serialization_format": "cdr",
+                "serialization_format": channel.encoding,
                 "offered_qos_profiles": yaml.safe_load(channel.qos),
                 "type_description_hash": channel.hash,
             },

@@ -19,6 +19,8 @@ from train_ato.topics import EPOCH_NS
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _MESSAGE_CODE = 5
+NO_SCHEMA = Schema(id=0, name="", encoding="", data=b"")
+"""What number 0 of a channel means: its messages, JSON for one, need no schema."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +82,7 @@ def being_written(path: Path) -> bool:
 class Definitions:
     """Schemas and channels met so far, by their numbers."""
 
-    schemas: dict[int, Schema] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=lambda: {0: NO_SCHEMA})
     channels: dict[int, Channel] = field(default_factory=dict)
 
     def take(self, code: int, content: bytes) -> None:

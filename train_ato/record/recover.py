@@ -19,8 +19,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel
+from mcap.records import Attachment
 
+from train_ato.record.bag_metadata import belongs, rewritten
 from train_ato.record.layout import LOG, METADATA, PARTIAL
 from train_ato.record.mcap_writer import MAGIC
 from train_ato.record.reading import Definitions, Progress, RawMessage, being_written, stream
@@ -40,21 +41,24 @@ class Recovered:
     Attributes
     ----------
     path : Path
-        The new log.
-    kept : Path
-        The damaged file under its new name.
+        The new log, or the one that is whole.
+    kept : Path or None
+        The damaged file under its new name, None where one was missing.
     messages, lost_chunks : int
-        Messages in the new log; chunks that were found and are damaged.
+        Messages in the log; chunks that were found and are damaged.
+    metadata_only : bool
+        Whether the log is whole and only ``metadata.yaml`` beside it was written again.
     """
 
     path: Path
-    kept: Path
+    kept: Path | None
     messages: int
     lost_chunks: int
+    metadata_only: bool = False
 
 
 def recover(file: Path, progress: Progress | None = None) -> Recovered:
-    """Write what is whole of a damaged log as a proper one with its ``metadata.yaml``.
+    """Write what is whole of a damaged log as a proper one with its ``metadata.yaml``; of a whole log only the latter.
 
     Parameters
     ----------
@@ -69,13 +73,15 @@ def recover(file: Path, progress: Progress | None = None) -> Recovered:
         If there is nothing to recover, or the run still goes on.
     """
     source, target = _names(file)
+    if source == target and (count := _whole(source)) is not None:
+        return _metadata_again(source, count)
     kept = target.with_name(f"{target.name}.broken")
     if kept.exists():
         raise ValueError(f"{kept}: exists already; move it away first")
     try:
         with tempfile.TemporaryDirectory(dir=source.parent, prefix=".recover-") as scratch:
             messages, lost = _rewrite(source, Path(scratch), target.name, progress)
-            bag = target.name == LOG or (target.parent / METADATA).exists()
+            bag = belongs(target.parent / METADATA, target.name)
             source.rename(kept)
             (Path(scratch) / target.name).rename(target)
             if bag:
@@ -99,24 +105,34 @@ def _names(file: Path) -> tuple[Path, Path]:
         if being_written(source):
             raise ValueError(f"{source}: is being written by a run that goes on; end it with Ctrl-C")
         return source, target
-    if _whole(source):
-        raise ValueError(f"{source}: is whole; there is nothing to recover")
     return source, source
 
 
-def _whole(path: Path) -> bool:
+def _whole(path: Path) -> int | None:
+    """Return the number of messages in a log, None where it is damaged."""
     try:
-        for _ in stream(path):
-            pass
+        return sum(1 for _ in stream(path))
     except ValueError:
-        return False
-    return True
+        return None
+
+
+def _metadata_again(log: Path, messages: int) -> Recovered:
+    """Write the ``metadata.yaml`` of a run whose log is whole, where that is what is damaged or missing."""
+    file = log.parent / METADATA
+    there = file.exists()
+    try:
+        kept = rewritten(log) if belongs(file, log.name) else None
+    except OSError as error:
+        raise OSError(f"{log.parent}: cannot be written ({error.strerror or error})") from None
+    if kept is None:
+        raise ValueError(f"{log}: is whole; there is nothing to recover")
+    return Recovered(log, kept if there else None, messages, 0, metadata_only=True)
 
 
 def _rewrite(source: Path, scratch: Path, name: str, progress: Progress | None) -> tuple[int, int]:
     """Write the whole chunks of a file into a folder; return the number of messages and of lost chunks."""
     log: LogFile | None = None
-    numbers: dict[str, int] = {}
+    numbers: dict[int, int] = {}
     count = 0
     with source.open("rb") as file:
         if source.stat().st_size == 0:
@@ -126,26 +142,15 @@ def _rewrite(source: Path, scratch: Path, name: str, progress: Progress | None) 
             for message in wreck.messages():
                 if log is None:
                     log = LogFile(scratch, {entry.name: entry.data for entry in wreck.attachments()}, name)
-                key = message.channel.topic
-                if key not in numbers:
-                    numbers[key] = _declare(log, message.channel, message.schema.name, message.schema.data)
-                log.write(numbers[key], message.publish_ns, message.log_ns, message.data)
+                number = message.channel.id
+                if number not in numbers:
+                    numbers[number] = log.copy(message.channel, message.schema)
+                log.write(numbers[number], message.publish_ns, message.log_ns, message.data)
                 count += 1
     if log is None:
         raise ValueError(f"{source}: holds no whole chunk of a log; nothing can be recovered")
     log.close()
     return count, wreck.lost
-
-
-def _declare(log: LogFile, channel: Channel, kind: str, text: bytes) -> int:
-    found = channel.metadata
-    return log.channel(
-        channel.topic,
-        kind,
-        text.decode(errors="replace"),
-        found.get("topic_type_hash", ""),
-        found.get("offered_qos_profiles", "[]"),
-    )
 
 
 class Wreck:

@@ -15,6 +15,9 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
+import yaml
+from mcap.records import Channel, Schema
+
 from train_ato.record.chunk_clock import ChunkClock
 from train_ato.record.definitions import definition
 from train_ato.record.layout import (
@@ -81,8 +84,8 @@ class LogFile:
             fcntl.flock(self._raw, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._stream = io.BufferedWriter(self._raw, 1 << 16)
         self._lock = threading.Lock()
-        self._schemas: dict[str, int] = {}
-        self._channels: list[tuple[str, str, str, str]] = []
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._channels: list[tuple[str, str, str, str, str]] = []
         self._told = False
         self.failure: str | None = None
         self.closed = False
@@ -98,12 +101,24 @@ class LogFile:
 
     def channel(self, name: str, type_name: str, text: str, type_hash: str, qos: str) -> int:
         """Add a topic and return its number for :meth:`write`."""
+        metadata = {"offered_qos_profiles": qos, "topic_type_hash": type_hash}
+        return self._declare(
+            name, "cdr", Schema(id=1, data=text.encode(), encoding="ros2msg", name=type_name), metadata
+        )
+
+    def copy(self, channel: Channel, schema: Schema) -> int:
+        """Add a topic of another log as it stands there, whatever it is encoded in; return its number."""
+        metadata = {**channel.metadata, "offered_qos_profiles": _readable_qos(channel.metadata)}
+        return self._declare(channel.topic, channel.message_encoding, schema, metadata)
+
+    def _declare(self, name: str, encoding: str, schema: Schema, metadata: dict[str, str]) -> int:
         with self._lock:
-            if type_name not in self._schemas:
-                self._schemas[type_name] = self._writer.schema(type_name, "ros2msg", text.encode())
-            metadata = {"offered_qos_profiles": qos, "topic_type_hash": type_hash}
-            number = self._writer.channel(name, "cdr", self._schemas[type_name], metadata)
-            self._channels.append((name, type_name, type_hash, qos))
+            key = (schema.name, schema.encoding, schema.data)
+            if schema.id and key not in self._schemas:
+                self._schemas[key] = self._writer.schema(*key)
+            number = self._writer.channel(name, encoding, self._schemas[key] if schema.id else 0, metadata)
+            told = (metadata.get("topic_type_hash", ""), metadata["offered_qos_profiles"])
+            self._channels.append((name, schema.name, encoding, *told))
         return number
 
     def write(self, channel: int, publish_ns: int, log_ns: int, data: bytes) -> None:
@@ -191,6 +206,15 @@ class LogFile:
     def _tell(self) -> None:
         self._told = True
         raise OSError(self.failure)
+
+
+def _readable_qos(metadata: Mapping[str, str]) -> str:
+    """Return the quality of service of a channel; that of another program may be no YAML, and then none is told."""
+    text = metadata.get("offered_qos_profiles", "")
+    try:
+        return text if isinstance(yaml.safe_load(text), list) else "[]"
+    except yaml.YAMLError:
+        return "[]"
 
 
 class RunLog:

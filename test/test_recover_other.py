@@ -1,0 +1,79 @@
+"""Recovering what is none of our own cut logs: metadata beside a whole log, bags in several files, other encodings."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from rosbags.rosbag2 import Reader
+
+from train_ato.cli import main
+from train_ato.record.reading import stream
+from train_ato.record.recover import recover
+
+GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
+COUNT = sum(1 for _ in stream(GOLDEN))
+
+
+@pytest.mark.parametrize("wrong", ["missing", "no yaml", "another's", "empty"])
+def test_metadata_beside_a_whole_log_is_written_again(wrong: str, tmp_path: Path) -> None:
+    """Breaks if a bag stays shut to `ros2 bag` although nothing is missing from its log."""
+    shutil.copytree(GOLDEN.parent, tmp_path / "run")
+    file, log = tmp_path / "run" / "metadata.yaml", tmp_path / "run" / "run.mcap"
+    good, bytes_before = file.read_text(), log.read_bytes()
+    texts = {"no yaml": "{{{", "another's": good.replace("message_count: 441", "message_count: 7"), "empty": ""}
+    if wrong == "missing":
+        file.unlink()
+    else:
+        file.write_text(texts[wrong])
+    assert main(["recover", str(tmp_path / "run")]) == 0
+    assert file.read_text() == good
+    assert log.read_bytes() == bytes_before
+    with Reader(tmp_path / "run") as bag:
+        assert bag.message_count == COUNT
+    if wrong != "missing":
+        assert file.with_name("metadata.yaml.broken").read_text() == texts[wrong]
+
+
+def test_metadata_of_a_bag_in_several_files_is_left_alone(tmp_path: Path) -> None:
+    """Breaks if recovering one file of a bag makes the others disappear from it."""
+    (tmp_path / "bag_0.mcap").write_bytes(GOLDEN.read_bytes()[:-30])
+    text = yaml.safe_dump(
+        {"rosbag2_bagfile_information": {"relative_file_paths": ["bag_0.mcap", "bag_1.mcap"],
+                                         "topics_with_message_count": []}}
+    )  # fmt: skip
+    (tmp_path / "metadata.yaml").write_text(text)
+    assert recover(tmp_path / "bag_0.mcap").messages == COUNT
+    assert (tmp_path / "metadata.yaml").read_text() == text
+
+
+def test_what_is_not_ros_2_is_recovered_as_what_it_is(tmp_path: Path) -> None:
+    """Breaks if messages without a schema are taken for damage, or come back under another encoding or topic."""
+    path = tmp_path / "other.mcap"
+    binary = bytes(range(256))
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=2000)
+        writer.start("x")
+        plain = writer.register_channel("/plain", "json", 0, {"offered_qos_profiles": "{{{"})
+        schema = writer.register_schema("Some", "protobuf", binary)
+        coded = writer.register_channel("/coded", "protobuf", schema, {"more": "told"})
+        again = writer.register_channel("/plain", "protobuf", schema)
+        for number in range(500):
+            writer.add_message((plain, coded, again)[number % 3], number, b"%d" % number, number)
+        writer.finish()
+    assert main(["info", str(path)]) == 0
+    path.write_bytes(path.read_bytes()[:-200])
+    recover(path)
+    with path.open("rb") as file:
+        found = [(s and (s.name, s.encoding, s.data), c, m.data) for s, c, m in make_reader(file).iter_messages()]
+    assert len(found) == 500
+    for number, (schema, channel, data) in enumerate(found):
+        assert data == b"%d" % number
+        assert channel.topic == ("/plain", "/coded", "/plain")[number % 3]
+        assert channel.message_encoding == ("json", "protobuf", "protobuf")[number % 3]
+        assert schema == (None, *2 * (("Some", "protobuf", binary),))[number % 3]
+    assert found[1][1].metadata["more"] == "told"
