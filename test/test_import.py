@@ -129,6 +129,42 @@ def test_what_reads_runs_reads_a_measured_one(tmp_path, capsys):
     assert main(["export", run, "--json"]) == 0
 
 
+def test_a_law_beside_a_measured_run_is_not_compared_with_a_law(tmp_path, capsys):
+    """Breaks if the recorded output goes under the name of the scenario's law, which never saw this run."""
+    take(tmp_path, capsys, recorded(0.2, 60.0))
+    run = str(tmp_path / "imported")
+    assert main(["replay", run, "--controller", "pid"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "force at the wheel, measured" in said
+    assert "pid, recorded" not in said
+    assert main(["replay", run, "--controller", "pid", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["recorded_controller"] == "measured"
+    other = tmp_path / "demanded"
+    other.mkdir()
+    take(other, capsys, recorded(0.2, 60.0, command_force_kn=np.zeros(301)))
+    assert main(["replay", str(other / "imported"), "--controller", "pid"]) == 0
+    assert "demand, measured" in " ".join(capsys.readouterr().out.split())
+
+
+def test_the_log_of_a_measured_run_alone_says_that_it_is_one(tmp_path, capsys):
+    """Breaks if the log without its folder is taken for a run of the scenario's law: driven again, or summed up so."""
+    take(tmp_path, capsys, recorded(0.2, 60.0))
+    log = (tmp_path / "imported" / "run.mcap").rename(tmp_path / "alone.mcap")
+    assert main(["verify", str(log)]) == 2
+    assert "is a measured run" in capsys.readouterr().err
+    assert main(["replay", str(log), "--controller", "pid", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["recorded_controller"] == "measured"
+    assert main(["report", str(log), "--json", "--out", str(tmp_path / "alone.html")]) == 0
+    page = (tmp_path / "alone.html").read_text()
+    assert "a measured run" in page
+    assert "the command was not measured" in page
+    log.rename(tmp_path / "imported" / "run.mcap")
+    (tmp_path / "imported" / "summary.json").unlink()
+    capsys.readouterr()
+    assert main(["verify", str(tmp_path / "imported")]) == 2
+    assert "is a measured run" in capsys.readouterr().err
+
+
 def test_uneven_rows_are_read_linearly_at_the_tick(tmp_path, capsys):
     """Breaks if rows are taken as if they were evenly spaced, or held until the next."""
     time = np.sort(np.random.default_rng(3).uniform(0.1, 99.9, 400))

@@ -6,7 +6,7 @@ import dataclasses
 import json
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from train_ato.outcome import Outcome
 from train_ato.record.layout import LOG, PARTIAL
 from train_ato.record.reading import attachments, log_file
 from train_ato.record.run_log import RunLog
-from train_ato.record.versions import SCENARIO, attachments_for
+from train_ato.record.versions import SCENARIO, SUMMARY, attachments_for
 from train_ato.run_setup import RunSetup, prepare
 from train_ato.scenario import check, load
 from train_ato.topics import EPOCH_NS
@@ -72,10 +72,11 @@ class RunFolder:
                 path.rmdir()
 
     @contextmanager
-    def sink(self, setup: RunSetup) -> Iterator[Encoder]:
-        """Open the log for the engine; it is closed and renamed however the run ends."""
+    def sink(self, setup: RunSetup, more: Mapping[str, bytes] | None = None) -> Iterator[Encoder]:
+        """Open the log for the engine, with ``more`` attached; it is closed and renamed however the run ends."""
         topics = [topic for topic in setup.shape.topics if topic.recorded]
-        with RunLog(self.path, topics, attachments=attachments_for(setup.resolved_yaml())) as log:
+        attached = {**attachments_for(setup.resolved_yaml()), **(more or {})}
+        with RunLog(self.path, topics, attachments=attached) as log:
             yield Encoder(log, Wire(setup.shape))
 
     def begin(self, setup: RunSetup) -> None:
@@ -92,12 +93,16 @@ class RunFolder:
             started.rename(self.path / STARTED)
             again = dataclasses.replace(setup, scenario=outcome.told.driven(setup.scenario))
             started.write_text(again.resolved_yaml(), encoding="utf-8")
-        text = json.dumps(outcome.summary, indent=2, ensure_ascii=False)
-        (self.path / "summary.json").write_text(text + "\n", encoding="utf-8")
+        (self.path / SUMMARY).write_text(summary_text(outcome.summary), encoding="utf-8")
         if outcome.history is not None:
             from train_ato.figure import draw_run  # matplotlib: only runs that are drawn pay for it
 
             draw_run(setup, outcome.history, outcome.summary, self.path / "figure.png")
+
+
+def summary_text(summary: dict[str, Any]) -> str:
+    """Return a summary as it is written."""
+    return json.dumps(summary, indent=2, ensure_ascii=False) + "\n"
 
 
 def open_run(path: Path) -> tuple[RunSetup, dict[str, Any]]:
@@ -106,7 +111,7 @@ def open_run(path: Path) -> tuple[RunSetup, dict[str, Any]]:
     Parameters
     ----------
     path
-        Run folder, or its log alone: the scenario is attached to that, a summary is not.
+        Run folder, or its log alone: the scenario is attached to that, a summary only where the run was measured.
 
     Raises
     ------
@@ -116,14 +121,15 @@ def open_run(path: Path) -> tuple[RunSetup, dict[str, Any]]:
     if path.is_dir():
         summary = read_summary(path)
         return prepare(*load(str(path / SCENARIO))), summary
-    text = attachments(log_file(path)).get(SCENARIO)
+    attached = attachments(log_file(path))
+    text = attached.get(SCENARIO)
     if text is None:
         raise ValueError(f"{path}: no {SCENARIO} is attached; name a log or a run folder that `train-ato run` made")
     try:
         data = yaml.load(text, Loader=StrictLoader)
     except yaml.YAMLError as error:
         raise ValueError(f"{path}: the attached {SCENARIO} is not YAML ({error})") from None
-    return prepare(check(data, path), path), {}
+    return prepare(check(data, path), path), _attached_summary(path, attached)
 
 
 def read_summary(path: Path) -> dict[str, Any]:
@@ -136,12 +142,22 @@ def read_summary(path: Path) -> dict[str, Any]:
     """
     if not (path / SCENARIO).is_file():
         raise ValueError(f"{path}: not a run folder: no scenario.yaml; name a folder that `run` made")
-    log_file(path)
-    file = path / "summary.json"
+    log = log_file(path)
+    file = path / SUMMARY
     if not file.is_file():
-        return {"status": "killed"}
+        return _attached_summary(log, attachments(log)) or {"status": "killed"}
+    return _figures(file, file.read_bytes())
+
+
+def _attached_summary(log: Path, attached: Mapping[str, bytes]) -> dict[str, Any]:
+    """Return the summary that is attached to a log, empty where none is."""
+    text = attached.get(SUMMARY)
+    return {} if text is None else _figures(log, text)
+
+
+def _figures(file: Path, text: bytes) -> dict[str, Any]:
     try:
-        summary = json.loads(file.read_text(encoding="utf-8"))
+        summary = json.loads(text)
     except ValueError as error:
         raise ValueError(f"{file}: is not JSON ({error}); take the file away, the log is whole without it") from None
     if not isinstance(summary, dict):

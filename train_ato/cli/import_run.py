@@ -182,14 +182,17 @@ def _write_run(options: argparse.Namespace, setup: RunSetup, found: Measured, wi
     """Write the run folder with its log."""
     from train_ato.measured.run import outcome_of, write_messages
     from train_ato.measured.series import series_of
-    from train_ato.run_folder import RunFolder
+    from train_ato.record.versions import SUMMARY
+    from train_ato.run_folder import RunFolder, summary_text
 
     series = series_of(found, setup)
+    outcome = outcome_of(setup, found, series, window)
+    attached = {SUMMARY: summary_text(outcome.summary).encode()}
     folder = RunFolder.make(options.out, setup.scenario.name)
     begin = time.perf_counter()
     try:
         folder.begin(setup)
-        with progress_bar(f"writing {folder.path}") as progress, folder.sink(setup) as sink:
+        with progress_bar(f"writing {folder.path}") as progress, folder.sink(setup, attached) as sink:
 
             def report(tick: int) -> None:
                 if tick % 1000 == 0:
@@ -197,7 +200,6 @@ def _write_run(options: argparse.Namespace, setup: RunSetup, found: Measured, wi
 
             write_messages(setup, series, sink, report)
         write_profile(setup.profile, folder.path / PROFILE, _source(found, window))
-        outcome = outcome_of(setup, found, series, window)
         folder.finish(setup, outcome)
     except BaseException:
         folder.discard()

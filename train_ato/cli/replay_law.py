@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from train_ato.cli.screen import print_json, progress_bar, table
+from train_ato.measured.run import MEASURED, NOT_RECORDED
 from train_ato.open_loop import replay_open_loop
 from train_ato.record.reading import log_file
 from train_ato.run_folder import open_run
@@ -38,14 +39,14 @@ DIFFERENCE_ROWS: tuple[tuple[str, str], ...] = (
 
 def compare(options: argparse.Namespace) -> int:
     """Drive a law with the recorded inputs; the law of the run itself keeps the swaps that were planned in it."""
-    recorded, _ = open_run(options.run)
+    recorded, told = open_run(options.run)
     changed = _with_law(recorded, options)
     figure = _figure_path(options)
     with progress_bar(f"{options.controller} on the inputs of {options.run.name}") as progress:
         result = replay_open_loop(changed, options.run, progress)
     summary = {
         "run": str(options.run),
-        "recorded_controller": recorded.controller,
+        "recorded_controller": MEASURED if told.get("controller") == MEASURED else recorded.controller,
         "controller": options.controller,
         **result.summary(),
         "figure": str(figure),
@@ -53,12 +54,20 @@ def compare(options: argparse.Namespace) -> int:
     from train_ato.open_loop_figure import draw_open_loop
 
     title = f"{recorded.scenario.name}: {options.controller} on the recorded inputs, the loop is open"
-    draw_open_loop(result, title, f"{recorded.controller}, recorded", f"{options.controller}, replayed", figure)
+    names = (_recorded_name(recorded, told), f"{options.controller}, replayed")
+    draw_open_loop(result, title, *names, figure)
     if options.json:
         print_json(summary)
     else:
-        _print(summary)
+        _print(summary, names)
     return 0
+
+
+def _recorded_name(recorded: RunSetup, told: dict[str, Any]) -> str:
+    """Return what the recorded output is called: the law that gave it, or what was measured."""
+    if told.get("controller") != MEASURED:
+        return f"{recorded.controller}, recorded"
+    return "force at the wheel, measured" if told.get("measured_command") == NOT_RECORDED else "demand, measured"
 
 
 def _with_law(recorded: RunSetup, options: argparse.Namespace) -> RunSetup:
@@ -94,9 +103,9 @@ def _figure_path(options: argparse.Namespace) -> Path:
     return wanted
 
 
-def _print(summary: dict[str, Any]) -> None:
+def _print(summary: dict[str, Any], names: tuple[str, str]) -> None:
     table(
-        ("output", f"{summary['recorded_controller']}, recorded", f"{summary['controller']}, replayed"),
+        ("output", *names),
         ((text, summary["recorded"][key], summary["replayed"][key]) for key, text in OUTPUT_ROWS),
         f"{summary['controller']} on the recorded inputs of {summary['run']}",
     )

@@ -40,12 +40,14 @@ def execute(options: argparse.Namespace) -> int:
         raise ValueError(f"--relative {options.relative}: give a number from 0 to below 1, for example 1e-6")
     setup, summary = open_run(options.run)
     if summary.get("controller") == MEASURED:
+        place = options.run if options.run.is_dir() else options.run.parent
         raise ValueError(
             f"{options.run}: is a measured run, which nothing drives again; `train-ato run "
-            f"{options.run / SCENARIO}` drives a law on its profile"
+            f"{place / SCENARIO}` drives a law on its profile"
         )
     if summary.get("status", "done") != "done":
-        raise ValueError(f"{options.run}: the run {summary['status']}; only a whole run can be compared with another")
+        status = {"killed": "was killed", "interrupted": "was interrupted"}.get(summary["status"], summary["status"])
+        raise ValueError(f"{options.run}: the run {status}; only a whole run can be compared with another")
     told = told_by(options.run)
     setup = dataclasses.replace(setup, scenario=told.driven(setup.scenario))
     found = compare_with_new(options.run, setup, options.relative)

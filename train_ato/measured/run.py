@@ -26,7 +26,7 @@ from train_ato.scenario import SCHEMA, check
 from train_ato.types import Command, Diagnostic, DisturbanceEstimate, Measurement, Pipe, Reference, Tick
 from train_ato.version import VERSION
 
-__all__ = ["MEASURED", "measured_setup", "outcome_of", "write_messages"]
+__all__ = ["MEASURED", "NOT_RECORDED", "measured_setup", "outcome_of", "write_messages"]
 
 LARGEST_STEP = 0.005
 """Step of the plant where the scenario is driven [s]."""
@@ -34,6 +34,8 @@ REDUCTION_STEP = 10e3
 """Steps in which a recorded reduction of the brake pipe becomes events [Pa]."""
 MEASURED = "measured"
 """What stands in the summary for the law: nobody here knows who drove."""
+NOT_RECORDED = "not recorded; the force at the wheel in its place"
+"""What the summary says of the command where the recorder gave none."""
 UNKNOWN = (
     "position_error_max_m", "position_rmse_m", "stop_error_m", "coupler_draft_max_kn", "coupler_buff_max_kn",
     "saturated_s", "replans", "held_steps", "unsound_measurements",
@@ -170,7 +172,7 @@ def outcome_of(setup: RunSetup, found: Measured, series: Series, window: float) 
         "measured_largest_gap_s": round(found.largest_gap, 9),
         "measured_resampled": f"linear between rows, every {setup.tick:g} s",
         "measured_profile": f"mean over {window:.3g} s, twice" if window else "the speed as it is",
-        "measured_command": "as recorded" if series.commanded else "not recorded; the force at the wheel in its place",
+        "measured_command": "as recorded" if series.commanded else NOT_RECORDED,
         "measured_reference": "as recorded" if series.referenced else "not recorded; the profile in its place",
         "measured_notes": "; ".join(found.notes) or None,
     }

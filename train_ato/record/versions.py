@@ -16,7 +16,8 @@ from train_ato.version import VERSION
 
 SCENARIO = "scenario.yaml"
 VERSIONS = "versions.yaml"
-"""Names of what is attached to a log."""
+SUMMARY = "summary.json"
+"""Names of what is attached to a log; the summary only to that of a measured run, which nothing can work out again."""
 NUMERIC = ("python", "numpy", "numba", "llvmlite", "libc", "machine", "processor")
 """Where these are equal, two runs of one scenario are equal bit for bit."""
 _PACKAGES = ("numpy", "numba", "llvmlite", "rclpy", "mcap", "rosbags")
