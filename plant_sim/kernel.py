@@ -13,15 +13,8 @@ Arrays are two-dimensional, one quantity per row, because every argument of a co
 from __future__ import annotations
 
 from math import copysign
-from typing import Any
 
-from numba import njit
-
-
-def _compiled(function: Any) -> Any:
-    """Compile without fast-math: the same bits on every run of one machine."""
-    return njit(cache=True, error_model="numpy")(function)
-
+from plant_sim.compiled import compiled
 
 # Rows of `vehicle` (constants), one column per vehicle.
 INVERSE_MASS, MASS, WEIGHT, C0, C1, C2, SHOE, HOLD, GAP, PIPE_DISTANCE, RAIL = range(11)
@@ -68,7 +61,7 @@ SMALLEST_POWER_SPEED = 0.1  # m/s; below it power / v is taken at this speed
 IDLE_CYLINDER = 1e-6  # braking factor below which a releasing cylinder counts as empty
 
 
-@_compiled
+@compiled
 def _linear(x, v, gap, force, half_slack, stiffness, damping):
     """Spring and damper beyond the slack (papers 002 and 004).
 
@@ -83,7 +76,7 @@ def _linear(x, v, gap, force, half_slack, stiffness, damping):
         force[i] = side * stiffness[i] * d + damping[i] * contact * (v[i] - v[i + 1])
 
 
-@_compiled
+@compiled
 def _clip(x, v, gap, force, half_slack, k, c, f0, x0, a1, a2, ratio, stroke, stop, locked, held, held_d):
     """Paper 000, eqs. (7)-(9): the held force moves with stiffness k between the unloading and the loading branch.
 
@@ -108,7 +101,7 @@ def _clip(x, v, gap, force, half_slack, k, c, f0, x0, a1, a2, ratio, stroke, sto
         force[i] = side * (h + stop[i] * (beyond - d)) + c[i] * q * rate
 
 
-@_compiled
+@compiled
 def _smoothed(x, v, gap, force, half_slack, c, f0, x0, a1, a2, ratio, stroke, stop, inverse_ve):
     """Paper 000, eq. (6) without its factor sgn(dv): branches joined over the switching speed.
 
@@ -129,7 +122,7 @@ def _smoothed(x, v, gap, force, half_slack, c, f0, x0, a1, a2, ratio, stroke, st
         force[i] = side * (h + stop[i] * (beyond - d)) + c[i] * q * rate
 
 
-@_compiled
+@compiled
 def _tabulated(x, v, gap, force, half_slack, k, c, stroke, stop, which, table, locked, held, held_d):
     """Join a user's loading and unloading curves as in :func:`_clip`; usable step as there."""
     for i in range(len(gap)):
@@ -156,7 +149,7 @@ def _tabulated(x, v, gap, force, half_slack, k, c, stroke, stop, which, table, l
         force[i] = side * (h + stop[i] * (beyond - d)) + c[i] * contact * rate
 
 
-@_compiled
+@compiled
 def couplers(x, v, state, vehicle, gear, table, run):
     """Force of every coupling but the rigid ones, which :func:`_bodies` recovers from the balance."""
     for r in range(run.shape[0]):
@@ -182,7 +175,7 @@ def couplers(x, v, state, vehicle, gear, table, run):
             force[:] = 0.0
 
 
-@_compiled
+@compiled
 def force_along(deflection, rate, state, vehicle, gear, table, run):
     """Force of the first coupling of a two-vehicle train along a path of deflections and rates."""
     force = deflection.copy()
@@ -195,7 +188,7 @@ def force_along(deflection, rate, state, vehicle, gear, table, run):
     return force
 
 
-@_compiled
+@compiled
 def _extremes(force, draft, buff):
     """Keep the largest draft and buff force of every coupling."""
     for i in range(len(force)):
@@ -203,7 +196,7 @@ def _extremes(force, draft, buff):
         buff[i] = min(buff[i], force[i])
 
 
-@_compiled
+@compiled
 def _envelope(envelope, first, end, speed):
     """Largest force of a power unit at a speed >= 0; 0 beyond its last segment."""
     for s in range(first, end):
@@ -215,13 +208,13 @@ def _envelope(envelope, first, end, speed):
     return 0.0
 
 
-@_compiled
+@compiled
 def _adhesion_factor(by_speed, speed):
     """Return the adhesion at a speed >= 0 over that of the setup, after Curtius and Kniffler or constant."""
     return 0.161 + 7.5 / (3.6 * speed + 44.0) if by_speed else 1.0
 
 
-@_compiled
+@compiled
 def _limits(u, speed, unit, unit_index, envelope, reversing):
     """Lowest and highest force of unit u at a speed: envelope, force limit, adhesion."""
     size = abs(speed)
@@ -237,7 +230,7 @@ def _limits(u, speed, unit, unit_index, envelope, reversing):
     return -min(low, cap), min(high, cap)
 
 
-@_compiled
+@compiled
 def _units(demand, dt, state, unit, unit_index, envelope, setting):
     """Turn the commands that are due into forces: gain, dead band, limits, rate, lag, limits.
 
@@ -270,7 +263,7 @@ def _units(demand, dt, state, unit, unit_index, envelope, setting):
         setting[SATURATED_ANY] += dt
 
 
-@_compiled
+@compiled
 def _units_account(state, unit, unit_index, reversing):
     """Find the applied force and its work, once the friction share of this step is known."""
     for u in range(unit.shape[1]):
@@ -286,7 +279,7 @@ def _units_account(state, unit, unit_index, reversing):
             unit[WORK_REGENERATED, u] -= work
 
 
-@_compiled
+@compiled
 def _no_demand(demand, reversing):
     """Whether no command that is due asks for motion."""
     asked = 0
@@ -295,7 +288,7 @@ def _no_demand(demand, reversing):
     return asked == 0
 
 
-@_compiled
+@compiled
 def _standing(v, mass, limit):
     """Whether the train as a whole (its mean speed by mass) is slower than the limit."""
     momentum, total = 0.0, 0.0
@@ -305,7 +298,7 @@ def _standing(v, mass, limit):
     return abs(momentum) < limit * total
 
 
-@_compiled
+@compiled
 def _waves(t, events, event, state, vehicle, vehicle_index, setting):
     """Move the brake-pipe waves: a vehicle obeys the newest event that has reached it (paper 000, section 1.2).
 
@@ -336,7 +329,7 @@ def _waves(t, events, event, state, vehicle, vehicle_index, setting):
         event[REACHED, e] = reached
 
 
-@_compiled
+@compiled
 def _cylinders(state, vehicle, setting):
     """Fill and empty the cylinders, recharge the reservoirs, find the shoe forces; return whether any is in use."""
     cylinder, target, reservoir = state[CYLINDER], state[TARGET], state[RESERVOIR]
@@ -355,7 +348,7 @@ def _cylinders(state, vehicle, setting):
     return active
 
 
-@_compiled
+@compiled
 def _slide_protection(state, vehicle, by_speed):
     """Cut the shoe forces to what the rails take, less what the electric brake of the same vehicle takes of it."""
     v, shoe_force, electric = state[V], state[SHOE_FORCE], state[EXTRA]
@@ -365,7 +358,7 @@ def _slide_protection(state, vehicle, by_speed):
         shoe_force[i] = min(shoe_force[i], max(most, 0.0))
 
 
-@_compiled
+@compiled
 def _outside(k, state, outside, outside_vehicle):
     """Add the outside forces F + G v and set the drift speeds of the listed vehicles."""
     for j in range(len(outside_vehicle)):
@@ -374,7 +367,7 @@ def _outside(k, state, outside, outside_vehicle):
         state[DRIFT, i] = outside[2, k, j]
 
 
-@_compiled
+@compiled
 def _outside_account(k, v_before, state, outside, outside_vehicle):
     """Work of the outside forces at the mean speed."""
     for j in range(len(outside_vehicle)):
@@ -382,7 +375,7 @@ def _outside_account(k, v_before, state, outside, outside_vehicle):
         state[WORK_OUTSIDE, i] += (outside[0, k, j] + outside[1, k, j] * v_before[j]) * state[MID, i]
 
 
-@_compiled
+@compiled
 def _speeds(dt, held, braked, state, vehicle):
     """Give every vehicle its new speed, dry friction implicit, and add up the work of every force."""
     x, v, force, push, extra = state[X], state[V], state[COUPLER], state[PUSH], state[EXTRA]
@@ -423,7 +416,7 @@ def _speeds(dt, held, braked, state, vehicle):
             holding[i] += held * hold[i] * slide[i] * middle[i]
 
 
-@_compiled
+@compiled
 def _body_sums(a, b, held, state, vehicle):
     """Mass, force (without dry friction) and dry capacity of the rigid body of vehicles a ... b-1."""
     mass, force, dry = 0.0, 0.0, 0.0
@@ -436,7 +429,7 @@ def _body_sums(a, b, held, state, vehicle):
     return mass, force + state[COUPLER, a] - state[COUPLER, b], dry
 
 
-@_compiled
+@compiled
 def _bodies(dt, held, state, vehicle, gear, body):
     """As :func:`_speeds` for a train with rigid couplings; their forces follow from each vehicle's balance."""
     for index in range(len(body) - 1):
@@ -469,7 +462,7 @@ def _bodies(dt, held, state, vehicle, gear, body):
             state[V, i] = after
 
 
-@_compiled
+@compiled
 def _positions(dt, n, state):
     """Move with the new speed; return how many vehicles left their piece of line."""
     x, v, drift, begin, end = state[X], state[V], state[DRIFT], state[PIECE_BEGIN], state[PIECE_END]
@@ -480,7 +473,7 @@ def _positions(dt, n, state):
     return left
 
 
-@_compiled
+@compiled
 def locate(state, vehicle, vehicle_index, piece):
     """Find the piece of line under every vehicle, walking from the last one, and its grade and curve forces."""
     for i in range(vehicle.shape[1]):
@@ -497,7 +490,7 @@ def locate(state, vehicle, vehicle_index, piece):
         state[CURVE, i] = weight * piece[DRY_PER_WEIGHT, p]
 
 
-@_compiled
+@compiled
 def advance(
     t, dt, state, vehicle, vehicle_index, gear, table, run, body, unit, unit_index, envelope,
     piece, event, events, demand, outside, outside_vehicle, setting,

@@ -19,6 +19,10 @@ from train_ato.outcome import Progress
 
 COMPILE_NOTE = "Compiling the train's kernel, once on this machine; later runs start at once."
 PLANNER_NOTE = "Planning takes a moment; on a machine's first run kernels are compiled for it."
+UNKEPT_NOTE = (
+    "Compiling, as in every run: neither the package's folder nor the user's cache folder can be written; name one "
+    "that can in NUMBA_CACHE_DIR."
+)
 
 
 def console() -> Console:
@@ -29,7 +33,13 @@ def console() -> Console:
 @contextmanager
 def noted_when_slow(text: str) -> Iterator[None]:
     """Print a line when something takes longer than two seconds: on a machine's first run kernels are compiled."""
-    note = threading.Timer(2.0, lambda: console().print(text, soft_wrap=True))
+
+    def told() -> None:
+        compiled = sys.modules.get("plant_sim.compiled")
+        kept = compiled is None or compiled.results_are_kept()
+        console().print(text if kept else UNKEPT_NOTE, soft_wrap=True)
+
+    note = threading.Timer(2.0, told)
     note.daemon = True
     note.start()
     try:

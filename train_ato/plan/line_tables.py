@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit
 
+from plant_sim.compiled import compiled
 from plant_sim.line import Line
 from plant_sim.track import Track
 from train_ato.plan.train_tables import TrainTables
 from train_ato.types import Array
 
 __all__ = ["Grid", "LineForce", "SpeedLimits"]
-
-
-def _compiled(function: Any) -> Any:
-    return njit(cache=True, error_model="numpy")(function)
 
 
 FINEST, COARSEST, CELLS = 0.05, 5.0, 8000
@@ -95,7 +89,7 @@ class LineForce:
         return ends.min(axis=0), mean, ends.max(axis=0)
 
 
-@_compiled
+@compiled
 def _add_force(total: Array, front: Array, pieces: Array, behind: float, weight: float, back: float) -> None:
     piece = 0
     for k in range(front.size):
@@ -105,7 +99,7 @@ def _add_force(total: Array, front: Array, pieces: Array, behind: float, weight:
         total[k] += weight * (pieces[2, piece] + pieces[3, piece] * (x - pieces[0, piece]) + pieces[4, piece])
 
 
-@_compiled
+@compiled
 def _add_work(total: Array, front: Array, pieces: Array, behind: float, weight: float) -> None:
     """Add the work done from the first place on."""
     piece, work = 0, 0.0

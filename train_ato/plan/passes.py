@@ -10,8 +10,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from plant_sim.compiled import compiled
 from train_ato.types import Array
 
 __all__ = ["backward", "clip_peaks", "durations", "forward", "spread"]
@@ -19,19 +19,14 @@ __all__ = ["backward", "clip_peaks", "durations", "forward", "spread"]
 TRACTION, BRAKE, COAST = range(3)
 
 
-def _compiled(function: Any) -> Any:
-    """Compile without fast-math: the same bits on every run of one machine."""
-    return njit(cache=True, error_model="numpy")(function)
-
-
-@_compiled
+@compiled
 def _read(table: Array, row: int, energy: float, spacing: float) -> Any:
     place = np.sqrt(2.0 * max(energy, 0.0)) / spacing
     k = min(int(place), table.shape[1] - 2)
     return table[row, k] + (place - k) * (table[row, k + 1] - table[row, k])
 
 
-@_compiled
+@compiled
 def backward(
     limit: Array, table: Array, spacing: float, down: Array, flat: Array, steps: Array,
     service: float, end_energy: float, coast_above: float,
@@ -70,7 +65,7 @@ def backward(
     return energy, -1
 
 
-@_compiled
+@compiled
 def forward(
     ceiling: Array, table: Array, spacing: float, up: Array, flat: Array, down: Array, steps: Array,
     service: float, service_down: float, begin_energy: float, cut_off: Array,
@@ -103,7 +98,7 @@ def forward(
     return energy, -1
 
 
-@_compiled
+@compiled
 def durations(energy: Array, steps: Array) -> Array:
     """Return the time every cell takes [s], shape (n,); constant acceleration in each."""
     n = energy.size - 1
@@ -113,7 +108,7 @@ def durations(energy: Array, steps: Array) -> Array:
     return time
 
 
-@_compiled
+@compiled
 def spread(values: Array, width: Array, places: Array, largest: bool) -> Array:
     """Return the largest (or smallest) value within ``width`` on either side of every cell, n log n.
 
@@ -141,7 +136,7 @@ def spread(values: Array, width: Array, places: Array, largest: bool) -> Array:
     return result
 
 
-@_compiled
+@compiled
 def clip_peaks(energy: Array, places: Array, hold: float, jump: float) -> int:
     """Flatten, in place, every peak where the acceleration would fall by more than ``jump`` in less than ``hold`` s.
 

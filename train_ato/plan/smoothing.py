@@ -7,21 +7,15 @@ All is exact: averages are differences of the integrals.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit
 
+from plant_sim.compiled import compiled
 from train_ato.types import Array
 
 __all__ = ["averaged", "largest_jump", "raw_run"]
 
 
-def _compiled(function: Any) -> Any:
-    return njit(cache=True, error_model="numpy")(function)
-
-
-@_compiled
+@compiled
 def raw_run(energy: Array, places: Array, lead: float, lead_rate: float, tail: float, forever: float) -> Array:
     """Return the raw run as rows time, integral of place, place, speed, acceleration at every change.
 
@@ -60,7 +54,7 @@ def raw_run(energy: Array, places: Array, lead: float, lead_rate: float, tail: f
     return run
 
 
-@_compiled
+@compiled
 def _state(run: Array, piece: int, time: float, origin: float) -> tuple[float, float, float, float]:
     s = time - run[0, piece]
     x, v, a = run[2, piece] - origin, run[3, piece], run[4, piece]
@@ -72,7 +66,7 @@ def _state(run: Array, piece: int, time: float, origin: float) -> tuple[float, f
     )
 
 
-@_compiled
+@compiled
 def averaged(run: Array, times: Array, window: float) -> tuple[Array, Array, Array]:
     """Return place, speed and acceleration averaged over a window around rising times."""
     n = times.size
@@ -96,7 +90,7 @@ def averaged(run: Array, times: Array, window: float) -> tuple[Array, Array, Arr
     return place, speed, rate
 
 
-@_compiled
+@compiled
 def largest_jump(run: Array, window: float) -> float:
     """Return the largest change of acceleration across a window [m/s²]; over the window it is the largest jerk."""
     last = run.shape[1] - 2

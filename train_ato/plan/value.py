@@ -17,8 +17,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from plant_sim.compiled import compiled
 from train_ato.plan.passes import COAST, TRACTION
 from train_ato.types import Array
 
@@ -32,10 +32,6 @@ NEVER = 1e12
 """Value of a state from which the end is not reached."""
 SLOWEST = 0.05
 """Speed below which a moment costs no more than at it [m/s]."""
-
-
-def _compiled(function: Any) -> Any:
-    return njit(cache=True, error_model="numpy")(function)
 
 
 class Stretches:
@@ -84,14 +80,14 @@ def switching_curve(run: Stretches, price: float, spacing: float) -> tuple[Array
     return run.places, curve
 
 
-@_compiled
+@compiled
 def _value(values: Array, energy: float, spacing: float) -> Any:
     place = energy / spacing
     i = min(int(place), values.size - 2)
     return values[i] + (place - i) * (values[i + 1] - values[i])
 
 
-@_compiled
+@compiled
 def _slope(values: Array, energy: float, spacing: float) -> Any:
     """Return dV/dE, continuous: the slopes between grid points hold in the middle of their cells."""
     place = energy / spacing - 0.5
@@ -101,7 +97,7 @@ def _slope(values: Array, energy: float, spacing: float) -> Any:
     return (low + share * (high - low)) / spacing
 
 
-@_compiled
+@compiled
 def _cost(price: float, step: float, speed: float, end: float, values: Array, spacing: float) -> Any:
     """Return price x time over a step to the energy ``end``, and the value there."""
     if end <= 0.0:
@@ -109,7 +105,7 @@ def _cost(price: float, step: float, speed: float, end: float, values: Array, sp
     return price * 2.0 * step / (speed + np.sqrt(2.0 * end)) + _value(values, end, spacing)
 
 
-@_compiled
+@compiled
 def _best(price: float, step: float, speed: float, slow: float, fast: float, values: Array, energies: Array) -> Any:
     """Return the least cost of a step that ends between coasting (``slow``) and full traction (``fast``)."""
     spacing = energies[1]
@@ -120,7 +116,7 @@ def _best(price: float, step: float, speed: float, slow: float, fast: float, val
     return min(best, NEVER)
 
 
-@_compiled
+@compiled
 def _worth(price: float, step: float, speed: float, slow: float, values: Array, spacing: float) -> Any:
     """Return what more energy than by coasting costs, less what it brings; < 0 where traction is worth its work."""
     if slow <= 0.0:
@@ -130,7 +126,7 @@ def _worth(price: float, step: float, speed: float, slow: float, values: Array, 
     return 1.0 - quicker + _slope(values, slow, spacing)
 
 
-@_compiled
+@compiled
 def _curve(
     energies: Array,
     top: Array,
@@ -174,7 +170,7 @@ def _curve(
     return curve
 
 
-@_compiled
+@compiled
 def _crossing(worth: Array, energies: Array, top: float) -> Any:
     """Return the largest E at which more speed is worth its work; above the top where it always is."""
     i = min(int(top / energies[1]), energies.size - 1)
