@@ -240,7 +240,7 @@ def pipe(recording: Recording) -> Lines:
     """Return the brake-pipe pressure at the head, demanded and as it is [kPa]."""
     demand, head = recording.of("ato/brake_pipe", "pressure"), recording.of("train/brake_pipe", "pressure")
     if demand is None and head is None:
-        raise LeftOut("the train has no air brake")
+        raise LeftOut(recording.without_brake)
     time = (head or demand or (np.empty(0), np.empty(0)))[0]
     columns = {
         name: aligned(time, *found)[:, 0] / KILO
@@ -256,7 +256,7 @@ def shoes(recording: Recording) -> tuple[Array, NDArray[np.float64]]:
     """Return time [s] and the shoe force of every vehicle [kN], shape (k, vehicles)."""
     found = recording.of("train/brake_cylinders", "shoe_force")
     if found is None:
-        raise LeftOut("the train has no air brake")
+        raise LeftOut(recording.without_brake)
     if not np.any(found[1]):
         raise LeftOut("the air brake was never applied")
     return found[0], found[1] / KILO

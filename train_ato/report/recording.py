@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from train_ato.record.layout import LOG
+from train_ato.record.versions import SUMMARY
 from train_ato.run_setup import RunSetup
 from train_ato.topics import BY_NAME
 from train_ato.types import Array
@@ -146,6 +148,12 @@ class Recording:
         return not str(self.summary.get(f"measured_{what}", "")).startswith("not recorded")
 
     @property
+    def without_brake(self) -> str:
+        """Why nothing of an air brake can be shown: of a measured run the log may lack what the train has."""
+        braked = self.setup is None or self.setup.consist.air_brake is not None
+        return "the log has nothing of an air brake" if braked else "the train has no air brake"
+
+    @property
     def span(self) -> tuple[float, float]:
         """First and last stamp [s]."""
         times = [samples.time for samples in self.topics.values() if samples.time.size]
@@ -168,7 +176,7 @@ def read_recording(run: Path) -> Recording:
     if not known:
         raise ValueError(f"{run}: the log holds no message of ours; there is nothing to draw")
     return Recording(
-        name=(run if run.is_dir() else run.parent).resolve().name,
+        name=_name(run),
         path=run,
         summary=summary,
         setup=setup,
@@ -180,19 +188,29 @@ def read_recording(run: Path) -> Recording:
     )
 
 
+def _name(run: Path) -> str:
+    """Return what a run is called: like its folder, a log of another name like itself."""
+    if run.is_dir():
+        return run.resolve().name
+    return run.resolve().parent.name if run.name == LOG else run.stem
+
+
 def _surroundings(run: Path) -> tuple[RunSetup | None, dict[str, Any], str]:
-    """Return scenario and summary as far as they can be read: those of the folder, else what is attached to the log."""
+    """Return scenario and summary as far as they can be read: those of the folder, else what is attached to the log.
+
+    A folder speaks only for its own log: another file that lies in it is another run.
+    """
     from train_ato.run_folder import open_run  # which draws the figure of a run with the parts of the report
 
-    folder = run if run.is_dir() else run.parent
+    folder = run.parent if run.is_file() and run.name == LOG else run
     missing = ""
-    for place in (folder, run):
+    for place in dict.fromkeys((folder, run)):
         try:
             setup, summary = open_run(place)
             return setup, summary, ""
         except ValueError as error:
             missing = missing or str(error)
-    file = folder / "summary.json"
+    file = folder / SUMMARY
     try:
         found = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
     except ValueError:
