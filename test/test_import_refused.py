@@ -79,7 +79,11 @@ ROWS = [
     (but(7, "5,1e999,50"), r"line 7, speed_kmh: '1e999' is too large"),
     (but(7, "5,10"), r"line 7: 2 values for 3 columns"),
     (but(7, "5,10,5,50"), r"line 7: 4 values for 3 columns"),
-    (but(7, '5,"10,5",50'), r"line 7, speed_kmh: '10,5' is not a number"),
+    (but(7, '5,"10,5",50'), r"line 7, speed_kmh: '10,5' is not a number; decimal commas need .*semicolons or tabs"),
+    (
+        every(lambda t: f"{t}.5\t{t}\t{'1,050' if t == 20 else 50}").replace(FORCE, FORCE.replace(",", "\t")),
+        r"line 22, force_kn: '1,050' has a comma and '0\.5' a point; write all numbers with one decimal mark",
+    ),
     (but(7, "5,-12,50"), r"line 7, speed_kmh: -12 is negative"),
     (every(lambda t: f"{t},{t * 25},50"), r"line \d+, speed_kmh: .* faster than any train; is the unit"),
     (but(20, "18,100,50"), r"line 20, speed_kmh: 100 is a jump that no train makes"),

@@ -170,22 +170,29 @@ def _read_rows(table: Table, kept: list[int], lines: Iterator[tuple[int, str]], 
         for entries, place in zip(texts, kept, strict=True):
             entries.append(cells[place].strip())
     table.lines = np.array(numbers, dtype=np.int64)
+    marks: dict[str, str] = {}
     for column, entries in zip(columns, texts, strict=True):
         if column.quantity == TIMESTAMP:
             table.values[column.title] = _moments(table, column, entries)
         else:
-            table.values[column.title] = _numbers(table, column, entries, separator)
+            table.values[column.title] = _numbers(table, column, entries, separator, marks)
 
 
-def _numbers(table: Table, column: Column, entries: list[str], separator: str) -> Array:
-    """Turn the cells of a column into SI."""
+def _numbers(table: Table, column: Column, entries: list[str], separator: str, marks: dict[str, str]) -> Array:
+    """Turn the cells of a column into SI; ``marks`` holds the first number of the file with each decimal mark."""
     values = np.full(len(entries), np.nan)
     decimals = 0
     for row, text in enumerate(entries):
         if text.lower() in _NOTHING:
             continue
         if not _NUMBER.match(text) or ("," in text and separator == ","):
-            raise table.wrong(row, column, f"'{text[:30]}' is not a number")
+            comma = "; decimal commas need columns separated by semicolons or tabs" if separator == "," in text else ""
+            raise table.wrong(row, column, f"'{text[:30]}' is not a number{comma}")
+        mark = "," if "," in text else "." if "." in text else ""
+        if mark and mark not in marks:
+            marks[mark] = text
+            if len(marks) > 1:
+                _refuse_marks(table, row, column, marks)
         plain = text.replace(",", ".")
         value = float(plain)
         if not math.isfinite(value):
@@ -196,6 +203,16 @@ def _numbers(table: Table, column: Column, entries: list[str], separator: str) -
             decimals = -1 if exponent else max(decimals, len(plain.partition(".")[2].rstrip("0")))
     table.decimals[column.title] = decimals
     return np.asarray(values * column.factor)
+
+
+def _refuse_marks(table: Table, row: int, column: Column, marks: dict[str, str]) -> None:
+    """Refuse a file in which ``1,250`` may mean 1.25 or 1250."""
+    raise table.wrong(
+        row,
+        column,
+        f"'{marks[','][:30]}' has a comma and '{marks['.'][:30]}' a point; write all numbers with one decimal mark and "
+        "without marks between thousands",
+    )
 
 
 def _moments(table: Table, column: Column, entries: list[str]) -> Array:
