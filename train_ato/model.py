@@ -39,6 +39,8 @@ class TrainModel:
         Couplers that carry a sensor, numbered by the vehicle in front of them.
     over_length
         Average grades over each vehicle's length (trains taken as one mass).
+    reversing
+        A negative force also drives backwards.
 
     Attributes
     ----------
@@ -67,6 +69,7 @@ class TrainModel:
         sensors: tuple[int, ...] = (),
         *,
         over_length: bool = False,
+        reversing: bool = False,
     ) -> None:
         self.consist = consist
         self.line = line
@@ -75,6 +78,7 @@ class TrainModel:
         self.lag = lag
         self.tick = tick
         self.sensors = sensors
+        self.reversing = reversing
         vehicles = consist.vehicles
         self.units = consist.power_units
         self.n_units = len(self.units)

@@ -255,6 +255,8 @@ def _model(scenario: Scenario, consist: Consist, line: Line, shape: Shape, folde
         float(np.max(scenario.plant.lag)) if block.lag is None else block.lag,
         scenario.tick,
         tuple(shape.sensors),
+        over_length=scenario.plant.grade_over_length,
+        reversing=scenario.plant.reversing,
     )
 
 

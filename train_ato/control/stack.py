@@ -16,14 +16,13 @@ from train_ato.control.held import HeldSteps
 from train_ato.control.parts.guard import FARTHEST, FASTEST, STRONGEST, within
 from train_ato.control.registry import LAWS
 from train_ato.control.sent import SentCommands
+from train_ato.control.standstill import RELEASING, kept_from_departing, left_to_holding_brake
 from train_ato.types import Array, DisturbanceEstimate, Measurement, Reference
 
 if TYPE_CHECKING:
     from train_ato.brake.policy import BrakePolicy
     from train_ato.model import TrainModel
 
-HOLDING_SPEED = 0.05
-"""Below it a train whose profile stands is left to its holding brake [m/s]."""
 BLEND = 1.0
 """Time over which the jump between two laws is worn off after a swap [s]."""
 
@@ -172,21 +171,20 @@ class ControlStack:
                 tell_missed()
         elif due:
             self._last = self._decide(measurement, reference, estimate)
-            if self._at_rest(measurement, reference):
-                self._last = [0.0] * self.model.n_units
+            self._last = self._at_standstill(measurement, reference)
             if self._tell_sent is not None:
                 self._tell_sent(np.array(self._last))
         force = np.array(self._last)
         self._sent.push(force)
         return force, self._pressure
 
-    def _at_rest(self, measurement: Measurement, reference: Reference) -> bool:
-        """Tell whether train and profile stand, also when a command sent now will act: the holding brake holds then."""
-        if reference.velocity != 0.0 or reference.acceleration != 0.0:
-            return False
-        if float(np.abs(measurement.velocity).max()) >= HOLDING_SPEED:
-            return False
-        return bool(self._profile.at(measurement.stamp * 1e-9 + self._lead)[1] == 0.0)
+    def _at_standstill(self, measurement: Measurement, reference: Reference) -> list[float]:
+        """Return the command, or what holds or releases a train that stands."""
+        if left_to_holding_brake(measurement, reference, self._profile, self._lead):
+            return [0.0] * self.model.n_units
+        if kept_from_departing(self._last, measurement, self._profile, self._lead, self.model):
+            return [RELEASING] * self.model.n_units
+        return self._last
 
     def _decide(self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate) -> list[float]:
         low, high = self.model.force_limits(measurement.velocity)
