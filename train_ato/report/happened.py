@@ -13,6 +13,7 @@ from plant_sim.disturbances import Gust, Paper001, TravellingLoad, UnmodelledGra
 from train_ato import interventions
 from train_ato.report.events import KINDS, Event
 from train_ato.report.recording import Recording, Said
+from train_ato.report.words import longer
 from train_ato.types import Array
 
 SAME_PIPE_S = 5.0
@@ -119,7 +120,7 @@ def _air_brake(recording: Recording) -> Iterator[Event]:
         before, after = pressure[changes[row]] / 1e3, pressure[changes[last] + 1] / 1e3
         what = "applied" if after < before else "released"
         end = float(time[changes[last] + 1]) if last > row else None
-        text = f"air brake {what}: brake pipe {before:.0f} → {after:.0f} kPa"
+        text = f"air brake {what}: {before:.0f} → {after:.0f} kPa"
         yield Event("air_brake", float(time[changes[row] + 1]), text, end)
         row = last + 1
 
@@ -159,7 +160,7 @@ def _disturbances(recording: Recording) -> Iterator[Event]:
     begin, end = recording.span
     for source in recording.setup.plant.disturbances:
         if isinstance(source, Gust):
-            text = f"gust of {source.acceleration:g} m/s²" if source.acceleration else f"gust of {source.force:g} N"
+            text = f"gust of {source.acceleration:+g} m/s²" if source.acceleration else f"gust of {source.force:+g} N"
             yield from _within(Event("disturbance", source.begin, text, source.end), begin, end)
         elif isinstance(source, UnmodelledGrade):
             for piece in source.pieces:
@@ -199,8 +200,7 @@ def _jumps(recording: Recording) -> Iterator[Event]:
     begin, end = recording.span
     link = recording.setup.links.command.jump
     if link is not None:
-        text = f"delay of commands times {link.factor:g} plus {link.add:g} s"
-        yield from _within(Event("fault", link.at, text), begin, end)
+        yield from _within(Event("fault", link.at, longer(link.factor, link.add)), begin, end)
     for jump in recording.setup.plant.jumps:
         text = f"{jump.what} times {jump.factor:g}"
         if jump.at is not None:
@@ -215,9 +215,9 @@ def _sensors(recording: Recording) -> Iterator[Event]:
         return
     sensors = recording.setup.plant.sensors
     for freeze in sensors.freeze:
-        text = f"measured {'position and speed' if freeze.quantity == 'both' else freeze.quantity} of unit "
-        event = Event("fault", freeze.begin, f"{text}{freeze.unit} stand still", freeze.end)
-        yield from _within(event, *recording.span)
+        what = "position and speed" if freeze.quantity == "both" else freeze.quantity
+        text = f"unit {freeze.unit}: measured {what} frozen"
+        yield from _within(Event("fault", freeze.begin, text, freeze.end), *recording.span)
     for slip in sensors.wheel_slip:
         text = f"wheels of unit {slip.unit} {'slip' if slip.slip > 0 else 'slide'} by {100 * abs(slip.slip):g} %"
         yield from _within(Event("fault", slip.begin, text, slip.end), *recording.span)
@@ -237,10 +237,9 @@ def _outside(recording: Recording) -> Iterator[Event]:
         if isinstance(entry, interventions.GustNow):
             text = f"gust of {entry.acceleration:+g} m/s² for {entry.duration:g} s"
             yield Event("outside", time, text, time + entry.duration)
-        elif isinstance(entry, interventions.DelayJumpNow):
-            yield Event("outside", time, f"delay of commands times {entry.factor:g} plus {entry.add:g} s")
         else:
-            yield Event("outside", time, entry.described())
+            jump = entry if isinstance(entry, interventions.DelayJumpNow) else None
+            yield Event("outside", time, longer(jump.factor, jump.add) if jump else entry.described())
 
 
 def _plans(recording: Recording) -> Iterator[Event]:

@@ -96,14 +96,8 @@ class Linked:
         """Return an empty figure over time; ``axis`` names the title of its y axis, or is that title."""
         plot = _plain(axis, height, x_range=self.time, **options)
         plot.xaxis.axis_label = self.time_words
-        plot.xaxis.ticker = _time_ticker()
-        plot.xaxis.formatter = CustomJSTickFormatter(
-            args={"hours": self.hours},
-            code="""
-                const gap = ticks.length > 1 ? ticks[1] - ticks[0] : 1;
-                const digits = gap >= 1 ? 0 : Math.min(3, Math.ceil(-Math.log10(gap))), value = tick;"""
-            + _CLOCK,
-        )
+        plot.xaxis.ticker = time_ticker()
+        plot.xaxis.formatter = time_formatter(hours=self.hours)
         plot.add_tools(CrosshairTool(overlay=self._time_cursor))
         if marked:
             self._mark(plot)
@@ -249,7 +243,15 @@ def number(digits: int) -> CustomJSHover:
     return CustomJSHover(code=f"return Number.isFinite(value) ? value.toFixed({digits}) : '–'")
 
 
-def _time_ticker() -> CompositeTicker:
+def time_formatter(*, hours: bool) -> CustomJSTickFormatter:
+    """Return what writes the times at an axis, with as many digits as their distance asks for."""
+    code = """
+        const gap = ticks.length > 1 ? ticks[1] - ticks[0] : 1;
+        const digits = gap >= 1 ? 0 : Math.min(3, Math.ceil(-Math.log10(gap))), value = tick;"""
+    return CustomJSTickFormatter(args={"hours": hours}, code=code + _CLOCK)
+
+
+def time_ticker() -> CompositeTicker:
     """Return ticks at whole seconds, minutes and hours."""
     return CompositeTicker(
         tickers=[
@@ -262,4 +264,4 @@ def _time_ticker() -> CompositeTicker:
     )
 
 
-__all__ = ["CURSOR", "Figure", "Linked", "legend_above", "number", "style_axis"]
+__all__ = ["CURSOR", "Figure", "Linked", "legend_above", "number", "style_axis", "time_formatter", "time_ticker"]

@@ -32,7 +32,7 @@ class Ahead:
         self._profile = ColumnDataSource({"place": [], "speed": []})
         self._limit = ColumnDataSource({"place": [], "speed": []})
         self.heights = Range1d(0.0, 100.0)
-        speed = figure(height=236, x_range=self.span, y_range=self.heights, y_axis_label="km/h", name="ahead", **tools)
+        speed = figure(x_range=self.span, y_range=self.heights, y_axis_label="km/h", name="ahead", **tools)
         speed.varea(x="place", y1=0, y2="speed", source=self._profile, fill_color=PROFILE, fill_alpha=0.10)
         speed.line("place", "speed", source=self._profile, line_color=PROFILE, line_width=2.4)
         speed.step("place", "speed", source=self._limit, mode="after", line_color=LIMIT, line_width=2.2)
@@ -86,7 +86,6 @@ def _grade(span: Range1d, facts: Facts, now: ColumnDataSource, tools: dict[str, 
     lowest = 1.3 * min(-2.0, float(grades.min(initial=0.0)))
     highest = 1.6 * max(2.0, float(grades.max(initial=0.0)))
     plot = figure(
-        height=92,
         x_range=span,
         y_range=Range1d(lowest, max(highest, -0.5 * lowest)),
         y_axis_label="‰",

@@ -34,7 +34,7 @@ class Along:
         span = Range1d(n - 0.4, -0.6)
         self.reach = Range1d(-LEAST_REACH, LEAST_REACH)
         self.shoe_reach = Range1d(0.0, LEAST_SHOE)
-        coupler = figure(height=272, x_range=span, y_range=self.reach, y_axis_label="coupler kN", name="along", **tools)
+        coupler = figure(x_range=span, y_range=self.reach, y_axis_label="coupler kN", name="along", **tools)
         sign = LinearColorMapper(palette=[BUFF, DRAFT], low=-1e-6, high=1e-6)
         coupler.vbar(
             x="vehicle", top="coupler", width=0.86, source=self.source, line_color=None,
@@ -52,7 +52,7 @@ class Along:
         self.figures[-1].xaxis.axis_label = "vehicle, the front on the right"
 
     def _shoes(self, span: Range1d, tools: dict[str, Any]) -> Any:
-        plot = figure(height=154, x_range=span, y_range=self.shoe_reach, y_axis_label="shoes kN", name="shoes", **tools)
+        plot = figure(x_range=span, y_range=self.shoe_reach, y_axis_label="shoes kN", name="shoes", **tools)
         plot.vbar(x="vehicle", top="shoe", width=0.86, source=self.source, fill_color=SHOE, line_color=None)
         plot.yaxis.ticker.desired_num_ticks = 3
         plot.xgrid.visible = False

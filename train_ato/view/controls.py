@@ -34,6 +34,8 @@ class Controls:
         Parameters by node and name, kept up to date by the nodes' own events.
     number : int
         Rises with every change of one.
+    over : bool
+        The run is gone: nothing is asked of nodes that came after it.
     """
 
     def __init__(self, node: Any, wake: Callable[[], None]) -> None:
@@ -45,6 +47,7 @@ class Controls:
         self._services |= {name: node.create_client(SetBool, f"plant/{name}") for name in SWITCHES}
         self.tunables: dict[str, dict[str, Tunable]] = {name: {} for name in NODES}
         self.number = 0
+        self.over = False
         node.create_subscription(ParameterEvent, "/parameter_events", self._changed, 100)
 
     @property
@@ -84,7 +87,7 @@ class Controls:
         descriptors.add_done_callback(lambda _: client.get_parameters(names).add_done_callback(valued))
 
     def _changed(self, event: Any) -> None:
-        known = self.tunables.get(event.node.rpartition("/")[2], {})
+        known = {} if self.over else self.tunables.get(event.node.rpartition("/")[2], {})
         for parameter in event.changed_parameters:
             if parameter.name in known:
                 value = parameter_value_to_python(parameter.value)
@@ -97,8 +100,8 @@ class Controls:
         def request() -> None:
             tunable = self.tunables[node].get(name)
             client = self._clients[node]
-            if tunable is None or not client.services_are_ready():
-                answer(False, f"{node} does not answer: is the run over?")
+            if self.over or tunable is None or not client.services_are_ready():
+                answer(False, self._why(node))
                 return
             change = client.set_parameters([Parameter(name, value=coerced(tunable, value))])
             change.add_done_callback(lambda future: done(future.result().results[0]))
@@ -113,8 +116,8 @@ class Controls:
 
         def request() -> None:
             client = self._services[service]
-            if not client.service_is_ready():
-                answer(False, "the plant does not answer: is the run over?")
+            if self.over or not client.service_is_ready():
+                answer(False, self._why("the plant"))
                 return
             asked = Trigger.Request() if data is None else SetBool.Request(data=data)
             client.call_async(asked).add_done_callback(lambda future: done(future.result()))
@@ -123,6 +126,9 @@ class Controls:
             answer(bool(response.success), str(response.message))
 
         self.ask(request)
+
+    def _why(self, whose: str) -> str:
+        return "the run is over; start the view again" if self.over else f"{whose} does not answer: is the run over?"
 
     def value(self, node: str, name: str, default: Any = None) -> Any:
         """Return a parameter as it is now."""

@@ -45,7 +45,9 @@ def dial(now: ColumnDataSource, ticks: ColumnDataSource) -> Any:
         inner_radius=0.93, outer_radius=1.0, start_angle="profile_angle", end_angle=DIAL_BEGIN, fill_color=PROFILE,
         fill_alpha=0.85, **ring,
     )  # fmt: skip
-    plot.ray(x=0, y=0, length=1.07, angle="limit_angle", source=now, line_color=LIMIT, line_width=5)
+    plot.ray(
+        x=0, y=0, length=1.07, angle="limit_angle", source=now, line_color=LIMIT, line_width=5, line_alpha="limited",
+    )  # fmt: skip
     plot.circle(x=0, y=0, radius=0.86, fill_color=PANE, line_color=None)
     plot.segment("x0", "y0", "x1", "y1", source=ticks, line_color=SOFT, line_width="width")
     plot.text(

@@ -21,6 +21,7 @@ from train_ato.types import Diagnostic, Trajectory
 from train_ato.view.controls import Controls
 from train_ato.view.facts import Facts, Profile, facts_of
 from train_ato.view.feed import FRAMES_PER_SECOND, Feed, Mark
+from train_ato.view.presence import Presence
 from train_ato.view.reader import DEPTH, Copied, Copier, GraphReader, shape_of, taker
 
 MEETING_S = 15.0
@@ -29,7 +30,7 @@ FACTOR_SPAN_S = 1.0
 LABELS = {"emergency brake applied": "emergency", "emergency brake released": "released"}
 MOST_COPIED = 20_000
 """Messages that a tap holds at most; the oldest are dropped."""
-SILENT_S = 1.0
+STANDING_S = 1.0
 """Wall time without a new tick after which the pace shown is none."""
 
 
@@ -71,6 +72,7 @@ class LiveFeed(Feed):
             raise
         super().__init__(facts)
         self._reader = GraphReader(self._listening, facts.shape)
+        self._presence = Presence(self._listening)
         self._copier: Copier | None = None
         self._taps: list[deque[Copied]] = []
         self._thread = threading.Thread(target=self._run, name="graph", daemon=True)
@@ -153,19 +155,31 @@ class LiveFeed(Feed):
     def _look(self, now: float) -> None:
         """Take what is new; once a second without news the frame says that time stands still."""
         moment = self._reader.poll()
+        self._presence.look(now, news=moment is not None)
+        self.controls.over = self._presence.gone
+        if self._presence.gone:  # what comes now is of another run
+            moment = None
+            self._reader.forget()
         self._heed()
         self._copy()
         if moment is not None:
-            self.show(replace(moment, law=self.law, state=self._told_state(), factor=self._pace(now, moment.time)))
+            self.show(replace(moment, law=self.law, state=self._told_state(now), factor=self._pace(now, moment.time)))
         elif self.frame is not None:
             shown = self.frame.moment
-            factor = shown.factor if self._paces and now - self._paces[-1][0] < SILENT_S else math.nan
-            state = self._told_state()
+            factor = shown.factor if self._paces and now - self._paces[-1][0] < STANDING_S else math.nan
+            state = self._told_state(now)
             if (state, self.law) != (shown.state, shown.law) or (math.isnan(factor) and not math.isnan(shown.factor)):
                 self.show(replace(shown, law=self.law, state=state, factor=factor), kept=False)
 
-    def _told_state(self) -> str:
-        return "paused" if self.paused and self._state == "running" else self._state
+    def _told_state(self, now: float) -> str:
+        """Return what the plant said last, unless it says nothing any more."""
+        if self._state == "finished":
+            return self._state
+        if self._presence.gone:
+            return "gone"
+        if self.paused:
+            return "paused" if self._state == "running" else self._state
+        return "silent" if self._presence.silent(now) else self._state
 
     def _pace(self, now: float, simulated: float) -> float:
         """Return simulated seconds per second of wall time over the last second."""
@@ -188,8 +202,7 @@ class LiveFeed(Feed):
             if message.node == "plant":
                 self._state = message.message
             self.marks = [*self.marks, *marks_of(message)]
-        for entries in (reader.profiles, reader.limits, reader.diagnostics):
-            entries.clear()
+        reader.forget()
 
     def _take_limits(self, limits: Trajectory) -> None:
         self.facts = replace(self.facts, limit_places=limits.position, limit_speeds=limits.velocity)

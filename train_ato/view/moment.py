@@ -112,6 +112,7 @@ def now(moment: Moment, facts: Facts, profile: Profile | None, scale: float) -> 
         "speed_angle": angle(abs(moment.speed), scale),
         "profile_angle": angle(abs(KMH * moment.reference[1]), scale),
         "limit_angle": angle(limit, scale),
+        "limited": float(known),
         "needle": OVERSPEED if over else NEEDLE,
         "applied": float(moment.applied.sum()) / 1e3,
         "demand": float(moment.command.sum()) / 1e3,
@@ -125,17 +126,17 @@ def now(moment: Moment, facts: Facts, profile: Profile | None, scale: float) -> 
         "clock_text": clock(moment.time),
         "profile_text": f"{KMH * moment.reference[1]:.1f}",
         "limit_text": f"{limit:.0f}" if known else "–",
-        "error_text": f"{moment.error:+.2f}",
+        "error_text": signed(moment.error, 2),
         "place_text": f"{front / 1e3:.3f}",
         "stop_text": distance(stop),
         "target_text": _target(facts, front),
-        "applied_text": f"{moment.applied.sum() / 1e3:+.0f}",
-        "demand_text": f"{moment.command.sum() / 1e3:+.0f}",
+        "applied_text": signed(moment.applied.sum() / 1e3, 0),
+        "demand_text": signed(moment.command.sum() / 1e3, 0),
         "draft_text": _extreme(moment.coupler, 1),
         "buff_text": _extreme(moment.coupler, -1),
         "pipe_text": f"{moment.pipe / 1e3:.0f}" if math.isfinite(moment.pipe) else "–",
         "shoe_text": "–" if moment.shoe is None else f"{moment.shoe.sum() / 1e3:.0f}",
-        "lag_text": f"{float(moment.position[0]) - moment.reference[0]:+.1f}",
+        "lag_text": signed(float(moment.position[0]) - moment.reference[0], 1),
         "factor_text": f"× {moment.factor:.3g}" if math.isfinite(moment.factor) else "",
     }
     return {name: [value] for name, value in row.items()}
@@ -174,6 +175,11 @@ def _extreme(coupler: Array, sign: int) -> str:
     place = int((sign * coupler).argmax())
     force = float(coupler[place]) / 1e3
     return f"{max(sign * force, 0.0):.0f} @ {place}" if sign * force > 0.5 else "0"
+
+
+def signed(value: float, digits: int) -> str:
+    """Return a number with its sign; what rounds to zero is +0."""
+    return f"{round(value, digits) + 0.0:+.{digits}f}"
 
 
 def distance(metres: float) -> str:

@@ -30,14 +30,14 @@ WINDOWS_S = (60, 180, 600)
 """Choices of the place ahead that is in view, and of the time that the strip charts show."""
 UNDER_WAY = 2
 """Frames that a browser may be behind; a slow one, or a hidden one, gets fewer and never an old one."""
-_TOOLS: dict[str, Any] = {"tools": "", "toolbar_location": None, "sizing_mode": "stretch_width"}
+_TOOLS: dict[str, Any] = {"tools": "", "toolbar_location": None, "sizing_mode": "stretch_both"}
 WHERE = ("place", "rear", "stop", "speed", "time")
 """What the figures over time and over place follow; they move by pixels, so they are drawn less often."""
 WHERE_S = 0.14
 """Wall time from one drawing of them to the next."""
 _EMPTY = {
     **dict.fromkeys(("speed_angle", "profile_angle", "limit_angle"), 3.927),
-    **dict.fromkeys(("applied", "demand", "most", "least"), 0.0),
+    **dict.fromkeys(("applied", "demand", "most", "least", "limited"), 0.0),
     "needle": "#f2f5f7",
     "speed_text": "–",
 }
@@ -75,7 +75,7 @@ class Page:
         self._ticks = ColumnDataSource(tick_columns(feed.scale))
         self._scale = feed.scale
         self._several = feed.facts.shape.n_vehicles > 1
-        self._strips = Strips(self._where, self._several, _TOOLS)
+        self._strips = Strips(self._where, self._several, feed.facts.duration >= 3600.0, _TOOLS)
         self._ahead = Ahead(self._where, self._strips.source, feed.facts, _TOOLS)
         self._along = Along(feed.facts, _TOOLS)
         self._side = self._controls()

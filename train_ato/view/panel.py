@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from bokeh.models import Button, Checkbox, Column, Div, Row, Select, Slider, Spinner
+from bokeh.models import Button, Checkbox, Column, CustomJSTickFormatter, Div, Row, Select, Slider, Spinner
 
 from train_ato.view.live import LiveFeed
 from train_ato.view.style import SOFT, WIDGETS
@@ -23,6 +23,8 @@ PACES = {
     "as fast as it goes": 0.0,
 }
 """Pace of the simulation by its name."""
+SHORT = "return String(Number(tick.toPrecision(6)))"
+"""Writes a number as short as it is."""
 
 
 class Panel:
@@ -51,8 +53,8 @@ class Panel:
         self._brake.on_click(self._emergency)
         self.column = Column(
             children=[
-                _heading("law"), self._law, self._parameters,
-                _heading("disturb"), *self._disturbances(), _heading("stop"), self._brake,
+                self._brake, _heading("law"), self._law, self._parameters,
+                _heading("disturb"), *self._disturbances(),
             ],
             width=WIDTH,
             name="panel",
@@ -175,7 +177,7 @@ class Panel:
         name, scale = tunable.name, slider_scale(tunable)
         slider = Slider(
             title=tunable.title, start=scale.low, end=scale.high, step=scale.step, value=tunable.value,
-            format="0[.]000000", width=WIDTH - 92, **options,
+            format=CustomJSTickFormatter(code=SHORT), width=WIDTH - 92, **options,
         )  # fmt: skip
         field = Spinner(value=tunable.value, step=scale.step, width=80, stylesheets=[WIDGETS])
         slider.on_change("value_throttled", lambda attr, old, value: self._set("controller", name, value))

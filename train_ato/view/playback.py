@@ -6,26 +6,17 @@ import html
 
 from bokeh.models import Button, Column, CustomJS, Div, MultiSelect, Row, Select, Slider
 
+from train_ato.report.summary_rows import filled_groups
+from train_ato.report.writing import clock as short_clock
 from train_ato.view.moment import clock
 from train_ato.view.recorded import RecordedFeed
 from train_ato.view.style import WIDGETS
 
 WIDTH = 292
 SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, "20 ×": 20.0, "50 ×": 50.0, "100 ×": 100.0}
-ROWS: tuple[tuple[str, str, str], ...] = (
-    ("controller", "law", "{}"),
-    ("observer", "observer", "{}"),
-    ("compensation", "compensation", "{}"),
-    ("speed_rmse_kmh", "speed error, rms", "{:.3f} km/h"),
-    ("speed_error_max_kmh", "speed error, largest", "{:.3f} km/h"),
-    ("stop_error_m", "stop error", "{:+.2f} m"),
-    ("coupler_draft_max_kn", "largest draft", "{:.0f} kN"),
-    ("coupler_buff_max_kn", "largest buff", "{:.0f} kN"),
-    ("energy_traction_kwh", "traction energy", "{:.1f} kWh"),
-    ("energy_regenerated_kwh", "regenerated", "{:.1f} kWh"),
-    ("status", "ended", "{}"),
-)
-"""Figures of the summary that stand beside a recorded run: key, words, format."""
+NAMES = {"controller": "law", "observer": "observer", "compensation": "compensation", "status": "ended"}
+FIGURES = ("Tracking", "Forces in the train", "Energy")
+"""Names and groups of figures of the summary that stand beside a recorded run."""
 
 
 class Playback:
@@ -57,7 +48,8 @@ class Playback:
         )
         self._events = MultiSelect(
             title=f"what happened ({len(feed.marks)}); choose one to go there",
-            options=[(str(number), f"{clock(mark.time)}  {mark.text}") for number, mark in enumerate(feed.marks)],
+            visible=bool(feed.marks),
+            options=[(str(number), f"{short_clock(mark.time)}  {mark.text}") for number, mark in enumerate(feed.marks)],
             value=[],
             size=min(18, max(3, len(feed.marks))),
             width=WIDTH,
@@ -99,9 +91,10 @@ class Playback:
 
 def _summary(feed: RecordedFeed) -> str:
     """Return the figures of the run as a table."""
-    rows = ""
-    for key, words, form in ROWS:
-        value = feed.recording.summary.get(key)
-        if value is not None:
-            rows += f"<tr><td>{words}</td><td>{html.escape(form.format(value))}</td></tr>"
-    return f"<table style='width:100%;font-size:12px;line-height:1.7'>{rows}</table>"
+    summary = feed.recording.summary
+    told = [(words, str(summary[key])) for key, words in NAMES.items() if summary.get(key) is not None]
+    for title, figures in filled_groups([summary]):
+        if title in FIGURES:
+            told += [(row.words, f"{texts[0]} {row.unit}") for row, texts in figures if texts[0] != "–"]
+    rows = "".join(f"<tr><td>{words}</td><td>{html.escape(text)}</td></tr>" for words, text in told)
+    return f"<table style='width:100%;font-size:12px;line-height:1.6;white-space:nowrap'>{rows}</table>"

@@ -81,6 +81,11 @@ class GraphReader:
             self.limits.append(decode_trajectory(found[0]))
         return self._moment()
 
+    def forget(self) -> None:
+        """Empty the lists of what came."""
+        for entries in (self.diagnostics, self.profiles, self.limits):
+            entries.clear()
+
     def _moment(self) -> Moment | None:
         """Decode the newest stamp that every topic has; where the run outpaces the looks, the newest of each."""
         if not all(self._queues.values()):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from train_ato.report.events import Event
 from train_ato.report.happened import events_of
 from train_ato.report.recording import Recording, read_recording
 from train_ato.shape import Shape
@@ -19,6 +20,8 @@ from train_ato.view.moment import STRIP, Moment
 
 MOST_POINTS = 1500
 """Points of a strip chart that are sent at once."""
+LABELS = {"limit": "force limit", "air_brake": "air brake"}
+"""Kinds of event as the strip charts call them, where their own name would not do."""
 
 
 class RecordedFeed(Feed):
@@ -64,7 +67,7 @@ class RecordedFeed(Feed):
         self._profiles = [Profile(found.time, found.position, found.speed) for found in recording.profiles]
         self._planned = np.array([found.at for found in recording.profiles])
         self._table = _table(recording, self.facts)
-        self.marks = [Mark(event.begin, event.kind.replace("_", " "), event.text) for event in events_of(recording)]
+        self.marks = [Mark(event.begin, _label(event), event.text) for event in events_of(recording)]
         self.seek(self.span[0])
 
     def seek(self, moment: float) -> None:
@@ -158,6 +161,13 @@ class RecordedFeed(Feed):
         first, last = np.searchsorted(times, (begin, end))
         stride = max(1, math.ceil((last - first) / MOST_POINTS))
         return {name: column[first:last:stride] for name, column in self._table.items()}
+
+
+def _label(event: Event) -> str:
+    """Return a word or two for the strip charts."""
+    if event.kind == "outside":
+        return event.text.partition(" ")[0]
+    return LABELS.get(event.kind, event.kind)
 
 
 def _before(times: Array, at: float) -> int:

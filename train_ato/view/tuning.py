@@ -41,9 +41,10 @@ class Tunable:
 
     @property
     def title(self) -> str:
-        """Name without the law, with the unit."""
+        """Name without the law, with the unit; a pure number has none."""
         _, bracket, unit = self.meaning.rpartition("[")
-        return f"{self.name.rpartition('.')[2]}{f' in {unit[:-1]}' if bracket and unit.endswith(']') else ''}"
+        told = bracket and unit.endswith("]") and unit != "1]"
+        return f"{self.name.rpartition('.')[2]}{f' in {unit[:-1]}' if told else ''}"
 
     @property
     def whole(self) -> bool:

@@ -1,0 +1,156 @@
+"""The live page in windows of many sizes, and beside a run that is killed or replaced: nothing is hidden or stale."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from chromium import browser
+from view_browser import answer, click, opened, said_wrong, text, viewing
+
+from train_ato.engine import run_engine
+from train_ato.graph.environment import claim_domain
+from train_ato.record.layout import PARTIAL
+from train_ato.run_folder import RunFolder
+from train_ato.run_setup import prepare
+from train_ato.scenario import load
+from train_ato.shape import Shape
+from train_ato.view.facts import Facts
+from train_ato.view.moment import Moment, now, signed
+from train_ato.view.tuning import Tunable
+
+BOX = """(() => {{ const r = {0}.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom] }})()"""
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory) -> Path:
+    """Record 70 s of the demo with a swap."""
+    setup = prepare(*load("demo", ("duration=70", "swaps=[{at: 60, controller: smc}]")))
+    folder = RunFolder.make(tmp_path_factory.mktemp("short") / "run", "demo")
+    folder.begin(setup)
+    with folder.sink(setup) as sink:
+        outcome = run_engine(setup, sink=sink)
+    folder.finish(setup, outcome)
+    return folder.path
+
+
+@dataclass(frozen=True)
+class Started:
+    """A run and its folder."""
+
+    process: subprocess.Popen[bytes]
+    out: Path
+
+
+@contextlib.contextmanager
+def running(domain: int, out: Path):
+    """Start a run of its own on a domain, all of whose processes can be killed at once."""
+    command = [sys.executable, "-m", "train_ato", "run", "demo", "--realtime", "5", "--domain", str(domain)]
+    process = subprocess.Popen([*command, f"--out={out}"], stderr=subprocess.DEVNULL, start_new_session=True)
+    try:
+        yield Started(process, out)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGINT)
+            process.wait(timeout=60)
+
+
+def resized(page, width: int, height: int) -> None:
+    page.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_the_emergency_brake_is_in_sight_and_nothing_covers_anything():
+    """Breaks if a small window hides the emergency brake or lays buttons over the title, or a large one is empty."""
+    with browser() as page, viewing("--scenario", "demo", "--pace", "5") as view:
+        opened(page, view.url)
+        brake = BOX.format('deep(e => e.tagName == "BUTTON" && e.textContent.trim() == "EMERGENCY BRAKE")')
+        for width, height in ((900, 700), (1280, 720), (1720, 1000), (2560, 1440)):
+            resized(page, width, height)
+            page.wait_for(f"window.innerWidth == {width}")
+            box = page.evaluate(brake)
+            assert box[2] <= width, (width, box)
+            assert box[3] <= height, (width, box)
+            title = page.evaluate(BOX.format('document.querySelector(".run b")'))
+            pause = page.evaluate(BOX.format('deep(e => e.tagName == "BUTTON" && e.textContent.trim() == "pause")'))
+            assert title[2] <= pause[0] or title[3] <= pause[1], (width, title, pause)
+            assert page.evaluate("document.documentElement.scrollWidth") <= width
+        page.wait_for("document.querySelector('.strips').getBoundingClientRect().bottom > 1400")
+        assert page.evaluate("document.documentElement.scrollHeight") <= 1440
+        page.wait_for("model('strip_error').inner_height > 150")
+        assert said_wrong(page) == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_times_before_the_begin_are_times_and_labels_pull_no_axis(short):
+    """Breaks if the axis says -1:-1:10, or a label of what happened drags the speed's scale down to it."""
+    with browser() as page, viewing(str(short)) as view:
+        opened(page, view.url, frames=1)
+        told = page.evaluate("model('strip_error').below[0].formatter.doFormat([-90, -60, 0, 90], {loc: 0})")
+        assert told == ["-1:30", "-1:00", "0:00", "1:30"]
+        labels = "model('strip_speed').renderers.find(r => r.glyph.type == 'Text')"
+        assert page.evaluate(f"{labels}.y_range_name") == "labels"
+        assert page.evaluate(f"{labels}.data_source.data.label.length") > 0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_a_killed_run_is_gone_and_the_next_one_is_not_taken_for_it(tmp_path):
+    """Breaks if a page goes on showing the last moment as if the train ran, or acts on the run that came after."""
+    with claim_domain() as domain:
+        pass
+    with running(domain, tmp_path / "first") as first, browser() as page, _when_there(domain, first.out) as shown:
+        opened(page, shown.url)
+        os.killpg(first.process.pid, signal.SIGKILL)
+        page.wait_for("['silent', 'gone'].includes(document.body.dataset.state)")
+        standing = text(page, "clock_text")
+        with running(domain, tmp_path / "second") as second:
+            page.wait_for("document.body.dataset.state == 'gone'")
+            with _when_there(domain, second.out) as other:
+                assert other.process.poll() is None
+            click(page, "EMERGENCY BRAKE")
+            assert "start the view again" in answer(page, "over")
+            assert (text(page, "state"), text(page, "clock_text")) == ("gone", standing)
+        assert shown.end() == 0
+
+
+def _when_there(domain: int, out: Path):
+    """Look at a run once it records."""
+    last = time.monotonic() + 60.0
+    while not (out / PARTIAL).exists():
+        assert time.monotonic() < last, "the run does not start"
+        time.sleep(0.1)
+    return viewing("--domain", str(domain))
+
+
+def test_without_a_limit_the_dial_has_no_hook():
+    """Breaks if a line without limits shows a limit at the end of the dial."""
+    values = {name: np.zeros(1) for name in ("position", "velocity", "coupler", "applied", "command", "estimate")}
+    row = now(Moment(time=0.0, shoe=None, reference=(0.0, 0.0, 0.0), **values), Facts("none", Shape(1, 1)), None, 60.0)
+    assert row["limited"] == [0.0]
+    assert row["limit_text"] == ["–"]
+
+
+@pytest.mark.parametrize(("value", "digits", "shown"), [(-0.004, 2, "+0.00"), (-0.04, 1, "+0.0"), (-1.25, 1, "-1.2")])
+def test_nothing_has_no_minus(value, digits, shown):
+    """Breaks if an error that rounds to zero stands there as -0.0."""
+    assert signed(value, digits) == shown
+
+
+def test_a_pure_number_has_no_unit():
+    """Breaks if a slider is called alpha in 1."""
+    assert Tunable("smc.alpha", 5.0, "exponent [1]").title == "alpha"
+    assert Tunable("smc.l1", 5.0, "gain [1/s]").title == "l1 in 1/s"
