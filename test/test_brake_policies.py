@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -83,3 +84,44 @@ def test_air_is_not_released_below_the_limit() -> None:
     for t in range(10):
         policy.step(float(t), 0.0, 15.0, -there)
     assert {policy.step(float(t), 0.0, 9.0, 0.0) for t in range(10, 100)} == {550e3}
+
+
+def test_air_is_released_before_a_train_that_stood_departs() -> None:
+    """Held on for ever, the locomotive pulled the whole next run against it; a stand alone must not release it."""
+    model = prepare(*load("demo")).model
+    policy = make_brake_policy(BrakeSpec.model_validate({"policy": "blend"}), model, model.line)
+    there = -float(model.force_limits(np.array([15.0]))[0].sum())
+    for t in range(10):
+        policy.step(float(t), 0.0, 15.0, -there)
+    assert {policy.step(float(t), 0.0, 5.0, 1e5) for t in range(10, 30)} == {550e3}, (
+        "a train that rolls is not released"
+    )
+    assert {policy.step(float(t), 0.0, 0.0, 0.0) for t in range(30, 90)} == {550e3}
+    assert [policy.step(float(t), 0.0, 0.0, 1e5) for t in range(90, 96)][-2:] == [550e3, 600e3]
+
+
+@pytest.mark.parametrize(
+    ("brake", "deepest"),
+    [
+        ({}, 0.0),
+        ({"policy": "planned", "events": [{"time": 5, "reduction": 3e4}, {"time": 9, "reduction": 0}]}, 30e3),
+        ({"policy": "trigger", "trigger": {"reduction": 4e4}}, 40e3),
+        ({"policy": "blend"}, 50e3),
+    ],
+)
+def test_a_plan_counts_on_no_more_air_than_the_policy_applies(brake: dict[str, Any], deepest: float) -> None:
+    """Planned with all the air brake and driven without, the train ran 1136 m past its stop."""
+    changes = {
+        "duration": 100,
+        "profile": {"phases": None, "limits": None, "plan": {"end_km": 4, "deceleration": None}},
+        "brake": brake,
+    }
+    setup = prepare(*load("demo", ("plant.consist=hxd1_c80_105", "plant.line=level"), changes))
+    model, profile = setup.model, setup.profile
+    braking = np.flatnonzero((profile.acceleration < 0) & (profile.velocity > 2))
+    motion = np.stack((profile.position, profile.velocity, profile.acceleration), axis=1)[braking].tolist()
+    electric = [-float(model.force_limits(np.array([velocity]))[0].sum()) for _, velocity, _ in motion]
+    wanted = [-model.rigid_force(*state) for state in motion]
+    air = max(force / 0.9 - there for force, there in zip(wanted, electric, strict=True))
+    full = 0.17e3 * (32 * 6.93 * 0.441 * 206.93 / 227.72 + 840 * 16.18 * 0.481 * 216.18 / 264.72)
+    assert 0.8 * deepest / 50e3 * full - 50e3 < air <= deepest / 50e3 * full + 1.0

@@ -66,7 +66,7 @@ def driven(data: dict[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
 
 @pytest.mark.parametrize("grade", [-15.0, -8.0, -4.0, 0.0, 8.0])
 def test_a_train_departs_on_any_grade(grade: float) -> None:
-    """On -15 per mille the profile needs brake from the first moment: with no demand to pull the train was held for ever."""
+    """On -15 per mille the profile needs brake from the first moment: the train was held for ever."""
     speed, summary = driven(scenario(grade))
     assert (speed[:50] == 0.0).all()
     assert summary["speed_error_max_kmh"] < 0.4 and abs(summary["stop_error_m"]) < 0.3

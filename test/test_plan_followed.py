@@ -28,14 +28,17 @@ CASES: dict[str, dict[str, Any]] = {
         "duration": 720, "tick": 0.1,
         "plant": {"consist": "hxd1_c80_105", "line": "level", "start": {"position": -11.8055}, "lag": 0.4},
         "links": {"command": {"delay": 0.8}},
-        "profile": {"plan": {"end_km": 4, "jerk": 0.01, "force_margin": 0.2, "air_brake": False}},
+        "profile": {"plan": {"end_km": 4, "jerk": 0.01, "force_margin": 0.2}},
     },
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_a_plan_is_followed_within_the_force_limits(case: str) -> None:
-    """Planned without its margin, the train of 106 vehicles is at a limit for 297 s and misses the stop by 78 m."""
+    """Planned without its margin, the train of 106 vehicles is at a limit for 297 s and misses the stop by 78 m.
+
+    No brake policy applies its air brake: a plan that counted on it would lead it past the stop.
+    """
     data = {"schema": "train_ato/scenario/1", "name": "followed", "controller": "pid", "compensation": "preview"}
     path = Path("followed.yaml")
     setup = prepare(check(data | CASES[case], path), path)

@@ -200,7 +200,7 @@ def _prepare(scenario: Scenario, folder: Path) -> RunSetup:
         disturbed=bool(scenario.plant.disturbances),
     )
     tick_ns, step_ns = round(scenario.tick * 1e9), round(scenario.step * 1e9)
-    profile = scenario.profile.build(consist, line, tick_ns * 1e-9, folder)
+    profile = scenario.profile.build(consist, line, tick_ns * 1e-9, folder, scenario.brake.deepest)
     setup = RunSetup(
         scenario=_started(scenario, float(profile.position[0])),
         folder=folder,

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from train_ato.model import TrainModel
 
 
+STANDSTILL = 0.05
+"""Speed below which the train stands [m/s]."""
+
+
 class BlendRules(SiModel):
     """When air joins the electric brake."""
 
@@ -26,7 +30,9 @@ class BlendRules(SiModel):
     ease: Ratio = Field(0.35, ge=0, lt=1, description="part of the electric brake in use that releases the air ...")
     ease_after: Time = Field(5.0, ge=0, description="... after so long")
     pause: Time = Field(60.0, ge=0, description="from a release to the next application: the reservoirs recharge")
-    never_below: Speed = Field(35 / 3.6, ge=0, description="no release below this speed")
+    never_below: Speed = Field(
+        35 / 3.6, ge=0, description="no release below this speed, but when a train that has stood departs"
+    )
 
     @model_validator(mode="after")
     def _apart(self) -> BlendRules:
@@ -53,6 +59,7 @@ class Blended:
         self._rules = rules
         self._model = model
         self._applied = False
+        self._stood = False
         self._since: float | None = None
         self._released_at = -np.inf
 
@@ -62,7 +69,9 @@ class Blended:
         there = -float(self._model.force_limits(np.full(self._model.n_units, velocity))[0].sum())
         share = -applied / there if there > 0 else 0.0
         if self._applied:
-            wanted, after = share <= rules.ease and velocity >= rules.never_below, rules.ease_after
+            self._stood = self._stood or abs(velocity) < STANDSTILL
+            eased = share <= rules.ease and velocity >= rules.never_below
+            wanted, after = eased or (self._stood and applied > 0.0), rules.ease_after
         else:
             rested = t - self._released_at >= rules.pause
             wanted, after = share >= rules.call and rested and velocity >= rules.never_below, rules.call_after
@@ -72,6 +81,7 @@ class Blended:
             self._since = t
         if self._since is not None and t - self._since >= after:
             self._applied = not self._applied
+            self._stood = False
             self._since = None
             self._released_at = self._released_at if self._applied else t
         return self._charged - rules.reduction if self._applied else self._charged

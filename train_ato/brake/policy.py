@@ -63,6 +63,13 @@ class BrakeSpec(SiModel):
             raise ValueError(f"events are there but the policy is {self.policy}; set policy: planned or leave them out")
         return self
 
+    @property
+    def deepest(self) -> float:
+        """Deepest reduction of the brake pipe that the policy makes [Pa]."""
+        if self.policy == "planned":
+            return max(event.reduction for event in self.events)
+        return {"none": 0.0, "trigger": self.trigger.reduction, "blend": self.blend.reduction}[self.policy]
+
 
 class BrakePolicy(Protocol):
     """Decides the brake-pipe pressure."""
@@ -159,9 +166,10 @@ def make_brake_policy(spec: BrakeSpec, model: TrainModel, line: Line) -> BrakePo
             raise ValueError(f"brake.policy: {spec.policy}: the consist has no air_brake; set policy: none")
         return Charged(0.0)
     if spec.policy == "planned":
-        deepest = max(event.reduction for event in spec.events)
-        if deepest > brake.charged:
-            raise ValueError(f"brake.events: a reduction of {deepest:g} Pa exceeds the charged {brake.charged:g} Pa")
+        if spec.deepest > brake.charged:
+            raise ValueError(
+                f"brake.events: a reduction of {spec.deepest:g} Pa exceeds the charged {brake.charged:g} Pa"
+            )
         return Planned(brake.charged, spec.events)
     if spec.policy == "trigger":
         return Triggered(brake.charged, spec.trigger, line)

@@ -108,6 +108,7 @@ def plan(
     settings: PlanSettings | None = None,
     period: float = 0.1,
     available: AvailableForce | None = None,
+    reduction: float | None = None,
 ) -> Plan:
     """Plan a journey.
 
@@ -121,6 +122,8 @@ def plan(
         Of the profile's knots [s].
     available
         What is left of the train's forces.
+    reduction
+        Deepest reduction of the brake pipe that is made on the way [Pa]; None: the deepest that the train knows.
 
     Raises
     ------
@@ -128,7 +131,7 @@ def plan(
         If no such journey exists: one line with the place and the reason.
     """
     settings = settings or PlanSettings()
-    train = TrainTables(consist, settings.speed_max, settings.air_brake, settings.point_mass, available)
+    train = TrainTables(consist, settings.speed_max, settings.air_brake, settings.point_mass, available, reduction)
     force = LineForce(line, train, settings.grade_over_length)
     track = Track(train, force, SpeedLimits(line, train.speed_max), settings)
     journey = journey_of(line, settings)

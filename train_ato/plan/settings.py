@@ -33,7 +33,9 @@ class PlanSettings(SiModel):
     )
     begin_speed: Speed = Field(0.0, ge=0, description="speed at the begin")
     end_speed: Speed = Field(0.0, ge=0, description="speed at the end")
-    air_brake: bool = Field(True, description="count on the air brake where the train has one")
+    air_brake: bool = Field(
+        True, description="count on the air brake where the train has one; in a run as far as brake.policy applies it"
+    )
     point_mass: bool = Field(
         False, description="all of the train at its front: no length for limits, grades and curves"
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plant_sim.air_brake import braking_factor
 from plant_sim.consist import Consist
 from plant_sim.traction import Envelope
 from train_ato.types import Array
@@ -53,11 +54,13 @@ class TrainTables:
     speed_max
         Of the train [m/s]; None: where its envelopes end, and a little below where its brakes do.
     air_brake
-        Count on the shoes at the largest reduction of the braking factor's table.
+        Count on the shoes.
     point_mass
         Put everything at the front: limits, grades and curves see a train without length.
     available
         What is left of its forces.
+    reduction
+        Of the brake pipe, at which the shoes brake [Pa]; None: the largest of the braking factor's table.
 
     Attributes
     ----------
@@ -89,6 +92,7 @@ class TrainTables:
         air_brake: bool = True,
         point_mass: bool = False,
         available: AvailableForce | None = None,
+        reduction: float | None = None,
     ) -> None:
         vehicles = consist.vehicles
         self.name = consist.name
@@ -105,7 +109,7 @@ class TrainTables:
             self.behind, self.length = np.zeros(len(vehicles)), 0.0
         self._traction = [Envelope(vehicle.traction) for vehicle in vehicles if vehicle.traction]
         self._electric = [Envelope(vehicle.brake) for vehicle in vehicles if vehicle.brake]
-        self._shoes = _shoe_force(consist) if air_brake else 0.0
+        self._shoes = _shoe_force(consist, reduction) if air_brake else 0.0
         polynomials = np.array([vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles])
         self._polynomial: Array = polynomials.sum(axis=0)
         self._refuse_helpless()
@@ -126,7 +130,7 @@ class TrainTables:
         if not self._electric and self._shoes <= 0:
             raise ValueError(
                 f"train '{self.name}' has neither an electric brake nor an air brake that may be used: nothing stops "
-                "it; give a vehicle type a brake envelope or shoes"
+                "it; give a vehicle type a brake envelope, or shoes and a brake.policy that applies them"
             )
 
     def resistance_at(self, speed: Array) -> Array:
@@ -179,15 +183,16 @@ def _on_grid(envelope: Envelope, speed: Array) -> Array:
     return table
 
 
-def _shoe_force(consist: Consist) -> float:
-    """Return the shoes' force of the whole train at standstill and the largest braking factor [N].
+def _shoe_force(consist: Consist, reduction: float | None) -> float:
+    """Return the shoes' force of the whole train at standstill, a reduction of the brake pipe [Pa] or the deepest [N].
 
     Paper 000, eqs. (10)-(15): beta_c phi n K with phi = friction (K + 200)/(4 K + 200), K in kN; the part of phi that
     falls with the speed is put on by :meth:`TrainTables._air`.
     """
     if consist.air_brake is None:
         return 0.0
-    factor = max(consist.air_brake.braking_factor)
+    brake = consist.air_brake
+    factor = max(brake.braking_factor) if reduction is None else braking_factor(brake, brake.charged - reduction)
     total = 0.0
     for vehicle in consist.vehicles:
         if vehicle.shoes is not None:

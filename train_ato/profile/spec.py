@@ -50,7 +50,9 @@ class ProfileSpec(SiModel):
             raise ValueError("steps need until, the time of their end")
         return self
 
-    def build(self, consist: Consist, line: Line, period: float, folder: Path | None = None) -> Profile:
+    def build(
+        self, consist: Consist, line: Line, period: float, folder: Path | None = None, reduction: float | None = None
+    ) -> Profile:
         """Make the profile.
 
         Parameters
@@ -61,13 +63,15 @@ class ProfileSpec(SiModel):
             Of the knots [s]: the tick of the run.
         folder
             Where the name of a file starts.
+        reduction
+            Deepest reduction of the brake pipe in the run [Pa], which a plan may count on; None: what the train knows.
 
         Raises
         ------
         ValueError
             One line: what does not fit, where, and what to do.
         """
-        profile = self._made(consist, line, period, folder or Path())
+        profile = self._made(consist, line, period, folder or Path(), reduction)
         if self.until is not None and self.steps is None:
             profile = profile.until(self.until)
         if self.then:
@@ -81,7 +85,7 @@ class ProfileSpec(SiModel):
         check_on_line(profile, consist, line)
         return profile
 
-    def _made(self, consist: Consist, line: Line, period: float, folder: Path) -> Profile:
+    def _made(self, consist: Consist, line: Line, period: float, folder: Path, reduction: float | None) -> Profile:
         start = line.begin if self.start is None else self.start
         half = consist.vehicles[0].length / 2
         if self.file is not None:
@@ -100,7 +104,7 @@ class ProfileSpec(SiModel):
         from train_ato.plan.planner import plan  # the planner compiles kernels: only those who plan pay for them
 
         assert self.plan is not None
-        return plan(line, consist, self.plan, period=period).profile
+        return plan(line, consist, self.plan, period=period, reduction=reduction).profile
 
     def _placed(self, profile: Profile) -> Profile:
         """Move a profile from a file so that it starts where ``start`` says."""
