@@ -35,9 +35,13 @@ def in_saturation(place: float, speed: float, until: float = 20.0) -> Result:
     return with_command(tracked(place, speed, until=until), np.where((t > 5) & (t < 15), -200e3, 0.0))
 
 
-def lost(whole: float, short: float, clipped: float) -> dict[str, Result]:
-    runs = {"unhandled long": whole, "unhandled 10 ms": short, "unhandled": short, "unhandled clipped": clipped}
-    return {key: tracked(value) for key, value in runs.items()} | {"unhandled aware": tracked(short)}
+def lost(whole: float, speed: float, short: float, clipped: float) -> dict[str, Result]:
+    runs = {"unhandled 10 ms": short, "unhandled": short, "unhandled clipped": clipped, "unhandled aware": short}
+    return {key: tracked(value) for key, value in runs.items()} | {"unhandled long": tracked(whole, speed)}
+
+
+def finer(long: float, short: float, speed: float) -> dict[str, Result]:
+    return {"unhandled long 10 ms": tracked(long, 4.0), "unhandled 1 ms": tracked(short, speed)}
 
 
 def funnels(dynamic: float, fixed: float, tight: float) -> dict[str, Result]:
@@ -91,11 +95,13 @@ FLIPS: list[tuple[str, Callable[[], dict[str, Result]], Verdict]] = [
     ("recovery when", lambda: {"printed long saturated": in_saturation(44.0, 2.2, until=30.0)}, GOOD),
     ("recovery when", lambda: {"printed long saturated": in_saturation(44.0, 2.2, until=50.0)}, ELSEWHERE),
     ("recovery when", lambda: {"printed long saturated": in_saturation(44.0, 2.2, until=99.0)}, BAD),
-    ("without handling", lambda: lost(7000.0, 900.0, 44.0), GOOD),
-    ("without handling", lambda: lost(70.0, 60.0, 44.0), BAD),
-    ("the same at finer", lambda: {"unhandled long 10 ms": tracked(2000.0), "unhandled 1 ms": tracked(50.0)}, GOOD),
-    ("the same at finer", lambda: {"unhandled long 10 ms": tracked(200.0), "unhandled 1 ms": tracked(50.0)}, ELSEWHERE),
-    ("the same at finer", lambda: {"unhandled long 10 ms": tracked(50.0), "unhandled 1 ms": tracked(50.0)}, BAD),
+    ("without handling", lambda: lost(7000.0, 30.0, 900.0, 44.0), GOOD),
+    ("without handling", lambda: lost(7000.0, 5.4, 900.0, 44.0), ELSEWHERE),
+    ("without handling", lambda: lost(70.0, 30.0, 60.0, 44.0), BAD),
+    ("the same at finer", lambda: finer(3800.0, 2300.0, 38.0), GOOD),
+    ("the same at finer", lambda: finer(3800.0, 2300.0, 5.0), ELSEWHERE),
+    ("the same at finer", lambda: finer(200.0, 50.0, 38.0), ELSEWHERE),
+    ("the same at finer", lambda: finer(50.0, 50.0, 38.0), BAD),
     ("the dynamic funnel", lambda: funnels(44.1, 44.1, 900.0), ELSEWHERE),
     ("the dynamic funnel", lambda: funnels(20.0, 44.1, 900.0), GOOD),
     ("the dynamic funnel", lambda: funnels(44.1, 44.1, 30.0), BAD),

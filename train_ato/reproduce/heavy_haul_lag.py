@@ -65,11 +65,14 @@ def predicted(results: Results) -> Judgement:
     """Judge that a printed law on a full-train prediction works on the nominal train and is lost on another."""
     runs = [results[f"predicted {train}"] for train in LAGGED_TRAINS]
     text = ", ".join(f"{label} {rms(run):.3f}" for (label, _), run in zip(LAGGED_TRAINS.values(), runs, strict=True))
+    works, beyond, lost = rms(runs[0]) <= 0.02, rms(runs[-1]) > STRONG_GOAL, rms(runs[-1]) > LOST
     reason = (
         "a Smith predictor of all 106 masses, the lag taken as delay: what it does not know, the disturbance included, "
         "acts for 1.2 s before the printed gains answer it, so it falls behind twin + PID as soon as there is any"
     )
-    return judged(f"{text} km/h", rms(runs[0]) <= 0.02 and rms(runs[-1]) > 0.12, reason)
+    if works and beyond and not lost:
+        reason += f"; with strong mismatch it does not diverge here, but is beyond the goal of {STRONG_GOAL:g} km/h"
+    return judged(f"{text} km/h", works and lost, reason, works and beyond)
 
 
 def observer_adds(results: Results) -> Judgement:
@@ -106,11 +109,15 @@ def variation_goal(results: Results) -> Judgement:
     return judged(text, calm <= 15 and noisy <= 100, reason)
 
 
+STRONG_GOAL = 0.12
+"""Goal for the rms with strong mismatch [km/h]."""
+LOST = 1.0
+"""Rms beyond which a run is taken for lost [km/h]."""
 GOALS: tuple[tuple[str, float, float, str], ...] = (
     ("nominal", 0.02, 0.30, "gains were chosen on this train and on strong mismatch without disturbance"),
     ("disturbed", 0.02, 0.30, "held out: not used for tuning"),
     ("mismatch", 0.06, 0.6, "held out: not used for tuning; with disturbance (40)"),
-    ("strong", 0.12, 0.8, "chosen on the same mismatch without disturbance; here with (40)"),
+    ("strong", STRONG_GOAL, 0.8, "chosen on the same mismatch without disturbance; here with (40)"),
 )
 """Train, goals for rms and largest error [km/h], and how the gains relate to it."""
 

@@ -150,8 +150,8 @@ def literal(results: Results) -> Judgement:
     reason = (
         "objective and input e'' instead of s: nothing ties the weights to the position or speed error, so "
         "the switching "
-        "term learns to push one way (`objective: printed_acceleration`, with the lost sign and h_j put back). The "
-        "an independent literal version drifts 16-23 m and diverges with lag and delay: lost in either"
+        "term learns to push one way (`objective: printed_acceleration`, with the lost sign and h_j put back). "
+        "An independent literal version drifts 16-23 m and diverges with lag and delay: lost in either"
     )
     return judged("position error " + "; ".join(parts), not lost, reason)
 
@@ -221,9 +221,9 @@ def goal_mismatch(results: Results) -> Judgement:
     gain, slower = results["tanh_predictor mismatch"], results["tanh_predictor slower"]
     text = f"gain .9, resistance x10 {pair(gain)}; slower actuator {pair(slower)} m/s"
     reason = (
-        "within a fifth of the independent .043 / .41 and .036 / .16; at gain .9 the largest error is traction at "
-        "its limit, "
-        "where no law helps"
+        "judged by the rms, within a fifth of the independent .043 and .036; at gain .9 the largest error is traction "
+        f"at its limit, where no law helps; that of the slower actuator is {largest_ms(slower) / 0.16:.1f} times the "
+        "independent one"
     )
     return judged(text, rms_ms(gain) <= 1.2 * 0.043 and rms_ms(slower) <= 1.2 * 0.036, reason)
 

@@ -98,7 +98,7 @@ CLAIMS = (
     ),
     Claim(
         "the same at finer ticks",
-        "kilometres",
+        "kilometres (about 5 km), 20 to 40 m/s",
         ("unhandled long 10 ms", "unhandled 1 ms"),
         judge.unhandled_fine,
     ),
