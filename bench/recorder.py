@@ -305,6 +305,7 @@ def main() -> int:
         Goal("rate beside which nothing is lost", own["ticks_per_s"], 0.99 * options.rate, "ticks/s", at_least=True),
         Goal("share of a tick that recording takes in one process", one["share"], SHARE),
         Goal("log of a simulated hour", disk["plain"]["mb_per_hour"], MEGABYTES, "MB"),
+        Goal("the same with disturbances", disk["disturbed"]["mb_per_hour"], MEGABYTES, "MB"),
     ]
     if options.json:
         print(json.dumps({**result, "goals": [goal.as_data() for goal in goals]}, indent=2))

@@ -33,18 +33,21 @@ from mcap.records import (
 )
 
 COMPRESSION = zstandard.ZstdCompressionParameters(
-    window_log=20,
-    chain_log=17,
-    hash_log=17,
-    search_log=3,
+    window_log=17,
+    chain_log=12,
+    hash_log=15,
+    search_log=1,
     min_match=3,
-    strategy=zstandard.STRATEGY_GREEDY,
-    target_length=16,
+    strategy=zstandard.STRATEGY_BTOPT,
+    target_length=8,
     write_content_size=1,
 )
-"""Of neighbouring floating-point numbers only the first bytes are alike: matches of three bytes are worth looking for.
+"""Of neighbouring floating-point numbers only the first bytes are alike: matches of three bytes are worth looking for,
+and which of them are taken has to be weighed (``BTOPT``); what is like them stands a tick or two back, so tables are
+small.
 
-The log of a train of 106 vehicles becomes 3 % smaller than at level 3, for 2.5 ns a byte more.
+The log of a train of 106 vehicles becomes 9 % smaller than at level 3, for 15 ns a byte more. So an hour stays under
+100 MB with the truth of the disturbances in it, and where a paced run closes a chunk every eight ticks.
 """
 MAGIC = b"\x89MCAP0\r\n"
 _MESSAGE = struct.Struct("<BQHIQQ")
