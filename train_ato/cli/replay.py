@@ -37,7 +37,10 @@ _PUBLISHING: tuple[tuple[str, str, object], ...] = (
 
 
 def _rate(text: str) -> float:
-    return math.inf if text == "max" else float(text)
+    try:
+        return math.inf if text == "max" else float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text}: give a number above 0, 1 for real time, or max") from None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
