@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import traceback
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -32,6 +33,7 @@ class Watch:
             text = f"{type(reason).__name__}: {text}"
         self.failure = f"node {node} failed: {text}"
         if isinstance(reason, BaseException) and self._log_folder is not None:
-            self._log_folder.mkdir(parents=True, exist_ok=True)
             trace = "".join(traceback.format_exception(reason))
-            (self._log_folder / f"{node}.traceback.txt").write_text(trace, encoding="utf-8")
+            with suppress(OSError):  # a full disk: the failure itself is what has to be told
+                self._log_folder.mkdir(parents=True, exist_ok=True)
+                (self._log_folder / f"{node}.traceback.txt").write_text(trace, encoding="utf-8")

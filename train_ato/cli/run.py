@@ -77,10 +77,17 @@ def execute(options: argparse.Namespace) -> int:
             setup, folder, way_of(options), options.realtime, options.domain, setup.scenario.name, options.pace
         )
         outcome = replace(outcome, summary={**outcome.summary, "way": way_of(options)})
-        folder.finish(setup, outcome)
+        finish(setup, folder, outcome)
     except ValueError:
         folder.discard()
         raise
+    except OSError as error:
+        if folder.recorded:
+            raise
+        folder.discard()
+        raise ValueError(
+            f"--out {folder.path}: cannot be written ({error.strerror or error}); name a place with room"
+        ) from None
     except KeyboardInterrupt:
         if not folder.recorded:
             folder.discard()
@@ -92,6 +99,16 @@ def execute(options: argparse.Namespace) -> int:
     if outcome.interrupted:
         raise RunFailed(f"interrupted; what was recorded is in {folder.path}")
     return 0
+
+
+def finish(setup: RunSetup, folder: RunFolder, outcome: Outcome) -> None:
+    """Write summary and figure; where a failed run left no room for them, what it failed of is told, not that."""
+    try:
+        folder.finish(setup, outcome)
+    except OSError:
+        if not outcome.failure:
+            raise
+        raise RunFailed(outcome.failure) from None
 
 
 def note_compilation() -> None:
