@@ -121,7 +121,7 @@ def _drive(setups: dict[str, RunSetup], keep: Path | None) -> tuple[list[dict[st
             if keep is not None:
                 folder.finish(setup, outcome)
             summaries.append(outcome.summary)
-            digests.append(_digest(name, folder.path, outcome, len(setups)))
+            digests.append(_digest(name, folder.path, outcome, len(setups), kept=keep is not None))
     return summaries, digests
 
 
@@ -135,8 +135,8 @@ def _folder(name: str, keep: Path | None) -> Iterator[RunFolder]:
         yield RunFolder.make(Path(scratch) / name, name)
 
 
-def _digest(name: str, run: Path, outcome: Outcome, runs: int) -> Digest:
-    """Reduce a law's run to what the report needs."""
+def _digest(name: str, run: Path, outcome: Outcome, runs: int, *, kept: bool) -> Digest:
+    """Reduce a law's run to what the report needs; a folder that is not kept is not told."""
     from train_ato.report.digest import digest, empty_digest, share_of
     from train_ato.report.recording import read_recording
 
@@ -145,7 +145,10 @@ def _digest(name: str, run: Path, outcome: Outcome, runs: int) -> Digest:
             recording = dataclasses.replace(read_recording(run), summary=outcome.summary)
         except ValueError as error:
             return empty_digest(name, outcome.summary, str(error))
-        return digest(recording, name, share_of(runs))
+        reduced = digest(recording, name, share_of(runs))
+    if not kept:
+        reduced.facts.pop("run", None)
+    return reduced
 
 
 def _draw(digests: list[Digest], folder: Path, title: str) -> bool:

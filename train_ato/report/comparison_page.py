@@ -179,5 +179,7 @@ def _over_distance(linked: Linked, runs: Sequence[tuple[Digest, str]]) -> list[S
     figure = distance_figure(linked, tables, first.profiles[:1], first.limits)
     placed = [Placed(figure, "Speed over distance", f"Profile and limits are those of {first.label}.")]
     if first.track is not None:
-        placed.append(Placed(track_figure(linked, first.track), "Grade and curves", ""))
+        placed.append(
+            Placed(track_figure(linked, first.track), "Grade and curves", f"Of the line that {first.label} runs on.")
+        )
     return [Section("line", "Along the line", placed)]

@@ -21,6 +21,8 @@ UNKNOWN = 5.0
 """Longest delay that is looked for where the scenario names none [s]."""
 LIVELY = 0.003
 """A window counts if the force varies in it by this part of the run's range, rms."""
+CUT = 0.02
+"""A window counts if a limit cut the force during less than this part of it."""
 EXPLAINED = 0.8
 """A delay is given where it explains this part of the force's variation."""
 
@@ -153,6 +155,17 @@ def believed_delay(recording: Recording) -> tuple[Array, Array] | None:
     return (np.array(times), np.array(values)) if times else None
 
 
+def _uncut(recording: Recording, middle: Array, delay: Array) -> tuple[Array, Array]:
+    """Leave out the windows in which a limit cut the force: it follows the limit there, at once, not the demand."""
+    said = recording.said.get("plant")
+    total = said.numbers("saturated") if said is not None else None
+    if said is None or total is None or middle.size < 2:
+        return middle, delay
+    half = float(np.median(np.diff(middle))) / 2
+    cut = np.interp(middle + half, said.time, total) - np.interp(middle - half, said.time, total)
+    return middle, np.where(cut > CUT * 2 * half, np.nan, delay)
+
+
 def delays(recording: Recording, jumps: list[tuple[float, float, float]]) -> dict[str, tuple[Array, Array]]:
     """Return what there is of the three delays, each over its own times [s].
 
@@ -174,7 +187,7 @@ def delays(recording: Recording, jumps: list[tuple[float, float, float]]) -> dic
         known = set_delay(recording.setup.links.command, lag, jumps, time, demand)
         result["delay_set"] = (time, known)
         longest = 2.0 * float(known.max() - lag) + 1.0
-    found = found_delay(time, demand.sum(axis=1), force.sum(axis=1), longest, lag)
+    found = _uncut(recording, *found_delay(time, demand.sum(axis=1), force.sum(axis=1), longest, lag))
     if np.isfinite(found[1]).any():
         result["delay"] = found
     if (believed := believed_delay(recording)) is not None:

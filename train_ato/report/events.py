@@ -18,7 +18,7 @@ class Kind:
 KINDS: dict[str, Kind] = {
     "law": Kind("law or its parameters changed", PURPLE),
     "air_brake": Kind("air brake applied, released", BROWN),
-    "limit": Kind("force at its limit", ORANGE),
+    "limit": Kind("force cut at its limit", ORANGE),
     "disturbance": Kind("disturbance", SKY),
     "outside": Kind("gust, delay or emergency brake given", BLUE),
     "plan": Kind("profile planned anew", GREEN),

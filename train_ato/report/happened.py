@@ -139,7 +139,7 @@ def _limit(recording: Recording) -> Iterator[Event]:
         return
     for begin, end in _stretches(said, np.diff(total) > 0, recording.span):
         amount = np.interp(end, said.time, total) - np.interp(begin, said.time, total)
-        yield Event("limit", begin, f"force at its limit for {amount:.1f} s", end)
+        yield Event("limit", begin, f"force cut at its limit for {amount:.1f} s", end)
 
 
 def _stretches(said: Said, active: NDArray[np.bool_], span: tuple[float, float]) -> Iterator[tuple[float, float]]:

@@ -37,7 +37,7 @@ def heat_figure(
     picture = picture if largest is None else picture.scaled(largest)
     count = picture.codes.shape[0]
     height = int(np.clip(MAP_ROW * count, MAP_LEAST, MAP_MOST)) + 90
-    plot = linked.over_time(rows, height, y_range=Range1d(count - 0.5, -0.5, bounds=(-0.5, count - 0.5)))
+    plot = linked.over_time(rows, height, tinted=False, y_range=Range1d(count - 0.5, -0.5, bounds=(-0.5, count - 0.5)))
     colours = buff_to_draft() if signed else none_to_full()
     low = -LARGEST_CODE if signed else 0
     image = plot.image(

@@ -19,10 +19,21 @@ NEEDED = (
     ("ato/command", "force"),
 )
 """Topics without which there is no series to sum up."""
+OF_COUPLERS = ("coupler_draft_max_kn", "coupler_buff_max_kn")
 
 
 def completed_summary(recording: Recording) -> dict[str, Any]:
-    """Return the summary of a recording, worked out from the log where the run left none."""
+    """Return the summary of a recording, worked out from the log where the run left none.
+
+    A train that is taken as one vehicle has no coupler: there are no figures of any then.
+    """
+    summary = _whole_summary(recording)
+    if recording.setup is None or recording.setup.shape.n_vehicles > 1:
+        return summary
+    return {key: value for key, value in summary.items() if key not in OF_COUPLERS}
+
+
+def _whole_summary(recording: Recording) -> dict[str, Any]:
     summary = recording.summary
     if "speed_rmse_kmh" in summary or recording.setup is None:
         return summary

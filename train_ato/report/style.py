@@ -92,15 +92,20 @@ class Linked:
         self.place.update(start=begin - margin, end=end + margin, bounds=(begin - 20 * margin, end + 20 * margin))
         self.place.reset_start, self.place.reset_end = begin - margin, end + margin
 
-    def over_time(self, axis: str, height: int = HEIGHT, *, marked: bool = True, **options: Any) -> Figure:
-        """Return an empty figure over time; ``axis`` names the title of its y axis, or is that title."""
+    def over_time(
+        self, axis: str, height: int = HEIGHT, *, marked: bool = True, tinted: bool = True, **options: Any
+    ) -> Figure:
+        """Return an empty figure over time; ``axis`` names the title of its y axis, or is that title.
+
+        Where colours mean values, ``tinted=False`` marks the ends of stretches and leaves their ground as it is.
+        """
         plot = _plain(axis, height, x_range=self.time, **options)
         plot.xaxis.axis_label = self.time_words
         plot.xaxis.ticker = time_ticker()
         plot.xaxis.formatter = time_formatter(hours=self.hours)
         plot.add_tools(CrosshairTool(overlay=self._time_cursor))
         if marked:
-            self._mark(plot)
+            self._mark(plot, tinted)
         self.figures_over_time.append(plot)
         return plot
 
@@ -117,15 +122,15 @@ class Linked:
         """Return what writes a time in a hover."""
         return CustomJSHover(args={"hours": self.hours, "digits": digits}, code=_CLOCK)
 
-    def _mark(self, plot: Figure) -> None:
+    def _mark(self, plot: Figure, tinted: bool) -> None:
         """Mark the events: moments as lines, stretches as tinted grounds."""
         for kind, (moments, stretches) in self.marks.items():
             colour = KINDS[kind].colour
             drawn = self.marked[kind]
             if stretches.data["begin"]:
                 drawn.append(plot.vstrip(
-                    x0="begin", x1="end", source=stretches, fill_color=colour, fill_alpha=0.13, line_color=None,
-                    level="underlay",
+                    x0="begin", x1="end", source=stretches, fill_color=colour if tinted else None, fill_alpha=0.13,
+                    line_color=None if tinted else colour, line_alpha=0.7, level="underlay",
                 ))  # fmt: skip
             if moments.data["begin"]:
                 drawn.append(plot.vspan(
@@ -208,7 +213,7 @@ def legend_above(plot: Figure, items: list[Any], glyph: int = 14) -> None:
     legend = Legend(
         items=items,
         orientation="horizontal",
-        location="top_left",
+        location=(0, LEGEND_GAP),
         click_policy="hide",
         border_line_color=None,
         background_fill_color=None,
@@ -234,8 +239,8 @@ def _columns(labels: list[str]) -> int:
     return max(1, int(LEGEND_WIDTH / (54.0 + LETTER * widest)))
 
 
-LEGEND_WIDTH, LETTER, LEGEND_ROW = 1000.0, 6.2, 28
-"""Room for a legend, usual width of a letter, and height of a row, in pixels."""
+LEGEND_WIDTH, LETTER, LEGEND_ROW, LEGEND_GAP = 1000.0, 6.2, 28, 3
+"""Room for a legend, usual width of a letter, height of a row, and room between legend and frame, in pixels."""
 
 
 def number(digits: int) -> CustomJSHover:

@@ -43,7 +43,7 @@ GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
         "Command",
         (
             Row("command_variation_kn_per_s", "variation of the demand", "kN/s", 1, "sum of its changes over the time"),
-            Row("saturated_s", "time at a force limit", "s", 1, "any unit at its envelope"),
+            Row("saturated_s", "time at a force limit", "s", 1, "demand cut by it; demand kept to it is not counted"),
             Row("held_steps", "steps with the last command repeated", "", 0, "no new command had come in time"),
             Row("unsound_measurements", "measurements that were not used", "", 0, "not finite, or no train moves so"),
             Row("replans", "profiles planned anew", "", 0, "because force was missing"),
@@ -70,6 +70,8 @@ GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
 """The rows of the summary."""
 
 
+FINER = 3
+"""Digits that a value smaller than its last one gets at most besides."""
 NOT_STANDING = "stop_error_m"
 """A dash is worth a line here: the train did not stand at the end."""
 
@@ -79,8 +81,11 @@ def shown(row: Row, summary: dict[str, Any]) -> str:
     value = summary.get(row.key)
     if value is None or isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         return "–"
-    text = f"{value:.{row.digits}f}"
-    return text.replace("-", "−") if float(text) != 0 else text.lstrip("-")
+    digits = row.digits
+    if 0 < abs(value) < 10.0**-digits:  # a small value is worth more digits than a nought
+        digits = min(digits + FINER, 1 - math.floor(math.log10(abs(value))))
+    text = f"{value:.{digits}f}"
+    return text.replace("-", "−") if float(text) != 0 else f"{0:.{row.digits}f}"
 
 
 def filled_groups(summaries: list[dict[str, Any]]) -> list[tuple[str, list[tuple[Row, list[str]]]]]:

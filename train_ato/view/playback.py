@@ -6,6 +6,7 @@ import html
 
 from bokeh.models import Button, Column, CustomJS, Div, MultiSelect, Row, Select, Slider
 
+from train_ato.report.log_summary import completed_summary
 from train_ato.report.summary_rows import filled_groups
 from train_ato.report.writing import clock as short_clock
 from train_ato.view.moment import clock
@@ -91,7 +92,7 @@ class Playback:
 
 def _summary(feed: RecordedFeed) -> str:
     """Return the figures of the run as a table."""
-    summary = feed.recording.summary
+    summary = completed_summary(feed.recording)
     told = [(words, str(summary[key])) for key, words in NAMES.items() if summary.get(key) is not None]
     for title, figures in filled_groups([summary]):
         if title in FIGURES:
