@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from train_ato.report.events import Event
 from train_ato.report.happened import events_of
-from train_ato.report.recording import Recording, read_recording
+from train_ato.report.recording import Recording, Samples, read_recording
 from train_ato.shape import Shape
 from train_ato.types import Array
 from train_ato.view.facts import KMH, Facts, Profile, facts_of
@@ -47,16 +48,15 @@ class RecordedFeed(Feed):
     Raises
     ------
     ValueError
-        One line: no run, a killed one, a damaged log, or one without the truth of the vehicles.
+        One line: no run, a killed one, a damaged log, or one without the motion of the train.
     """
 
     def __init__(self, run: Path) -> None:
         self.recording = recording = read_recording(run)
-        for needed in ("train/cars", "ato/reference"):
-            if needed not in recording.topics:
-                raise ValueError(f"{run}: no {needed} in the log; `train-ato report` shows what there is")
-        super().__init__(_facts(recording))
-        self._cars = recording.topics["train/cars"]
+        self._cars = cars = _cars(recording)
+        if "ato/reference" not in recording.topics:
+            raise ValueError(f"{run}: no ato/reference in the log; `train-ato report` shows what there is")
+        super().__init__(_facts(recording, cars))
         self._reference = recording.topics["ato/reference"]
         self.span = (float(self._cars.time[0]), float(self._cars.time[-1]))
         self.tick = float(np.median(np.diff(self._cars.time))) if self._cars.time.size > 1 else 1.0
@@ -66,7 +66,7 @@ class RecordedFeed(Feed):
         self._row = -1
         self._profiles = [Profile(found.time, found.position, found.speed) for found in recording.profiles]
         self._planned = np.array([found.at for found in recording.profiles])
-        self._table = _table(recording, self.facts)
+        self._table = _table(recording, cars, self.facts)
         self.marks = [Mark(event.begin, _label(event), event.text) for event in events_of(recording)]
         self.seek(self.span[0])
 
@@ -175,10 +175,34 @@ def _before(times: Array, at: float) -> int:
     return max(0, int(np.searchsorted(times, at + 1e-9, side="right")) - 1)
 
 
-def _facts(recording: Recording) -> Facts:
+def _cars(recording: Recording) -> Samples:
+    """Return the motion of the vehicles; of a measured run only the first one's is known, as the measurement says it.
+
+    Raises
+    ------
+    ValueError
+        If the log says neither.
+    """
+    cars, measured, setup = (
+        recording.topics.get("train/cars"),
+        recording.topics.get("train/measurement"),
+        recording.setup,
+    )
+    if cars is not None:
+        return cars
+    if setup is None or measured is None or not {"position", "speed"} <= measured.values.keys():
+        raise ValueError(f"{recording.path}: no train/cars in the log; `train-ato report` shows what there is")
+    first = measured["position"][:, :1] + setup.model.offsets[0]
+    values = {"position": first, "speed": measured["speed"][:, :1], "coupler": np.zeros_like(first)}
+    return Samples(measured.time, values)
+
+
+def _facts(recording: Recording, cars: Samples) -> Facts:
     if recording.setup is not None:
-        return facts_of(recording.setup)
-    cars, measured = recording.topics["train/cars"], recording.topics.get("train/measurement")
+        facts = facts_of(recording.setup)
+        known = cars["speed"].shape[1]
+        return replace(facts, shape=replace(facts.shape, n_vehicles=known)) if recording.measured_only else facts
+    measured = recording.topics.get("train/measurement")
     units = measured["applied"].shape[1] if measured is not None and "applied" in measured else 0
     shape = Shape(cars["speed"].shape[1], units, (), "train/brake_pipe" in recording.topics, False)
     places, speeds = recording.limits or (np.zeros(0), np.zeros(0))
@@ -186,9 +210,9 @@ def _facts(recording: Recording) -> Facts:
     return Facts(recording.name, shape, span[1] - span[0], limit_places=places, limit_speeds=speeds)
 
 
-def _table(recording: Recording, facts: Facts) -> dict[str, Array]:
+def _table(recording: Recording, cars: Samples, facts: Facts) -> dict[str, Array]:
     """Return the strip charts of the whole run, by the names of :data:`train_ato.view.moment.STRIP`."""
-    cars, reference = recording.topics["train/cars"], recording.topics["ato/reference"]
+    reference = recording.topics["ato/reference"]
     at = cars.time
     front = cars["position"][:, 0] + facts.nose
     speed = KMH * cars["speed"][:, 0]
