@@ -45,6 +45,38 @@ def test_the_profile_is_tracked(scenario: str, assignments: tuple[str, ...], rms
     assert result["overspeed_max_kmh"] == 0
 
 
+TUNED = ("pid", "smc", "rbf_smc", "rbf_switching_smc", "funnel", "gpc", "lag_smc")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variants", ["", "+disturbed+strong_mismatch"])
+@pytest.mark.parametrize("law", TUNED)
+def test_every_law_tracks_with_the_gains_for_this_train(law: str, variants: str) -> None:
+    """Breaks if a gain of `tuned` is lost, or a law changes so that it swings in the couplers' waves again."""
+    result = summary(f"daqin_heavy_haul:tuned{variants}", f"controller={law}")
+    assert result["speed_rmse_kmh"] <= 0.35
+    assert result["coupler_draft_max_kn"] <= (620 if "strong" in variants else 600)
+    assert result["coupler_buff_max_kn"] >= -600
+    assert result["command_variation_kn_per_s"] <= 50
+    assert abs(result["stop_error_m"]) <= 1.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["smc", "rbf_smc", "rbf_switching_smc"])
+def test_tuned_laws_under_twin(law: str) -> None:
+    """The twin's force and the same gains: the goal of pid, .02 km/h."""
+    assert summary("daqin_heavy_haul:tuned+twin", f"controller={law}")["speed_rmse_kmh"] <= 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["smc", "rbf_switching_smc", "funnel", "gpc"])
+def test_published_gains_swing_in_the_couplers(law: str) -> None:
+    """What `tuned` is for; breaks if the defaults were changed in place of the scenario's gains."""
+    result = summary("daqin_heavy_haul", f"controller={law}")
+    assert result["speed_rmse_kmh"] > 0.35
+    assert result["coupler_draft_max_kn"] > 600
+
+
 @pytest.mark.slow
 def test_the_train_stops_on_its_place() -> None:
     """Within half a metre after 49 km, braked electrically on the level tail."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from law_trains import FIVE, SINGLE, inputs, model
+from law_trains import FIVE, HILLY, SINGLE, inputs, model
 
 from train_ato.control.contract import Preview
 from train_ato.control.laws.gpc import Gpc, GpcParameters, linear_law
@@ -208,3 +208,23 @@ def test_the_reference_is_read_between_the_entries_of_the_preview():
 def test_horizons_must_nest():
     with pytest.raises(ValueError, match="nu 4 is longer than n 3"):
         Gpc(GpcParameters(nu=4), model(SINGLE), 0.1)
+
+
+def test_the_modelled_resistance_is_added_and_taken_off_what_was_sent():
+    """Nominal resistance, grade and air brake, 20 m ahead where the command acts; breaks if xi or u saw it as well."""
+    of = model(SINGLE, HILLY, delay=2.0, lag=0.4)
+    plain = {"sampling": 0.4, "identify": "none"}
+    bare, full = (LAWS.make("gpc", plain | {"modelled": added}, of, 0.1) for added in (False, True))
+    rng = np.random.default_rng(5)
+    for step in range(60):
+        place = np.array([990.0 + step])
+        given_now = inputs(
+            of, position=place, reference_position=place, velocity=np.array([10.0 + 0.01 * rng.normal()]), lead=2.0,
+            reference_acceleration=np.array([0.05]), train_shoe_force=700.0,
+        )  # fmt: skip
+        speed = 10.0 + 0.05 * 2.0
+        held_back = 80e3 * (1.176e-2 + 7.7616e-4 * speed + 1.6e-5 * speed**2) + 700.0
+        held_back += of.line_force(float(place[0]) + 20.0)
+        added = full.step(given_now).force - bare.step(given_now).force
+        assert added == pytest.approx([held_back], rel=1e-9)
+    assert of.line_force(1060.0) > 2e3

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from train_ato.reproduce.claims import Case
-from train_ato.reproduce.heavy_haul_cases import LEAN
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,9 @@ HOMES: dict[str, Home] = {
             "pid": _run(f"{DAQIN}:ideal"),
             "smc as printed, ks = 0": _run(f"{DAQIN}:ideal", "smc", values={"ks": 0.0}),
             "smc, disturbance (40)": _run(f"{DAQIN}:ideal+disturbed", "smc"),
-            "smc with lag and delay under twin": _run(f"{DAQIN}:twin", "smc", values=LEAN),
+            "45 km heavy haul, lag and delay, published gains": _run(DAQIN, "smc"),
+            "the same, tuned": _run(f"{DAQIN}:tuned", "smc"),
+            "the same, tuned, under twin": _run(f"{DAQIN}:tuned+twin", "smc"),
         },
         span=SCORED,
     ),
@@ -81,6 +82,9 @@ HOMES: dict[str, Home] = {
                 f"{DAQIN}:ideal", "rbf_smc", values={"ks": 0.0, "clip": False}
             ),
             "rbf_smc, disturbance (40), ndo": _run(f"{DAQIN}:ideal+disturbed", "rbf_smc", "ndo"),
+            "45 km heavy haul, lag and delay, published gains": _run(DAQIN, "rbf_smc"),
+            "the same, tuned": _run(f"{DAQIN}:tuned", "rbf_smc"),
+            "the same, tuned, under twin": _run(f"{DAQIN}:tuned+twin", "rbf_smc"),
         },
         span=SCORED,
     ),
@@ -92,6 +96,9 @@ HOMES: dict[str, Home] = {
             "the bare relay, ideal actuator": _run(
                 f"{METRO}:ideal", "rbf_switching_smc", values={"switching": "sign"}
             ),
+            "45 km heavy haul, lag and delay, published gains": _run(DAQIN, "rbf_switching_smc"),
+            "the same, tuned": _run(f"{DAQIN}:tuned", "rbf_switching_smc"),
+            "the same, tuned, under twin": _run(f"{DAQIN}:tuned+twin", "rbf_switching_smc"),
         }
     ),
     "controller/fixed_time_smc": Home(
@@ -113,6 +120,8 @@ HOMES: dict[str, Home] = {
             "lag_smc, common command": _run(f"{FREIGHT}:realistic+delay_1_0", "lag_smc", values={"command": "common"}),
             "lag_smc, delay 0.6 s": _run(f"{FREIGHT}:realistic"),
             "pid, delay 0.6 s": _run(f"{FREIGHT}:realistic", "pid", values={"kp": 0.5, "ki": 0.05}),
+            "45 km heavy haul, lag and delay, gains of the freight train": _run(DAQIN, "lag_smc"),
+            "the same, tuned": _run(f"{DAQIN}:tuned", "lag_smc"),
         },
         draw="position",
     ),
@@ -124,6 +133,8 @@ HOMES: dict[str, Home] = {
                 FUNNEL, "funnel", compensation="none", values={"variant": "printed", "resistance": "model"}
             ),
             "funnel, 200 kN": _run(f"{FUNNEL}+saturated", "funnel", compensation="none"),
+            "45 km heavy haul, lag and delay, published gains": _run(DAQIN, "funnel"),
+            "the same, tuned": _run(f"{DAQIN}:tuned", "funnel"),
         }
     ),
     "controller/gpc": Home(
@@ -132,6 +143,8 @@ HOMES: dict[str, Home] = {
             "pid": _run(GPC),
             "gpc, gain, delay and lag jump": _run(f"{GPC}+jump", "gpc", compensation="none"),
             "gpc, a loop for each coupled unit": _run(GPC, "gpc", compensation="none", values={"loops": "unit"}),
+            "45 km heavy haul, lag and delay, published gains": _run(DAQIN, "gpc"),
+            "the same, tuned": _run(f"{DAQIN}:tuned", "gpc"),
         }
     ),
     "observer/none": Home(

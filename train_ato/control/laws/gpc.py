@@ -20,6 +20,7 @@ Corrections and what decides everything:
   at 0.4 s and less whatever lam is, with 1.1 s at 0.3 s; ``sampling`` 1.2 s works. In between the command is held.
 * Identification on increments of v, A = (1 - z⁻¹) A': the projection on v itself only moves the pole at 1.
 * xi takes the resistance, grades and couplers: the network acts as a slow integrator; the raw residual destabilises.
+* ``modelled: true`` adds the force that the nominal resistance, grades and air brake need; u and xi are of the rest.
 * ``beyond: zero`` is the print's u = 0 after Nu; ``hold`` holds the last one.
 * Independent laws on coupled units (``loops: unit``) fight over the couplers and are unstable on a coupled train.
 * Nominal A, B by Padé and zero-order hold from the model's delay, one set for traction and one for braking.
@@ -27,8 +28,8 @@ Corrections and what decides everything:
 
 Needs: any train; delay and lag of the model, and the reference ahead (it asks for the preview itself). It predicts over
 the delay on its own: under `predictor` and `train_predictor` it is refused unless ``delay: none``. No feed-forward:
-compensations that give only that are refused. Meant for trains that answer as one mass; a long one needs a slower
-``sampling``.
+compensations that give only that are refused. Meant for trains that answer as one mass; on a long one with a horizon of
+20 s, one command held over it, and ``modelled: true`` (`daqin_heavy_haul:tuned`).
 """
 
 from __future__ import annotations
@@ -68,6 +69,7 @@ class GpcParameters:
     )
     dead_zone: float = parameter(0.02, "m/s", 0.0, 10.0, "Delta, largest error that is taken for noise")
     unmodelled: bool = parameter(True, "", 0, 1, "estimate xi by the network")
+    modelled: bool = parameter(False, "", 0, 1, "add the force that the nominal resistance needs; the print does not")
     rate: float = parameter(0.15, "1", 0.0, 1.0, "learning rate of the network, per sample")
     hidden: int = parameter(6, "1", 1, 50, "hidden neurons of the network")
     position: float = parameter(0.0, "1/s", 0.0, 1.0, "gain on the position error, added to the reference; print 0")
@@ -105,24 +107,45 @@ class Gpc(GuardedLaw):
             loop.reset()
         self._count = 0
         self._wanted = [0.0] * self.n
+        self._resisting = 0.0
 
     def missed(self) -> None:
         """Keep the samples' grid; where one falls into the gap the model's own prediction stands for it."""
         if self._count % self._every == 0:
-            sent = [sum(self._held)] if self._single else self._held
+            sent = [sum(self._sent())] if self._single else self._sent()
             for loop, force, mass in zip(self._loops, sent, self._mass, strict=True):
                 loop.coast(force / mass)
         self._count += 1
 
     def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force wanted [N]; between samples the last one."""
-        due = self._count % self._every == 0
+        """Return the force wanted [N]; between samples the last one, but for the resistance."""
+        if self._count % self._every == 0:
+            self._wanted = self._sample(inputs)
         self._count += 1
-        if not due:
+        if not self.parameters.modelled:
             return self._wanted
+        self._resisting = self._resistance(inputs)
+        return [force + self._resisting * share for force, share in zip(self._wanted, self.share, strict=True)]
+
+    def _sent(self) -> list[float]:
+        """Return the last command without what was added for the resistance [N]."""
+        if not self.parameters.modelled:
+            return self._held
+        return [force - self._resisting * share for force, share in zip(self._held, self.share, strict=True)]
+
+    def _resistance(self, inputs: LawInput) -> float:
+        """Return what holds the nominal train back where it is to be when the command acts [N]."""
+        lead = inputs.lead if 0.0 <= inputs.lead < 100.0 else 0.0
+        speed = float(inputs.reference_velocity[0])
+        place = float(inputs.reference_position[0] + self.model.offsets[0]) + speed * lead
+        speed += float(inputs.reference_acceleration[0]) * lead
+        return self.model.running_resistance(speed) + self.model.line_force(place) + inputs.train_shoe_force
+
+    def _sample(self, inputs: LawInput) -> list[float]:
+        """Return the force wanted until the next sample, without what is added for the resistance [N]."""
         speeds: list[float] = inputs.velocity.tolist()
         errors: list[float] = (inputs.position - inputs.reference_position).tolist()
-        sent, cut = self._held, any(self.cut)
+        sent, cut = self._sent(), any(self.cut)
         if self._single:
             speeds, errors, sent = [self.mean(speeds)], [self.mean(errors)], [sum(sent)]
         ahead = self._ahead(inputs)
@@ -133,12 +156,8 @@ class Gpc(GuardedLaw):
         disturbance = inputs.disturbance.tolist()
         if self._single:
             total = pushes[0] * self._mass[0] - sum(disturbance)
-            self._wanted = [total * share for share in self.share]
-        else:
-            self._wanted = [
-                push * mass - force for push, mass, force in zip(pushes, self._mass, disturbance, strict=True)
-            ]
-        return self._wanted
+            return [total * share for share in self.share]
+        return [push * mass - force for push, mass, force in zip(pushes, self._mass, disturbance, strict=True)]
 
     def _ahead(self, inputs: LawInput) -> Array:
         """Return the reference speed at the coming samples, shape (N,)."""
