@@ -36,7 +36,7 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
     """
     errors = error.errors()
     first = min(errors, key=lambda entry: entry["type"] != "extra_forbidden")
-    place = ".".join(str(part) for part in first["loc"])
+    place = ".".join(str(part) for part in first["loc"] if not _branch_of_union(part))
     value = _SHORT.repr(first.get("input"))
     if first["type"] == "extra_forbidden":
         known = _keys_at(model, first["loc"][:-1])
@@ -45,12 +45,26 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
             text += f" (known: {', '.join(sorted(known))})"
     elif first["type"] == "missing":
         text, value = "this key is missing; add it", ""
+    elif first["type"] == "union_tag_not_found":
+        text = f"{first['ctx']['discriminator']} is missing; add it"
+    elif first["type"] == "union_tag_invalid":
+        key, kinds = (
+            first["ctx"]["discriminator"].strip("'"),
+            first["ctx"]["expected_tags"].replace("'", "").split(", "),
+        )
+        place, value = f"{place}.{key}", repr(first["ctx"]["tag"])
+        text = f"is none of {', '.join(kinds)}{close_match(first['ctx']['tag'], kinds)}"
     else:
         text = first["msg"].removeprefix("Value error, ")
         text = text[0].lower() + text[1:]
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     shown = f" = {value}" if value and first["type"] != "value_error" and first["type"] != "extra_forbidden" else ""
     return f"{source}: {place}{shown}: {text}{more}" if place else f"{source}: {text}{more}"
+
+
+def _branch_of_union(part: Any) -> bool:
+    """Tell whether a part of a place is pydantic's name of a type that was tried, and no key of the file."""
+    return isinstance(part, str) and (part in ("float", "int", "str", "bool") or "[" in part)
 
 
 def _keys_at(model: type[BaseModel], path: tuple[Any, ...]) -> set[str]:

@@ -14,12 +14,15 @@ from plant_sim.disturbances import Disturbance
 from plant_sim.gears import DraftGear
 from plant_sim.units import Force, ForceRate, Length, Ratio, SiModel, Speed, Time
 
+FASTEST = 300.0
+"""No train starts faster [m/s]."""
+
 
 class Start(SiModel):
     """State at time 0: couplers unstretched behind vehicle 0, one speed, unless given for every vehicle."""
 
     position: Length = Field(0.0, description="centre of vehicle 0; in a scenario by default where the profile begins")
-    speed: Speed = 0.0
+    speed: Speed = Field(0.0, ge=-FASTEST, le=FASTEST)
     positions: tuple[Length, ...] | None = Field(None, description="centre of every vehicle instead")
     speeds: tuple[Speed, ...] | None = Field(None, description="speed of every vehicle instead")
     any_order: bool = Field(False, description="vehicles are points: also an order that no track allows")

@@ -51,7 +51,7 @@ class LinkSpec(SiModel):
     loss: Ratio = Field(0.0, ge=0, lt=1, description="probability that a message is lost; the last value is held")
     jump: DelayJump | None = None
 
-    def per_unit(self, width: int, name: str) -> tuple[Array, Array]:
+    def per_unit(self, width: int, block: str) -> tuple[Array, Array]:
         """Return the delays of every unit in traction and in braking [s].
 
         Raises
@@ -59,10 +59,10 @@ class LinkSpec(SiModel):
         ValueError
             If a list has another length than the train has units, or a delay is negative.
         """
-        traction = _spread(self.delay, width, f"links.{name}.delay")
+        traction = _spread(self.delay, width, f"{block}.delay")
         if self.delay_brake is None:
             return traction, traction
-        return traction, _spread(self.delay_brake, width, f"links.{name}.delay_brake")
+        return traction, _spread(self.delay_brake, width, f"{block}.delay_brake")
 
 
 def _spread(value: float | tuple[float, ...], width: int, key: str) -> Array:
@@ -94,7 +94,7 @@ class Link:
     def __init__(self, spec: LinkSpec, width: int, step_ns: int, seed: int, name: str) -> None:
         self.spec = spec
         self._step = step_ns
-        traction, brake = spec.per_unit(width, name)
+        traction, brake = spec.per_unit(width, f"links.{name}")
         self._forward = [float(delay) for delay in traction]
         self._backward = [float(delay) for delay in brake]
         self._under_way: list[deque[tuple[int, float]]] = [deque() for _ in range(width)]

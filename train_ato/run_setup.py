@@ -243,10 +243,10 @@ def _beside(name: str, folder: Path) -> str:
 def _model(scenario: Scenario, consist: Consist, line: Line, shape: Shape, folder: Path) -> TrainModel:
     block = scenario.model
     link = scenario.links.command
-    delay, delay_brake = link.per_unit(shape.n_units, "command")
+    delay, delay_brake = link.per_unit(shape.n_units, "links.command")
     if block.delay is not None:
         believed = link.model_copy(update={"delay": block.delay, "delay_brake": block.delay_brake})
-        delay, delay_brake = believed.per_unit(shape.n_units, "command")
+        delay, delay_brake = believed.per_unit(shape.n_units, "model")
     return TrainModel(
         consist if block.consist is None else _consist(block.consist, folder),
         line if block.line is None else _line(block.line, folder),
