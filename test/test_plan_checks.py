@@ -219,3 +219,13 @@ def test_a_train_stays_where_its_brakes_reach() -> None:
         fastest.append(3.6 * plan(line, consist, PlanSettings(end=line.begin + 3000)).profile.velocity.max())
         assert 3.6 * balancing_speed(consist, 0.0) == pytest.approx(80.0, abs=0.1)
     assert fastest == pytest.approx([0.98 * 80, 80], abs=0.05)
+
+
+@pytest.mark.parametrize("grade", [60, 80])
+def test_a_refusal_names_the_place_that_is_too_steep(grade: int) -> None:
+    """Two stops, and at the second a grade that no start is possible on: the run before it was blamed."""
+    weak = train(mass=176e3, length=80, traction=[{"to": 30, "force": 110e3}], brake=[{"to": 35, "force": 108e3}])
+    grades = [{"at": 0, "grade": 0.005}, {"at": 300, "grade": -0.025}, {"at": 1100, "grade": 1e-3 * grade}]
+    stops = [{"at": 100}, {"at": 1300}, {"at": 2500}]
+    with pytest.raises(ValueError, match=rf"cannot start at km 1\.300: grade and curves of {grade}\.0 per mille"):
+        plan(line(3000, grades=grades, stops=stops), weak)

@@ -136,6 +136,8 @@ def plan(
     track = Track(train, force, SpeedLimits(line, train.speed_max), settings)
     journey = journey_of(line, settings)
     runs = [Run(track, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in journey.stretches(settings)]
+    for run in runs:
+        run.raw()  # a place that no run passes is named before any of them is tuned
 
     def departure(number: int, arrival: float) -> float:
         return arrival if number == 0 else arrival + journey.dwells[number - 1]

@@ -179,7 +179,12 @@ class Run:
             self.window = max(float(np.abs(raw[4]).max()), abs(self.begin_rate)) / jerk
         short = 0.0
         for _ in range(ATTEMPTS):
-            raw = self._raw_run(self.raw(style))
+            try:
+                raw = self._raw_run(self.raw(style))
+            except ValueError:
+                if short <= 0.0:
+                    raise
+                break  # what the averaging needs left aside leaves no run: the place named then is not the reason
             jump = largest_jump(raw, self.window)
             if jump > jerk * self.window * (1 + TOLERANCE):
                 self.window = max(self.window * 1.01, jump / jerk * (1 + TOLERANCE / 2))
