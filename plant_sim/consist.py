@@ -149,6 +149,10 @@ class AirBrake(SiModel):
         return self
 
 
+MOST_VEHICLES = 5000
+"""Seven times the longest train that ever ran; a larger count is a slip of the pen."""
+
+
 class TrainPart(SiModel):
     """A run of equal vehicles."""
 
@@ -188,6 +192,8 @@ class Consist(SiModel):
             if gear not in self.draft_gears:
                 raise ValueError(f"draft gear '{gear}' is not in draft_gears: {sorted(self.draft_gears)}")
         count = sum(part.count for part in self.train)
+        if count > MOST_VEHICLES:
+            raise ValueError(f"train has {count} vehicles, at most {MOST_VEHICLES} are computed; correct 'count'")
         for coupling in self.couplings:
             if any(not 0 <= vehicle < count - 1 for vehicle in coupling.behind):
                 raise ValueError(f"couplings name a vehicle outside 0 ... {count - 2}")

@@ -39,7 +39,7 @@ class SensorSet:
     def __init__(self, sensors: Sensors, units: int, vehicles: int, tick: float, seed: int) -> None:
         for i in sensors.couplers:
             if not 0 <= i < vehicles - 1:
-                raise ValueError(f"sensors.couplers names vehicle {i}: there is a coupling behind 0 ... {vehicles - 2}")
+                raise ValueError(f"sensors.couplers lists vehicle {i}: there is a coupling behind 0 ... {vehicles - 2}")
         for unit in (*(freeze.unit for freeze in sensors.freeze), *(slip.unit for slip in sensors.wheel_slip)):
             if unit >= units:
                 raise ValueError(f"a sensor fault names unit {unit}: the train has 0 ... {units - 1}")

@@ -129,6 +129,7 @@ def test_bad_line_files(tmp_path: Path, text: str) -> None:
     [
         ("mass_t: 184", "mass_t: -184", "mass"),
         ("count: 105", "count: 0", "count"),
+        ("count: 105", "count: 2000000", "2000001 vehicles, at most 5000"),
         ("default_gear: mt2_mt2", "default_gear: mt3", "mt3"),
         ("kind: clip", "kind: clap", "draft_gears"),
         ("name: hxd1_c80_105", "nom: hxd1_c80_105", "nom"),

@@ -14,6 +14,7 @@ import yaml
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
+from plant_sim.train import Train
 from train_ato.brake.policy import BrakePolicy, make_brake_policy
 from train_ato.compensate.fit import refuse_misfit
 from train_ato.compensate.registry import COMPENSATIONS
@@ -139,6 +140,13 @@ class RunSetup:
         refuse_misfit(name, law, self.compensation, COMPENSATIONS.get(self.compensation))
         return law
 
+    def train(self) -> Train:
+        """Return the train at its start."""
+        try:
+            return Train(self.consist, self.line, self.plant, self.step_ns, self.tick_ns, self.seed)
+        except ValueError as error:
+            raise ValueError(f"plant: {error}") from None
+
     def brake_policy(self) -> BrakePolicy:
         """Return a fresh policy of the air brake."""
         return make_brake_policy(self.scenario.brake, self.model, self.line)
@@ -261,7 +269,7 @@ def _model(scenario: Scenario, consist: Consist, line: Line, shape: Shape, folde
 
 
 def _check_choices(setup: RunSetup) -> None:
-    """Make every chosen law, observer and compensation once: a wrong name or parameter is refused before the start."""
+    """Make the train and every chosen law, observer and compensation once: what does not fit is refused here."""
     _check_replan(setup)
     for name, values in setup.controller_parameters.items():
         LAWS.check_parameters(name, values)
@@ -273,6 +281,7 @@ def _check_choices(setup: RunSetup) -> None:
     OBSERVERS.make(setup.observer, setup.observer_parameters, setup.model, setup.tick)
     COMPENSATIONS.make(setup.compensation, setup.compensation_parameters, setup.model, setup.control_period)
     setup.brake_policy()
+    setup.train()
 
 
 def _check_laws(setup: RunSetup) -> None:

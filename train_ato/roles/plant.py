@@ -8,7 +8,7 @@ import numpy as np
 
 from plant_sim.disturbances import Gust
 from plant_sim.emergency import EmergencyBrake
-from plant_sim.train import Observation, Train
+from plant_sim.train import Observation
 from train_ato.interventions import (
     KEY,
     DelayJumpNow,
@@ -71,9 +71,7 @@ class PlantRole:
         self.emergency = False
         self._due = [(due_stamp(planned, setup.tick_ns), planned) for planned in setup.scenario.interventions]
         self._brake = EmergencyBrake(setup.consist, setup.plant)
-        self.train = Train(
-            setup.consist, setup.line, setup.plant, step_ns=setup.step_ns, tick_ns=setup.tick_ns, seed=setup.seed
-        )
+        self.train = setup.train()
         self._link = Link(setup.links.command, setup.shape.n_units, setup.step_ns, setup.seed, "command")
         self._pipe_link = Link(setup.links.brake_pipe, 1, setup.step_ns, setup.seed, "brake_pipe")
         self._substeps = setup.tick_ns // setup.step_ns
