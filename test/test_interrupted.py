@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -16,6 +17,7 @@ import pytest
 
 import train_ato
 from train_ato.cli.screen import COMPILE_NOTE, PLANNER_NOTE
+from train_ato.interrupt import ending_like_ctrl_c
 
 ROOT = Path(train_ato.__file__).resolve().parents[1]
 """Where the package that is tested lies: installed, or the source."""
@@ -99,6 +101,21 @@ def test_the_end_is_one_line(arguments: list[str], number: signal.Signals, tmp_p
     left = {path.name for path in tmp_path.iterdir()} - {"scratch"}
     whole_run = left == {"out"} and "in out" in err and (tmp_path / "out" / "run.mcap").exists()
     assert not left or whole_run, left
+
+
+def test_ctrl_c_in_a_callback_from_c_is_not_lost() -> None:
+    """Breaks if a command goes on after a Ctrl-C that came while the compiler called back, where Python drops it."""
+
+    def press() -> None:
+        signal.raise_signal(signal.SIGINT)
+        BREATH.wait(0.01)
+
+    def wait() -> None:
+        ctypes.CFUNCTYPE(None)(press)()
+        BREATH.wait(30)
+
+    with ending_like_ctrl_c(), pytest.raises(KeyboardInterrupt):
+        wait()
 
 
 @pytest.mark.parametrize("moment", [0.4, 0.8, 1.6])

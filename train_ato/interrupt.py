@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
 
 _ENDING = (signal.SIGTERM, signal.SIGHUP)
+AGAIN_S = 0.05
+"""Wall time after which an interruption that was dropped is sent again."""
 
 
 class Interrupt:
@@ -33,8 +38,32 @@ def interruptible() -> Iterator[Interrupt]:
 @contextmanager
 def ending_like_ctrl_c() -> Iterator[None]:
     """Let SIGTERM and a closed terminal end a command as Ctrl-C does: what it holds is given back."""
-    with _handled(_interrupted, _ENDING):
+    with _sent_again(), _handled(_interrupted, _ENDING):
         yield
+
+
+@contextmanager
+def _sent_again() -> Iterator[None]:
+    """Send an interruption again that fell into a callback from C, such as the compiler's: Python drops it there."""
+    before = sys.unraisablehook
+    timers: list[threading.Timer] = []
+
+    def dropped(what: Any) -> None:
+        if what.exc_type is not KeyboardInterrupt:
+            before(what)
+            return
+        timer = threading.Timer(AGAIN_S, os.kill, (os.getpid(), signal.SIGINT))
+        timer.daemon = True
+        timers.append(timer)
+        timer.start()
+
+    sys.unraisablehook = dropped
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+        for timer in timers:
+            timer.cancel()
 
 
 def _interrupted(number: int, frame: FrameType | None) -> None:
