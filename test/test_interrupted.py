@@ -16,8 +16,9 @@ from pathlib import Path
 import pytest
 
 import train_ato
+from train_ato.cli.main import main
 from train_ato.cli.screen import COMPILE_NOTE, PLANNER_NOTE
-from train_ato.interrupt import ending_like_ctrl_c
+from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 
 ROOT = Path(train_ato.__file__).resolve().parents[1]
 """Where the package that is tested lies: installed, or the source."""
@@ -114,8 +115,26 @@ def test_ctrl_c_in_a_callback_from_c_is_not_lost() -> None:
         ctypes.CFUNCTYPE(None)(press)()
         BREATH.wait(30)
 
-    with ending_like_ctrl_c(), pytest.raises(KeyboardInterrupt):
+    with ending_like_ctrl_c(Interrupt()), pytest.raises(KeyboardInterrupt):
         wait()
+
+
+@pytest.mark.parametrize("made_of_it", [RuntimeError, ValueError, SystemError, OSError])
+def test_an_error_that_a_library_makes_of_ctrl_c_is_ctrl_c(
+    made_of_it: type[Exception], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if Ctrl-C in a compiler or validator ends in that library's error, as a traceback or as bad input."""
+
+    def execute(options: object) -> int:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise made_of_it("no compiled object yet") from None
+        return 0
+
+    monkeypatch.setattr("train_ato.cli.list.execute", execute)
+    assert main(["list"]) == 1
+    assert capsys.readouterr().err == "train-ato: interrupted\n"
 
 
 @pytest.mark.parametrize("moment", [0.4, 0.8, 1.6])
@@ -141,8 +160,8 @@ def test_nohup_is_respected(tmp_path: Path) -> None:
     """Breaks if a closed terminal ends a command that was started to survive it."""
     code = (
         "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
-        "from train_ato.interrupt import ending_like_ctrl_c, interruptible\n"
-        "with ending_like_ctrl_c(), interruptible() as interrupt:\n"
+        "from train_ato.interrupt import Interrupt, ending_like_ctrl_c, interruptible\n"
+        "with ending_like_ctrl_c(Interrupt()), interruptible() as interrupt:\n"
         "    signal.raise_signal(signal.SIGHUP)\n"
         "    assert not interrupt.asked\n"
         "    signal.raise_signal(signal.SIGTERM)\n"

@@ -23,8 +23,13 @@ class Interrupt:
         self.asked = False
 
     def ask(self, number: int, frame: FrameType | None) -> None:
-        """Signal handler."""
+        """Signal handler: note it."""
         self.asked = True
+
+    def end(self, number: int, frame: FrameType | None) -> None:
+        """Signal handler: note it and leave what is under way."""
+        self.asked = True
+        raise KeyboardInterrupt
 
 
 @contextmanager
@@ -36,9 +41,14 @@ def interruptible() -> Iterator[Interrupt]:
 
 
 @contextmanager
-def ending_like_ctrl_c() -> Iterator[None]:
-    """Let SIGTERM and a closed terminal end a command as Ctrl-C does: what it holds is given back."""
-    with _sent_again(), _handled(_interrupted, _ENDING):
+def ending_like_ctrl_c(interrupt: Interrupt) -> Iterator[None]:
+    """Let SIGTERM and a closed terminal end a command as Ctrl-C does: what it holds is given back.
+
+    Libraries make errors of their own of a KeyboardInterrupt that falls into them; ``interrupt`` remembers what began.
+    """
+    ignored = signal.getsignal(signal.SIGINT) == signal.SIG_IGN
+    numbers = _ENDING if ignored else (signal.SIGINT, *_ENDING)
+    with _sent_again(), _handled(interrupt.end, numbers):
         yield
 
 
@@ -64,10 +74,6 @@ def _sent_again() -> Iterator[None]:
         sys.unraisablehook = before
         for timer in timers:
             timer.cancel()
-
-
-def _interrupted(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import Any
 
 from train_ato.arguments import BAD_INPUT, OneLineParser
 from train_ato.failure import RunFailed
-from train_ato.interrupt import ending_like_ctrl_c
+from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.version import VERSION
 
 __all__ = ["RunFailed", "main"]
@@ -68,32 +68,31 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
+    interrupt = Interrupt()
     try:
-        with ending_like_ctrl_c():
+        with ending_like_ctrl_c(interrupt):
             options = _parser().parse_args(arguments)
             return int(options.execute(options) or DONE)
-    except ValueError as error:
-        return _complain(error, BAD_INPUT)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # who read has left: `train-ato list | head`
-        return FAILED
-    except (OSError, RunFailed) as error:
-        return _complain(error, FAILED)
     except KeyboardInterrupt:
         return _complain("interrupted", FAILED)
+    except RunFailed as error:
+        return _complain(error, FAILED)
     except Exception as error:
-        if not _began_with_ctrl_c(error):
-            raise
-        return _complain("interrupted", FAILED)
+        if interrupt.asked:  # compilers and validators make errors of their own of it
+            return _complain("interrupted", FAILED)
+        return _failed(error)
 
 
-def _began_with_ctrl_c(error: BaseException | None) -> bool:
-    """Tell whether an error is what compiled code made of Ctrl-C: a SystemError or an ImportError."""
-    while error is not None:
-        if isinstance(error, KeyboardInterrupt):
-            return True
-        error = error.__cause__ or error.__context__
-    return False
+def _failed(error: Exception) -> int:
+    """Tell of an error in one line; one that is a mistake of ours goes on as it is."""
+    if isinstance(error, ValueError):
+        return _complain(error, BAD_INPUT)
+    if isinstance(error, BrokenPipeError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # who read has left: `train-ato list | head`
+        return FAILED
+    if isinstance(error, OSError):
+        return _complain(error, FAILED)
+    raise error
 
 
 def _complain(error: object, status: int) -> int:
