@@ -98,10 +98,12 @@ def replay(
             playback = Playback(log, topics, options, player, asked, told)
             ReplayParameters(player.node, playback)
             player.meet(options.meet_s, asked)
-            _warn_of_others(player.others())
+            others = player.others()
+            _warn_of_others(others)
             offer_services(player.node, playback)
             playback.run()
             acknowledged = player.settle(options.acknowledged_s, asked)
+            _warn_of_others({topic: nodes for topic, nodes in player.others().items() if topic not in others})
         end = "stopped" if playback.stopped else "interrupted" if interrupt.asked else "end"
         return Replayed(player.counts, playback.state.moment, end, acknowledged)
 
