@@ -26,31 +26,34 @@ def ros_wheels() -> list[str]:
 def launchers() -> list[str]:
     """Name the commands: the entry script and one for each node, for `ros2 run`."""
     nodes = ("plant", "profile", "observer", "controller", "recorder")
-    return ["train-ato = train_ato.cli:main", *(f"{node}_node = train_ato.nodes.{node}:main" for node in nodes)]
+    module = "train_ato.cli.nodes"
+    return ["train-ato = train_ato.cli:main", *(f"{node}_node = {module}:{node}" for node in nodes)]
 
 
 setup(
     name=NAME,
     version=version(),
-    description="Onboard automatic train operation as a ROS 2 node graph, with the train it drives",
+    description="Onboard automatic train operation as a ROS 2 node graph, with a train simulator",
     long_description=(HERE / "README.md").read_text(encoding="utf-8"),
     long_description_content_type="text/markdown",
     license="Apache-2.0",
     maintainer="The train_ato team",
     maintainer_email="train-ato@example.org",
     python_requires=">=3.10,<3.14",
+    # An editable install then adds this folder to the path. The import hook it would use otherwise comes after a folder
+    # of compiled kernels that an earlier installation has left, and the package would be found empty.
+    package_dir={"": "."},
     packages=find_packages(include=["train_ato", "train_ato.*", "plant_sim", "plant_sim.*"]),
     package_data={
         "plant_sim": ["py.typed", "data/*/*.yaml", "data/*/*.csv"],
         "train_ato": [
             "py.typed",
-            "scenarios/*.yaml",
-            "scenarios/*.csv",
-            "schemas/*.json",
-            "graph/*.xml",
-            "report/page.*",
-            "view/page.*",
-            "view/layouts/*",
+            "scenario/shipped/*",
+            "scenario/schemas/*.json",
+            "ros/graph/*.xml",
+            "apps/report/page.*",
+            "apps/view/page.*",
+            "apps/view/layouts/*",
         ],
     },
     data_files=[
@@ -75,6 +78,7 @@ setup(
         "filelock>=3.12",
         "pandas>=2.1",
         "pyarrow>=14",
+        "pebble>=5.0.7",
         *ros_wheels(),
     ],
     extras_require={

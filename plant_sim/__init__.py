@@ -1,1 +1,1 @@
-"""The railway: trains, lines, draft gears, brakes and the compiled step that moves them; knows no ROS."""
+"""Railway simulation without ROS: trains, lines, draft gears, brakes and the compiled integration."""

@@ -1,7 +1,7 @@
-"""The automatic air brake as seen from the cab: pressures become events, and a closed form of what they do.
+"""Automatic air brake: events from the pressure at the head, and a closed form of the shoe forces.
 
-The kernel moves the waves and fills the cylinders step by step; :class:`BrakeForecast` answers the same question for
-any later time at once, for laws and planners.
+The kernel integrates waves and cylinders step by step; :class:`BrakeForecast` computes the shoe forces of any later
+time in closed form, for laws and planners.
 """
 
 from __future__ import annotations
@@ -13,30 +13,37 @@ from plant_sim.consist import AirBrake, Consist
 from plant_sim.packing import pipe_distances
 from plant_sim.states import Array
 
-SMALLEST_CHANGE = 1.0
-"""Changes of the demanded pressure below this are none [Pa]."""
+MIN_PRESSURE_CHANGE = 1.0
+"""Smallest change of the demanded pressure that makes an event [Pa]."""
 ATMOSPHERE = 101_325.0
 """Absolute pressure of a vented brake pipe [Pa]."""
-VENTED = 1.0
-"""Braking factor of a vented pipe: the shoe forces of the data files are those at full cylinder pressure."""
+VENTED_FACTOR = 1.0
+"""Braking factor of a vented pipe; the shoe forces of the data files are those at full cylinder pressure."""
 
 
 def braking_factor(brake: AirBrake, pressure: float) -> float:
-    """Return beta_c of a brake-pipe pressure [Pa, absolute]; held beyond the table's ends."""
+    """Return the braking factor beta_c for a brake-pipe pressure [Pa, absolute]; constant beyond the table."""
     return float(np.interp(brake.charged - pressure, brake.reduction, brake.braking_factor))
 
 
 class PipeEvents:
-    """Brake-pipe events under way in the plant, in the kernel's form.
+    """Brake-pipe events of the plant, as arrays of the kernel.
+
+    Parameters
+    ----------
+    brake
+        Air brake of the train.
+    vehicles
+        Number of vehicles.
 
     Attributes
     ----------
     pressure : float
         Pressure at the head [Pa, absolute].
     array : Array, shape (5, capacity)
-        Events for the kernel, oldest first.
+        Events by row (see the kernel), oldest first.
     count : int
-        How many columns of it are in use.
+        Number of columns in use.
     """
 
     def __init__(self, brake: AirBrake, vehicles: int) -> None:
@@ -49,13 +56,13 @@ class PipeEvents:
         self._number = 0
 
     def demand(self, time: float, pressure: float) -> None:
-        """Set the pressure at the head from a time on; a change starts an application or a release wave."""
-        if abs(pressure - self.pressure) >= SMALLEST_CHANGE:
+        """Set the pressure at the head [Pa] from a time [s] on; a change starts an application or a release wave."""
+        if abs(pressure - self.pressure) >= MIN_PRESSURE_CHANGE:
             self._change(time, pressure, braking_factor(self._brake, pressure))
 
     def vent(self, time: float) -> None:
-        """Let all air out at the head from a time on: the emergency application, with the application wave's speed."""
-        self._change(time, ATMOSPHERE, VENTED)
+        """Vent the pipe at the head from a time [s] on: an application with the speed of the application wave."""
+        self._change(time, ATMOSPHERE, VENTED_FACTOR)
 
     def _change(self, time: float, pressure: float, level: float) -> None:
         wave = self._brake.apply_wave if level > self._level else self._brake.release_wave
@@ -71,30 +78,28 @@ class PipeEvents:
         self.count += 1
 
     def _drop_finished(self) -> None:
-        under_way = self.array[k.REACHED, : self.count] < self._vehicles
-        left = self.array[:, : self.count][:, under_way]
+        propagating = self.array[k.REACHED, : self.count] < self._vehicles
+        left = self.array[:, : self.count][:, propagating]
         self.array[:, : left.shape[1]] = left
         self.count = left.shape[1]
 
-    def under_way(self) -> int:
-        """Return how many events have not reached every vehicle, dropping the others."""
+    def propagating(self) -> int:
+        """Return the number of events that have not reached every vehicle, after removal of the others."""
         if self.count:
             self._drop_finished()
         return self.count
 
 
 class BrakeForecast:
-    """Total shoe force of the train at any later time, from the pressures demanded so far (or planned).
+    """Shoe forces at any later time from the pressures demanded, in closed form.
 
-    Closed form per vehicle: every event acts from its arrival until a newer one arrives, and the cylinder approaches
-    its level exponentially.  Reservoirs count as full.
+    Every event acts on a vehicle from its arrival until the arrival of a newer one, and the cylinder approaches its
+    level exponentially. Reservoirs count as full.
 
     Parameters
     ----------
     consist : Consist
-        A train with an air brake.
-    scale : float
-        On all shoe forces.
+        Train with an air brake.
 
     Raises
     ------
@@ -102,21 +107,19 @@ class BrakeForecast:
         If the train has no air brake.
     """
 
-    def __init__(self, consist: Consist, scale: float = 1.0) -> None:
+    def __init__(self, consist: Consist) -> None:
         if consist.air_brake is None:
-            raise ValueError(f"the train '{consist.name}' has no air brake to forecast")
+            raise ValueError(f"train '{consist.name}' has no air brake; add air_brake to the consist")
         self._brake = consist.air_brake
         self._distance = pipe_distances(consist)
         shoes = [(i, vehicle.shoes) for i, vehicle in enumerate(consist.vehicles) if vehicle.shoes is not None]
         self._full: Array = np.zeros(len(self._distance))
         for i, shoe in shoes:
-            force = shoe.force / 1e3
-            friction = shoe.friction * (force + 200.0) / (4.0 * force + 200.0)
-            self._full[i] = shoe.count * shoe.force * friction * scale
+            self._full[i] = shoe.standstill_force
         self.reset()
 
     def reset(self) -> None:
-        """Forget all events: brake released, pipe charged."""
+        """Clear all events: brake released, pipe charged."""
         self._since = 0.0
         self._cylinder: Array = np.zeros_like(self._distance)
         self._target: Array = np.zeros_like(self._distance)
@@ -126,12 +129,12 @@ class BrakeForecast:
 
     @property
     def idle(self) -> bool:
-        """Whether nothing acts and nothing is under way."""
+        """True if no event acts or propagates."""
         return not self._events and not self._target.any() and not self._cylinder.any()
 
     def demand(self, time: float, pressure: float) -> None:
-        """Tell of a pressure demanded at the head from a time [s] on; times must not fall."""
-        if abs(pressure - self._pressure) < SMALLEST_CHANGE:
+        """Add a pressure demanded at the head [Pa] from a time [s] on; times must not decrease."""
+        if abs(pressure - self._pressure) < MIN_PRESSURE_CHANGE:
             return
         level = braking_factor(self._brake, pressure)
         self._pressure = pressure
@@ -140,12 +143,12 @@ class BrakeForecast:
         wave = self._brake.apply_wave if level > self._level else self._brake.release_wave
         self._level = level
         arrival = time + self._distance / wave
-        # A newer event that comes first cancels the older ones: they never act on that vehicle.
+        # A newer event that arrives first cancels the older ones on that vehicle.
         self._events = [(np.where(old < arrival, old, np.inf), reached) for old, reached in self._events]
         self._events.append((arrival, level))
 
     def _at(self, time: float) -> tuple[Array, Array]:
-        """Braking factor reached and aimed at on every vehicle at a time."""
+        """Return the present and the final braking factor of every vehicle at a time [s]."""
         following = [np.full_like(self._distance, np.inf)]
         for arrival, _ in reversed(self._events):
             following.append(np.minimum(following[-1], arrival))
@@ -164,7 +167,7 @@ class BrakeForecast:
         return np.asarray(target + (cylinder - target) * np.exp(-np.maximum(duration, 0.0) / constant))
 
     def commit(self, time: float) -> None:
-        """Take the state at a time as the new beginning; later questions must not be earlier."""
+        """Make the state at a time [s] the initial state; later calls must not be for an earlier time."""
         self._cylinder, self._target = self._at(time)
         self._since = time
         self._events = [
@@ -174,14 +177,15 @@ class BrakeForecast:
             self._cylinder[:] = 0.0
 
     def factors(self, time: float) -> Array:
-        """Return the braking factor reached on every vehicle at a time [s], shape (n,)."""
+        """Return the braking factor of every vehicle at a time [s], shape (n,)."""
         return self._at(time)[0]
 
     def forces(self, time: float, velocity: float | Array) -> Array:
         """Return the shoe force of every vehicle [N] at a time [s] and speed [m/s], shape (n,)."""
-        speed = 3.6 * np.abs(velocity)
-        return np.asarray(self._full * self.factors(time) * (2.0 * speed + 150.0) / (3.0 * speed + 150.0))
+        speed = k.KMH * np.abs(velocity)
+        full = self._full * self.factors(time)
+        return np.asarray(full * (k.SHOE_A * speed + k.SHOE_SPEED) / (k.SHOE_B * speed + k.SHOE_SPEED))
 
     def force(self, time: float, velocity: float | Array) -> float:
-        """Return the shoe force of the whole train [N]."""
+        """Return the shoe force of the train [N] at a time [s] and speed [m/s]."""
         return 0.0 if self.idle else float(self.forces(time, velocity).sum())

@@ -1,29 +1,54 @@
-"""How functions are compiled, and whether the result is kept."""
+"""Compilation of functions by numba, with a cache on disk if possible."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from numba import njit
+from numba.core.event import Listener, install_listener
 
-_alone: list[str] = []
+_uncached: list[str] = []
 
 
 def compiled(function: Any) -> Any:
-    """Compile without fast-math: the same bits on every run of one machine.
+    """Compile a function without fast-math, so that every run on one machine gives the same bits.
 
-    The result is kept beside the source or, if that is not writable, in the user's cache folder (``NUMBA_CACHE_DIR``
-    names another).  Where none of them can be written every process compiles for itself.
+    The cache is beside the source or, if that is not writable, in the cache folder of the user (``NUMBA_CACHE_DIR``
+    sets another). If neither is writable, every process compiles again.
     """
     try:
         return njit(cache=True, error_model="numpy")(function)
     except RuntimeError as error:
         if "cannot cache" not in str(error):
             raise
-        _alone.append(function.__name__)
+        _uncached.append(function.__name__)
         return njit(error_model="numpy")(function)
 
 
 def results_are_kept() -> bool:
-    """Tell whether later processes find what this one compiles."""
-    return not _alone
+    """Return True if the compiled functions are cached for later processes."""
+    return not _uncached
+
+
+class _FirstCompilation(Listener):  # type: ignore[misc]
+    """Listener that calls a function at the first compilation; loading from the cache is no compilation."""
+
+    def __init__(self, call: Callable[[], None]) -> None:
+        self._call: Callable[[], None] | None = call
+
+    def on_start(self, event: Any) -> None:
+        call, self._call = self._call, None
+        if call is not None:
+            call()
+
+    def on_end(self, event: Any) -> None:
+        """Do nothing."""
+
+
+@contextmanager
+def on_compilation(call: Callable[[], None]) -> Iterator[None]:
+    """Call a function once when the compiler begins inside the block."""
+    with install_listener("numba:compile", _FirstCompilation(call)):
+        yield

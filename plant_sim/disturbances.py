@@ -1,7 +1,7 @@
-"""Disturbances that act on the train from outside, as data; :mod:`plant_sim.outside_forces` adds them up.
+"""Data models of the outside disturbances of a train; :mod:`plant_sim.outside_forces` adds them up.
 
-Every kind answers for a whole tick at once: force F [N], force per speed G [N s/m] (the force is F + G v) and
-drift speed [m/s] of the vehicles it lists.  Accelerations are turned into forces by the inertial mass.
+Every kind computes a whole tick in one call: force F [N], force per speed G [N s/m] (the force is F + G v) and drift
+speed [m/s] of its vehicles. Accelerations are multiplied by the inertial mass.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from plant_sim.units import Acceleration, Force, Length, SiModel, Slope, Time
 Vehicles = tuple[int, ...]
 
 
-class Outside(NamedTuple):
-    """Force [N], force per speed [N s/m] and drift speed [m/s], each of shape (steps, vehicles); None: none."""
+class OutsideForce(NamedTuple):
+    """Force [N], force per speed [N s/m] and drift speed [m/s], each of shape (steps, vehicles); None is 0."""
 
     force: Array
     per_speed: Array | None = None
@@ -27,44 +27,60 @@ class Outside(NamedTuple):
 
 
 class _Source(SiModel):
-    """What all kinds share; ``vehicles`` left out means all of them."""
+    """Base of all kinds; without ``vehicles`` the disturbance acts on all of them."""
 
-    vehicles: Vehicles | None = Field(None, description="numbers of the vehicles, 0 the first; default: all")
+    vehicles: Vehicles | None = Field(None, description="numbers of the vehicles, from 0; default: all")
 
     def listed(self, count: int) -> Vehicles:
-        """Return the vehicles it acts on in a train of so many; raise ValueError for a number outside it."""
+        """Return the numbers of its vehicles in a train of ``count`` vehicles.
+
+        Raises
+        ------
+        ValueError
+            For a number outside the train or a number listed twice.
+        """
         chosen = tuple(range(count)) if self.vehicles is None else self.vehicles
         wrong = [i for i in chosen if not 0 <= i < count]
         if wrong:
-            raise ValueError(f"a disturbance lists vehicle {wrong[0]}: the train has 0 ... {count - 1}")
+            raise ValueError(f"a disturbance lists vehicle {wrong[0]}: not in the train; give 0 ... {count - 1}")
         if len(set(chosen)) < len(chosen):
-            raise ValueError(f"a disturbance lists a vehicle twice in {list(chosen)[:20]}; list every one once")
+            raise ValueError(f"a disturbance lists a vehicle twice in {list(chosen)[:20]}; list each one once")
         return chosen
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> Outside:
-        """Return what acts at the times t (shape (steps,)) on vehicles of these masses; draws are N(0, 1)."""
-        raise TypeError(f"{type(self).__name__} acts through the line, not through forces")
+    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+        """Return the forces of a tick.
+
+        Parameters
+        ----------
+        t : Array, shape (steps,)
+            Times of the plant steps [s].
+        mass : Array, shape (vehicles,)
+            Inertial masses of its vehicles [kg].
+        draws : Array, shape (vehicles,)
+            Random numbers, N(0, 1).
+        """
+        raise TypeError(f"{type(self).__name__} acts through the line and has no forces")
 
 
 class Equation40(_Source):
-    """Paper 000, eq. (40): m {.002 + .001 sin(t+1) + .0003 v [sin(2t+2) + cos(3t+1)]}.
+    """Disturbance of paper 000, eq. (40): m {.002 + .001 sin(t+1) + .0003 v [sin(2t+2) + cos(3t+1)]}.
 
-    The first power of the speed instead of the printed third, which would be 400-600 kN on the locomotive.
+    The speed has the power 1 instead of the printed 3, which would give 400-600 kN on the locomotive.
     """
 
     kind: Literal["eq40"]
-    vehicles: Vehicles | None = Field(tuple(range(0, 101, 10)), description="paper: 0, 10, ..., 100")
+    vehicles: Vehicles | None = Field(tuple(range(0, 101, 10)), description="0, 10, ..., 100 in the paper")
     scale: float = 1.0
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> Outside:
-        """See the class."""
+    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+        """Return the forces of a tick."""
         steady = self.scale * (0.002 + 0.001 * np.sin(t + 1.0))
         speed = self.scale * 0.0003 * (np.sin(2.0 * t + 2.0) + np.cos(3.0 * t + 1.0))
-        return Outside(np.outer(steady, mass), per_speed=np.outer(speed, mass))
+        return OutsideForce(np.outer(steady, mass), per_speed=np.outer(speed, mass))
 
 
 class Term(SiModel):
-    """One sine: amplitude sin(omega t + phase)."""
+    """Sine: amplitude sin(omega t + phase)."""
 
     acceleration: Acceleration = 0.0
     force: Force = 0.0
@@ -78,44 +94,46 @@ class Harmonic(_Source):
     kind: Literal["harmonic"]
     terms: tuple[Term, ...] = Field(min_length=1)
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> Outside:
-        """See the class."""
+    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+        """Return the forces of a tick."""
         force = np.zeros((len(t), len(mass)))
         for term in self.terms:
             force += np.outer(np.sin(term.omega * t + term.phase), term.acceleration * mass + term.force)
-        return Outside(force)
+        return OutsideForce(force)
 
 
 def _window(t: Array, begin: float, end: float, ramp: float) -> Array:
-    """Trapezoid of height 1 between begin and end with ramps inside; a ramp of 0 is a step."""
+    """Return a trapezoid of height 1 between begin and end with ramps inside; a ramp of 0 is a step."""
     if ramp <= 0.0:
         return np.where((t >= begin) & (t < end), 1.0, 0.0)
     return np.clip(np.minimum(t - begin, end - t) / ramp, 0.0, 1.0)
 
 
 class Gust(_Source):
-    """A wind gust as a trapezoid in time; > 0 pushes forward."""
+    """Wind gust as a trapezoid in time; > 0 acts forward."""
 
     kind: Literal["gust"]
     begin: Time
     end: Time
-    ramp: Time = Field(1.0, ge=0, description="time of rise and of fall, inside the window")
+    ramp: Time = Field(1.0, ge=0, description="time of rise and of fall, inside the interval")
     acceleration: Acceleration = 0.0
     force: Force = Field(0.0, description="on each listed vehicle")
 
     @model_validator(mode="after")
     def _order(self) -> Gust:
         if self.end <= self.begin:
-            raise ValueError("a gust must end after its begin")
+            raise ValueError(f"gust: end {self.end:g} s must be after begin {self.begin:g} s")
         return self
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> Outside:
-        """See the class."""
-        return Outside(np.outer(_window(t, self.begin, self.end, self.ramp), self.acceleration * mass + self.force))
+    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+        """Return the forces of a tick."""
+        return OutsideForce(
+            np.outer(_window(t, self.begin, self.end, self.ramp), self.acceleration * mass + self.force)
+        )
 
 
 class ExtraGrade(SiModel):
-    """A stretch of grade that no model knows of; > 0 uphill, added to the line's."""
+    """Section with a grade that is not in the model; > 0 uphill, added to that of the line."""
 
     begin: Length
     end: Length
@@ -124,13 +142,13 @@ class ExtraGrade(SiModel):
     @model_validator(mode="after")
     def _order(self) -> ExtraGrade:
         if self.end <= self.begin:
-            raise ValueError("a stretch of grade must end beyond its begin")
+            raise ValueError(f"grade: end {self.end:g} m must be beyond begin {self.begin:g} m")
         check_grade(self.grade)
         return self
 
 
 class UnmodelledGrade(_Source):
-    """Grade that the plant has and the model does not; acts through the line, on every vehicle at its own place."""
+    """Grade of the plant that is not in the model; it acts on every vehicle at its own position."""
 
     kind: Literal["grade"]
     pieces: tuple[ExtraGrade, ...] = Field(min_length=1)
@@ -138,12 +156,12 @@ class UnmodelledGrade(_Source):
     @model_validator(mode="after")
     def _all(self) -> UnmodelledGrade:
         if self.vehicles is not None:
-            raise ValueError("a grade lies under every vehicle: leave 'vehicles' out")
+            raise ValueError("a grade acts on every vehicle; remove 'vehicles'")
         return self
 
 
 class Paper001(_Source):
-    """Paper 001's disturbance, its numbers chosen here: D > 0 opposes the motion.
+    """Disturbance of paper 001 with values chosen here; D > 0 opposes the motion.
 
     +0.10 m/s² at 60-80 s, -0.12 m/s² at 300-312 s, and 0.03 sin 0.5 t m/s².
     """
@@ -151,85 +169,69 @@ class Paper001(_Source):
     kind: Literal["paper001"]
     scale: float = 1.0
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> Outside:
-        """See the class."""
+    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+        """Return the forces of a tick."""
         d = 0.10 * _window(t, 60.0, 80.0, 0.0) - 0.12 * _window(t, 300.0, 312.0, 0.0) + 0.03 * np.sin(0.5 * t)
-        return Outside(np.outer(-self.scale * d, mass))
+        return OutsideForce(np.outer(-self.scale * d, mass))
 
 
 class Paper002(_Source):
-    """Paper 002's set on five vehicles: drift speeds d_i1 (unmatched) and accelerations d_i2 (matched)."""
+    """Disturbances of paper 002 on five vehicles: drift speeds d_i1 (unmatched), accelerations d_i2 (matched)."""
 
     kind: Literal["paper002"]
     vehicles: Vehicles | None = (0, 1, 2, 3, 4)
-    unmatched_scale: float = Field(1.0, description="1 in print; 0.05 in the realistic version")
-    matched_scale: float = Field(1.0, description="1 in print; 0.02 in the realistic version")
+    unmatched_scale: float = Field(1.0, description="1 in the paper; 0.05 in the realistic version")
+    matched_scale: float = Field(1.0, description="1 in the paper; 0.02 in the realistic version")
 
     @model_validator(mode="after")
     def _five(self) -> Paper002:
         if self.vehicles is None or len(self.vehicles) != 5:
-            raise ValueError("the set of paper 002 is for exactly five vehicles")
+            raise ValueError("the disturbances of paper 002 need exactly five vehicles; list five")
         return self
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> Outside:
-        """See the class; beyond 30 s the last stretch of d21 goes on."""
+    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+        """Return the forces and drift speeds of a tick; the last part of d21 continues beyond 30 s."""
         sine, cosine = np.sin(t), np.cos(t)
         fast = 6.0 * np.sin(3.0 * t) * cosine
         d21 = np.where(t < 10.0, fast, np.where(t < 20.0, -fast, sine * np.tanh(t)))
         unmatched = (3.0 * np.sin(t + np.pi / 6.0), d21, sine * cosine, np.tanh(sine), 2.0 * np.tanh(t) * sine)
         matched = (d21, fast, 5.0 * np.sin(3.0 * t), 3.0 * np.cos(4.0 * t), 6.0 * np.sin(cosine))
         force = self.matched_scale * np.column_stack(matched) * mass
-        return Outside(force, drift=self.unmatched_scale * np.column_stack(unmatched))
+        return OutsideForce(force, drift=self.unmatched_scale * np.column_stack(unmatched))
 
 
 class TravellingLoad(_Source):
-    """A load that passes from vehicle to vehicle, as a short grade under a moving train does.
+    """Load that moves from vehicle to vehicle, like a short grade under a moving train.
 
     On each vehicle it is a raised cosine in time.
     """
 
     kind: Literal["travelling_load"]
     acceleration: Acceleration = Field(description="peak; < 0 opposes the motion")
-    begin: Time = Field(description="when it reaches the first listed vehicle")
+    begin: Time = Field(description="time at which it reaches the first listed vehicle")
     duration: Time = Field(gt=0, description="time on each vehicle")
     interval: Time = Field(0.0, ge=0, description="from one listed vehicle to the next")
-    period: Time | None = Field(None, gt=0, description="time after which it comes again")
+    period: Time | None = Field(None, gt=0, description="period of its repetition; default: once")
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> Outside:
-        """See the class."""
+    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+        """Return the forces of a tick."""
         local = t[:, None] - self.begin - self.interval * np.arange(len(mass))
         if self.period is not None:
             local = np.where(local >= 0.0, np.mod(local, self.period), local)
         inside = (local > 0.0) & (local < self.duration)
         shape = np.where(inside, 0.5 - 0.5 * np.cos(2.0 * np.pi * local / self.duration), 0.0)
-        return Outside(self.acceleration * shape * mass)
+        return OutsideForce(self.acceleration * shape * mass)
 
 
 class Turbulence(_Source):
-    """Random wind: one Gaussian acceleration for each listed vehicle and tick, correlated over a time."""
+    """Random wind: a Gaussian acceleration for each listed vehicle and tick, correlated in time."""
 
     kind: Literal["turbulence"]
     acceleration_rms: Acceleration = Field(ge=0)
     correlation: Time = Field(5.0, gt=0, description="time constant of the correlation")
 
 
-Disturbance = Annotated[
+DisturbanceSource = Annotated[
     Equation40 | Harmonic | Gust | UnmodelledGrade | Paper001 | Paper002 | TravellingLoad | Turbulence,
     Field(discriminator="kind"),
-]
-
-
-__all__ = [
-    "Disturbance",
-    "Equation40",
-    "ExtraGrade",
-    "Gust",
-    "Harmonic",
-    "Outside",
-    "Paper001",
-    "Paper002",
-    "Term",
-    "TravellingLoad",
-    "Turbulence",
-    "UnmodelledGrade",
 ]

@@ -1,4 +1,4 @@
-"""The emergency brake of the power units: full electric (or blended friction) brake, whatever is commanded."""
+"""Emergency brake of the power units: full electric (or blended friction) brake in place of the command."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from plant_sim.states import Array
 from plant_sim.traction import Envelope
 
 FADE = 1.0
-"""Time constant with which a drive that can also push backwards brings its unit to rest [s]."""
+"""Time constant of the stop of a unit with a reversing drive [s]."""
 
 
 class EmergencyBrake:
     """Demand of every power unit while the emergency brake is applied.
 
-    It is the largest force of the unit's brake envelope; the plant cuts it to what the envelope, the adhesion and the
-    force limit give at the present speed.  Where a negative force also drives backwards (``reversing``), it fades out
-    with the speed and is 0 below the holding speed, so that the holding brake takes over.
+    The demand is the largest force of the brake envelope; the plant limits it by the envelope, the adhesion and the
+    force limit at the present speed. If a negative force also drives backwards (``reversing``), the demand decreases
+    with the speed and is 0 below the holding speed, where the holding brake acts.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class EmergencyBrake:
         self._rest = setup.holding_speed
 
     def demand(self, velocity: Array) -> Array:
-        """Return the force demanded of every unit [N], <= 0 against the motion, at its speed [m/s], shape (units,)."""
+        """Return the force demand of every unit [N] against its motion, for speeds [m/s] of shape (units,)."""
         if not self._reversing:
             return -self._full
         braked = -np.sign(velocity) * np.minimum(self._full, self._fading * np.abs(velocity))

@@ -1,4 +1,4 @@
-"""Draft gears as data: curves of the loading and unloading force over the deflection, one kind for each law."""
+"""Data models of the draft gears: loading and unloading force over the deflection."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from plant_sim.units import Damping, Force, Length, SiModel, Speed, Stiffness
 
 
 class GearCurve(SiModel):
-    """Loading curve fl(d) = F0 d/(d + x0) + a1 d + a2 d² of one coupling (two gears in series); spec of paper 000."""
+    """Loading curve fl(d) = F0 d/(d + x0) + a1 d + a2 d² of one coupler (two gears in series), as in paper 000."""
 
-    stroke: Length = Field(gt=0, description="D, deflection at which the stop is reached")
-    force_at_stroke: Force = Field(gt=0, description="fl(D); fixes a2")
+    stroke: Length = Field(gt=0, description="D, deflection at the stop")
+    force_at_stroke: Force = Field(gt=0, description="fl(D), determines a2")
     preload: Force = Field(gt=0, description="F0")
     preload_length: Length = Field(gt=0, description="x0")
     stiffness: Stiffness = Field(gt=0, description="a1")
@@ -23,24 +23,35 @@ class GearCurve(SiModel):
     damping: Damping = Field(1e5, ge=0, description="structural damping c in c x' d/(d + x0), in contact")
     stop_stiffness: Stiffness = Field(200e6, gt=0, description="beyond the stroke")
 
+    @model_validator(mode="after")
+    def _rises(self) -> GearCurve:
+        if self.steepness(self.stroke) <= 0:
+            raise ValueError(
+                f"force_at_stroke {self.force_at_stroke:g} N is too small, the loading curve falls before the stroke; "
+                f"raise it or lower stiffness ({self.stiffness:g} N/m)"
+            )
+        return self
+
     @property
     def second_order(self) -> float:
-        """a2, from the force at the stroke [N/m²]."""
+        """Coefficient a2 from the force at the stroke [N/m²]."""
         d = self.stroke
         return (self.force_at_stroke - self.preload * d / (d + self.preload_length) - self.stiffness * d) / d**2
 
     def steepness(self, deflection: float) -> float:
-        """Slope of the loading curve [N/m]."""
+        """Return the slope of the loading curve [N/m] at a deflection [m]."""
         soft = self.preload * self.preload_length / (deflection + self.preload_length) ** 2
         return self.stiffness + 2 * self.second_order * deflection + soft
 
 
 class ClipGear(GearCurve):
-    """Draft gear of paper 000, eqs. (7)-(9): force follows the deflection between fu and fl (MT-2)."""
+    """Draft gear of paper 000, eqs. (7)-(9): force between unloading curve fu and loading curve fl (MT-2)."""
 
     kind: Literal["clip"]
-    transition_stiffness: Stiffness = Field(60e6, gt=0, description="k between the branches; above the steepest fl")
-    transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches, never beyond them")
+    transition_stiffness: Stiffness = Field(
+        60e6, gt=0, description="k between the branches; above the largest slope of fl"
+    )
+    transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches")
 
     @model_validator(mode="after")
     def _stiff_enough(self) -> ClipGear:
@@ -51,8 +62,8 @@ class ClipGear(GearCurve):
 def _check_transition(stiffness: float, steepest: float) -> None:
     if stiffness < steepest * (1 - 1e-9):
         raise ValueError(
-            f"transition_stiffness {stiffness:g} N/m is below the steepest loading of {steepest:g} N/m: the force "
-            "would never reach the loading curve; raise it"
+            f"transition_stiffness {stiffness:g} N/m is below the largest slope {steepest:g} N/m of the loading curve, "
+            "which the force could not reach; raise it"
         )
 
 
@@ -64,7 +75,7 @@ class SmoothedGear(GearCurve):
 
 
 class LinearGear(SiModel):
-    """Spring and damper (papers 002 and 004), with slack if any."""
+    """Spring and damper with optional slack (papers 002 and 004)."""
 
     kind: Literal["linear"]
     stiffness: Stiffness = Field(gt=0)
@@ -73,40 +84,40 @@ class LinearGear(SiModel):
 
 
 class RigidGear(SiModel):
-    """No relative motion; the coupler force is what holds both sides together."""
+    """Rigid coupler; its force follows from the balance of the vehicles."""
 
     kind: Literal["rigid"]
 
 
 class TableGear(SiModel):
-    """A user's own curves: loading and unloading force over deflection, joined like :class:`ClipGear`."""
+    """Tabulated loading and unloading force over the deflection, with transitions as in :class:`ClipGear`."""
 
     kind: Literal["table"]
-    deflection: tuple[Length, ...] = Field(description="rising, starting at 0")
+    deflection: tuple[Length, ...] = Field(description="rising, from 0")
     loading: tuple[Force, ...]
     unloading: tuple[Force, ...]
     slack: Length = Field(0.0, ge=0)
     damping: Damping = Field(0.0, ge=0)
     transition_stiffness: Stiffness = Field(60e6, gt=0)
-    transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches, never beyond them")
+    transition_damping: Damping = Field(0.0, ge=0, description="damping between the branches")
     stop_stiffness: Stiffness = Field(200e6, gt=0, description="beyond the last deflection")
 
     @model_validator(mode="after")
     def _curves(self) -> TableGear:
         if not len(self.deflection) == len(self.loading) == len(self.unloading) >= 2:
-            raise ValueError("deflection, loading and unloading need the same length, at least 2")
+            raise ValueError("deflection, loading and unloading need the same length of at least 2; correct them")
         if self.deflection[0] != 0 or any(b <= a for a, b in pairwise(self.deflection)):
-            raise ValueError("deflection must start at 0 and rise")
+            raise ValueError("deflection must begin at 0 and rise; correct it")
         if any(u < 0 or u > f for u, f in zip(self.unloading, self.loading, strict=True)):
-            raise ValueError("unloading must lie between 0 and loading: a gear never gives back more than it took")
+            raise ValueError("unloading must be between 0 and loading, because a gear dissipates energy; correct it")
         if self.unloading[0] > 0:
             raise ValueError(
-                f"unloading begins at {self.unloading[0]:g} N: a relaxed gear gives no force; begin it at 0 (loading "
+                f"unloading begins at {self.unloading[0]:g} N, but a relaxed gear has no force; begin it at 0 (loading "
                 "may begin at the preload)"
             )
         for name, force in (("loading", self.loading), ("unloading", self.unloading)):
             if any(b < a for a, b in pairwise(force)) or force[-1] <= 0:
-                raise ValueError(f"{name} must rise with the deflection")
+                raise ValueError(f"{name} must rise with the deflection; correct it")
         slopes = [
             (f1 - f0) / (d1 - d0) for (d0, f0), (d1, f1) in pairwise(zip(self.deflection, self.loading, strict=True))
         ]

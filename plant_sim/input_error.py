@@ -1,4 +1,4 @@
-"""Turns a failed validation into one line that names the file, the key, the value and the remedy."""
+"""Conversion of a failed validation into one line with file, key, value and remedy."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SHORT.maxother = _SHORT.maxstring = 60
 
 
 def close_match(name: str, known: Iterable[str]) -> str:
-    """Return '; did you mean ...?' for the nearest known name, or nothing."""
+    """Return the hint ``; did you mean '...'?`` with the nearest known name; empty if none is near."""
     matches = difflib.get_close_matches(str(name), [str(entry) for entry in known], n=1, cutoff=0.6)
     return f"; did you mean '{matches[0]}'?" if matches else ""
 
@@ -28,11 +28,11 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
     Parameters
     ----------
     error
-        What pydantic raised.
+        Error of pydantic.
     source
-        File that was read.
+        File of the data.
     model
-        Model it was read into: its keys are what a misspelt key is compared with.
+        Model of the data; its keys are candidates for a misspelt key.
     """
     errors = error.errors()
     first = min(errors, key=lambda entry: entry["type"] != "extra_forbidden")
@@ -63,12 +63,12 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
 
 
 def _branch_of_union(part: Any) -> bool:
-    """Tell whether a part of a place is pydantic's name of a type that was tried, and no key of the file."""
+    """Return True if a part of the location is the name of a type in a union instead of a key of the file."""
     return isinstance(part, str) and (part in ("float", "int", "str", "bool") or "[" in part)
 
 
 def _keys_at(model: type[BaseModel], path: tuple[Any, ...]) -> set[str]:
-    """Return the keys that are known at a place inside a model, unit suffixes included."""
+    """Return the keys of a model at a location, including those with unit suffixes."""
     current: set[type[BaseModel]] = {model}
     for part in path:
         below: set[type[BaseModel]] = set()

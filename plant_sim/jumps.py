@@ -1,4 +1,4 @@
-"""Parameters of the train that change during a run, once, at a time or at a place."""
+"""Changes of train parameters during a run, each once at a time or at a position."""
 
 from __future__ import annotations
 
@@ -6,32 +6,32 @@ import numpy as np
 
 from plant_sim import kernel as k
 from plant_sim.consist import Consist
-from plant_sim.packing import Arrays, lag_keep
+from plant_sim.packing import Arrays, lag_decay
 from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.totals import kinetic_energy
 
 
 class Jumps:
-    """The jumps of a setup, carried out on the kernel's arrays.
+    """Jumps of a setup, applied to the arrays of the kernel.
 
     Parameters
     ----------
     setup
-        Its jumps and the actuators' lags.
+        Jumps and lags of the actuators.
     consist, arrays
-        Of the train.
+        Data and arrays of the train.
     step_ns, tick_ns : int
         Plant step and tick [ns].
 
     Attributes
     ----------
     energy : float
-        Kinetic energy that jumps of mass brought so far [J].
+        Kinetic energy added by jumps of mass [J].
 
     Raises
     ------
     ValueError
-        If a jump lists a vehicle or unit that the train does not have.
+        If a jump lists a vehicle or unit outside the train, or multiplies shoe forces of a train without shoes.
     """
 
     def __init__(self, setup: PlantSetup, consist: Consist, arrays: Arrays, step_ns: int, tick_ns: int) -> None:
@@ -39,7 +39,7 @@ class Jumps:
         self._arrays = arrays
         vehicles = len(consist.vehicles)
         self._vehicles, self._units = vehicles, arrays.unit.shape[1]
-        self._at = np.array(consist.power_units, dtype=np.int64)
+        self._unit_vehicles = np.array(consist.power_units, dtype=np.int64)
         self._by_mass = np.array([vehicle.resistance.n is None for vehicle in consist.vehicles])
         self._step_ns, self._substeps = step_ns, tick_ns // step_ns
         self._lags = np.broadcast_to(np.array(setup.lag, dtype=np.float64), self._units).copy()
@@ -48,12 +48,12 @@ class Jumps:
             for what, listed, count in (("vehicle", jump.vehicles, vehicles), ("unit", jump.units, self._units)):
                 wrong = [i for i in listed or () if not 0 <= i < count]
                 if wrong:
-                    raise ValueError(f"jumps lists {what} {wrong[0]}: the train has {what}s 0 ... {count - 1}")
+                    raise ValueError(f"jumps lists {what} {wrong[0]}: not in the train; give 0 ... {count - 1}")
             if jump.what == "brake" and not arrays.vehicle[k.SHOE].any():
-                raise ValueError("a jump of brake multiplies the shoe forces, and the train has no shoes; leave it out")
+                raise ValueError("a jump of brake multiplies the shoe forces, but the train has no shoes; remove it")
 
     def steps(self, stamp: int) -> list[int]:
-        """Return the steps of the tick from ``stamp`` [ns] on before which jumps are due; 0 for a place passed."""
+        """Return the plant steps of the tick from ``stamp`` [ns] on before which jumps are due."""
         steps = set()
         for jump in self._waiting:
             if jump.at is None:
@@ -66,7 +66,7 @@ class Jumps:
         return sorted(steps)
 
     def apply(self, stamp: int, step: int) -> None:
-        """Carry out what is due before a step of the tick from ``stamp`` [ns] on."""
+        """Apply the jumps that are due before a plant step of the tick from ``stamp`` [ns] on."""
         now = stamp + step * self._step_ns
         for jump in list(self._waiting):
             due = step == 0 and self._passed(jump) if jump.at is None else round(jump.at * 1e9) <= now
@@ -84,10 +84,10 @@ class Jumps:
         vehicles = list(range(self._vehicles)) if jump.vehicles is None else list(jump.vehicles)
         units = list(range(self._units)) if jump.units is None else list(jump.units)
         if jump.what == "mass":
-            a.vehicle[np.ix_((k.MASS, k.WEIGHT, k.HOLD), vehicles)] *= jump.factor
-            lighter = [i for i in vehicles if self._by_mass[i]]
-            a.vehicle[np.ix_(np.array([k.C0, k.C1, k.C2]), np.array(lighter, dtype=np.int64))] *= jump.factor
-            a.unit[k.ADHESION_WEIGHT, np.isin(self._at, vehicles)] *= jump.factor
+            a.vehicle[np.ix_((k.MASS, k.WEIGHT, k.HOLD_CAPACITY), vehicles)] *= jump.factor
+            scaled = [i for i in vehicles if self._by_mass[i]]
+            a.vehicle[np.ix_(np.array([k.C0, k.C1, k.C2]), np.array(scaled, dtype=np.int64))] *= jump.factor
+            a.unit[k.ADHESION_WEIGHT, np.isin(self._unit_vehicles, vehicles)] *= jump.factor
             a.vehicle[k.INVERSE_MASS] = 1.0 / a.vehicle[k.MASS]
             k.locate(a.state, a.vehicle, a.vehicle_index, a.piece)
         elif jump.what == "resistance":
@@ -98,7 +98,7 @@ class Jumps:
             a.unit[k.GAIN, units] *= jump.factor
         elif jump.what == "adhesion":
             a.unit[k.ADHESION, units] *= jump.factor
-            a.vehicle[k.RAIL, slice(None) if jump.units is None else self._at[units]] *= jump.factor
+            a.vehicle[k.RAIL, slice(None) if jump.units is None else self._unit_vehicles[units]] *= jump.factor
         else:
             self._lags[units] *= jump.factor
-            a.unit[k.LAG_KEEP] = lag_keep(self._lags, self._step_ns * 1e-9)
+            a.unit[k.LAG_DECAY] = lag_decay(self._lags, self._step_ns * 1e-9)

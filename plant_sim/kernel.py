@@ -1,11 +1,11 @@
-"""The compiled heart of the plant: one tick of the multi-mass train, many small steps at a time.
+"""Compiled integration of the multi-mass train over one tick, in many small steps.
 
-Scheme: symplectic Euler (speed first, position with the new speed).  Dry friction is implicit: the speed is advanced
-without it, then its impulse may only bring the speed towards 0, so that it never creeps, reverses or rolls back.
-Powers are taken at the mean of the old and the new speed, so the energies close to rounding.
+Scheme: symplectic Euler (speed first, position with the new speed). Dry friction is implicit: the speed is advanced
+without it, then its impulse brings the speed towards 0 and never beyond, so a train at rest does not creep or roll
+back. Powers are taken at the mean of the old and the new speed, so the energy balance closes to rounding.
 
-All compiled code and all row names stand in this one file: numba's cache notices changes of this file only.
-Arrays are two-dimensional, one quantity per row, because every argument of a compiled function costs time.
+All compiled code and all row names are in this file, because the cache of numba detects changes of this file only.
+Arrays are two-dimensional with one quantity per row, because every argument of a compiled function costs time.
 """
 
 # mypy: allow-untyped-defs
@@ -17,30 +17,35 @@ from math import copysign
 from plant_sim.compiled import compiled
 
 # Rows of `vehicle` (constants), one column per vehicle.
-INVERSE_MASS, MASS, WEIGHT, C0, C1, C2, SHOE, HOLD, GAP, PIPE_DISTANCE, RAIL = range(11)
+INVERSE_MASS, MASS, WEIGHT, C0, C1, C2, SHOE, HOLD_CAPACITY, GAP, PIPE_DISTANCE, RAIL = range(11)
 VEHICLE_ROWS = 11
-# Rows of `state`; column i is vehicle i, one column more than vehicles.  COUPLER: column i + 1 is behind vehicle i.
+# Rows of `state`; column i is vehicle i, one column more than vehicles.
+# COUPLER: force of the coupler behind vehicle i in column i + 1.
+# DRIVE_FORCE: traction and outside force. BRAKE_CAPACITY: electric brake force, a dry friction capacity.
+# FRICTION_SHARE: part of the friction capacity that acts in this step, with its sign. DISPLACEMENT: of this step.
 (
-    X, V, DRIFT, XDOT, COUPLER, PUSH, EXTRA, GRADE_A, GRADE_B, CURVE, PIECE_BEGIN, PIECE_END,
-    CYLINDER, TARGET, RESERVOIR, SUPPLY, SHOE_FORCE, SLIDE, MID,
+    X, V, DRIFT, XDOT, COUPLER, DRIVE_FORCE, BRAKE_CAPACITY, GRADE_A, GRADE_B, CURVE, PIECE_BEGIN, PIECE_END,
+    CYLINDER, TARGET, RESERVOIR, SUPPLY, SHOE_FORCE, FRICTION_SHARE, DISPLACEMENT,
     WORK_RUNNING, WORK_GRADE, WORK_CURVE, WORK_COUPLER, WORK_AIR, WORK_HOLD, WORK_OUTSIDE,
 ) = range(26)  # fmt: skip
 STATE_ROWS = 26
 # Rows of `vehicle_index` (integers).
 PIECE, NEWEST, ORDER = range(3)
 VEHICLE_INDEX_ROWS = 3
-# Rows of `gear`; column i is the coupling behind vehicle i.
+# Rows of `gear`; column i is the coupler behind vehicle i.
+# HYSTERESIS_FORCE, HYSTERESIS_DEFLECTION: force between the branches and deflection at the last step.
+# TRANSITION_DAMPING: damping between the branches. DRAFT, BUFF: extremes of the force.
 (
     HALF_SLACK, STIFFNESS, DAMPING, F0, X0, A1, A2, RATIO, STROKE, STOP, INVERSE_VE, TABLE,
-    HELD_FORCE, HELD_DEFLECTION, DRAFT, BUFF, LOCKED,
+    HYSTERESIS_FORCE, HYSTERESIS_DEFLECTION, DRAFT, BUFF, TRANSITION_DAMPING,
 ) = range(17)  # fmt: skip
 GEAR_ROWS = 17
 # Kinds of draft gear; `run` lists (first, end, kind) of consecutive equal ones.
 LINEAR, CLIP, SMOOTHED, TABULATED, RIGID = range(5)
-# Rows of `unit` and of `unit_index`.
+# Rows of `unit` and of `unit_index`. LAG_DECAY: part of a deviation that the lag leaves after one step.
 (
-    GAIN, DEAD_BAND, RATE_STEP, LAG_KEEP, FORCE_LIMIT, ADHESION_WEIGHT, ADHESION, ADHESION_BY_SPEED,
-    RATED, LAGGED, APPLIED, SATURATED, WORK_TRACTION, WORK_REGENERATED,
+    GAIN, DEAD_BAND, RATE_STEP, LAG_DECAY, FORCE_LIMIT, ADHESION_WEIGHT, ADHESION, ADHESION_BY_SPEED,
+    RATED, LAGGED, APPLIED, SATURATED_TIME, WORK_TRACTION, WORK_REGENERATED,
 ) = range(14)  # fmt: skip
 UNIT_ROWS = 14
 UNIT_VEHICLE, TRACTION_FIRST, TRACTION_END, BRAKE_FIRST, BRAKE_END = range(5)
@@ -48,25 +53,31 @@ UNIT_INDEX_ROWS = 5
 # Columns of `envelope` (one row per segment) and rows of `piece` (one column per piece of line).
 SEGMENT_END, SEGMENT_FORCE, SEGMENT_SLOPE, SEGMENT_POWER = range(4)
 BEGIN, END, GRADE, GRADE_SLOPE, DRY_PER_WEIGHT = range(5)
-# Rows of `event`: brake-pipe events under way.
+# Rows of `event`: brake-pipe events that have not reached every vehicle.
 ISSUED, WAVE, LEVEL, REACHED, NUMBER = range(5)
-# Entries of `setting`.
+# Entries of `setting`. APPLY_DECAY, RELEASE_DECAY: part of a deviation that the cylinders keep after one step.
 (
-    REVERSING, HOLD_SPEED, APPLY_KEEP, RELEASE_KEEP, RESERVOIR_USE, RECHARGE, FULL_LEVEL,
-    SATURATED_ANY, HAS_DRIFT, SLIPPERY, RAIL_BY_SPEED,
+    REVERSING, HOLD_SPEED, APPLY_DECAY, RELEASE_DECAY, RESERVOIR_USE, RECHARGE, FULL_LEVEL,
+    SATURATED_TIME_ANY, HAS_DRIFT, ADHESION_LIMITED, RAIL_BY_SPEED,
 ) = range(11)  # fmt: skip
 SETTINGS = 11
 
-SMALLEST_POWER_SPEED = 0.1  # m/s; below it power / v is taken at this speed
+MIN_POWER_SPEED = 0.1  # m/s; below it power / v is taken at this speed, as in plant_sim.traction
 IDLE_CYLINDER = 1e-6  # braking factor below which a releasing cylinder counts as empty
+FULL_RESERVOIR = 1.0 - 1e-9  # filling above which a reservoir counts as full
+KMH = 3.6  # km/h per m/s
+# Speed factor (2 V + 150)/(3 V + 150) of the shoe friction, V in km/h: paper 000, eqs. (11), (12).
+SHOE_A, SHOE_B, SHOE_SPEED = 2.0, 3.0, 150.0
+# Adhesion 0.161 + 7.5/(V + 44), V in km/h, after Curtius and Kniffler.
+ADHESION_HIGH_SPEED, ADHESION_SLOPE, ADHESION_SPEED = 0.161, 7.5, 44.0
 
 
 @compiled
 def _linear(x, v, gap, force, half_slack, stiffness, damping):
     """Spring and damper beyond the slack (papers 002 and 004).
 
-    Usable step: 10 ms for 20-98 MN/m between wagons of 100 t (largest force within 0.1 % of that at 0.25 ms); with
-    slack and little damping single couplings rattle differently at every step, the largest force stays.
+    Usable step: 10 ms for 20-98 MN/m between wagons of 100 t (largest force within 0.1 % of that at 0.25 ms). With
+    slack and little damping the rattling of single couplers depends on the step; the largest force does not.
     """
     for i in range(len(gap)):
         deflection = x[i] - x[i + 1] - gap[i]
@@ -77,13 +88,13 @@ def _linear(x, v, gap, force, half_slack, stiffness, damping):
 
 
 @compiled
-def _clip(x, v, gap, force, half_slack, k, c, f0, x0, a1, a2, ratio, stroke, stop, locked, held, held_d):
-    """Paper 000, eqs. (7)-(9): the held force moves with stiffness k between the unloading and the loading branch.
+def _clip(x, v, gap, force, half_slack, k, c, f0, x0, a1, a2, ratio, stroke, stop, transition, memory, memory_d):
+    """Spring of stiffness k between the unloading and the loading branch: paper 000, eqs. (7)-(9).
 
-    The stop beyond the stroke is elastic and stands beside the held force, which keeps its value there.  Between the
-    branches the law is a spring without loss, so that a pull rings on for minutes; a damping that acts there alone
-    (none in the paper) ends it without touching the branches.
-    Usable step: 10 ms (largest force of 106 vehicles within 0.1 % of that at 0.25 ms, any coupling within 1 kN).
+    Beyond the stroke an elastic stop adds its force, and the force of the branches keeps its value. Between the
+    branches the law of the paper is a spring without loss, and a longitudinal wave lasts for minutes; the transition
+    damping acts only there (0 in the paper) and does not change the branches.
+    Usable step: 10 ms (largest force of 106 vehicles within 0.1 % of that at 0.25 ms, any coupler within 1 kN).
     """
     for i in range(len(gap)):
         deflection = x[i] - x[i + 1] - gap[i]
@@ -92,22 +103,22 @@ def _clip(x, v, gap, force, half_slack, k, c, f0, x0, a1, a2, ratio, stroke, sto
         d = min(beyond, stroke[i])
         q = d / (d + x0[i])
         loading = f0[i] * q + d * (a1[i] + a2[i] * d)
-        h = max(side * held[i], 0.0) + k[i] * (d - max(side * held_d[i], 0.0))
+        h = max(side * memory[i], 0.0) + k[i] * (d - max(side * memory_d[i], 0.0))
         h = min(max(h, ratio[i] * loading), loading)
-        held[i] = side * h
-        held_d[i] = side * d
+        memory[i] = side * h
+        memory_d[i] = side * d
         rate = v[i] - v[i + 1]
-        h = min(max(h + side * locked[i] * rate, ratio[i] * loading), loading)
+        h = min(max(h + side * transition[i] * rate, ratio[i] * loading), loading)
         force[i] = side * (h + stop[i] * (beyond - d)) + c[i] * q * rate
 
 
 @compiled
 def _smoothed(x, v, gap, force, half_slack, c, f0, x0, a1, a2, ratio, stroke, stop, inverse_ve):
-    """Paper 000, eq. (6) without its factor sgn(dv): branches joined over the switching speed.
+    """Branches joined over the switching speed: paper 000, eq. (6) without its factor sgn(dv).
 
-    The stiff one: inside the switching speed ve it is a damper of (1 - r) fl / (2 ve).  Usable step: 5 ms with ve =
-    0.02 m/s, behind the locomotive to 1.7 MN, on every coupling to 0.5 MN; at 10 ms the latter chatters and gives 1.6
-    times the true force.
+    Inside the switching speed ve the gear is a damper of (1 - r) fl / (2 ve), which limits the step. Usable step: 5 ms
+    with ve = 0.02 m/s, behind the locomotive up to 1.7 MN, on every coupler up to 0.5 MN; at 10 ms the latter
+    chatters and gives 1.6 times the true force.
     """
     for i in range(len(gap)):
         deflection = x[i] - x[i + 1] - gap[i]
@@ -123,8 +134,8 @@ def _smoothed(x, v, gap, force, half_slack, c, f0, x0, a1, a2, ratio, stroke, st
 
 
 @compiled
-def _tabulated(x, v, gap, force, half_slack, k, c, stroke, stop, which, table, locked, held, held_d):
-    """Join a user's loading and unloading curves as in :func:`_clip`; usable step as there."""
+def _tabulated(x, v, gap, force, half_slack, k, c, stroke, stop, which, table, transition, memory, memory_d):
+    """Spring between tabulated loading and unloading curves, as in :func:`_clip`; the same usable step."""
     for i in range(len(gap)):
         deflection = x[i] - x[i + 1] - gap[i]
         side = copysign(1.0, deflection)
@@ -137,21 +148,21 @@ def _tabulated(x, v, gap, force, half_slack, k, c, stroke, stop, which, table, l
         share = (d - curve[0, j - 1]) / (curve[0, j] - curve[0, j - 1])
         loading = curve[1, j - 1] + share * (curve[1, j] - curve[1, j - 1])
         unloading = curve[2, j - 1] + share * (curve[2, j] - curve[2, j - 1])
-        h = max(side * held[i], 0.0) + k[i] * (d - max(side * held_d[i], 0.0))
+        h = max(side * memory[i], 0.0) + k[i] * (d - max(side * memory_d[i], 0.0))
         h = min(max(h, unloading), loading)
         if beyond == 0.0 and half_slack[i] > 0.0:
             h = 0.0
-        held[i] = side * h
-        held_d[i] = side * d
+        memory[i] = side * h
+        memory_d[i] = side * d
         rate = v[i] - v[i + 1]
         contact = 1.0 if beyond > 0.0 or half_slack[i] == 0.0 else 0.0
-        h = min(max(h + side * locked[i] * rate, unloading), loading) * contact
+        h = min(max(h + side * transition[i] * rate, unloading), loading) * contact
         force[i] = side * (h + stop[i] * (beyond - d)) + c[i] * contact * rate
 
 
 @compiled
-def couplers(x, v, state, vehicle, gear, table, run):
-    """Force of every coupling but the rigid ones, which :func:`_bodies` recovers from the balance."""
+def coupler_forces(x, v, state, vehicle, gear, table, run):
+    """Compute the force of every coupler; those of rigid couplers follow in :func:`_bodies`."""
     for r in range(run.shape[0]):
         a, b, kind = run[r, 0], run[r, 1], run[r, 2]
         xs, vs = x[a : b + 1], v[a : b + 1]
@@ -159,38 +170,26 @@ def couplers(x, v, state, vehicle, gear, table, run):
         force = state[COUPLER, a + 1 : b + 1]
         slack, c = gear[HALF_SLACK, a:b], gear[DAMPING, a:b]
         k, stroke, stop = gear[STIFFNESS, a:b], gear[STROKE, a:b], gear[STOP, a:b]
-        held, held_d = gear[HELD_FORCE, a:b], gear[HELD_DEFLECTION, a:b]
+        memory, memory_d = gear[HYSTERESIS_FORCE, a:b], gear[HYSTERESIS_DEFLECTION, a:b]
+        transition = gear[TRANSITION_DAMPING, a:b]
         f0, x0, a1, a2, ratio = gear[F0, a:b], gear[X0, a:b], gear[A1, a:b], gear[A2, a:b], gear[RATIO, a:b]
         if kind == CLIP:
-            _clip(xs, vs, gap, force, slack, k, c, f0, x0, a1, a2, ratio, stroke, stop, gear[LOCKED, a:b], held, held_d)
+            _clip(xs, vs, gap, force, slack, k, c, f0, x0, a1, a2, ratio, stroke, stop, transition, memory, memory_d)
         elif kind == LINEAR:
             _linear(xs, vs, gap, force, slack, k, c)
         elif kind == SMOOTHED:
             _smoothed(xs, vs, gap, force, slack, c, f0, x0, a1, a2, ratio, stroke, stop, gear[INVERSE_VE, a:b])
         elif kind == TABULATED:
             _tabulated(
-                xs, vs, gap, force, slack, k, c, stroke, stop, gear[TABLE, a:b], table, gear[LOCKED, a:b], held, held_d
+                xs, vs, gap, force, slack, k, c, stroke, stop, gear[TABLE, a:b], table, transition, memory, memory_d
             )
         else:
             force[:] = 0.0
 
 
 @compiled
-def force_along(deflection, rate, state, vehicle, gear, table, run):
-    """Force of the first coupling of a two-vehicle train along a path of deflections and rates."""
-    force = deflection.copy()
-    x, v = state[X], state[V]
-    for j in range(len(deflection)):
-        x[0] = x[1] + vehicle[GAP, 0] + deflection[j]
-        v[0] = v[1] + rate[j]
-        couplers(x, v, state, vehicle, gear, table, run)
-        force[j] = state[COUPLER, 1]
-    return force
-
-
-@compiled
 def _extremes(force, draft, buff):
-    """Keep the largest draft and buff force of every coupling."""
+    """Update the largest draft and buff force of every coupler."""
     for i in range(len(force)):
         draft[i] = max(draft[i], force[i])
         buff[i] = min(buff[i], force[i])
@@ -198,25 +197,25 @@ def _extremes(force, draft, buff):
 
 @compiled
 def _envelope(envelope, first, end, speed):
-    """Largest force of a power unit at a speed >= 0; 0 beyond its last segment."""
+    """Return the largest force of a power unit at a speed >= 0; 0 beyond its last segment."""
     for s in range(first, end):
         if speed <= envelope[s, SEGMENT_END]:
             force = envelope[s, SEGMENT_FORCE] + envelope[s, SEGMENT_SLOPE] * speed
             if envelope[s, SEGMENT_POWER] > 0.0:
-                force += envelope[s, SEGMENT_POWER] / max(speed, SMALLEST_POWER_SPEED)
+                force += envelope[s, SEGMENT_POWER] / max(speed, MIN_POWER_SPEED)
             return max(force, 0.0)
     return 0.0
 
 
 @compiled
 def _adhesion_factor(by_speed, speed):
-    """Return the adhesion at a speed >= 0 over that of the setup, after Curtius and Kniffler or constant."""
-    return 0.161 + 7.5 / (3.6 * speed + 44.0) if by_speed else 1.0
+    """Return the factor on the adhesion of the setup at a speed >= 0: after Curtius and Kniffler, or 1."""
+    return ADHESION_HIGH_SPEED + ADHESION_SLOPE / (KMH * speed + ADHESION_SPEED) if by_speed else 1.0
 
 
 @compiled
 def _limits(u, speed, unit, unit_index, envelope, reversing):
-    """Lowest and highest force of unit u at a speed: envelope, force limit, adhesion."""
+    """Return the lowest and highest force of unit u at a speed: envelope, force limit, adhesion."""
     size = abs(speed)
     high = _envelope(envelope, unit_index[TRACTION_FIRST, u], unit_index[TRACTION_END, u], size)
     low = _envelope(envelope, unit_index[BRAKE_FIRST, u], unit_index[BRAKE_END, u], size)
@@ -232,13 +231,13 @@ def _limits(u, speed, unit, unit_index, envelope, reversing):
 
 @compiled
 def _units(demand, dt, state, unit, unit_index, envelope, setting):
-    """Turn the commands that are due into forces: gain, dead band, limits, rate, lag, limits.
+    """Convert the commands that are due into forces: gain, dead band, limits, rate, lag, limits.
 
-    A force that drives goes to PUSH; one that brakes goes to EXTRA, a friction capacity, and so never reverses the
-    motion.  With `reversing` a negative force drives backwards and all of it is PUSH.
+    A driving force is added to DRIVE_FORCE; a braking force is added to BRAKE_CAPACITY, a friction capacity, and so
+    never reverses the motion. With `reversing` a negative force drives backwards, and all of it is DRIVE_FORCE.
     """
     reversing = setting[REVERSING] > 0.0
-    cut = False
+    saturated = False
     for u in range(unit.shape[1]):
         i = unit_index[UNIT_VEHICLE, u]
         low, high = _limits(u, state[V, i], unit, unit_index, envelope, reversing)
@@ -246,33 +245,33 @@ def _units(demand, dt, state, unit, unit_index, envelope, setting):
         if abs(wanted) < unit[DEAD_BAND, u]:
             wanted = 0.0
         if (wanted > high or wanted < low) and abs(state[V, i]) >= setting[HOLD_SPEED]:
-            unit[SATURATED, u] += dt
-            cut = True
+            unit[SATURATED_TIME, u] += dt
+            saturated = True
         wanted = min(max(wanted, low), high)
         step = unit[RATE_STEP, u]
         rated = min(max(wanted, unit[RATED, u] - step), unit[RATED, u] + step)
         unit[RATED, u] = rated
-        lagged = rated + unit[LAG_KEEP, u] * (unit[LAGGED, u] - rated)
+        lagged = rated + unit[LAG_DECAY, u] * (unit[LAGGED, u] - rated)
         lagged = min(max(lagged, low), high)
         unit[LAGGED, u] = lagged
         if lagged >= 0.0 or reversing:
-            state[PUSH, i] += lagged
+            state[DRIVE_FORCE, i] += lagged
         else:
-            state[EXTRA, i] -= lagged
-    if cut:
-        setting[SATURATED_ANY] += dt
+            state[BRAKE_CAPACITY, i] -= lagged
+    if saturated:
+        setting[SATURATED_TIME_ANY] += dt
 
 
 @compiled
 def _units_account(state, unit, unit_index, reversing):
-    """Find the applied force and its work, once the friction share of this step is known."""
+    """Compute the applied force and its work from the friction share of this step."""
     for u in range(unit.shape[1]):
         i = unit_index[UNIT_VEHICLE, u]
         force = unit[LAGGED, u]
         if force < 0.0 and not reversing:
-            force = -force * state[SLIDE, i]
+            force = -force * state[FRICTION_SHARE, i]
         unit[APPLIED, u] = force
-        work = force * state[MID, i]
+        work = force * state[DISPLACEMENT, i]
         if work >= 0.0:
             unit[WORK_TRACTION, u] += work
         else:
@@ -281,16 +280,16 @@ def _units_account(state, unit, unit_index, reversing):
 
 @compiled
 def _no_demand(demand, reversing):
-    """Whether no command that is due asks for motion."""
-    asked = 0
+    """Return True if no command that is due drives the train."""
+    driving = 0
     for u in range(len(demand)):
-        asked += demand[u] > 0.0 or (reversing and demand[u] < 0.0)
-    return asked == 0
+        driving += demand[u] > 0.0 or (reversing and demand[u] < 0.0)
+    return driving == 0
 
 
 @compiled
 def _standing(v, mass, limit):
-    """Whether the train as a whole (its mean speed by mass) is slower than the limit."""
+    """Return True if the mean speed of the train, weighted by mass, is below the limit."""
     momentum, total = 0.0, 0.0
     for i in range(len(mass)):
         momentum += mass[i] * v[i]
@@ -300,10 +299,10 @@ def _standing(v, mass, limit):
 
 @compiled
 def _waves(t, events, event, state, vehicle, vehicle_index, setting):
-    """Move the brake-pipe waves: a vehicle obeys the newest event that has reached it (paper 000, section 1.2).
+    """Move the brake-pipe waves; the newest event that has reached a vehicle sets its level (paper 000, section 1.2).
 
-    A reservoir that was not full when the application began gives every level in that proportion, and what a rise of
-    the level takes from it cannot exceed what it holds; a lower level only lets air out of the cylinder.
+    A reservoir that was not full at the start of the application reduces every level in that proportion. A rise of the
+    level takes air from the reservoir, at most its content; a lower level only empties the cylinder.
     """
     n = vehicle_index.shape[1]
     for e in range(events):
@@ -331,27 +330,27 @@ def _waves(t, events, event, state, vehicle, vehicle_index, setting):
 
 @compiled
 def _cylinders(state, vehicle, setting):
-    """Fill and empty the cylinders, recharge the reservoirs, find the shoe forces; return whether any is in use."""
+    """Move cylinders and reservoirs, compute the shoe forces; return True if any vehicle brakes or recharges."""
     cylinder, target, reservoir = state[CYLINDER], state[TARGET], state[RESERVOIR]
     v, shoe_force, shoe = state[V], state[SHOE_FORCE], vehicle[SHOE]
     active = False
     for i in range(len(shoe)):
-        keep = setting[APPLY_KEEP] if target[i] > cylinder[i] else setting[RELEASE_KEEP]
-        cylinder[i] = target[i] + keep * (cylinder[i] - target[i])
+        decay = setting[APPLY_DECAY] if target[i] > cylinder[i] else setting[RELEASE_DECAY]
+        cylinder[i] = target[i] + decay * (cylinder[i] - target[i])
         if target[i] == 0.0:
             reservoir[i] += setting[RECHARGE] * (1.0 - reservoir[i])
             if cylinder[i] < IDLE_CYLINDER:
                 cylinder[i] = 0.0
-        active = active or cylinder[i] > 0.0 or target[i] > 0.0 or reservoir[i] < 1.0 - 1e-9
-        speed = 3.6 * abs(v[i])
-        shoe_force[i] = shoe[i] * cylinder[i] * (2.0 * speed + 150.0) / (3.0 * speed + 150.0)
+        active = active or cylinder[i] > 0.0 or target[i] > 0.0 or reservoir[i] < FULL_RESERVOIR
+        speed = KMH * abs(v[i])
+        shoe_force[i] = shoe[i] * cylinder[i] * (SHOE_A * speed + SHOE_SPEED) / (SHOE_B * speed + SHOE_SPEED)
     return active
 
 
 @compiled
 def _slide_protection(state, vehicle, by_speed):
-    """Cut the shoe forces to what the rails take, less what the electric brake of the same vehicle takes of it."""
-    v, shoe_force, electric = state[V], state[SHOE_FORCE], state[EXTRA]
+    """Limit the shoe forces to the adhesion that the electric brake of the same vehicle leaves."""
+    v, shoe_force, electric = state[V], state[SHOE_FORCE], state[BRAKE_CAPACITY]
     rail, weight = vehicle[RAIL], vehicle[WEIGHT]
     for i in range(len(rail)):
         most = rail[i] * weight[i] * _adhesion_factor(by_speed, abs(v[i])) - electric[i]
@@ -363,108 +362,120 @@ def _outside(k, state, outside, outside_vehicle):
     """Add the outside forces F + G v and set the drift speeds of the listed vehicles."""
     for j in range(len(outside_vehicle)):
         i = outside_vehicle[j]
-        state[PUSH, i] += outside[0, k, j] + outside[1, k, j] * state[V, i]
+        state[DRIVE_FORCE, i] += outside[0, k, j] + outside[1, k, j] * state[V, i]
         state[DRIFT, i] = outside[2, k, j]
 
 
 @compiled
 def _outside_account(k, v_before, state, outside, outside_vehicle):
-    """Work of the outside forces at the mean speed."""
+    """Add up the work of the outside forces at the mean speed."""
     for j in range(len(outside_vehicle)):
         i = outside_vehicle[j]
-        state[WORK_OUTSIDE, i] += (outside[0, k, j] + outside[1, k, j] * v_before[j]) * state[MID, i]
+        state[WORK_OUTSIDE, i] += (outside[0, k, j] + outside[1, k, j] * v_before[j]) * state[DISPLACEMENT, i]
 
 
 @compiled
-def _speeds(dt, held, braked, state, vehicle):
-    """Give every vehicle its new speed, dry friction implicit, and add up the work of every force."""
-    x, v, force, push, extra = state[X], state[V], state[COUPLER], state[PUSH], state[EXTRA]
+def _speeds(dt, holding_on, braked, state, vehicle):
+    """Compute the new speed of every vehicle, dry friction implicit, and add up the work of every force."""
+    x, v, force, drive, brake = state[X], state[V], state[COUPLER], state[DRIVE_FORCE], state[BRAKE_CAPACITY]
     grade_a, grade_b, curve, shoe_force = state[GRADE_A], state[GRADE_B], state[CURVE], state[SHOE_FORCE]
-    slide, middle = state[SLIDE], state[MID]
+    friction_share, displacement = state[FRICTION_SHARE], state[DISPLACEMENT]
     running, climbing, curving, coupling = (
         state[WORK_RUNNING],
         state[WORK_GRADE],
         state[WORK_CURVE],
         state[WORK_COUPLER],
     )
-    inverse_mass, c0, c1, c2, hold = vehicle[INVERSE_MASS], vehicle[C0], vehicle[C1], vehicle[C2], vehicle[HOLD]
+    inverse_mass, c0, c1, c2, hold = (
+        vehicle[INVERSE_MASS],
+        vehicle[C0],
+        vehicle[C1],
+        vehicle[C2],
+        vehicle[HOLD_CAPACITY],
+    )
     for i in range(len(c0)):
         before = v[i]
         viscous = -before * (c1[i] + c2[i] * abs(before))
         grade = grade_a[i] + grade_b[i] * x[i]
         couplers = force[i] - force[i + 1]
         step = dt * inverse_mass[i]
-        free = before + step * (couplers + grade + viscous + push[i])
-        stop = step * (c0[i] + curve[i] + extra[i] + shoe_force[i] + held * hold[i])
+        free = before + step * (couplers + grade + viscous + drive[i])
+        stop = step * (c0[i] + curve[i] + brake[i] + shoe_force[i] + holding_on * hold[i])
         size = abs(free)
         after = copysign(max(size - stop, 0.0), free)
         share = 1.0 if size >= stop else size / stop
         sliding = -copysign(share, free)
-        mid = 0.5 * dt * (before + after)
-        dry = sliding * mid
-        running[i] += viscous * mid + c0[i] * dry
-        climbing[i] += grade * mid
+        moved = 0.5 * dt * (before + after)
+        dry = sliding * moved
+        running[i] += viscous * moved + c0[i] * dry
+        climbing[i] += grade * moved
         curving[i] += curve[i] * dry
-        coupling[i] += couplers * mid
-        slide[i] = sliding
-        middle[i] = mid
+        coupling[i] += couplers * moved
+        friction_share[i] = sliding
+        displacement[i] = moved
         v[i] = after
-    if braked or held > 0.0:
+    if braked or holding_on > 0.0:
         air, holding = state[WORK_AIR], state[WORK_HOLD]
         for i in range(len(c0)):
-            air[i] += shoe_force[i] * slide[i] * middle[i]
-            holding[i] += held * hold[i] * slide[i] * middle[i]
+            air[i] += shoe_force[i] * friction_share[i] * displacement[i]
+            holding[i] += holding_on * hold[i] * friction_share[i] * displacement[i]
 
 
 @compiled
-def _body_sums(a, b, held, state, vehicle):
-    """Mass, force (without dry friction) and dry capacity of the rigid body of vehicles a ... b-1."""
+def _body_sums(a, b, holding_on, state, vehicle):
+    """Return mass, force without dry friction, and friction capacity of the rigid body of vehicles a ... b-1."""
     mass, force, dry = 0.0, 0.0, 0.0
     for i in range(a, b):
         v = state[V, i]
         mass += vehicle[MASS, i]
-        force += state[GRADE_A, i] + state[GRADE_B, i] * state[X, i] + state[PUSH, i]
+        force += state[GRADE_A, i] + state[GRADE_B, i] * state[X, i] + state[DRIVE_FORCE, i]
         force -= v * (vehicle[C1, i] + vehicle[C2, i] * abs(v))
-        dry += vehicle[C0, i] + state[CURVE, i] + state[EXTRA, i] + state[SHOE_FORCE, i] + held * vehicle[HOLD, i]
+        dry += (
+            vehicle[C0, i]
+            + state[CURVE, i]
+            + state[BRAKE_CAPACITY, i]
+            + state[SHOE_FORCE, i]
+            + holding_on * vehicle[HOLD_CAPACITY, i]
+        )
     return mass, force + state[COUPLER, a] - state[COUPLER, b], dry
 
 
 @compiled
-def _bodies(dt, held, state, vehicle, gear, body):
-    """As :func:`_speeds` for a train with rigid couplings; their forces follow from each vehicle's balance."""
+def _bodies(dt, holding_on, state, vehicle, gear, body):
+    """Compute speeds and works of rigid bodies as :func:`_speeds`; coupler forces follow from the balances."""
     for index in range(len(body) - 1):
         a, b = body[index], body[index + 1]
-        mass, force, capacity = _body_sums(a, b, held, state, vehicle)
+        mass, force, capacity = _body_sums(a, b, holding_on, state, vehicle)
         before = state[V, a]
         free = before + dt * force / mass
         stop = dt * capacity / mass
         size = abs(free)
         after = copysign(max(size - stop, 0.0), free)
         sliding = -copysign(1.0 if size >= stop else size / stop, free)
-        mid = 0.5 * dt * (before + after)
+        moved = 0.5 * dt * (before + after)
         acceleration = (after - before) / dt
         for i in range(a, b):
             viscous = -before * (vehicle[C1, i] + vehicle[C2, i] * abs(before))
             grade = state[GRADE_A, i] + state[GRADE_B, i] * state[X, i]
-            holding = held * vehicle[HOLD, i]
-            dry = vehicle[C0, i] + state[CURVE, i] + state[EXTRA, i] + state[SHOE_FORCE, i] + holding
-            own = viscous + grade + state[PUSH, i] + sliding * dry
+            holding = holding_on * vehicle[HOLD_CAPACITY, i]
+            dry = vehicle[C0, i] + state[CURVE, i] + state[BRAKE_CAPACITY, i] + state[SHOE_FORCE, i] + holding
+            own = viscous + grade + state[DRIVE_FORCE, i] + sliding * dry
             if i < b - 1:
                 state[COUPLER, i + 1] = state[COUPLER, i] + own - vehicle[MASS, i] * acceleration
-            state[WORK_RUNNING, i] += (viscous + vehicle[C0, i] * sliding) * mid
-            state[WORK_GRADE, i] += grade * mid
-            state[WORK_CURVE, i] += state[CURVE, i] * sliding * mid
-            state[WORK_AIR, i] += state[SHOE_FORCE, i] * sliding * mid
-            state[WORK_HOLD, i] += holding * sliding * mid
-            state[WORK_COUPLER, i] += (state[COUPLER, i] - state[COUPLER, i + 1]) * mid
-            state[SLIDE, i] = sliding
-            state[MID, i] = mid
+            state[WORK_RUNNING, i] += (viscous + vehicle[C0, i] * sliding) * moved
+            state[WORK_GRADE, i] += grade * moved
+            state[WORK_CURVE, i] += state[CURVE, i] * sliding * moved
+            state[WORK_AIR, i] += state[SHOE_FORCE, i] * sliding * moved
+            state[WORK_HOLD, i] += holding * sliding * moved
+            state[WORK_COUPLER, i] += (state[COUPLER, i] - state[COUPLER, i + 1]) * moved
+            state[FRICTION_SHARE, i] = sliding
+            state[DISPLACEMENT, i] = moved
             state[V, i] = after
 
 
 @compiled
 def _positions(dt, n, state):
-    """Move with the new speed; return how many vehicles left their piece of line."""
+    """Advance the positions with the new speed; return the number of vehicles that left their piece of line."""
     x, v, drift, begin, end = state[X], state[V], state[DRIFT], state[PIECE_BEGIN], state[PIECE_END]
     left = 0
     for i in range(n):
@@ -475,7 +486,7 @@ def _positions(dt, n, state):
 
 @compiled
 def locate(state, vehicle, vehicle_index, piece):
-    """Find the piece of line under every vehicle, walking from the last one, and its grade and curve forces."""
+    """Find the piece of line of every vehicle, starting from the previous one, and its grade and curve forces."""
     for i in range(vehicle.shape[1]):
         x, p = state[X, i], vehicle_index[PIECE, i]
         while x < piece[BEGIN, p]:
@@ -502,13 +513,13 @@ def advance(
     t, dt : float
         Time of the first step and step [s].
     state, vehicle, gear, unit, envelope, piece, event, setting : float64 arrays
-        Quantities by row, see the names above; made by :mod:`plant_sim.packing`.
+        Quantities by row, named above; made by :mod:`plant_sim.packing`.
     vehicle_index, unit_index, run, body, outside_vehicle : int64 arrays
         Pointers, runs of equal draft gears, first vehicles of the rigid bodies, vehicles with outside forces.
     table : float64, shape (tables, 3, m)
-        Deflection, loading and unloading force of the user's curves.
+        Deflection [m], loading and unloading force [N] of the tabulated curves.
     events : int
-        Number of brake-pipe events still under way.
+        Number of brake-pipe events that have not reached every vehicle.
     demand : float64, shape (steps, units)
         Commands that are due [N].
     outside : float64, shape (3, steps, listed vehicles)
@@ -522,34 +533,34 @@ def advance(
     draft, buff, coupler = gear[DRAFT, : n - 1], gear[BUFF, : n - 1], state[COUPLER, 1:n]
     v_before = outside[0, 0].copy()
     braked = events > 0 or (state[TARGET, :n] > 0.0).any() or (state[CYLINDER, :n] > 0.0).any()
-    braked = braked or (state[RESERVOIR, :n] < 1.0 - 1e-9).any()
+    braked = braked or (state[RESERVOIR, :n] < FULL_RESERVOIR).any()
     for k in range(demand.shape[0]):
         if braked:
             _waves(t + k * dt, events, event, state, vehicle, vehicle_index, setting)
             braked = _cylinders(state, vehicle, setting) or events > 0
         for u in range(unit.shape[1]):
-            state[PUSH, unit_index[UNIT_VEHICLE, u]] = 0.0
-            state[EXTRA, unit_index[UNIT_VEHICLE, u]] = 0.0
+            state[DRIVE_FORCE, unit_index[UNIT_VEHICLE, u]] = 0.0
+            state[BRAKE_CAPACITY, unit_index[UNIT_VEHICLE, u]] = 0.0
         for j in range(len(outside_vehicle)):
-            state[PUSH, outside_vehicle[j]] = 0.0
+            state[DRIVE_FORCE, outside_vehicle[j]] = 0.0
             v_before[j] = v[outside_vehicle[j]]
         _outside(k, state, outside, outside_vehicle)
         if has_drift:
             for i in range(n):
                 xdot[i] = v[i] + drift[i]
-            couplers(x, xdot, state, vehicle, gear, table, run)
+            coupler_forces(x, xdot, state, vehicle, gear, table, run)
         else:
-            couplers(x, v, state, vehicle, gear, table, run)
+            coupler_forces(x, v, state, vehicle, gear, table, run)
         _units(demand[k], dt, state, unit, unit_index, envelope, setting)
-        if braked and setting[SLIPPERY] > 0.0:
+        if braked and setting[ADHESION_LIMITED] > 0.0:
             _slide_protection(state, vehicle, setting[RAIL_BY_SPEED] > 0.0)
-        held = 0.0
+        holding_on = 0.0
         if _no_demand(demand[k], reversing) and _standing(v, vehicle[MASS], setting[HOLD_SPEED]):
-            held = 1.0
+            holding_on = 1.0
         if rigid:
-            _bodies(dt, held, state, vehicle, gear, body)
+            _bodies(dt, holding_on, state, vehicle, gear, body)
         else:
-            _speeds(dt, held, braked, state, vehicle)
+            _speeds(dt, holding_on, braked, state, vehicle)
         _extremes(coupler, draft, buff)
         _units_account(state, unit, unit_index, reversing)
         _outside_account(k, v_before, state, outside, outside_vehicle)

@@ -1,4 +1,4 @@
-"""Find trains and lines: by name among those shipped, or by the path of a file."""
+"""Trains and lines by the name of a shipped file or by path."""
 
 from __future__ import annotations
 
@@ -27,39 +27,39 @@ def _names(kind: str) -> tuple[str, ...]:
 
 
 def consist_names() -> tuple[str, ...]:
-    """Names of the trains shipped."""
+    """Return the names of the shipped trains."""
     return _names("consists")
 
 
 def line_names() -> tuple[str, ...]:
-    """Names of the lines shipped."""
+    """Return the names of the shipped lines."""
     return _names("lines")
 
 
 def consist_path(name: str) -> Path:
-    """Return the file of a train, shipped or the user's own.
+    """Return the file of a train by name or path.
 
     Raises
     ------
     ValueError
-        If it is neither.
+        If neither a shipped train nor a file has that name.
     """
     return _path("consists", "train", name)
 
 
 def line_path(name: str) -> Path:
-    """Return the file of a line, shipped or the user's own.
+    """Return the file of a line by name or path.
 
     Raises
     ------
     ValueError
-        If it is neither.
+        If neither a shipped line nor a file has that name.
     """
     return _path("lines", "line", name)
 
 
 def _path(kind: str, what: str, name: str) -> Path:
-    """Path of a shipped file, or of the user's own."""
+    """Return the path of a shipped file or of a file of the user."""
     if name in _names(kind):
         return _folder(kind) / f"{name}.yaml"
     own = Path(name)
@@ -67,33 +67,39 @@ def _path(kind: str, what: str, name: str) -> Path:
         return own
     shipped = _names(kind)
     raise ValueError(
-        f"{what} '{name}' is neither shipped nor a file: give a path or one of {', '.join(shipped)}"
+        f"{what} '{name}' is neither shipped nor a file; give a path or one of {', '.join(shipped)}"
         f"{close_match(name, shipped)}"
     )
 
 
+MAX_ALIASES = 50
+"""Largest number of aliases in a file; many aliases expand to a size far beyond that of the file."""
+
+
 class StrictLoader(yaml.SafeLoader):
-    """Safe loading that refuses a key written twice and a file that unfolds far beyond its own size."""
+    """Safe YAML loader that rejects repeated keys and large numbers of aliases."""
 
     def __init__(self, stream: Any) -> None:
         super().__init__(stream)
         self._aliases = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Count aliases: a few share a block, thousands are a bomb."""
+        """Compose a node and count its aliases."""
         if self.check_event(yaml.AliasEvent):
             self._aliases += 1
-            if self._aliases > 50:
-                raise yaml.constructor.ConstructorError(None, None, "more than 50 aliases; write them out", None)
+            if self._aliases > MAX_ALIASES:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"more than {MAX_ALIASES} aliases; write them out", None
+                )
         return super().compose_node(parent, index)
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        """Refuse a key that is written twice in one mapping."""
+        """Construct a mapping without repeated keys."""
         seen: set[str] = set()
         for key, _ in node.value:
             text = str(key.value)
             if text in seen and text != "<<":
-                problem = f"key '{text}' is written twice"
+                problem = f"key '{text}' is repeated"
                 raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
             seen.add(text)
         return super().construct_mapping(node, deep=deep)
@@ -104,7 +110,7 @@ StrictLoader.add_implicit_resolver(
     re.compile(r"^[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$"),
     list("-+0123456789"),
 )
-"""YAML 1.1 takes 1e-2 for a word; here it is a number."""
+"""YAML 1.1 reads 1e-2 as text; this resolver makes it a number."""
 
 
 def read_yaml(path: Path) -> Any:
@@ -113,33 +119,42 @@ def read_yaml(path: Path) -> Any:
     Raises
     ------
     ValueError
-        One line that names the file, the place and the reason.
+        One line with file, line and reason.
     """
     try:
         return yaml.load(path.read_text(encoding="utf-8"), Loader=StrictLoader)
     except RecursionError:
-        raise ValueError(f"{path}: nested too deeply; this is no data file of ours") from None
+        raise ValueError(f"{path}: nested too deeply; reduce the nesting") from None
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror}; check the path and its permissions") from None
     except UnicodeDecodeError:
-        raise ValueError(f"{path}: is not UTF-8 text; save it as UTF-8 YAML") from None
+        raise ValueError(f"{path}: not UTF-8 text; save it as UTF-8 YAML") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         place = f" line {mark.line + 1}:" if mark is not None else ""
-        problem = getattr(error, "problem", None) or "is not YAML"
+        problem = getattr(error, "problem", None) or "not YAML"
         raise ValueError(f"{path}:{place} {problem}; correct the YAML there") from None
 
 
-def check(model: type[_Model], raw: Any, where: str) -> _Model:
-    """Build a model from plain data.
+def build_model(model: type[_Model], raw: Any, where: str) -> _Model:
+    """Return a model made from plain data.
+
+    Parameters
+    ----------
+    model
+        Class of the model.
+    raw
+        Mapping of keys to values.
+    where
+        File or block, for messages.
 
     Raises
     ------
     ValueError
-        One line that names the file, the key, the value and the remedy.
+        One line with file, key, value and remedy.
     """
     if not isinstance(raw, dict):
-        raise ValueError(f"{where}: must hold keys and values, it holds {type(raw).__name__}")
+        raise ValueError(f"{where}: holds {type(raw).__name__} in place of keys and values; write key: value")
     try:
         return model.model_validate(raw)
     except ValidationError as error:
@@ -152,10 +167,10 @@ def load_consist(name: str) -> Consist:
     Raises
     ------
     ValueError
-        One line that names the file, the key, the value and the remedy.
+        One line with file, key, value and remedy.
     """
     path = consist_path(name)
-    return check(Consist, read_yaml(path), str(path))
+    return build_model(Consist, read_yaml(path), str(path))
 
 
 def load_line(name: str) -> Line:
@@ -164,7 +179,7 @@ def load_line(name: str) -> Line:
     Raises
     ------
     ValueError
-        One line that names the file, the key, the value and the remedy.
+        One line with file, key, value and remedy.
     """
     path = line_path(name)
-    return check(Line, read_yaml(path), str(path))
+    return build_model(Line, read_yaml(path), str(path))

@@ -1,4 +1,4 @@
-"""A line as data: grades, curves, tunnels, speed limits and stops over the distance from its km 0."""
+"""Data model of a line: grades, curves, tunnels, speed limits and stops over the distance from km 0."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from pydantic import Field, model_validator
 from plant_sim.units import Length, SiModel, Slope, Speed
 
 SCHEMA = "train_ato/line/1"
-STEEPEST = 0.5
-"""No railway is steeper; beyond it a grade in per mille was written without its suffix."""
+MAX_GRADE = 0.5
+"""Largest plausible grade; a larger one is probably in per mille without the suffix."""
 
 
 def check_grade(grade: float) -> None:
-    """Raise for a grade that no railway has."""
-    if abs(grade) > STEEPEST:
-        raise ValueError(f"grade {grade:g} is {1e3 * grade:g} per mille; if per mille are meant write grade_permille")
+    """Raise ValueError for an implausible grade."""
+    if abs(grade) > MAX_GRADE:
+        raise ValueError(f"grade {grade:g} is {1e3 * grade:g} per mille; write grade_permille for per mille")
 
 
 class Grade(SiModel):
-    """Grade from a place on, until the next entry; > 0 uphill."""
+    """Grade from a position to the next entry; > 0 uphill."""
 
     at: Length
-    grade: Slope = Field(description="0.012, or with its suffix grade_permille: 12")
+    grade: Slope = Field(description="for example 0.012, or grade_permille: 12")
 
     @model_validator(mode="after")
-    def _meant(self) -> Grade:
+    def _plausible(self) -> Grade:
         check_grade(self.grade)
         return self
 
 
 class Curve(SiModel):
-    """A stretch of constant radius; resistance 600/R N/kN."""
+    """Curve of constant radius R [m], with a resistance of 600/R N/kN."""
 
     begin: Length
     end: Length
@@ -41,7 +41,7 @@ class Curve(SiModel):
 
 
 class Tunnel(SiModel):
-    """A stretch with an added resistance of so many N per kN of weight (tunnels)."""
+    """Tunnel with an additional resistance per weight."""
 
     begin: Length
     end: Length
@@ -49,22 +49,22 @@ class Tunnel(SiModel):
 
 
 class SpeedLimit(SiModel):
-    """Limit from a place on, until the next entry; holds for the whole length of the train."""
+    """Speed limit from a position to the next entry, for the whole length of the train."""
 
     at: Length
     speed: Speed = Field(gt=0)
 
 
 class Stop(SiModel):
-    """A place where the front of the train stops."""
+    """Stopping point of the front of the train."""
 
     at: Length
     name: str = ""
-    dwell: float = Field(0.0, ge=0, description="s")
+    dwell: float = Field(0.0, ge=0, description="dwell time [s]")
 
 
 class Line(SiModel):
-    """A whole line. Before ``begin`` and beyond ``end`` it goes on level and straight."""
+    """Line; before ``begin`` and beyond ``end`` it continues level and straight."""
 
     schema_: Literal["train_ato/line/1"] = Field(alias="schema")
     name: str
@@ -81,15 +81,15 @@ class Line(SiModel):
     @model_validator(mode="after")
     def _order(self) -> Line:
         if self.end <= self.begin:
-            raise ValueError("end must lie beyond begin")
+            raise ValueError(f"end {self.end:g} m must be beyond begin {self.begin:g} m; correct it")
         for name, places in (
             ("grades", [entry.at for entry in self.grades]),
             ("speed_limits", [entry.at for entry in self.speed_limits]),
             ("stops", [entry.at for entry in self.stops]),
         ):
             if any(b <= a for a, b in pairwise(places)):
-                raise ValueError(f"{name} must be listed by rising distance")
+                raise ValueError(f"{name} must be listed by rising distance; sort them")
         for stretches in (self.curves, self.tunnels):
             if any(stretch.end <= stretch.begin for stretch in stretches):
-                raise ValueError("a curve or tunnel must end beyond its begin")
+                raise ValueError("a curve or tunnel must have its end beyond its begin; correct it")
         return self

@@ -1,4 +1,4 @@
-"""From data files to the arrays of the kernel."""
+"""Arrays of the kernel from the data models."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from plant_sim import kernel as k
 from plant_sim.consist import Consist, EnvelopeSegment, VehicleType
 from plant_sim.disturbances import UnmodelledGrade
-from plant_sim.gears import ClipGear, DraftGear, GearCurve, LinearGear, RigidGear, SmoothedGear, TableGear
+from plant_sim.gears import ClipGear, DraftGear, LinearGear, RigidGear, SmoothedGear, TableGear
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup, SpeedAdhesion
 from plant_sim.states import Array
@@ -19,12 +19,12 @@ from plant_sim.track import Track
 
 Integers = NDArray[np.int64]
 NO_LIMIT = 1e30
-"""Stands for 'no limit' in force, rate and speed; far beyond any train, and finite."""
+"""Finite value for 'no limit' of force, rate and speed, far beyond any train."""
 
 
 @dataclass(slots=True)
 class Arrays:
-    """Everything :func:`plant_sim.kernel.advance` works on; see the row names there."""
+    """Arrays of :func:`plant_sim.kernel.advance`; the names of the rows are in that module."""
 
     vehicle: Array
     state: Array
@@ -40,24 +40,8 @@ class Arrays:
     setting: Array
 
 
-def second_order(gear: GearCurve) -> float:
-    """Return a2 of fl(d) = F0 d/(d + x0) + a1 d + a2 d², from the force at the stroke [N/m²].
-
-    Raises
-    ------
-    ValueError
-        If the loading curve would fall anywhere before the stroke.
-    """
-    if gear.steepness(gear.stroke) <= 0:
-        raise ValueError(
-            f"draft gear: force_at_stroke {gear.force_at_stroke:g} N is so small that the loading curve falls "
-            f"before the stroke: raise it or lower stiffness ({gear.stiffness:g} N/m)"
-        )
-    return gear.second_order
-
-
 def _gear_column(gear: DraftGear, column: Array, tables: list[TableGear]) -> int:
-    """Fill one column of the gear array; return the kind."""
+    """Fill one column of the gear array; return the kind of the gear."""
     if isinstance(gear, RigidGear):
         return k.RIGID
     column[k.HALF_SLACK] = gear.slack / 2
@@ -67,28 +51,34 @@ def _gear_column(gear: DraftGear, column: Array, tables: list[TableGear]) -> int
         return k.LINEAR
     column[k.STOP] = gear.stop_stiffness
     if isinstance(gear, TableGear):
-        column[k.STIFFNESS], column[k.LOCKED] = gear.transition_stiffness, gear.transition_damping
+        column[k.STIFFNESS], column[k.TRANSITION_DAMPING] = gear.transition_stiffness, gear.transition_damping
         column[k.STROKE] = gear.deflection[-1]
         column[k.TABLE] = tables.index(gear)
         return k.TABULATED
     column[k.F0], column[k.X0], column[k.A1] = gear.preload, gear.preload_length, gear.stiffness
-    column[k.A2], column[k.RATIO], column[k.STROKE] = second_order(gear), gear.unloading_ratio, gear.stroke
+    column[k.A2], column[k.RATIO], column[k.STROKE] = gear.second_order, gear.unloading_ratio, gear.stroke
     if isinstance(gear, SmoothedGear):
         column[k.INVERSE_VE] = 1.0 / gear.switching_speed
         return k.SMOOTHED
     assert isinstance(gear, ClipGear)
-    column[k.STIFFNESS], column[k.LOCKED] = gear.transition_stiffness, gear.transition_damping
+    column[k.STIFFNESS], column[k.TRANSITION_DAMPING] = gear.transition_stiffness, gear.transition_damping
     return k.CLIP
 
 
 def actual_gears(consist: Consist, setup: PlantSetup) -> tuple[DraftGear, ...]:
-    """Return the draft gears of the true train: those of the consist, or what the mismatch puts in their place."""
+    """Return the draft gears of the plant: those of the consist, or their replacements by the mismatch.
+
+    Raises
+    ------
+    ValueError
+        If the mismatch names a draft gear that the consist does not have.
+    """
     override = setup.mismatch.gears
     for name, other in override.items():
         for needed in (name, other if isinstance(other, str) else name):
             if needed not in consist.draft_gears:
                 raise ValueError(
-                    f"mismatch.gears names the draft gear '{needed}': the consist has {sorted(consist.draft_gears)}"
+                    f"mismatch.gears: draft gear '{needed}' is not in the consist; it has {sorted(consist.draft_gears)}"
                 )
     chosen: list[DraftGear] = []
     for name in consist.gear_names:
@@ -97,10 +87,18 @@ def actual_gears(consist: Consist, setup: PlantSetup) -> tuple[DraftGear, ...]:
     return tuple(chosen)
 
 
-def pack_gears(gears: Sequence[DraftGear], arrays_n: int) -> tuple[Array, Array, Integers, Integers]:
-    """Return gear columns, tables, runs of equal kinds and first vehicles of rigid bodies."""
+def pack_gears(gears: Sequence[DraftGear], vehicles: int) -> tuple[Array, Array, Integers, Integers]:
+    """Return gear columns, tables, runs of equal kinds and first vehicles of the rigid bodies.
+
+    Parameters
+    ----------
+    gears
+        Draft gears, front first.
+    vehicles
+        Number of vehicles.
+    """
     tables = list(dict.fromkeys(gear for gear in gears if isinstance(gear, TableGear)))
-    gear_array = np.zeros((k.GEAR_ROWS, max(arrays_n - 1, 1)))
+    gear_array = np.zeros((k.GEAR_ROWS, max(vehicles - 1, 1)))
     gear_array[k.X0] = 1.0
     kinds = [_gear_column(gear, gear_array[:, i], tables) for i, gear in enumerate(gears)]
     points = max((len(table.deflection) for table in tables), default=2)
@@ -115,7 +113,7 @@ def pack_gears(gears: Sequence[DraftGear], arrays_n: int) -> tuple[Array, Array,
             run[-1] = (run[-1][0], i + 1, kind)
         else:
             run.append((i, i + 1, kind))
-    body = [0, *(i + 1 for i, kind in enumerate(kinds) if kind != k.RIGID), arrays_n]
+    body = [0, *(i + 1 for i, kind in enumerate(kinds) if kind != k.RIGID), vehicles]
     runs = np.array(run, dtype=np.int64).reshape(-1, 3)
     return gear_array, table_array, runs, np.array(body, dtype=np.int64)
 
@@ -130,11 +128,9 @@ def _pack_vehicles(vehicles: Sequence[VehicleType], consist: Consist, setup: Pla
         polynomial = vehicle.resistance.polynomial(mass, consist.gravity)
         array[[k.C0, k.C1, k.C2], i] = np.array(polynomial) * mismatch.resistance_scale
         if vehicle.shoes is not None:
-            force = vehicle.shoes.force / 1e3
-            friction = vehicle.shoes.friction * (force + 200.0) / (4.0 * force + 200.0)
-            array[k.SHOE, i] = vehicle.shoes.count * vehicle.shoes.force * friction * mismatch.brake_scale
+            array[k.SHOE, i] = vehicle.shoes.standstill_force * mismatch.brake_scale
     array[k.INVERSE_MASS] = 1.0 / array[k.MASS]
-    array[k.HOLD] = setup.holding * array[k.WEIGHT]
+    array[k.HOLD_CAPACITY] = setup.holding_brake_ratio * array[k.WEIGHT]
     array[k.GAP, :-1] = np.diff(consist.offsets)
     array[k.PIPE_DISTANCE] = pipe_distances(consist)
     array[k.RAIL] = _adhesion(setup)
@@ -142,9 +138,9 @@ def _pack_vehicles(vehicles: Sequence[VehicleType], consist: Consist, setup: Pla
 
 
 def pipe_distances(consist: Consist) -> Array:
-    """Distance of every vehicle from the nearest power unit, where the brake pipe is vented and fed [m].
+    """Return the distance of every vehicle from the nearest power unit [m], shape (n,).
 
-    A train without power units is vented at vehicle 0.
+    The brake pipe is vented and fed at the power units; without one, at vehicle 0.
     """
     offsets = np.array(consist.offsets)
     sources = offsets[list(consist.power_units or (0,))]
@@ -152,11 +148,13 @@ def pipe_distances(consist: Consist) -> Array:
 
 
 def _segments(segments: Sequence[EnvelopeSegment], scale: float) -> list[tuple[float, float, float, float]]:
-    return [(s.to, s.force * scale, s.slope_kn_per_kmh * 3600.0 * scale, s.power * scale) for s in segments]
+    return [
+        (end, force * scale, slope * scale, power * scale) for end, force, slope, power in (s.row for s in segments)
+    ]
 
 
 def _pack_units(consist: Consist, setup: PlantSetup, step: float) -> tuple[Array, Integers, Array]:
-    """Return unit constants and states, unit pointers and the envelope rows."""
+    """Return unit constants and states, unit pointers and rows of the envelopes."""
     numbers, vehicles = consist.power_units, consist.vehicles
     unit = np.zeros((k.UNIT_ROWS, len(numbers)))
     index = np.zeros((k.UNIT_INDEX_ROWS, len(numbers)), dtype=np.int64)
@@ -169,7 +167,7 @@ def _pack_units(consist: Consist, setup: PlantSetup, step: float) -> tuple[Array
             (k.BRAKE_FIRST, k.BRAKE_END, vehicles[i].brake, mismatch.electric_brake_scale),
         ):
             index[first, u] = len(rows)
-            rows += [(NO_LIMIT, NO_LIMIT, 0.0, 0.0)] if setup.unlimited else _segments(segments, scale)
+            rows += [(NO_LIMIT, NO_LIMIT, 0.0, 0.0)] if setup.ideal_actuator else _segments(segments, scale)
             index[end, u] = len(rows)
     masses = np.array([vehicles[i].mass for i in numbers])
     adhesive = np.array([vehicles[i].adhesive_mass or vehicles[i].mass for i in numbers])
@@ -186,20 +184,20 @@ def _pack_units(consist: Consist, setup: PlantSetup, step: float) -> tuple[Array
 
 
 def _adhesion(setup: PlantSetup) -> float:
-    """Return the adhesion coefficient, or the factor on one that depends on the speed."""
+    """Return the adhesion coefficient, or the factor on a coefficient that depends on the speed."""
     if setup.adhesion is None:
         return NO_LIMIT
     return setup.adhesion.factor if isinstance(setup.adhesion, SpeedAdhesion) else setup.adhesion.coefficient
 
 
-def lag_keep(lags: Array, step: float) -> Array:
-    """Return the share of its deviation that a first-order lag keeps over one step; 0 for a lag of 0."""
+def lag_decay(lags: Array, step: float) -> Array:
+    """Return the part of a deviation that first-order lags [s] leave after one step [s]; 0 for a lag of 0."""
     with np.errstate(divide="ignore"):
         return np.asarray(np.exp(-step / lags))
 
 
 def _pack_pieces(consist: Consist, line: Line, setup: PlantSetup) -> tuple[Array, Integers]:
-    """Return the table of pieces and every vehicle's first pointer into it."""
+    """Return the table of pieces and the initial pointer of every vehicle into it."""
     extra = [p for d in setup.disturbances if isinstance(d, UnmodelledGrade) for p in d.pieces]
     track = Track(line, extra)
     if not setup.grade_over_length:
@@ -222,7 +220,7 @@ def _initial_state(consist: Consist, setup: PlantSetup) -> Array:
     for row, values, key in ((k.X, setup.start.positions, "positions"), (k.V, setup.start.speeds, "speeds")):
         if values is not None:
             if len(values) != n:
-                raise ValueError(f"start.{key} has {len(values)} entries: the train has {n} vehicles")
+                raise ValueError(f"start.{key} has {len(values)} entries; give one for each of the {n} vehicles")
             state[row, :n] = values
     return state
 
@@ -232,12 +230,12 @@ def _settings(consist: Consist, setup: PlantSetup, step: float) -> Array:
     setting[k.REVERSING] = float(setup.reversing)
     setting[k.HOLD_SPEED] = setup.holding_speed
     setting[k.FULL_LEVEL] = 1.0
-    setting[k.SLIPPERY] = float(setup.adhesion is not None)
+    setting[k.ADHESION_LIMITED] = float(setup.adhesion is not None)
     setting[k.RAIL_BY_SPEED] = float(isinstance(setup.adhesion, SpeedAdhesion))
     brake = consist.air_brake
     if brake is not None:
-        setting[k.APPLY_KEEP] = np.exp(-step / brake.apply_time)
-        setting[k.RELEASE_KEEP] = np.exp(-step / brake.release_time)
+        setting[k.APPLY_DECAY] = np.exp(-step / brake.apply_time)
+        setting[k.RELEASE_DECAY] = np.exp(-step / brake.release_time)
         setting[k.RESERVOIR_USE] = brake.reservoir_use
         setting[k.RECHARGE] = 1.0 - np.exp(-step / brake.recharge_time)
         setting[k.FULL_LEVEL] = brake.braking_factor[-1]
@@ -245,12 +243,12 @@ def _settings(consist: Consist, setup: PlantSetup, step: float) -> Array:
 
 
 def pack(consist: Consist, line: Line, setup: PlantSetup, step: float) -> Arrays:
-    """Return the kernel's arrays for a plant step [s].
+    """Return the arrays of the kernel for a plant step [s].
 
     Raises
     ------
     ValueError
-        If the setup does not fit the train (counts of speeds, lags, names of draft gears).
+        If the setup does not match the train (numbers of speeds or lags, names of draft gears).
     """
     vehicles = consist.vehicles
     n = len(vehicles)
@@ -258,8 +256,8 @@ def pack(consist: Consist, line: Line, setup: PlantSetup, step: float) -> Arrays
     unit, unit_index, envelope = _pack_units(consist, setup, step)
     lags = setup.lag if isinstance(setup.lag, tuple) else (setup.lag,) * unit.shape[1]
     if len(lags) != unit.shape[1]:
-        raise ValueError(f"lag has {len(lags)} entries: the train has {unit.shape[1]} power units")
-    unit[k.LAG_KEEP] = lag_keep(np.array(lags), step)
+        raise ValueError(f"lag has {len(lags)} entries; give one, or one for each of the {unit.shape[1]} power units")
+    unit[k.LAG_DECAY] = lag_decay(np.array(lags), step)
     piece, first = _pack_pieces(consist, line, setup)
     vehicle_index = np.zeros((k.VEHICLE_INDEX_ROWS, n), dtype=np.int64)
     vehicle_index[k.PIECE] = first

@@ -1,4 +1,4 @@
-"""From the truth to what the onboard ATO sees: noise, bias, resolution, frozen channels, wheel slip."""
+"""Measurement from the true state: noise, bias, resolution, frozen channels, wheel slip."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from plant_sim.plant_setup import Sensors
 from plant_sim.states import Array, Measurement
-from plant_sim.streams import stream
+from plant_sim.streams import random_stream
 
 
 def _rounded(values: Array, quantum: float) -> Array:
@@ -15,48 +15,59 @@ def _rounded(values: Array, quantum: float) -> Array:
 
 
 class SensorSet:
-    """The sensors of one train.
+    """Sensors of a train.
 
     Parameters
     ----------
     sensors : Sensors
-        As in the scenario.
+        Sensor errors of the scenario.
     units : int
-        Power units measured.
+        Number of power units.
     vehicles : int
-        Vehicles of the train.
+        Number of vehicles.
     tick : float
         Time between measurements [s].
     seed : int
-        Of the run.
+        Seed of the run.
 
     Raises
     ------
     ValueError
-        If a sensor is on a vehicle or a unit that the train does not have.
+        If a sensor is on a vehicle or a unit outside the train.
     """
 
     def __init__(self, sensors: Sensors, units: int, vehicles: int, tick: float, seed: int) -> None:
         for i in sensors.couplers:
             if not 0 <= i < vehicles - 1:
-                raise ValueError(f"sensors.couplers lists vehicle {i}: there is a coupling behind 0 ... {vehicles - 2}")
+                raise ValueError(
+                    f"sensors.couplers lists vehicle {i}: no coupler is behind it; give 0 ... {vehicles - 2}"
+                )
         for unit in (*(freeze.unit for freeze in sensors.freeze), *(slip.unit for slip in sensors.wheel_slip)):
             if unit >= units:
-                raise ValueError(f"a sensor fault names unit {unit}: the train has 0 ... {units - 1}")
+                raise ValueError(f"a sensor fault names unit {unit}: not in the train; give 0 ... {units - 1}")
         self.couplers: NDArray[np.int64] = np.array(sensors.couplers, dtype=np.int64)
         self._sensors = sensors
         self._units = units
         self._tick = tick
-        self._streams = {name: stream(seed, f"sensor/{name}") for name in ("position", "velocity", "coupler")}
+        self._streams = {name: random_stream(seed, f"sensor/{name}") for name in ("position", "velocity", "coupler")}
         self._odometer = np.zeros(units)
         self._last: tuple[Array, Array] | None = None
 
     def measure(
         self, stamp: int, position: Array, velocity: Array, applied: Array, coupler: tuple[Array, Array, Array]
     ) -> Measurement:
-        """Return the measurement of one tick; ``coupler`` is true deflection, rate and force at the sensors.
+        """Return the measurement of one tick.
 
-        Every call draws the same count of random numbers, whatever is switched on.
+        Every call draws the same count of random numbers, so that a change of one error does not change another.
+
+        Parameters
+        ----------
+        stamp
+            Time of the state [ns].
+        position, velocity, applied : Array, shape (units,)
+            True state [m, m/s] and force [N].
+        coupler
+            True deflection [m], rate [m/s] and force [N] at the sensors.
         """
         sensors = self._sensors
         t = stamp * 1e-9

@@ -1,11 +1,12 @@
-"""What the plant tells each tick: the truth, and what is measured of it.
+"""Messages of the plant at each tick: the truth, and the measurement of it.
 
 Stamps are integer nanoseconds since the start of the run.  Forces are > 0 forward, coupler forces > 0 in draft.
+Name in tables, unit and meaning of every field are defined only here (:func:`described`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,66 +14,71 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class CarStates:
-    """Truth of every vehicle (topic ``train/cars``).
+@dataclass(frozen=True)
+class FieldDescription:
+    """Name in tables, SI unit and meaning of a field; times are integer nanoseconds in the program, s in tables."""
 
-    Attributes
-    ----------
-    stamp : int
-        Simulation time [ns].
-    position, velocity : Array, shape (n,)
-        Centre [m] and speed [m/s] of every vehicle.
-    coupler_force : Array, shape (n,)
-        Force of the coupler behind every vehicle [N]; the last entry is 0.
-    """
+    column: str
+    unit: str
+    meaning: str = ""
+
+
+def described(column: str, unit: str, meaning: str = "") -> dict[str, FieldDescription]:
+    """Return the metadata of a dataclass field that has a description."""
+    return {"description": FieldDescription(column, unit, meaning)}
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleStates:
+    """True state of every vehicle, shape (n,) each (topic ``train/vehicles``)."""
 
     stamp: int
-    position: Array
-    velocity: Array
-    coupler_force: Array
+    position: Array = field(metadata=described("position", "m", "vehicle centre along the line"))
+    velocity: Array = field(metadata=described("speed", "m/s", "speed"))
+    coupler_force: Array = field(
+        metadata=described(
+            "coupler_force", "N", "force of the coupler behind the vehicle, > 0 draft; 0 behind the last"
+        )
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """What the onboard ATO sees (topic ``train/measurement``): with noise, quantisation, faults.
+    """Measured state (topic ``train/measurement``), with noise, quantisation and faults.
 
-    Attributes
-    ----------
-    position, velocity, applied : Array, shape (units,)
-        Measured position [m], speed [m/s] and the force that acts now, after delay, lag and limit [N].
-    deflection, rate, force : Array, shape (sensors,)
-        Coupler deflection [m], rate [m/s] and force [N] where a sensor is fitted (``coupler_i`` behind vehicle i).
+    Position, velocity and applied force have the shape (units,), the fields of the coupler sensors (sensors,).
     """
 
     stamp: int
-    position: Array
-    velocity: Array
-    applied: Array
-    deflection: Array
-    rate: Array
-    force: Array
+    position: Array = field(metadata=described("position", "m", "position"))
+    velocity: Array = field(metadata=described("speed", "m/s", "speed"))
+    applied: Array = field(metadata=described("applied_force", "N", "force now applied, after delay, lag and limit"))
+    deflection: Array = field(metadata=described("deflection", "m", "deflection, > 0 draft"))
+    rate: Array = field(metadata=described("deflection_rate", "m/s", "rate of deflection"))
+    force: Array = field(metadata=described("force", "N", "force"))
 
 
 @dataclass(frozen=True, slots=True)
-class BrakeCylinders:
-    """Air brake of every vehicle (topic ``train/brake_cylinders``): shoe force [N], shape (n,)."""
+class BrakeShoes:
+    """Air brake of every vehicle, shape (n,) (topic ``train/brake_shoes``)."""
 
     stamp: int
-    shoe_force: Array
+    shoe_force: Array = field(metadata=described("shoe_force", "N", "retarding shoe force"))
 
 
 @dataclass(frozen=True, slots=True)
 class Disturbance:
-    """Outside force on every vehicle, mean over the last tick (topic ``train/disturbance``) [N], shape (n,)."""
+    """True outside force on every vehicle, shape (n,) (topic ``train/disturbance``)."""
 
     stamp: int
-    force: Array
+    force: Array = field(
+        metadata=described("disturbance_force", "N", "mean over the last tick, > 0 forward; without unmodelled grades")
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Pipe:
-    """Absolute pressure at the head [Pa]: ``train/brake_pipe`` as it is, ``ato/brake_pipe`` as demanded."""
+    """Pressure of the brake pipe at the head: true (``train/brake_pipe``) or demanded (``ato/brake_pipe_command``)."""
 
     stamp: int
-    pressure: float
+    pressure: float = field(metadata=described("pressure", "Pa", "absolute; 600 kPa charged"))

@@ -1,4 +1,4 @@
-"""Seeded random numbers: one stream for each named source, so that adding a source changes no other."""
+"""Seeded random numbers with one stream per named source, so that a new source does not change the others."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import zlib
 import numpy as np
 
 
-def stream(seed: int, name: str) -> np.random.Generator:
-    """Return the Philox generator of a named source: key (seed, crc32(name)).
+def random_stream(seed: int, name: str) -> np.random.Generator:
+    """Return the Philox generator of a named source, with the key (seed, crc32(name)).
 
-    Whoever draws from it draws a fixed count each tick, whether the numbers are used or not; switching a noise on
-    then changes no other noise.
+    A source must draw the same count in every tick, whether the numbers are used or not, so that one noise does not
+    change another.
 
     Examples
     --------
-    >>> float(stream(1, "a").standard_normal()) == float(stream(1, "b").standard_normal())
+    >>> float(random_stream(1, "a").standard_normal()) == float(random_stream(1, "b").standard_normal())
     False
     """
     key = np.array([seed & 0xFFFFFFFFFFFFFFFF, zlib.crc32(name.encode())], dtype=np.uint64)

@@ -1,4 +1,4 @@
-"""What the kernel adds up over every plant step: extremes of the couplers, works, saturated time."""
+"""Sums and extremes over all plant steps: coupler forces, works, saturated time."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from plant_sim.states import Array
 
 @dataclass(frozen=True, slots=True)
 class Totals:
-    """What was added up over every plant step since the start.
+    """Sums and extremes over all plant steps since the start.
 
     Attributes
     ----------
     draft, buff : Array, shape (n - 1,)
-        Largest draft (>= 0) and buff (<= 0) force of every coupling [N].
+        Largest draft (>= 0) and buff (<= 0) force of every coupler [N].
     draft_max, buff_max : float
-        The extremes of them [N].
+        Extremes over all couplers [N].
     traction, regenerated : float
-        Work of the power units that drove, and of those that braked (>= 0) [J].
+        Work of the power units in traction, and in braking (>= 0) [J].
     running, curve, grade, air_brake, holding_brake, couplers, outside : float
-        Work of the other forces on the train [J], < 0 when it takes energy.  ``couplers`` is minus what the draft
-        gears dissipated and hold; ``outside`` includes the energy of jumps of mass.
+        Work of the other forces on the train [J], < 0 for a loss. ``couplers`` is minus the energy dissipated and
+        stored by the draft gears; ``outside`` includes the energy of jumps of mass.
     kinetic : float
-        Change of kinetic energy since the start; equals the sum of all works (``regenerated`` negative) to rounding.
+        Change of kinetic energy since the start [J]; the sum of all works, ``regenerated`` negative, to rounding.
     saturated : Array, shape (units,)
-        Time a limit cut the wanted force of every unit [s], standstill left out.
+        Time for which the demand of every unit was beyond a limit [s], without standstill.
     saturated_any : float
-        Time this was so for any unit [s].
+        The same for any unit [s].
     """
 
     draft: Array
@@ -51,27 +51,31 @@ class Totals:
 
     @property
     def balance(self) -> float:
-        """Kinetic energy not explained by work [J]; rounding only."""
+        """Change of kinetic energy minus all works [J]; only rounding."""
         gained = self.traction + self.running + self.curve + self.grade + self.air_brake
         gained += self.holding_brake + self.couplers + self.outside - self.regenerated
         return self.kinetic - gained
 
 
 def kinetic_energy(arrays: Arrays, vehicles: int) -> float:
-    """Return the kinetic energy of so many vehicles, rotating masses included [J]."""
+    """Return the kinetic energy of the train, rotating masses included [J]."""
     v = arrays.state[k.V, :vehicles]
     return float(0.5 * (arrays.vehicle[k.MASS] * v * v).sum())
 
 
 def totals_of(arrays: Arrays, vehicles: int, kinetic: float, jump_energy: float) -> Totals:
-    """Read the totals out of the kernel's arrays.
+    """Return the totals from the arrays of the kernel.
 
     Parameters
     ----------
+    arrays
+        Arrays of the kernel.
+    vehicles
+        Number of vehicles.
     kinetic
         Change of kinetic energy since the start [J].
     jump_energy
-        Part of it that jumps of mass brought [J].
+        Part of it from jumps of mass [J].
     """
     draft, buff = arrays.gear[k.DRAFT, : vehicles - 1].copy(), arrays.gear[k.BUFF, : vehicles - 1].copy()
 
@@ -93,6 +97,6 @@ def totals_of(arrays: Arrays, vehicles: int, kinetic: float, jump_energy: float)
         couplers=work(k.WORK_COUPLER),
         outside=work(k.WORK_OUTSIDE) + jump_energy,
         kinetic=kinetic,
-        saturated=arrays.unit[k.SATURATED].copy(),
-        saturated_any=float(arrays.setting[k.SATURATED_ANY]),
+        saturated=arrays.unit[k.SATURATED_TIME].copy(),
+        saturated_any=float(arrays.setting[k.SATURATED_TIME_ANY]),
     )

@@ -1,7 +1,7 @@
-"""The line as the kernel walks it: one table of pieces with grade and dry resistance.
+"""Table of the line for the kernel: pieces with grade and dry resistance.
 
-Inside a piece the grade is linear and the dry resistance constant.  At a vehicle's own place grades are piecewise
-constant; averaged over a vehicle's length they are piecewise linear, and so exact in the same table.
+Inside a piece the grade is linear and the dry resistance constant. For a vehicle as a point the grade is piecewise
+constant; averaged over the length of a vehicle it is piecewise linear. The table represents both exactly.
 """
 
 from __future__ import annotations
@@ -14,17 +14,24 @@ from plant_sim.disturbances import ExtraGrade
 from plant_sim.line import Line
 from plant_sim.states import Array
 
-FAR = 1e12
-"""Where the first piece begins and the last one ends [m]."""
+UNBOUNDED = 1e12
+"""Magnitude of the beginning of the first and the end of the last piece [m]."""
 
 
 class Track:
     """Grade and dry resistance of a line over the distance, piecewise constant; level and straight outside it.
 
+    Parameters
+    ----------
+    line
+        The line.
+    extra
+        Grades in addition to those of the line.
+
     Attributes
     ----------
     breaks : Array, shape (m,)
-        Places where anything changes [m], rising.
+        Positions of the changes [m], rising.
     grade : Array, shape (m + 1,)
         Grade before the first break, between them, and after the last; > 0 uphill.
     dry : Array, shape (m + 1,)
@@ -54,15 +61,15 @@ class Track:
             self.dry[(middles > tunnel.begin) & (middles < tunnel.end)] += 1e-3 * tunnel.resistance_n_per_kn
 
     def at_points(self) -> Array:
-        """Return the pieces as a vehicle without length feels them: begin, end, grade, slope of grade, dry."""
-        begin = np.concatenate(([-FAR], self.breaks))
-        end = np.concatenate((self.breaks, [FAR]))
+        """Return the pieces for a vehicle without length: begin, end, grade, slope of grade, dry; shape (5, pieces)."""
+        begin = np.concatenate(([-UNBOUNDED], self.breaks))
+        end = np.concatenate((self.breaks, [UNBOUNDED]))
         return np.array([begin, end, self.grade, np.zeros_like(begin), self.dry])
 
     def over_length(self, length: float) -> Array:
-        """Return the pieces averaged over a vehicle's length, by the place of its centre.
+        """Return the pieces averaged over the length of a vehicle [m], by the position of its centre.
 
-        The mean of the dry resistance is taken at the middle of pieces of at most 1/20 of the length.
+        The mean of the dry resistance is computed at the middle of pieces of at most 1/20 of the length.
         """
         half = length / 2
         edges = np.unique(np.concatenate((self.breaks - half, self.breaks + half)))
@@ -75,20 +82,20 @@ class Track:
             return np.asarray((self._at(integral, places + half) - self._at(integral, places - half)) / length)
 
         grade = mean(grade_sum, edges)
-        begin = np.concatenate(([-FAR], edges))
-        end = np.concatenate((edges, [FAR]))
+        begin = np.concatenate(([-UNBOUNDED], edges))
+        end = np.concatenate((edges, [UNBOUNDED]))
         slope = np.concatenate(([0.0], np.diff(grade) / np.diff(edges), [0.0]))
         dry = np.concatenate(([self.dry[0]], mean(dry_sum, (edges[1:] + edges[:-1]) / 2), [self.dry[-1]]))
         return np.array([begin, end, np.concatenate(([self.grade[0]], grade)), slope, dry])
 
     def _integral(self, values: Array) -> Array:
-        """Integral from the first break to every break."""
+        """Return the integral from the first break to every break."""
         return np.concatenate(([0.0], np.cumsum(values[1:-1] * np.diff(self.breaks))))
 
     def _at(self, integral: Array, places: Array) -> Array:
-        """Integral at any place; outside the line it stays, as the line goes on level and straight."""
+        """Return the integral at positions [m]; constant outside the line, which continues level and straight."""
         return np.asarray(np.interp(places, self.breaks, integral))
 
     def elevation(self, places: Array) -> Array:
-        """Height over the first break [m]."""
+        """Return the height over the first break [m] at positions [m]."""
         return self._at(self._integral(self.grade), places)

@@ -7,12 +7,17 @@ from numpy.typing import NDArray
 
 from plant_sim.consist import EnvelopeSegment
 
-SLOWEST = 0.1
-"""Constant power is not continued below this speed [m/s]."""
+MIN_POWER_SPEED = 0.1
+"""Speed below which power / v is computed at this speed [m/s]; equal to that of the kernel."""
 
 
 class Envelope:
-    """Largest force over speed, packed as rows ``[v_end, f0, f1, p]`` with F = f0 + f1 v + p / v in SI.
+    """Largest force over speed, as rows ``[v_end, f0, f1, p]`` with F = f0 + f1 v + p / v in SI.
+
+    Parameters
+    ----------
+    segments
+        Segments by rising speed.
 
     Attributes
     ----------
@@ -21,15 +26,14 @@ class Envelope:
     """
 
     def __init__(self, segments: tuple[EnvelopeSegment, ...]) -> None:
-        rows = [[part.to, part.force, part.slope_kn_per_kmh * 3600.0, part.power] for part in segments]
-        self.rows: NDArray[np.float64] = np.array(rows, dtype=np.float64).reshape(-1, 4)
-        self._rows = [tuple(row) for row in rows]
+        self._rows = [segment.row for segment in segments]
+        self.rows: NDArray[np.float64] = np.array(self._rows, dtype=np.float64).reshape(-1, 4)
 
     def force(self, speed: float) -> float:
-        """Return the largest force at a speed >= 0 [N]."""
+        """Return the largest force [N] at a speed >= 0 [m/s]."""
         for end, constant, slope, power in self._rows:
             if speed <= end:
-                return max(0.0, constant + slope * speed + power / max(speed, SLOWEST))
+                return max(0.0, constant + slope * speed + power / max(speed, MIN_POWER_SPEED))
         return 0.0
 
     def largest(self) -> float:

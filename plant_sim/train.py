@@ -1,4 +1,4 @@
-"""The plant: a train on a line, advanced tick by tick."""
+"""Plant: a train on a line, integrated tick by tick."""
 
 from __future__ import annotations
 
@@ -17,57 +17,59 @@ from plant_sim.outside_forces import OutsideForces
 from plant_sim.packing import pack
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.sensors import SensorSet
-from plant_sim.states import Array, BrakeCylinders, CarStates, Measurement, Pipe
-from plant_sim.streams import stream
+from plant_sim.states import Array, BrakeShoes, Measurement, Pipe, VehicleStates
+from plant_sim.streams import random_stream
 from plant_sim.totals import Totals, kinetic_energy, totals_of
 
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """All the plant tells at one stamp; the brake parts are None without an air brake."""
+    """Messages of the plant at one stamp; those of the brake are None without an air brake."""
 
-    cars: CarStates
+    vehicles: VehicleStates
     measurement: Measurement
     brake_pipe: Pipe | None
-    brake_cylinders: BrakeCylinders | None
+    brake_shoes: BrakeShoes | None
 
 
 class Train:
-    """A multi-mass train on a line.
+    """Multi-mass train on a line.
 
     Parameters
     ----------
     consist, line, setup
-        The data; what they say about mismatch, disturbances and jumps is applied here.
+        Data of train, line and plant, with mismatch, disturbances and jumps.
     step_ns, tick_ns : int
         Plant step and tick [ns]; the tick is a multiple of the step.
     seed : int
-        Of all random numbers.
+        Seed of all random numbers.
 
     Attributes
     ----------
     n : int
-        Vehicles.
+        Number of vehicles.
     units : tuple of int
-        Vehicles that are power units, front first.
+        Numbers of the vehicles that are power units, front first.
     sensors : tuple of int
-        Vehicles with a coupler sensor behind them.
+        Numbers of the vehicles with a coupler sensor behind them.
     substeps : int
         Plant steps per tick.
     stamp : int
-        Time of the present state [ns since the start].
+        Time of the present state since the start [ns].
 
     Raises
     ------
     ValueError
-        If steps, setup and train do not fit.
+        If steps, setup and train do not match.
     """
 
     def __init__(
         self, consist: Consist, line: Line, setup: PlantSetup, step_ns: int, tick_ns: int, seed: int = 0
     ) -> None:
         if step_ns <= 0 or tick_ns <= 0 or tick_ns % step_ns:
-            raise ValueError(f"tick {tick_ns} ns must be a positive multiple of the plant step {step_ns} ns")
+            raise ValueError(
+                f"tick {tick_ns} ns is not a positive multiple of the plant step {step_ns} ns; correct one of them"
+            )
         self.consist, self.line, self.setup = consist, line, setup
         self.n = len(consist.vehicles)
         self.units = consist.power_units
@@ -80,16 +82,18 @@ class Train:
         self._events = None if consist.air_brake is None else PipeEvents(consist.air_brake, self.n)
         self._no_events = np.zeros((5, 1))
         self._sensors = SensorSet(setup.sensors, len(self.units), self.n, tick_ns * 1e-9, seed)
-        sources = [stream(seed, f"disturbance/{i}") for i in range(len(setup.disturbances))]
+        sources = [random_stream(seed, f"disturbance/{i}") for i in range(len(setup.disturbances))]
         masses = self.arrays.vehicle[k.MASS]
         self._outside = OutsideForces(setup.disturbances, masses, self._step, tick_ns * 1e-9, sources)
         self.arrays.setting[k.HAS_DRIFT] = float(self._outside.has_drift)
         if self._outside.has_drift and len(self.arrays.body) - 1 < self.n:
-            raise ValueError("drift speeds (disturbance 'paper002') cannot act on rigidly joined vehicles")
+            raise ValueError(
+                "disturbance paper002: drift speeds cannot act on rigidly joined vehicles; choose other draft gears"
+            )
         self._jumps = Jumps(setup, consist, self.arrays, step_ns, tick_ns)
         self._kinetic_start = self.kinetic_energy
         self._outside_force = np.zeros(self.n)
-        self._gusts = False
+        self._has_added_gusts = False
 
     @property
     def time(self) -> float:
@@ -108,24 +112,24 @@ class Train:
 
     @property
     def coupler_force(self) -> Array:
-        """Force behind every vehicle [N], shape (n,); the last is 0."""
+        """Force of the coupler behind every vehicle [N], shape (n,); the last is 0."""
         force = np.zeros(self.n)
         force[:-1] = self.arrays.state[k.COUPLER, 1 : self.n]
         return force
 
     @property
     def applied(self) -> Array:
-        """Force that acts on every power unit after delay, lag and limit [N]."""
+        """Force of every power unit after delay, lag and limit [N], shape (units,)."""
         return np.array(self.arrays.unit[k.APPLIED])
 
     @property
     def shoe_force(self) -> Array:
-        """Shoe force of every vehicle [N], >= 0."""
+        """Shoe force of every vehicle [N], >= 0, shape (n,)."""
         return self.arrays.state[k.SHOE_FORCE, : self.n].copy()
 
     @property
     def outside_force(self) -> Array:
-        """Mean force of all disturbances but grades on every vehicle over the last tick [N], without drift."""
+        """Mean force of all disturbances except grades on every vehicle over the last tick [N], without drift."""
         return self._outside_force.copy()
 
     @property
@@ -139,7 +143,7 @@ class Train:
         return float((self.arrays.vehicle[k.MASS] * self.arrays.state[k.V, : self.n]).sum())
 
     def observe(self) -> Observation:
-        """Return truth and measurement at the present stamp.  Draws sensor noise: call it once a tick."""
+        """Return true state and measurement at the present stamp; draws sensor noise, so call it once per tick."""
         x, v, coupler = self.position, self.velocity, self.coupler_force
         i = self._sensors.couplers
         deflection = x[i] - x[i + 1] - self.arrays.vehicle[k.GAP, i] if len(i) else np.zeros(0)
@@ -152,8 +156,8 @@ class Train:
             (deflection, rate, coupler[i] if len(i) else np.zeros(0)),
         )
         pipe = None if self._events is None else Pipe(self.stamp, self._events.pressure)
-        cylinders = None if self._events is None else BrakeCylinders(self.stamp, self.shoe_force)
-        return Observation(CarStates(self.stamp, x, v, coupler), measured, pipe, cylinders)
+        shoes = None if self._events is None else BrakeShoes(self.stamp, self.shoe_force)
+        return Observation(VehicleStates(self.stamp, x, v, coupler), measured, pipe, shoes)
 
     def advance(self, demand: Array, brake_pipe_pa: float | None = None) -> None:
         """Integrate one tick.
@@ -163,24 +167,25 @@ class Train:
         demand : Array, shape (substeps, units)
             Force commands that are due at every plant step [N].
         brake_pipe_pa : float, optional
-            Pressure demanded at the head from now on [Pa, absolute]; None leaves it.
+            Pressure demanded at the head from now on [Pa, absolute]; None keeps the present one.
 
         Raises
         ------
         ValueError
-            If the shape is wrong, a command is not finite, or a brake pressure is demanded of a train without an air
-            brake.
+            If the shape is wrong, a command is not finite, or a pressure is demanded without an air brake.
         """
         demand = np.ascontiguousarray(demand, dtype=np.float64)
         if demand.shape != (self.substeps, len(self.units)):
-            raise ValueError(f"demand has the shape {demand.shape}, needed is {(self.substeps, len(self.units))}")
+            raise ValueError(f"demand has the shape {demand.shape}; give {(self.substeps, len(self.units))}")
         if not np.isfinite(demand).all():
-            raise ValueError(f"demand at {self.time:.3f} s is not finite: the law that sent it is at fault")
+            raise ValueError(f"demand at {self.time:.3f} s is not finite; correct the law that sent it")
         if brake_pipe_pa is not None:
             if self._events is None:
-                raise ValueError(f"a brake-pipe pressure is demanded, the train '{self.consist.name}' has no air brake")
+                raise ValueError(
+                    f"brake-pipe pressure demanded, but train '{self.consist.name}' has no air brake; demand None"
+                )
             self._events.demand(self.time, brake_pipe_pa)
-        if self._gusts:
+        if self._has_added_gusts:
             self._drop_gusts()
         outside = self._outside.tick(self.time)
         begin = 0
@@ -192,26 +197,26 @@ class Train:
         self._keep_outside(outside)
         self.stamp += self.tick_ns
 
-    def blow(self, gust: Gust) -> None:
-        """Let a gust act that the setup does not have, from the next tick on.
+    def add_gust(self, gust: Gust) -> None:
+        """Add a gust that is not in the setup, from the next tick on.
 
         Raises
         ------
         ValueError
-            If it lists a vehicle that the train does not have.
+            If it lists a vehicle outside the train.
         """
         self._outside.add(gust)
-        self._gusts = True
+        self._has_added_gusts = True
 
     def _drop_gusts(self) -> None:
-        """Forget gusts that are over; what they left on vehicles that nothing pushes any more is taken off."""
+        """Remove gusts that have ended, and their forces on vehicles without another disturbance."""
         if self._outside.drop_over(self.time):
-            self.arrays.state[k.PUSH] = 0.0
+            self.arrays.state[k.DRIVE_FORCE] = 0.0
             self._outside_force[:] = 0.0
-            self._gusts = self._outside.gusty
+            self._has_added_gusts = self._outside.gusty
 
-    def vent(self) -> None:
-        """Vent the brake pipe at the head from now on; a train without an air brake has nothing to vent."""
+    def vent_brake_pipe(self) -> None:
+        """Vent the brake pipe at the head from now on; no effect without an air brake."""
         if self._events is not None:
             self._events.vent(self.time)
 
@@ -220,7 +225,7 @@ class Train:
             return
         a = self.arrays
         whole = begin == 0 and end == self.substeps
-        events = 0 if self._events is None else self._events.under_way()
+        events = 0 if self._events is None else self._events.propagating()
         k.advance(
             (self.stamp + begin * self.step_ns) * 1e-9, self._step, a.state, a.vehicle, a.vehicle_index, a.gear,
             a.table, a.run, a.body, a.unit, a.unit_index, a.envelope, a.piece,
@@ -241,9 +246,9 @@ class Train:
 
 
 def compile_kernel() -> bool:
-    """Run one step of a two-vehicle train, so that the compiled kernel is loaded; return whether it had to compile.
+    """Load the compiled kernel by one step of a two-vehicle train; return True if it was compiled.
 
-    The first time on a machine this takes some seconds; :mod:`plant_sim.compiled` says where the result is kept.
+    The first compilation on a machine takes some seconds; :mod:`plant_sim.compiled` describes the cache.
     """
     consist = Consist.model_validate(
         {
@@ -257,5 +262,5 @@ def compile_kernel() -> bool:
     )
     line = Line.model_validate({"schema": "train_ato/line/1", "name": "level", "end": 1000.0})
     Train(consist, line, PlantSetup(), 1_000_000, 1_000_000).advance(np.zeros((1, 0)))
-    stats = getattr(k.advance, "stats", None)  # none where NUMBA_DISABLE_JIT leaves the function as it is
+    stats = getattr(k.advance, "stats", None)  # missing with NUMBA_DISABLE_JIT
     return stats is not None and (not results_are_kept() or bool(sum(stats.cache_misses.values())))

@@ -1,8 +1,8 @@
-"""Quantities of the data files: SI inside, a unit suffix on the key for anything else.
+"""Quantities of the data files: SI by default, other units by a suffix of the key.
 
-A field annotated with a :class:`Unit` may be written under its own name (SI) or under its name and one of the
-unit's suffixes: ``mass`` in kg or ``mass_t`` in tonnes, ``speed`` in m/s or ``speed_kmh``.  The JSON Schema of a
-model lists both spellings, so that editors complete and check them.
+A field annotated with a :class:`Unit` is written under its name (SI) or under its name with a suffix of the unit:
+``mass`` in kg or ``mass_t`` in tonnes, ``speed`` in m/s or ``speed_kmh``. The JSON Schema of a model contains both, so
+that editors complete and check them.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 
 GRAVITY = 9.81
-"""Acceleration of free fall used where a data file names no other [m/s²]."""
+"""Default gravity of a data file [m/s²]."""
 
 
 @dataclass(frozen=True)
 class Unit:
-    """An SI unit and the suffixes under which other units are accepted.
+    """SI unit with the suffixes of other accepted units.
 
     Parameters
     ----------
     si
         Symbol of the SI unit.
     suffixes
-        Pairs of key suffix and divisor: the SI value is the written value divided by it.
+        Pairs of suffix and divisor; the SI value is the written value over the divisor.
     """
 
     si: str
@@ -51,7 +51,7 @@ Ratio = Annotated[float, Unit("1", (("percent", 1e2),))]
 
 
 def _unit_of(metadata: list[Any], annotation: Any) -> Unit | None:
-    """Find the Unit of a field, also inside list[...], tuple[...] and X | None."""
+    """Return the Unit of a field, also inside list[...], tuple[...] and X | None; None without one."""
     for entry in metadata:
         if isinstance(entry, Unit):
             return entry
@@ -69,12 +69,12 @@ def _types_in(annotation: Any) -> set[Any]:
 
 
 def _scalars(value: Any) -> list[Any]:
-    """Return a value, or what a list of lists of values holds."""
+    """Return the scalars of a value or of nested lists of values."""
     return [scalar for entry in value for scalar in _scalars(entry)] if isinstance(value, (list, tuple)) else [value]
 
 
-def _misfit(annotation: Any, value: Any) -> str | None:
-    """Say what a value should be that pydantic would turn into another: true into 1, '5' into 5, 1 into true."""
+def _type_mismatch(annotation: Any, value: Any) -> str | None:
+    """Return the error text for a value that pydantic would convert (true to 1, '5' to 5); None for others."""
     kinds, scalars = _types_in(annotation), _scalars(value)
     if kinds & {int, float}:
         if bool not in kinds and any(isinstance(scalar, bool) for scalar in scalars):
@@ -99,14 +99,14 @@ _SIGNS = {"kmh": "km/h", "permille": "‰", "percent": "%", "kn": "kN", "mn": "M
 
 
 def _signed(suffix: str) -> str:
-    """Return a unit as it is written, from the suffix that stands for it: kN/m for kn_per_m."""
+    """Return the symbol of a unit from its suffix: kN/m for kn_per_m."""
     above, _, below = suffix.partition("_per_")
     above = {"kns": "kN s", "mns": "MN s"}.get(above, _SIGNS.get(above, above))
     return f"{above}/{below}" if below else above
 
 
 def _scaled(part: Any, divisor: float) -> Any:
-    """Return the JSON Schema of a quantity with its bounds in another unit and without its default."""
+    """Return the JSON Schema of a quantity with bounds in another unit and without default."""
     if isinstance(part, list):
         return [_scaled(entry, divisor) for entry in part]
     if not isinstance(part, dict):
@@ -119,18 +119,18 @@ def _scaled(part: Any, divisor: float) -> Any:
 
 
 def _described(part: dict[str, Any], unit: str) -> dict[str, Any]:
-    """Return the JSON Schema of a quantity with the unit behind its description."""
+    """Return the JSON Schema of a quantity with the unit after its description."""
     return {**part, "description": f"{part.get('description', '')} [{unit}]".strip()}
 
 
 class SiModel(BaseModel):
-    """Base of every model that is read from a file: strict keys, finite plain numbers, unit suffixes."""
+    """Base of the models of data files: no unknown keys, finite numbers, unit suffixes."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True, populate_by_name=True)
 
     @classmethod
     def suffixed_keys(cls) -> dict[str, tuple[str, float]]:
-        """Return every accepted suffixed key with the field it stands for and its divisor."""
+        """Return the field and the divisor of every key with a suffix."""
         keys: dict[str, tuple[str, float]] = {}
         for name, field in cls.model_fields.items():
             unit = _unit_of(list(field.metadata), field.annotation)
@@ -149,28 +149,28 @@ class SiModel(BaseModel):
             if key in suffixed and key not in cls.model_fields:
                 name, divisor = suffixed[key]
                 if name in data:
-                    raise ValueError(f"{name} and {key} say the same thing: keep one of them")
+                    raise ValueError(f"{name} and {key} are the same quantity; keep one of them")
                 result[name] = _divide(result.pop(key), divisor)
-        cls._refuse_misfits(data)
+        cls._check_types(data)
         return result
 
     @classmethod
-    def _refuse_misfits(cls, data: dict[Any, Any]) -> None:
-        """Raise for the values that only look like what their key wants, each under the key it was written with."""
+    def _check_types(cls, data: dict[Any, Any]) -> None:
+        """Raise ValidationError for values of another type than that of their key."""
         suffixed = cls.suffixed_keys()
         names = {field.alias or name: name for name, field in cls.model_fields.items()}
         errors: list[InitErrorDetails] = []
         for key, value in data.items():
             name = suffixed[key][0] if key in suffixed else names.get(key)
-            wanted = _misfit(cls.model_fields[name].annotation, value) if name else None
+            wanted = _type_mismatch(cls.model_fields[name].annotation, value) if name else None
             if wanted:
-                errors.append({"type": PydanticCustomError("misfit", wanted), "loc": (key,), "input": value})
+                errors.append({"type": PydanticCustomError("type_mismatch", wanted), "loc": (key,), "input": value})
         if errors:
             raise ValidationError.from_exception_data(cls.__name__, errors)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """Add the suffixed spellings to the properties; a required field may be written either way."""
+        """Add the keys with suffixes to the properties; a required field accepts one of its keys."""
         schema = handler(core_schema)
         target = handler.resolve_ref_schema(schema)
         properties = target.get("properties", {})

@@ -1,21 +1,93 @@
-"""Onboard automatic train operation as a ROS 2 node graph: profiles, observers, laws, links, log.
+"""Onboard automatic train operation as a ROS 2 node graph, with the train that it drives.
 
-``train_ato.load(run)`` opens a recorded run as pandas tables.
+>>> import train_ato as ta
+>>> run = ta.run("demo", controller="smc", set={"duration": 20})
+>>> run.metrics["controller"]
+'smc'
+
+``run`` runs a scenario, ``compare`` runs it with several laws, ``open_run`` opens a run folder, ``load`` returns
+its tables, ``scenario`` returns a scenario that can be changed, ``laws`` and ``scenarios`` list the names.
 """
 
+import importlib
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from train_ato.frames.loading import Frames as Frames
-    from train_ato.frames.loading import load as load
+import train_ato.scenario  # noqa: F401 - made callable below
+from train_ato.version import VERSION
 
-_LAZY = ("Frames", "load")
+if TYPE_CHECKING:
+    from train_ato.apps.runs.catalogue import laws as laws
+    from train_ato.apps.runs.catalogue import scenarios as scenarios
+    from train_ato.apps.runs.compare import Comparison as Comparison
+    from train_ato.apps.runs.compare import compare as compare
+    from train_ato.apps.runs.drive import run as run
+    from train_ato.apps.runs.run import Run as Run
+    from train_ato.apps.runs.run import open_run as open_run
+    from train_ato.apps.runs.scenario_choice import choose_scenario as scenario
+    from train_ato.errors import RunFailed as RunFailed
+    from train_ato.errors import RunInterrupted as RunInterrupted
+    from train_ato.log.tables.loading import Frames as Frames
+    from train_ato.log.tables.loading import load as load
+
+_PLACES = {
+    "Comparison": "train_ato.apps.runs.compare",
+    "Frames": "train_ato.log.tables.loading",
+    "Run": "train_ato.apps.runs.run",
+    "RunFailed": "train_ato.errors",
+    "RunInterrupted": "train_ato.errors",
+    "compare": "train_ato.apps.runs.compare",
+    "laws": "train_ato.apps.runs.catalogue",
+    "load": "train_ato.log.tables.loading",
+    "open_run": "train_ato.apps.runs.run",
+    "run": "train_ato.apps.runs.drive",
+    "scenarios": "train_ato.apps.runs.catalogue",
+}
+"""Modules of the public names; they are imported on first use, so that ``import train_ato`` is fast."""
+
+__all__ = [
+    "Comparison",
+    "Frames",
+    "Run",
+    "RunFailed",
+    "RunInterrupted",
+    "__version__",
+    "compare",
+    "laws",
+    "load",
+    "open_run",
+    "run",
+    "scenario",
+    "scenarios",
+]
+__version__ = VERSION
+
+
+class _Scenario(ModuleType):
+    """The package ``train_ato.scenario``, which is at the same time the function ``scenario()``."""
+
+    def __call__(self, name: Any) -> Any:
+        """Return a scenario by its name or file, with ``with_()``, ``yaml`` and ``variants``.
+
+        See :func:`train_ato.apps.runs.scenario_choice.choose_scenario`.
+        """
+        from train_ato.apps.runs.scenario_choice import choose_scenario
+
+        return choose_scenario(name)
+
+
+sys.modules["train_ato.scenario"].__class__ = _Scenario
 
 
 def __getattr__(name: str) -> Any:
-    """Import pandas and what reads logs only for those who ask for it."""
-    if name in _LAZY:
-        from train_ato.frames import loading
+    """Import the module of a public name."""
+    if name not in _PLACES:
+        raise AttributeError(f"module 'train_ato' has no attribute '{name}'")
+    found = globals()[name] = getattr(importlib.import_module(_PLACES[name]), name)
+    return found
 
-        return getattr(loading, name)
-    raise AttributeError(f"module 'train_ato' has no attribute '{name}'")
+
+def __dir__() -> list[str]:
+    """Return the public names."""
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -1,17 +1,60 @@
-"""Parsing of command lines whose errors are one line, for the entry script and for nodes started alone."""
+"""Command-line parser with one-line errors, YAML values of options, and checks of output files."""
 
 from __future__ import annotations
 
 import argparse
-from typing import NoReturn
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
 
 BAD_INPUT = 2
-"""Exit status of a command that was refused before anything started."""
+"""Exit status of a command refused before its start."""
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Argument parser whose errors are one line."""
+    """Argument parser with one-line errors."""
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong in one line and leave."""
+        """Print the error in one line and exit with status 2."""
         self.exit(BAD_INPUT, f"{self.prog}: {message}; see `{self.prog} --help`\n")
+
+
+def parse_yaml_value(text: str, option: str) -> Any:
+    """Return a value written as YAML: ``0.4``, ``1e-3``, ``true``, ``smc``.
+
+    Raises
+    ------
+    ValueError
+        If the text is not valid YAML; the message begins with ``option``.
+    """
+    import yaml
+
+    from plant_sim.library import StrictLoader  # pydantic: help needs neither
+
+    try:
+        return yaml.load(text, Loader=StrictLoader)
+    except (yaml.YAMLError, RecursionError):
+        raise ValueError(
+            f"{option}: '{text[:60]}' is not valid YAML; quote a text that contains [ ] {{ }} : or #"
+        ) from None
+
+
+def check_new_file(path: Path, endings: Sequence[str], option: str = "--out") -> None:
+    """Refuse an output file that exists already, has a wrong ending or cannot be created.
+
+    Raises
+    ------
+    ValueError
+        One line: option, file, problem; fix.
+    """
+    if path.suffix.lower() not in endings:
+        raise ValueError(f"{option} {path}: end it in {', '.join(endings)}")
+    if path.exists():
+        raise ValueError(f"{option} {path}: exists already; name a file that does not")
+    if not path.parent.is_dir():
+        raise ValueError(f"{option} {path}: folder '{path.parent}' does not exist; create it or choose another")
+    try:
+        path.open("xb").close()
+        path.unlink()
+    except OSError as error:
+        raise ValueError(f"{option} {path}: cannot be written ({error.strerror}); choose another place") from None

@@ -1,23 +1,49 @@
-"""The first failure of a run: which node, and why, in one line; the traceback goes to a file."""
+"""First failure of a run: node and reason in one line, traceback in a file."""
 
 from __future__ import annotations
 
 import traceback
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
+
+_OWN = ("train_ato", "plant_sim")
+
+
+def of_own_code(error: BaseException) -> bool:
+    """Return true for an exception from code of this project below the frame that caught it.
+
+    Other exceptions come from a library during the processing of an external message.
+    """
+    frames = [frame.f_globals.get("__name__", "") for frame, _ in traceback.walk_tb(error.__traceback__)]
+    return any(name.partition(".")[0] in _OWN for name in frames[1:])
 
 
 class RunFailed(Exception):
-    """A run that ended by a failure; the message says which node and why."""
+    """Failure of a run; the message has node and reason in one line.
+
+    Attributes
+    ----------
+    run : Run or None
+        Record of the run up to its end, for runs started by :func:`train_ato.run`.
+    """
+
+    def __init__(self, message: object = "", run: Any = None) -> None:
+        super().__init__(message)
+        self.run = run
 
 
-class Watch:
+class RunInterrupted(RunFailed, KeyboardInterrupt):
+    """End of a run by Ctrl-C; ``run`` is its record up to the end."""
+
+
+class FirstFailure:
     """First failure in this process; it ends the run.
 
     Parameters
     ----------
     log_folder
-        Where the traceback of a failure is kept for developers; None keeps none.
+        Folder of the traceback file for developers; None: no file.
     """
 
     def __init__(self, log_folder: Path | None = None) -> None:
@@ -25,7 +51,7 @@ class Watch:
         self.failure: str | None = None
 
     def fail(self, node: str, reason: str | BaseException) -> None:
-        """Remember that a node failed; later failures follow from the first and are dropped."""
+        """Store the failure of a node; later failures are consequences and are ignored."""
         if self.failure is not None:
             return
         text = " ".join(str(reason).split()) or type(reason).__name__
@@ -34,6 +60,6 @@ class Watch:
         self.failure = f"node {node} failed: {text}"
         if isinstance(reason, BaseException) and self._log_folder is not None:
             trace = "".join(traceback.format_exception(reason))
-            with suppress(OSError):  # a full disk: the failure itself is what has to be told
+            with suppress(OSError):  # a full disk must not hide the failure itself
                 self._log_folder.mkdir(parents=True, exist_ok=True)
                 (self._log_folder / f"{node}.traceback.txt").write_text(trace, encoding="utf-8")

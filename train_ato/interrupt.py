@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and a closed terminal: a flag while a run lasts, otherwise the same clean end."""
+"""Ctrl-C, SIGTERM and a closed terminal: a flag during a run, otherwise KeyboardInterrupt."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from typing import Any
 
 _ENDING = (signal.SIGTERM, signal.SIGHUP)
 AGAIN_S = 0.05
-"""Wall time after which an interruption that was dropped is sent again."""
+"""Wall time before a dropped interruption is sent again [s]."""
 
 
 class Interrupt:
-    """Set by Ctrl-C, SIGTERM or a closed terminal; the loops look at it, so that no callback is cut in the middle."""
+    """Flag set by Ctrl-C, SIGTERM or a closed terminal; loops read it, so that no callback is interrupted."""
 
     def __init__(self) -> None:
         self.asked = False
 
     def ask(self, number: int, frame: FrameType | None) -> None:
-        """Signal handler: note it."""
+        """Signal handler: set the flag."""
         self.asked = True
 
     def end(self, number: int, frame: FrameType | None) -> None:
-        """Signal handler: note it and leave what is under way."""
+        """Signal handler: set the flag and raise KeyboardInterrupt."""
         self.asked = True
         raise KeyboardInterrupt
 
 
 @contextmanager
 def interruptible() -> Iterator[Interrupt]:
-    """Turn the signals that end a command into a flag while a run lasts, so that no step and no write is cut."""
+    """Yield a flag set by the signals that end a command, so that no step and no write is interrupted."""
     interrupt = Interrupt()
     with _handled(interrupt.ask, (signal.SIGINT, *_ENDING)):
         yield interrupt
@@ -42,43 +42,49 @@ def interruptible() -> Iterator[Interrupt]:
 
 @contextmanager
 def ending_like_ctrl_c(interrupt: Interrupt) -> Iterator[None]:
-    """Let SIGTERM and a closed terminal end a command as Ctrl-C does: what it holds is given back.
+    """Handle SIGTERM and a closed terminal like Ctrl-C, so that a command releases its resources.
 
-    Libraries make errors of their own of a KeyboardInterrupt that falls into them; ``interrupt`` remembers what began.
+    Some libraries convert KeyboardInterrupt into their own exception; the flag of ``interrupt`` stays set.
     """
     ignored = signal.getsignal(signal.SIGINT) == signal.SIG_IGN
     numbers = _ENDING if ignored else (signal.SIGINT, *_ENDING)
-    with _sent_again(), _handled(interrupt.end, numbers):
+    with _sent_again(interrupt), _handled(interrupt.end, numbers):
         yield
 
 
 @contextmanager
-def _sent_again() -> Iterator[None]:
-    """Send an interruption again that fell into a callback from C, such as the compiler's: Python drops it there."""
+def _sent_again(interrupt: Interrupt) -> Iterator[None]:
+    """Send an interruption again if it occurs in a callback from C, where Python drops it.
+
+    After an interruption, errors in the destructors of incomplete objects of libraries are not printed; such objects
+    exist until the end of the process, and so does the hook.
+    """
     before = sys.unraisablehook
     timers: list[threading.Timer] = []
 
-    def dropped(what: Any) -> None:
-        if what.exc_type is not KeyboardInterrupt:
-            before(what)
+    def on_unraisable(unraisable: Any) -> None:
+        if unraisable.exc_type is not KeyboardInterrupt:
+            if not interrupt.asked:
+                before(unraisable)
             return
         timer = threading.Timer(AGAIN_S, os.kill, (os.getpid(), signal.SIGINT))
         timer.daemon = True
         timers.append(timer)
         timer.start()
 
-    sys.unraisablehook = dropped
+    sys.unraisablehook = on_unraisable
     try:
         yield
     finally:
-        sys.unraisablehook = before
+        if not interrupt.asked:
+            sys.unraisablehook = before
         for timer in timers:
             timer.cancel()
 
 
 @contextmanager
 def _handled(handler: Callable[[int, FrameType | None], None], numbers: Iterable[int]) -> Iterator[None]:
-    """Handle signals, and put the handlers back; under ``nohup`` a closed terminal stays without effect."""
+    """Install signal handlers and restore them on exit; SIGHUP stays ignored under ``nohup``."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

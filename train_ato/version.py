@@ -1,3 +1,3 @@
 """The version, declared once; setup.py and package.xml are checked against it by a test."""
 
-VERSION = "0.1.0"
+VERSION = "0.2.0"

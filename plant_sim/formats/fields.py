@@ -1,4 +1,4 @@
-"""Checked access to the keys of a foreign file: every error is one line with the file, the key and the value."""
+"""Checked access to the keys of a file in another format; every error is one line with file, key and value."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ from typing import Any
 
 import yaml
 
-__all__ = ["Fields", "number", "read_data"]
-
-LARGEST_FILE = 64 * 2**20
-"""Files beyond this many bytes are refused."""
+MAX_FILE_SIZE = 64 * 2**20
+"""Largest accepted file [bytes]."""
 
 
 def read_data(path: Path) -> dict[str, Any]:
-    """Read a YAML or JSON file that holds keys and values.
+    """Return the keys and values of a YAML or JSON file.
 
     Raises
     ------
     ValueError
-        One line that names the file and the reason.
+        One line with file and reason.
     """
     try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise ValueError(f"{path}: larger than {LARGEST_FILE} bytes; not a train or a line")
+        if path.stat().st_size > MAX_FILE_SIZE:
+            raise ValueError(f"{path}: larger than {MAX_FILE_SIZE} bytes; give a file of a train or a line")
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: cannot be read ({error.__class__.__name__}); name a readable text file") from None
+        raise ValueError(f"{path}: cannot be read ({error.__class__.__name__}); give a readable text file") from None
     try:
         data = json.loads(text) if path.suffix.lower() == ".json" else _yaml(text)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: not valid: {' '.join(str(error).split())[:200]}; correct it there") from None
+        raise ValueError(f"{path}: not valid: {' '.join(str(error).split())[:200]}; correct it") from None
     if not isinstance(data, dict):
-        raise ValueError(f"{path}: holds {type(data).__name__}, not keys and values; not a train or a line")
+        raise ValueError(
+            f"{path}: holds {type(data).__name__} in place of keys and values; give a file of a train or a line"
+        )
     return data
 
 
@@ -46,11 +46,11 @@ def _yaml(text: str) -> Any:
 
 
 class Fields:
-    """One mapping of a file with the place it stands at."""
+    """Mapping of a file with its location, for messages."""
 
     def __init__(self, data: Any, place: str) -> None:
         if not isinstance(data, dict):
-            raise ValueError(f"{place}: must hold keys and values, it holds {_shown(data)}")
+            raise ValueError(f"{place}: holds {_shown(data)} in place of keys and values; correct it")
         self.data: dict[Any, Any] = data
         self.place = place
 
@@ -62,7 +62,7 @@ class Fields:
         return Fields(self.required(key), f"{self.place}: {key}")
 
     def required(self, key: str) -> Any:
-        """Return a value that must be there."""
+        """Return the value of a required key."""
         if self.data.get(key) is None:
             raise ValueError(f"{self.place}: {key}: this key is missing; add it")
         return self.data[key]
@@ -76,17 +76,17 @@ class Fields:
         """Return a number within its range."""
         if default is not None and key not in self:
             return default
-        return number(self.required(key), f"{self.place}: {key}", low, high)
+        return finite_number(self.required(key), f"{self.place}: {key}", low, high)
 
     def entries(self, key: str, least: int = 1) -> list[Any]:
-        """Return a list of at least so many entries."""
+        """Return a list with a minimum number of entries."""
         value = self.required(key)
         if not isinstance(value, list) or len(value) < least:
             raise ValueError(f"{self.place}: {key} = {_shown(value)}: must be a list of at least {least}")
         return value
 
     def rows(self, key: str, columns: int, least: int = 1) -> list[list[Any]]:
-        """Return a list of rows that have so many entries each."""
+        """Return a list of rows, each with ``columns`` entries."""
         rows = self.entries(key, least)
         for place, row in enumerate(rows):
             if not isinstance(row, list) or len(row) != columns:
@@ -94,13 +94,13 @@ class Fields:
         return rows
 
 
-def number(value: Any, place: str, low: float = -math.inf, high: float = math.inf) -> float:
+def finite_number(value: Any, place: str, low: float = -math.inf, high: float = math.inf) -> float:
     """Return a finite number within its range.
 
     Raises
     ------
     ValueError
-        One line with the place and the value.
+        One line with location and value.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300:
         raise ValueError(f"{place} = {_shown(value)}: must be a finite number")

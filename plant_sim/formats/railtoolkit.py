@@ -5,11 +5,11 @@ Operations", 2014, chapter 4; Wende, "Fahrdynamik des Schienenverkehrs", 2003, p
 
 * masses in t, every vehicle with its full load; g = 9.80665 m/s²;
 * resistances in per mille of the weight; the air term is ``air ((V + wind)/100 km/h)²`` with a head wind of 15 km/h
-  on locomotives, multiple units and passenger coaches, none on freight wagons; passenger coaches have a rolling term
-  ``rolling V/100 km/h``; of a locomotive or multiple unit, ``base`` holds for the driven and ``rolling`` for the other
-  axles, all of it without load;
-* rotating masses are weighted by the vehicles' own masses, without load;
-* braking at ``a_braking`` or else at -0.225 m/s² (freight) or -0.375 m/s² (passenger), whatever the grade.
+  on locomotives, multiple units and passenger coaches, and 0 on freight wagons; passenger coaches have a rolling term
+  ``rolling V/100 km/h``; for a locomotive or multiple unit, ``base`` is that of the driven and ``rolling`` that of the
+  other axles, both without load;
+* rotating masses are weighted by the masses of the vehicles without load;
+* braking at ``a_braking``, by default at -0.225 m/s² (freight) or -0.375 m/s² (passenger), on any grade.
 """
 
 from __future__ import annotations
@@ -20,29 +20,28 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.consist import Consist
-from plant_sim.library import check
+from plant_sim.formats.fields import Fields, finite_number
+from plant_sim.library import build_model
 from plant_sim.line import Line
-from train_ato.readers.fields import Fields, number
-
-__all__ = ["ReadTrain", "is_railtoolkit", "line_from", "train_from"]
 
 TRAIN_SCHEMA = "railtoolkit.org/schema/rolling-stock"
 PATH_SCHEMA = "railtoolkit.org/schema/running-path"
 GRAVITY = 9.80665
+"""Gravity of the schema [m/s²]."""
 WIND = 15.0
 """Head wind [km/h]."""
 ROTATING = {"traction unit": 1.09, "multiple unit": 1.08, "passenger": 1.06, "freight": 1.06}
-"""Rotating mass factors where the file gives none."""
+"""Default rotating mass factors."""
 ADHESION = 0.33
-"""Traction over the weight on driven axles where the file gives no tractive effort."""
+"""Default traction over the weight on driven axles."""
 BRAKED_GRADE = 0.05
-"""The deceleration is reached on falls up to this grade."""
+"""Largest falling grade on which the service deceleration is reached."""
 TYPES = ("traction unit", "multiple unit", "passenger", "freight")
 
 
 @dataclass(frozen=True, slots=True)
 class ReadTrain:
-    """A train with what its file says beyond the consist: service deceleration [m/s²] and largest speed [m/s]."""
+    """Train with the service deceleration [m/s²] and the largest speed [m/s] of its file."""
 
     consist: Consist
     deceleration: float
@@ -50,7 +49,7 @@ class ReadTrain:
 
 
 def is_railtoolkit(data: dict[str, Any], what: str) -> bool:
-    """Return whether a file's data are a ``train`` or a ``line`` in this schema."""
+    """Return True if the data of a file are a ``train`` or a ``line`` of this schema."""
     schema = str(data.get("schema", ""))
     if what == "train":
         return TRAIN_SCHEMA in schema or ("vehicles" in data and "trains" in data)
@@ -58,12 +57,12 @@ def is_railtoolkit(data: dict[str, Any], what: str) -> bool:
 
 
 def train_from(data: dict[str, Any], place: str) -> ReadTrain:
-    """Return the first train of a rolling-stock file's data.
+    """Return the first train in the data of a rolling-stock file.
 
     Raises
     ------
     ValueError
-        One line that names the place, the key, the value and the remedy.
+        One line with location, key, value and remedy.
     """
     top = Fields(data, place)
     known: dict[str, Fields] = {}
@@ -74,13 +73,15 @@ def train_from(data: dict[str, Any], place: str) -> ReadTrain:
     formation = [str(name) for name in train.entries("formation")]
     for name in formation:
         if name not in known:
-            raise ValueError(f"{train.place}: formation names '{name}', vehicles has {', '.join(sorted(known))}")
+            raise ValueError(
+                f"{train.place}: formation: '{name}' is not in vehicles ({', '.join(sorted(known))}); correct it"
+            )
     used = {name: _Vehicle(known[name]) for name in dict.fromkeys(formation)}
     return _assembled(train.text("name"), formation, used, train.place)
 
 
 class _Vehicle:
-    """One vehicle of the file in SI."""
+    """Vehicle of the file in SI."""
 
     def __init__(self, fields: Fields) -> None:
         self.fields = fields
@@ -98,7 +99,7 @@ class _Vehicle:
         self.deceleration = abs(fields.number("a_braking", 0.0, -5, 5))
 
     def resistance(self) -> tuple[float, float, float]:
-        """Return c0 + c1 v + c2 v² [N], v in m/s."""
+        """Return c0, c1, c2 of the resistance c0 + c1 v + c2 v² [N], v in m/s."""
         base = self.fields.number("base_resistance", 0.0, 0, 1e3)
         rolling = self.fields.number("rolling_resistance", 0.0, 0, 1e3)
         air = self.fields.number("air_resistance", 0.0, 0, 1e3)
@@ -124,7 +125,7 @@ class _Vehicle:
         place = f"{self.fields.place}: tractive_effort"
         rows = self.fields.rows("tractive_effort", 2)
         points = [
-            (number(v, f"{place}[{k}][0]", 0, 1e3) / 3.6, number(f, f"{place}[{k}][1]", 0, 1e9))
+            (finite_number(v, f"{place}[{k}][0]", 0, 1e3) / 3.6, finite_number(f, f"{place}[{k}][1]", 0, 1e9))
             for k, (v, f) in enumerate(rows)
         ]
         segments: list[dict[str, float]] = []
@@ -141,7 +142,7 @@ class _Vehicle:
 def _assembled(name: str, formation: list[str], used: dict[str, _Vehicle], place: str) -> ReadTrain:
     vehicles = [used[entry] for entry in formation]
     if not any(vehicle.powered for vehicle in vehicles):
-        raise ValueError(f"{place}: formation holds no traction unit or multiple unit; add one")
+        raise ValueError(f"{place}: formation has no traction unit or multiple unit; add one")
     mass = sum(vehicle.mass for vehicle in vehicles)
     own = sum(vehicle.own for vehicle in vehicles)
     rotating = sum(vehicle.own * vehicle.rotating for vehicle in vehicles) / own
@@ -167,7 +168,7 @@ def _assembled(name: str, formation: list[str], used: dict[str, _Vehicle], place
             parts[-1]["count"] += 1
         else:
             parts.append({"type": entry, "count": 1})
-    consist = check(
+    consist = build_model(
         Consist,
         {
             "schema": "train_ato/consist/1",
@@ -184,24 +185,24 @@ def _assembled(name: str, formation: list[str], used: dict[str, _Vehicle], place
     return ReadTrain(consist, deceleration, speed)
 
 
-def line_from(data: dict[str, Any], place: str) -> Line:
-    """Return the first running path of a file's data.
+def railtoolkit_line(data: dict[str, Any], place: str) -> Line:
+    """Return the first running path in the data of a file.
 
-    The sections' resistance is taken as their grade.  Points of interest are no stops.
+    The resistance of a section becomes its grade. Points of interest do not become stops.
 
     Raises
     ------
     ValueError
-        One line that names the place, the key, the value and the remedy.
+        One line with location, key, value and remedy.
     """
     top = Fields(data, place)
     path = top.below("path") if "path" in top else Fields(top.entries("paths")[0], f"{place}: paths[0]")
     key = f"{path.place}: characteristic_sections"
     rows = [
         (
-            number(at, f"{key}[{k}][0]", -1e8, 1e8),
-            number(speed, f"{key}[{k}][1]", 1e-3, 1e3),
-            number(grade, f"{key}[{k}][2]", -500, 500),
+            finite_number(at, f"{key}[{k}][0]", -1e8, 1e8),
+            finite_number(speed, f"{key}[{k}][1]", 1e-3, 1e3),
+            finite_number(grade, f"{key}[{k}][2]", -500, 500),
         )
         for k, (at, speed, grade) in enumerate(path.rows("characteristic_sections", 3, 2))
     ]
@@ -209,7 +210,7 @@ def line_from(data: dict[str, Any], place: str) -> Line:
     for k, (before, after) in enumerate(pairwise(rows)):
         if after[0] <= before[0]:
             raise ValueError(f"{key}: two sections begin at {before[0]:g} m (number {k + 1}); keep one")
-    return check(
+    return build_model(
         Line,
         {
             "schema": "train_ato/line/1",

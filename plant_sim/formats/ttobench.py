@@ -1,8 +1,8 @@
 """Lines of TTOBench, an open library of train trajectory optimisation benchmarks (JSON, BSD-2).
 
-Stops, speed limits and gradients over the distance; gradients are positive uphill in the direction of running.
+Stops, speed limits and gradients are over the distance; gradients are positive uphill in the direction of running.
 Curvatures are linear in 1/R between their entries (transition curves); they become short curves of their mean
-curvature, so that the work of their resistance is right.
+curvature, which gives the correct work of their resistance.
 """
 
 from __future__ import annotations
@@ -12,33 +12,31 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from plant_sim.library import check
+from plant_sim.formats.fields import Fields, finite_number
+from plant_sim.library import build_model
 from plant_sim.line import Line
-from train_ato.readers.fields import Fields, number
-
-__all__ = ["is_ttobench", "line_from"]
 
 LENGTHS = {"m": 1.0, "km": 1e3}
 SPEEDS = {"km/h": 1 / 3.6, "m/s": 1.0}
 SLOPES = {"permil": 1e-3, "percent": 1e-2, "1": 1.0}
 STRAIGHT = 1e5
-"""Radii beyond this are straight [m]."""
+"""Radius beyond which a curve counts as straight [m]."""
 TRANSITION, PIECES = 20.0, 10
-"""Length of the curves that a transition is cut into [m], and the most of them."""
+"""Length of the parts of a transition curve [m], and their largest number."""
 
 
 def is_ttobench(data: dict[str, Any]) -> bool:
-    """Return whether a file's data are a line of this library."""
+    """Return True if the data of a file are a line of this library."""
     return "stops" in data and isinstance(data.get("stops"), dict) and "speed limits" in data
 
 
-def line_from(data: dict[str, Any], place: str) -> Line:
-    """Return the line of a file's data.
+def ttobench_line(data: dict[str, Any], place: str) -> Line:
+    """Return the line in the data of a file.
 
     Raises
     ------
     ValueError
-        One line that names the place, the key, the value and the remedy.
+        One line with location, key, value and remedy.
     """
     top = Fields(data, place)
     stops = _stops(top.below("stops"))
@@ -48,7 +46,7 @@ def line_from(data: dict[str, Any], place: str) -> Line:
     if isinstance(data.get("metadata"), dict):
         name = Fields(data["metadata"], f"{place}: metadata").text("id", name)
     begin, end = min(stops[0], 0.0), stops[-1]
-    return check(
+    return build_model(
         Line,
         {
             "schema": "train_ato/line/1",
@@ -75,7 +73,7 @@ def _unit(fields: Fields, quantity: str, units: dict[str, float]) -> float:
 def _stops(fields: Fields) -> list[float]:
     unit = _unit(fields, "position", LENGTHS)
     values = fields.entries("values", 2)
-    stops = [number(at, f"{fields.place}: values[{k}]", -1e8, 1e8) * unit for k, at in enumerate(values)]
+    stops = [finite_number(at, f"{fields.place}: values[{k}]", -1e8, 1e8) * unit for k, at in enumerate(values)]
     for k, (a, b) in enumerate(pairwise(stops)):
         if b <= a:
             raise ValueError(f"{fields.place}: values[{k + 1}] = {b:g}: stops must be listed by rising distance")
@@ -85,15 +83,15 @@ def _stops(fields: Fields) -> list[float]:
 def _steps(
     fields: Fields, quantity: str, units: dict[str, float], low: float, high: float
 ) -> list[tuple[float, float]]:
-    """Return place and value of every entry; of several at one place the last counts."""
+    """Return position and value of every entry; at one position the last entry counts."""
     length, unit = _unit(fields, "position", LENGTHS), _unit(fields, quantity, units)
     steps: dict[float, float] = {}
     for k, (at, value) in enumerate(fields.rows("values", 2)):
         place = f"{fields.place}: values[{k}]"
-        where = number(at, f"{place}[0]", -1e8, 1e8) * length
-        if steps and where < next(reversed(steps)):
-            raise ValueError(f"{place}[0] = {where:g}: entries must be listed by rising distance")
-        steps[where] = number(value, f"{place}[1]", low, high) * unit
+        position = finite_number(at, f"{place}[0]", -1e8, 1e8) * length
+        if steps and position < next(reversed(steps)):
+            raise ValueError(f"{place}[0] = {position:g}: entries must be listed by rising distance")
+        steps[position] = finite_number(value, f"{place}[1]", low, high) * unit
     return list(steps.items())
 
 
@@ -106,7 +104,7 @@ def _curves(top: Fields, end: float) -> list[dict[str, float]]:
     for k, row in enumerate(fields.rows("values", 3)):
         place = f"{fields.place}: values[{k}]"
         first, last = (_curvature(value, f"{place}[{i + 1}]") for i, value in enumerate(row[1:]))
-        rows.append((number(row[0], f"{place}[0]", -1e8, 1e8) * unit, first, last))
+        rows.append((finite_number(row[0], f"{place}[0]", -1e8, 1e8) * unit, first, last))
     ends = [at for at, _, _ in rows[1:]] + [end]
     return [
         curve
@@ -117,7 +115,7 @@ def _curves(top: Fields, end: float) -> list[dict[str, float]]:
 
 
 def _transition(begin: float, end: float, first: float, last: float) -> list[dict[str, float]]:
-    """Return the curves of an entry whose curvature runs from the first to the last [1/m]."""
+    """Return the curves of an entry with a linear change from the first to the last curvature [1/m]."""
     count = 1 if first == last else min(PIECES, math.ceil((end - begin) / TRANSITION))
     length = (end - begin) / count
     mean = [abs(first + (last - first) * (k + 0.5) / count) for k in range(count)]
@@ -132,5 +130,5 @@ def _curvature(value: Any, place: str) -> float:
     """Return 1/R with its sign; 0, null and 'infinity' are straight."""
     if value is None or (isinstance(value, str) and "inf" in value.lower()) or value in (float("inf"), float("-inf")):
         return 0.0
-    radius = number(value, place)
+    radius = finite_number(value, place)
     return 1 / radius if radius else 0.0

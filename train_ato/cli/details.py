@@ -1,4 +1,4 @@
-"""What is known of one name of the catalogue: a scenario, a block with its parameters, a train, a line."""
+"""Details of one name of the catalogue: scenario; law, observer or compensation with its parameters; train; line."""
 
 from __future__ import annotations
 
@@ -7,19 +7,17 @@ from collections.abc import Callable
 from plant_sim.consist import Consist
 from plant_sim.library import consist_names, line_names, load_consist, load_line
 from plant_sim.line import Line
-from train_ato.compensate.registry import COMPENSATIONS
 from train_ato.control.contract import Parameter
-from train_ato.control.registry import LAWS, Registry
-from train_ato.observe.registry import OBSERVERS
-from train_ato.scenario import find, load, shipped_scenarios, variants_of
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
+from train_ato.scenario.scenario import find, load_scenario, shipped_scenarios, variants_of
 
 Facts = dict[str, str]
 GRADES = (0.0, 0.002, 0.005, 0.010)
-"""Grades for which a train's balancing speed is told."""
+"""Grades for the balancing speeds of a train."""
 
 
 def details(name: str) -> dict[str, Facts]:
-    """Return what is known of a name, by kind: one name may be an observer and a compensation.
+    """Return the details of a name by kind; one name may be an observer and a compensation.
 
     Raises
     ------
@@ -40,13 +38,13 @@ def details(name: str) -> dict[str, Facts]:
 
 
 def _scenario(name: str) -> Facts:
-    scenario, path = load(name)
+    scenario, path = load_scenario(name)
     stem = name.partition(":")[0]
     plant = scenario.plant
     facts = {
         "summary": scenario.summary,
         "file": str(path),
-        "lasts": f"{scenario.duration:g} s in ticks of {scenario.tick:g} s, plant step {scenario.step * 1e3:g} ms",
+        "duration": f"{scenario.duration:g} s in ticks of {scenario.tick:g} s, plant step {scenario.step * 1e3:g} ms",
         "train": plant.consist if isinstance(plant.consist, str) else plant.consist.name,
         "line": plant.line if isinstance(plant.line, str) else plant.line.name,
         "controller": scenario.controller,
@@ -61,7 +59,7 @@ def _block(registry: Registry, name: str) -> Facts:
 
 
 def _parameter(parameter: Parameter) -> str:
-    """Return default, unit, range or choices, and meaning in one line."""
+    """Return default, unit, range or choices, and meaning as one line."""
     default = parameter.default
     if isinstance(default, bool):
         value = "true or false"
@@ -75,7 +73,7 @@ def _parameter(parameter: Parameter) -> str:
 
 
 def _consist(consist: Consist) -> Facts:
-    from train_ato.plan.statics import balancing_speed, holding_force, steepest_start
+    from train_ato.profile.planner.statics import balancing_speed, holding_force, steepest_start
 
     vehicles, units = len(consist.vehicles), len(consist.power_units)
     facts = {
@@ -87,10 +85,10 @@ def _consist(consist: Consist) -> Facts:
         "balancing speed": lambda: ", ".join(
             f"{3.6 * balancing_speed(consist, grade):.0f} km/h at {1e3 * grade:g} per mille" for grade in GRADES
         ),
-        "steepest start": lambda: f"{1e3 * steepest_start(consist):.1f} per mille",
+        "steepest starting grade": lambda: f"{1e3 * steepest_start(consist):.1f} per mille",
         "at 60 km/h": lambda: (
-            f"{holding_force(consist, 60 / 3.6, 0.0) / 1e3:.0f} kN hold the speed on the level, "
-            f"{holding_force(consist, 60 / 3.6, -0.010) / 1e3:.0f} kN on a fall of 10 per mille"
+            f"{holding_force(consist, 60 / 3.6, 0.0) / 1e3:.0f} kN keep the speed on level track, "
+            f"{holding_force(consist, 60 / 3.6, -0.010) / 1e3:.0f} kN on a descent of 10 per mille"
         ),
     }
     if units:
@@ -105,9 +103,9 @@ def _line(line: Line) -> Facts:
     height = track.elevation(track.breaks)
     facts = {
         "summary": line.summary,
-        "reaches": f"from km {line.begin / 1e3:g} to km {line.end / 1e3:g}",
+        "extent": f"from km {line.begin / 1e3:g} to km {line.end / 1e3:g}",
         "grades": f"{1e3 * track.grade.min():g} ... {1e3 * track.grade.max():g} per mille",
-        "height": f"from {height.min():.1f} to {height.max():.1f} m over its begin, {height[-1]:.1f} m at its end",
+        "height": f"from {height.min():.1f} to {height.max():.1f} m above its begin, {height[-1]:.1f} m at its end",
         "curves": str(len(line.curves)),
     }
     if line.curves:

@@ -1,4 +1,4 @@
-"""``train-ato drive``: let a smooth driver drive the nominal train, and write the run as a profile."""
+"""``train-ato driver``: simulate a driver on the nominal multi-mass train and write the run as a speed profile."""
 
 from __future__ import annotations
 
@@ -9,36 +9,46 @@ from pathlib import Path
 
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
-from train_ato.cli.screen import console, print_json
-from train_ato.given import check_new_file
-from train_ato.profile.driver import Driver, drive, reference
+from train_ato.apps.runs.progress import console
+from train_ato.arguments import check_new_file
+from train_ato.cli.screen import print_json
+from train_ato.profile.driver import Driver, averaged_profile, simulate_driver
 from train_ato.profile.file import write_profile
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``drive``."""
-    parser.add_argument("line", metavar="LINE", help="a shipped line or a file")
-    parser.add_argument("consist", metavar="CONSIST", help="a shipped train or a file")
-    parser.add_argument("--until-km", type=float, required=True, metavar="KM", help="where the run ends, still rolling")
-    parser.add_argument("--speed-kmh", type=float, default=70.0, metavar="V", help="speed that the driver holds")
-    parser.add_argument("--spacing", type=float, default=0.5, metavar="S", help="time between the knots written")
+    """Declare the options of ``driver``."""
+    parser.add_argument("line", metavar="LINE", help="shipped line or file")
+    parser.add_argument("consist", metavar="CONSIST", help="shipped train or file")
+    parser.add_argument(
+        "--until-km",
+        type=float,
+        required=True,
+        metavar="KM",
+        help="last position of vehicle 0; the train is still moving there",
+    )
+    parser.add_argument(
+        "--speed-kmh", type=float, default=70.0, metavar="V", help="target speed of the driver (default: 70)"
+    )
+    parser.add_argument(
+        "--spacing", type=float, default=0.5, metavar="S", help="time between the knots of the profile (default: 0.5)"
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="profile to write (.csv, .yaml)")
-    parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Drive, write the profile, print the brake events as they go into a scenario."""
+    """Simulate the driver, write the profile, and print the brake events in the form of a scenario."""
     check_new_file(options.out, (".csv", ".yaml", ".yml"))
     consist, line = load_consist(options.consist), load_line(options.line)
     _check(options, line)
     driver = dataclasses.replace(Driver(), speed=options.speed_kmh / 3.6)
-    run = drive(consist, line, options.until_km * 1e3, driver, report=_tell)
-    profile = reference(run, driver, options.spacing)
+    run = simulate_driver(consist, line, options.until_km * 1e3, driver, report=_print_position)
+    profile = averaged_profile(run, driver, options.spacing)
     source = (
-        f"a smooth driver ({driver.slew / 1e3:g} kN/s, {driver.traction:g} of the traction, {driver.brake:g} of the "
+        f"simulated driver ({driver.slew / 1e3:g} kN/s, {driver.traction:g} of the traction, {driver.brake:g} of the "
         f"brake, {options.speed_kmh:g} km/h, {driver.gain:g} 1/s) on {consist.name} and {line.name}, speed averaged "
         f"over {driver.average:g} s three times: "
-        f"train-ato drive {options.line} {options.consist} --until-km {options.until_km:g}"
+        f"train-ato driver {options.line} {options.consist} --until-km {options.until_km:g}"
     )
     write_profile(profile, options.out, source)
     events = [{"time": round(time, 3), "reduction_kpa": round(reduction / 1e3, 3)} for time, reduction in run.events]
@@ -62,16 +72,16 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace, line: Line) -> None:
-    """Refuse numbers with which the driver would never arrive."""
+    """Check the numbers of the options."""
     begin, end = line.begin / 1e3, line.end / 1e3
     if not begin < options.until_km <= end:
-        raise ValueError(f"--until-km {options.until_km}: line '{line.name}' runs from km {begin:g} to km {end:g}")
+        raise ValueError(f"--until-km {options.until_km}: not on line '{line.name}'; give km {begin:g} to km {end:g}")
     if not 1 <= options.speed_kmh <= 500:
-        raise ValueError(f"--speed-kmh {options.speed_kmh}: give a speed from 1 to 500 km/h")
+        raise ValueError(f"--speed-kmh {options.speed_kmh}: out of range; give 1 to 500 km/h")
     if not 0.1 <= options.spacing <= 10:
-        raise ValueError(f"--spacing {options.spacing}: give 0.1 to 10 s")
+        raise ValueError(f"--spacing {options.spacing}: out of range; give 0.1 to 10 s")
 
 
-def _tell(place: float) -> None:
+def _print_position(place: float) -> None:
     if sys.stderr.isatty():
         console().print(f"km {place / 1e3:.1f}", end="\r")

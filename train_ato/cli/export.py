@@ -1,15 +1,17 @@
-"""``train-ato export``: the tables of a run as Parquet or CSV files."""
+"""``train-ato export``: write the tables of a run as Parquet or CSV files."""
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from train_ato.cli.screen import print_json, share_bar, table
+from train_ato.apps.runs.progress import share_bar
+from train_ato.cli.screen import print_json, print_table
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -17,39 +19,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder or MCAP file")
     parser.add_argument("--parquet", action="store_true", help="write Parquet (the default)")
     parser.add_argument("--csv", action="store_true", help="write CSV; with --parquet both")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to make (default: export in the run's folder)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="new folder (default: export in the run folder)")
     parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these topics (default: all)")
-    parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Write one file for each topic; the unit stands in the name of every column."""
-    from train_ato.frames.loading import load
-    from train_ato.frames.writing import FORMATS, write_frames
+    """Write one file per topic; the name of every column contains its unit."""
+    from train_ato.log.tables.files import FORMATS, write_frames
+    from train_ato.log.tables.loading import load
 
     formats = [name for name in FORMATS if getattr(options, name)] or ["parquet"]
     folder = options.out or _beside(options.run)
     if folder.exists():
-        raise ValueError(f"{folder}: exists already; name another folder with --out")
+        raise ValueError(f"{folder}: exists already; give another folder with --out")
     with share_bar(f"opening {options.run}") as progress:
         frames = load(options.run, options.topics, lambda share: progress(share, ""))
     if not any(len(frame) for frame in frames.values()):
-        raise ValueError(f"{options.run}: the log holds no message that makes a table{_reasons(frames.left_out)}")
-    with _made(folder), share_bar(f"writing {folder}") as progress:
+        raise ValueError(f"{options.run}: the log has no message for a table{_reasons(frames.left_out)}")
+    with _new_folder(folder), share_bar(f"writing {folder}") as progress:
         written = write_frames(frames, folder, formats, progress)
     if options.json:
-        files = [entry.as_dict() for entry in written]
+        files = [dataclasses.asdict(entry) for entry in written]
         print_json({"run": str(options.run), "folder": str(folder), "files": files, "left_out": frames.left_out})
         return 0
     rows = ((entry.file, entry.topic, entry.rows, entry.columns, entry.size_bytes / 1e3) for entry in written)
-    table(("file", "topic", "rows", "columns", "kB"), rows, str(folder))
+    print_table(("file", "topic", "rows", "columns", "kB"), rows, str(folder))
     for topic, reason in frames.left_out.items():
-        sys.stdout.write(f"left out: {topic}: {reason}\n")
+        sys.stdout.write(f"omitted: {topic}: {reason}\n")
     return 0
 
 
 def _beside(run: Path) -> Path:
-    """Return where the files go: into the run's folder, for a log alone beside it."""
+    """Return the default folder: in the run folder, or beside a single log."""
     return run / "export" if run.is_dir() else run.with_name(f"{run.stem}-export")
 
 
@@ -58,13 +59,13 @@ def _reasons(left_out: dict[str, str]) -> str:
 
 
 @contextmanager
-def _made(folder: Path) -> Iterator[None]:
-    """Make a folder, and take it away again if what goes into it fails or is interrupted."""
+def _new_folder(folder: Path) -> Iterator[None]:
+    """Create a folder; remove it again on failure or interruption."""
     new = [folder, *(parent for parent in folder.parents if not parent.exists())]
     try:
         folder.mkdir(parents=True)
     except OSError as error:
-        raise ValueError(f"{folder}: cannot be made ({error.strerror}); name a writable place with --out") from None
+        raise ValueError(f"{folder}: cannot be created ({error.strerror}); give a writable place with --out") from None
     try:
         yield
     except BaseException:

@@ -1,4 +1,4 @@
-"""``train-ato info``: what a run or a log holds."""
+"""``train-ato info``: print topics, rates, gaps, changes and versions of a run or a log."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from train_ato.cli.screen import print_json, share_bar, table
-from train_ato.record.overview import Overview, TopicOverview, overview
-from train_ato.record.reading import log_file, partial_of, state_of
-from train_ato.record.versions import SCENARIO
+from train_ato.apps.runs.progress import share_bar
+from train_ato.cli.screen import print_json, print_table
+from train_ato.log.overview import Overview, TopicOverview, log_overview
+from train_ato.log.reading import log_file, partial_of, state_of
+from train_ato.log.versions import SCENARIO
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``info``."""
-    parser.add_argument("run", type=Path, metavar="RUN", help="run folder, a log alone, or run.mcap.partial")
-    parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
+    parser.add_argument("run", type=Path, metavar="RUN", help="run folder, single log, or run.mcap.partial")
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Print the summary, topics with counts, rates and gaps, the changes and the versions."""
+    """Print summary, topics with counts, rates and gaps, changes and versions."""
     run: Path = options.run
     partial = partial_of(run)
     if partial is not None:
@@ -30,31 +30,31 @@ def execute(options: argparse.Namespace) -> int:
         _check_folder(run)
         log, note = log_file(run), ""
     with share_bar(f"reading {log}") as progress:
-        found = overview(log, broken=partial is not None, progress=lambda share: progress(share, ""))
+        found = log_overview(log, broken=partial is not None, progress=lambda share: progress(share, ""))
     summary = _summary(run)
-    changes = summary.pop("changes", None) or found.told.listed()
+    changes = summary.pop("changes", None) or found.changes.listed()
     if options.json:
         print_json({**summary, **_as_json(found), "changes": changes, "note": note})
         return 0
     if summary:
-        table(("figure", "value"), summary.items(), str(run))
-    _show(found, changes)
+        print_table(("figure", "value"), summary.items(), str(run))
+    _print_overview(found, changes)
     if note:
         sys.stdout.write(f"{note}\n")
     return 0
 
 
 def _check_folder(run: Path) -> None:
-    """Refuse a folder that holds neither a scenario nor a log."""
+    """Check that a folder has a scenario or a log."""
     if run.is_dir() and not (run / SCENARIO).is_file() and not (run / "run.mcap").is_file():
-        raise ValueError(f"{run}: not a run folder: no {SCENARIO}; name a folder that `run` made")
+        raise ValueError(f"{run}: not a run folder: no {SCENARIO}; name the folder of a run")
 
 
 def _summary(run: Path) -> dict[str, Any]:
-    """Return the summary beside the log, empty for a log alone."""
+    """Return the summary beside the log, empty for a single log."""
     if not (run / SCENARIO).is_file():
         return {}
-    from train_ato.run_folder import read_summary
+    from train_ato.log.run_folder import read_summary
 
     return read_summary(run) if partial_of(run) is None else {}
 
@@ -70,23 +70,23 @@ def _as_json(found: Overview) -> dict[str, Any]:
     }
 
 
-def _show(found: Overview, changes: list[dict[str, Any]]) -> None:
-    """Print what the log holds."""
+def _print_overview(found: Overview, changes: list[dict[str, Any]]) -> None:
+    """Print topics, changes and versions of the log."""
     count = sum(topic.messages for topic in found.topics)
     title = f"{found.path.name}: {found.size / 1e6:.1f} MB, {count} messages over {found.duration_s:.1f} s"
     rows = [
         (topic.name, topic.messages, topic.rate_hz, topic.first_s, topic.last_s, _gaps(topic)) for topic in found.topics
     ]
-    table(("topic", "messages", "1/s", "from s", "to s", "gaps"), rows, title)
+    print_table(("topic", "messages", "1/s", "from s", "to s", "gaps"), rows, title)
     if changes:
         listed = [
             (f"{row['at_s']:.3f}", f"{row['name']} = {_value(row['value'])}", _origin(row.get("planned")))
             for row in changes
         ]
-        table(("at s", "change", ""), listed, "changes while the run went on")
+        print_table(("at s", "change", ""), listed, "changes during the run")
     if found.versions:
-        told = ", ".join(f"{name} {value}" for name, value in found.versions.items() if value != "absent")
-        sys.stdout.write(f"made by {told}\n")
+        versions = ", ".join(f"{name} {value}" for name, value in found.versions.items() if value != "absent")
+        sys.stdout.write(f"recorded with {versions}\n")
 
 
 def _gaps(topic: TopicOverview) -> str:
@@ -102,5 +102,5 @@ def _value(value: Any) -> str:
 
 
 def _origin(planned: bool | None) -> str:
-    """Say who changed it; a log alone does not tell what was planned."""
+    """Return the origin of a change; unknown for a log without its scenario."""
     return "" if planned is None else "planned" if planned else "from outside"

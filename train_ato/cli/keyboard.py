@@ -1,4 +1,4 @@
-"""Orders from the keyboard while a run is published, the keys of ``ros2 bag play``."""
+"""Keyboard control of a replay, with the keys of ``ros2 bag play``."""
 
 from __future__ import annotations
 
@@ -10,41 +10,26 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from train_ato.replay.playback import Playback
+    from train_ato.apps.replay.playback import Playback
 
 RATE_STEP = 1.1
 
 
-def _faster(playback: Playback) -> None:
-    playback.set_rate(playback.state.rate * RATE_STEP)
-
-
-def _slower(playback: Playback) -> None:
-    playback.set_rate(playback.state.rate / RATE_STEP)
-
-
-def _toggle(playback: Playback) -> None:
-    if playback.state.paused:
-        playback.resume()
-    else:
-        playback.pause()
-
-
 KEYS: dict[bytes, Callable[[Playback], None]] = {
-    b" ": _toggle,
+    b" ": lambda playback: playback.toggle_paused(),
     b"\x1b[C": lambda playback: playback.play_next(),
-    b"\x1b[A": _faster,
-    b"\x1b[B": _slower,
+    b"\x1b[A": lambda playback: playback.set_rate(playback.state.rate * RATE_STEP),
+    b"\x1b[B": lambda playback: playback.set_rate(playback.state.rate / RATE_STEP),
 }
-"""What a terminal sends for space and the arrows right, up and down."""
+"""Terminal codes of space and the arrows right, up and down."""
 
 
 def pressed(text: bytes) -> Iterator[Callable[[Playback], None]]:
-    """Return the orders of the keys in what came from a terminal; other keys are passed over."""
+    """Yield the actions of the keys in terminal input; other keys are ignored."""
     while text:
-        for key, order in KEYS.items():
+        for key, action in KEYS.items():
             if text.startswith(key):
-                yield order
+                yield action
                 text = text[len(key) :]
                 break
         else:
@@ -53,12 +38,12 @@ def pressed(text: bytes) -> Iterator[Callable[[Playback], None]]:
 
 @contextmanager
 def keyboard(wanted: bool) -> Iterator[Callable[[Playback], None] | None]:
-    """Read single keys from the terminal, if there is one and it is ours; it is put back as it was.
+    """Read single keys from the terminal of this process; restore its settings on exit.
 
     Yields
     ------
     callable or None
-        Gives the orders of the keys that were pressed; None without a terminal.
+        Function that performs the actions of the pressed keys; None without a terminal.
     """
     if not (wanted and sys.stdin and sys.stdin.isatty() and os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()):
         yield None
@@ -70,16 +55,16 @@ def keyboard(wanted: bool) -> Iterator[Callable[[Playback], None] | None]:
     before = termios.tcgetattr(terminal)
     tty.setcbreak(terminal)
 
-    def orders(playback: Playback) -> None:
+    def perform(playback: Playback) -> None:
         while select.select([terminal], [], [], 0)[0]:
             text = os.read(terminal, 64)
             if not text:
                 return
-            for order in pressed(text):
-                with suppress(ValueError):  # play_next without a pause
-                    order(playback)
+            for action in pressed(text):
+                with suppress(ValueError):  # play_next needs a pause
+                    action(playback)
 
     try:
-        yield orders
+        yield perform
     finally:
         termios.tcsetattr(terminal, termios.TCSADRAIN, before)

@@ -1,4 +1,4 @@
-"""``train-ato list [NAME]``: everything that can be named on the command line, one line each, or all about one name."""
+"""``train-ato list [NAME]``: all names for the command line with one line each, or the details of one name."""
 
 from __future__ import annotations
 
@@ -7,24 +7,21 @@ import argparse
 from plant_sim.input_error import close_match
 from plant_sim.library import consist_names, line_names, load_consist, load_line
 from train_ato.cli.details import details
-from train_ato.cli.screen import names, print_json
-from train_ato.compensate.registry import COMPENSATIONS
-from train_ato.control.registry import LAWS
-from train_ato.observe.registry import OBSERVERS
-from train_ato.scenario import raw, shipped_scenarios, variants_of
+from train_ato.cli.screen import print_json, print_names
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+from train_ato.scenario.scenario import raw_scenario, shipped_scenarios, variants_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``list``."""
-    parser.add_argument("name", nargs="?", metavar="NAME", help="one of them: its parameters, variants, figures")
-    parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
+    parser.add_argument("name", nargs="?", metavar="NAME", help="print details of this name")
 
 
 def catalogue() -> dict[str, dict[str, str]]:
-    """Return every kind of name with its one-line summary."""
+    """Return the names of every kind with their one-line summaries."""
     scenarios: dict[str, str] = {}
     for name, path in shipped_scenarios().items():
-        scenarios[name] = str(raw(name)[1].get("summary", ""))
+        scenarios[name] = str(raw_scenario(name)[1].get("summary", ""))
         scenarios |= {f"{name}:{variant}": summary for variant, summary in variants_of(path).items()}
     return {
         "scenarios": scenarios,
@@ -37,19 +34,19 @@ def catalogue() -> dict[str, dict[str, str]]:
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Print the catalogue, or what is known of one name."""
-    found = catalogue() if options.name is None else _about(options.name)
+    """Print the catalogue, or the details of one name."""
+    found = catalogue() if options.name is None else _details_of(options.name)
     if options.json:
         print_json(found)
         return 0
     for kind, entries in found.items():
-        names(kind, entries.items())
+        print_names(kind, entries.items())
     return 0
 
 
-def _about(name: str) -> dict[str, dict[str, str]]:
+def _details_of(name: str) -> dict[str, dict[str, str]]:
     found = details(name)
     if not found:
         known = {entry for entries in catalogue().values() for entry in entries}
-        raise ValueError(f"unknown name '{name}'{close_match(name, known)}; `train-ato list` shows all")
+        raise ValueError(f"unknown name '{name}'{close_match(name, known)}; see `train-ato list`")
     return {f"{kind} {name}": facts for kind, facts in found.items()}

@@ -1,4 +1,4 @@
-"""Entry point of the command line: parses, calls one command, turns errors into one line and an exit status."""
+"""Entry point of the command line: parser, one command, errors as one line and an exit status."""
 
 from __future__ import annotations
 
@@ -10,38 +10,47 @@ from collections.abc import Sequence
 from typing import Any
 
 from train_ato.arguments import BAD_INPUT, OneLineParser
-from train_ato.failure import RunFailed
+from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.version import VERSION
 
 __all__ = ["RunFailed", "main"]
 
 COMMANDS: tuple[tuple[str, str], ...] = (
-    ("run", "drive a scenario and record it"),
-    ("compare", "drive a scenario with several laws: one table, one figure, one page"),
-    ("reproduce", "the papers' claims beside what is measured here"),
-    ("list", "scenarios, laws, observers, compensations, consists and lines"),
-    ("replay", "publish a recorded run again, or try a law on its inputs"),
-    ("info", "what a run or a log holds: topics, rates, gaps, changes"),
-    ("report", "a run, or several side by side, as one page of figures that works without a network"),
-    ("check-law", "the contract tests on a law of your own"),
-    ("export", "the tables of a run as Parquet or CSV"),
-    ("import", "a recorded speed and force history as a run and a profile"),
-    ("recover", "make a readable log of one that was cut or damaged"),
-    ("set", "change a parameter of a running controller, for example swap its law"),
-    ("do", "act on a running train: gust, delay jump, emergency brake, pause, step"),
-    ("view", "a page to look at: a run that goes on, one that it starts, or a recorded one"),
-    ("verify", "run a recorded scenario again and compare every message"),
-    ("plan", "the driving profile alone"),
-    ("drive", "a profile driven by a smooth driver on the flexible train"),
+    ("run", "run a scenario and record it"),
+    ("compare", "run a scenario with several control laws; write a table, a figure and a page"),
+    ("reproduce", "check the claims of the papers against simulated runs"),
+    ("list", "list scenarios, laws, observers, compensations, trains and lines"),
+    ("replay", "publish a recorded run on its topics, or evaluate a law on its inputs"),
+    ("info", "print topics, rates, gaps and changes of a run or a log"),
+    ("report", "write an HTML page with the figures of a run, or of several runs for comparison"),
+    ("check-law", "test a control law against the interface of the control loop"),
+    ("check-observer", "test a disturbance observer against the interface of the control loop"),
+    ("check-compensation", "test a delay compensation against the interface of the control loop"),
+    ("export", "write the tables of a run as Parquet or CSV"),
+    ("import", "convert a measured speed and force history to a run and a speed profile"),
+    ("recover", "restore a readable log from an incomplete or damaged one"),
+    ("param", "change a parameter of a running simulation, for example the control law"),
+    ("inject", "apply a gust, a delay change or the emergency brake to a running simulation; pause or stop it"),
+    ("view", "show a running, a new or a recorded run in the browser"),
+    ("verify", "repeat a recorded run and compare every message"),
+    ("plan", "compute a speed profile from a line and a train"),
+    ("driver", "simulate a driver on a multi-mass train and write the run as a speed profile"),
 )
-MODULES: dict[str, str] = {"import": "import_run"}
-"""Modules of the commands that cannot be called like them: ``import`` is a word of Python's own."""
+MODULES: dict[str, str] = {
+    "import": "import_run",
+    "check-law": "check",
+    "check-observer": "check",
+    "check-compensation": "check",
+}
+"""Modules with another name than their command: ``import`` is a keyword of Python."""
+WITHOUT_JSON = ("train_ato.cli.view",)
+"""Modules of the commands without a result."""
 DONE, FAILED = 0, 1
 
 
 class _Command(OneLineParser):
-    """One command; its module is imported when the command is the one asked for, so that help stays fast."""
+    """Parser of one command; imports the module of the command on use, so that help is fast."""
 
     module = ""
 
@@ -50,13 +59,15 @@ class _Command(OneLineParser):
         if self.get_default("execute") is None:
             module = importlib.import_module(self.module)
             module.add_arguments(self)
+            if self.module not in WITHOUT_JSON:
+                self.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
             self.set_defaults(execute=module.execute)
         return super().parse_known_args(args, namespace)
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = OneLineParser(
-        prog="train-ato", description="Onboard automatic train operation on ROS 2, with the train it drives."
+        prog="train-ato", description="Onboard automatic train operation (ATO) on ROS 2, with a simulated train."
     )
     parser.add_argument("--version", action="version", version=f"train-ato {VERSION}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND", parser_class=_Command)
@@ -71,31 +82,48 @@ def main(arguments: Sequence[str] | None = None) -> int:
     interrupt = Interrupt()
     try:
         with ending_like_ctrl_c(interrupt):
-            options = _parser().parse_args(arguments)
+            options = _parser().parse_args(_with_present_command(sys.argv[1:] if arguments is None else arguments))
             return int(options.execute(options) or DONE)
-    except KeyboardInterrupt:
-        return _complain("interrupted", FAILED)
     except RunFailed as error:
-        return _complain(error, FAILED)
+        return _print_error(error, FAILED)
+    except KeyboardInterrupt:
+        return _print_error("interrupted", FAILED)
     except Exception as error:
-        if interrupt.asked:  # compilers and validators make errors of their own of it
-            return _complain("interrupted", FAILED)
-        return _failed(error)
+        if interrupt.asked:  # some libraries convert KeyboardInterrupt into their own exception
+            return _print_error("interrupted", FAILED)
+        return _status_of(error)
 
 
-def _failed(error: Exception) -> int:
-    """Tell of an error in one line; one that is a mistake of ours goes on as it is."""
+def _with_present_command(arguments: Sequence[str]) -> list[str]:
+    """Return the command line with the present name of the command."""
+    if not arguments or arguments[0] in dict(COMMANDS):
+        return list(arguments)
+    from train_ato.scenario.former_names import FORMER_COMMANDS, print_notice
+
+    present = FORMER_COMMANDS.get(arguments[0])
+    if present is None:
+        return list(arguments)
+    print_notice("train-ato", "command", arguments[0], present)
+    return [present, *arguments[1:]]
+
+
+def _status_of(error: Exception) -> int:
+    """Print an error as one line and return the exit status; raise an unexpected one again."""
     if isinstance(error, ValueError):
-        return _complain(error, BAD_INPUT)
+        return _print_error(error, BAD_INPUT)
+    from train_ato.ros import missing_ros
+
+    if (without := missing_ros(error)) is not None:
+        return _print_error(without, BAD_INPUT)
     if isinstance(error, BrokenPipeError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # who read has left: `train-ato list | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed: `train-ato list | head`
         return FAILED
     if isinstance(error, OSError):
-        return _complain(error, FAILED)
+        return _print_error(error, FAILED)
     raise error
 
 
-def _complain(error: object, status: int) -> int:
+def _print_error(error: object, status: int) -> int:
     if os.environ.get("TRAIN_ATO_DEBUG") and isinstance(error, Exception):
         raise error
     text = " ".join(str(error).split())

@@ -1,32 +1,40 @@
-"""``train-ato set``: change a parameter of a running controller, for example swap its law."""
+"""``train-ato param``: change a parameter of a node of a running simulation, for example the control law."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 
+from train_ato.arguments import parse_yaml_value
 from train_ato.cli.screen import print_json
-from train_ato.given import given_value
-from train_ato.graph.remote import set_parameter, the_running_domain
+from train_ato.control.parameters import current_names
+from train_ato.control.registry import LAWS
+from train_ato.ros.graph.remote import resolve_domain, set_parameter
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the options of ``set``."""
-    parser.add_argument("assignment", metavar="NAME=VALUE", help="for example controller=smc, or pid.kp=0.04")
-    parser.add_argument("--node", default="controller", metavar="NAME", help="node that has the parameter")
-    parser.add_argument("--domain", type=int, metavar="N", help="ROS domain of the run (default: the only one)")
-    parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
+    """Declare the options of ``param``."""
+    parser.add_argument(
+        "assignment", metavar="NAME=VALUE", help="parameter and value, for example controller=smc or pid.kp=0.04"
+    )
+    parser.add_argument(
+        "--node", default="controller", metavar="NAME", help="node of the parameter (default: controller)"
+    )
+    parser.add_argument("--domain", type=int, metavar="N", help="ROS domain of the run (default: that of the only run)")
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Set the parameter; a refusal is bad input and carries the node's reason."""
+    """Set the parameter; a refusal is bad input with the reason of the node."""
     name, equals, text = options.assignment.partition("=")
     if not equals or not name:
-        raise ValueError(f"{options.assignment}: write it as name=value, for example controller=smc")
-    value = given_value(text, options.assignment)
+        raise ValueError(f"{options.assignment}: not an assignment; write name=value, for example controller=smc")
+    value = parse_yaml_value(text, options.assignment)
+    owner, dot, parameter = name.partition(".")
+    if dot and owner in LAWS.loadable():
+        name = f"{owner}.{next(iter(current_names(LAWS.parameters(owner), {parameter: value}, owner)))}"
     if not isinstance(value, (bool, int, float, str)):
-        raise ValueError(f"{options.assignment}: a parameter is a number, a word, true or false")
-    domain = the_running_domain(options.domain)
+        raise ValueError(f"{options.assignment}: not a parameter value; give a number, a word, true or false")
+    domain = resolve_domain(options.domain)
     reason = set_parameter(domain, options.node, name, value)
     if reason is not None:
         raise ValueError(f"{options.node} refused {name} = {value!r}: {reason}")

@@ -1,5 +1,168 @@
-"""``train-ato plan``: the driving profile alone, for a line and a train, with a figure and without a run."""
+"""``train-ato plan LINE CONSIST``: compute a speed profile."""
 
-from train_ato.plan.command import add_arguments, execute
+from __future__ import annotations
 
-__all__ = ["add_arguments", "execute"]
+import argparse
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from plant_sim.input_error import explain
+from train_ato.apps.report.plan_figure import draw_plan
+from train_ato.arguments import check_new_file
+from train_ato.profile.file import write_profile
+from train_ato.profile.planner.inputs import find_line, find_train
+from train_ato.profile.planner.planner import Plan, plan
+from train_ato.profile.planner.settings import PlanSettings
+
+__all__ = ["add_arguments", "execute", "plan_from_options"]
+
+PROFILES, FIGURES = (".csv", ".yaml", ".yml"), (".png", ".pdf", ".svg")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``plan``."""
+    least = _number(0.0)
+    parser.add_argument(
+        "line", metavar="LINE", help="shipped line, or file (train_ato YAML, railtoolkit YAML, TTOBench JSON)"
+    )
+    parser.add_argument("consist", metavar="CONSIST", help="shipped train, or file (train_ato YAML, railtoolkit YAML)")
+    parser.add_argument(
+        "--from",
+        dest="begin_km",
+        type=_number(),
+        metavar="KM",
+        help="start position of the front [km] (default: first stop)",
+    )
+    parser.add_argument(
+        "--to",
+        dest="end_km",
+        type=_number(),
+        metavar="KM",
+        help="stop position of the front [km] (default: last stop)",
+    )
+    parser.add_argument(
+        "--time", type=least, metavar="S", help="timetable: running time with dwell times (default: minimum time)"
+    )
+    parser.add_argument(
+        "--dwell", type=least, metavar="S", help="dwell time at intermediate stops (default: that of the line)"
+    )
+    parser.add_argument("--through", action="store_true", help="pass the intermediate stops of the line")
+    parser.add_argument("--acceleration", type=_limit, metavar="A", help="maximum acceleration [m/s²], or none")
+    parser.add_argument("--deceleration", type=_limit, metavar="A", help="maximum deceleration [m/s²], or none")
+    parser.add_argument("--jerk", type=_limit, metavar="J", help="jerk limit [m/s³], or none")
+    parser.add_argument(
+        "--margin", type=least, metavar="FRACTION", help="fraction of the maximum forces kept in reserve"
+    )
+    parser.add_argument("--speed-max-kmh", type=least, metavar="V", help="speed limit of the train")
+    parser.add_argument("--no-air-brake", action="store_true", help="use electric brakes only")
+    parser.add_argument("--point-mass", action="store_true", help="treat the train as a point mass at its front")
+    parser.add_argument(
+        "--period", type=least, default=0.1, metavar="S", help="time between the knots of the profile (default: 0.1)"
+    )
+    parser.add_argument(
+        "--out", type=Path, action="append", default=[], metavar="FILE",
+        help="profile (.csv, .yaml) or figure (.png, .pdf, .svg); may be repeated",
+    )  # fmt: skip
+
+
+def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
+    """Compute the profile of the options, write the files, and return the figures of the plan.
+
+    Raises
+    ------
+    ValueError
+        One line: option, problem; fix.
+    """
+    for path in options.out:
+        check_new_file(path, (*PROFILES, *FIGURES))
+    line = find_line(options.line)
+    consist, settings = find_train(options.consist)
+    settings = _settings(options, settings)
+    if not 1e-3 <= options.period <= 10:
+        raise ValueError(f"--period {options.period:g}: out of range; give 0.001 to 10 s")
+    result = plan(line, consist, settings, options.period)
+    for path in options.out:
+        if path.suffix.lower() in FIGURES:
+            draw_plan(result, path)
+        else:
+            write_profile(result.profile, path, _source(options, result))
+    return result.summary() | {
+        "settings": settings.model_dump(mode="json", exclude_none=True),
+        "files": [str(path) for path in options.out],
+    }
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Compute the profile and print one JSON value or a table."""
+    from train_ato.apps.runs.progress import PLANNER_NOTE, compilation_noted
+    from train_ato.apps.runs.summary_table import format_value
+    from train_ato.cli.screen import print_json, print_table
+
+    with compilation_noted(PLANNER_NOTE):
+        result = plan_from_options(options)
+    if options.json:
+        print_json(result)
+        return 0
+    rows = [(key, format_value(value)) for key, value in result.items() if not isinstance(value, (list, dict))]
+    print_table(("", ""), rows)
+    if len(result["stops"]) > 2:
+        stops = ([f"{s['place_m'] / 1e3:.3f}", s["arrival_s"], s["departure_s"]] for s in result["stops"])
+        print_table(("stop, km", "arrival, s", "departure, s"), stops)
+    for name in result["files"]:
+        sys.stdout.write(f"{name}\n")
+    return 0
+
+
+def _settings(options: argparse.Namespace, settings: PlanSettings) -> PlanSettings:
+    given = {
+        "begin": None if options.begin_km is None else 1e3 * options.begin_km,
+        "end": None if options.end_km is None else 1e3 * options.end_km,
+        "time": options.time,
+        "dwell": options.dwell,
+        "force_margin": options.margin,
+        "speed_max": None if options.speed_max_kmh is None else options.speed_max_kmh / 3.6,
+        "calling": False if options.through else None,
+        "air_brake": False if options.no_air_brake else None,
+        "point_mass": True if options.point_mass else None,
+    }
+    data = settings.model_dump() | {key: value for key, value in given.items() if value is not None}
+    for key in ("acceleration", "deceleration", "jerk"):
+        value = getattr(options, key)
+        if value is not None:
+            data[key] = None if math.isinf(value) else value
+    try:
+        return PlanSettings.model_validate(data)
+    except ValidationError as error:
+        raise ValueError(explain(error, "options of plan", PlanSettings)) from None
+
+
+def _source(options: argparse.Namespace, result: Plan) -> str:
+    return (
+        f"train-ato plan {options.line} {options.consist}: {result.running_time:.2f} s, force margin "
+        f"{result.settings.force_margin:g}, jerk {result.settings.jerk} m/s3"
+    )
+
+
+def _number(low: float = -math.inf) -> Callable[[str], float]:
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"'{text}' is not a number; correct it") from None
+        if not math.isfinite(value) or value < low:
+            raise argparse.ArgumentTypeError(
+                f"'{text}' is out of range; give a finite number" + (f" >= {low:g}" if low == 0 else "")
+            )
+        return value
+
+    return parse
+
+
+def _limit(text: str) -> float:
+    """Return a limit [SI]; infinity for 'none'."""
+    return math.inf if text.lower() == "none" else _number(0.0)(text)

@@ -1,4 +1,4 @@
-"""``train-ato recover``: make a readable log of one that was cut or damaged."""
+"""``train-ato recover``: restore a readable log from an incomplete or damaged one."""
 
 from __future__ import annotations
 
@@ -6,21 +6,19 @@ import argparse
 import sys
 from pathlib import Path
 
-from train_ato.cli.screen import print_json, share_bar
-from train_ato.record.layout import METADATA
-from train_ato.record.recover import recover
+from train_ato.apps.runs.progress import share_bar
+from train_ato.cli.screen import print_json
+from train_ato.log.bag_layout import METADATA
+from train_ato.log.recover import recover
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``recover``."""
-    parser.add_argument(
-        "file", type=Path, metavar="FILE", help="run.mcap.partial or a damaged log, or the folder that holds it"
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
+    parser.add_argument("file", type=Path, metavar="FILE", help="run.mcap.partial, a damaged log, or its folder")
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Write what is whole of the log as a new one; the damaged file is kept beside it."""
+    """Write the intact part of the log as a new log; the damaged file is kept beside it."""
     with share_bar(f"recovering {options.file}") as progress:
         found = recover(options.file, lambda share: progress(share, ""))
     if options.json:
@@ -35,10 +33,10 @@ def execute(options: argparse.Namespace) -> int:
         )
         return 0
     if found.metadata_only:
-        kept = f"; kept as it was: {found.kept}" if found.kept else ""
+        kept = f"; previous file: {found.kept}" if found.kept else ""
         again = found.path.parent / METADATA
-        sys.stdout.write(f"{found.path} is whole, {found.messages} messages; written again: {again}{kept}\n")
+        sys.stdout.write(f"{found.path} is complete, {found.messages} messages; metadata written: {again}{kept}\n")
         return 0
-    lost = f"; {found.lost_chunks} damaged or cut chunks were left out" if found.lost_chunks else ""
-    sys.stdout.write(f"{found.messages} messages recovered into {found.path}{lost}; kept as it was: {found.kept}\n")
+    lost = f"; {found.lost_chunks} damaged or incomplete chunks omitted" if found.lost_chunks else ""
+    sys.stdout.write(f"{found.messages} messages recovered into {found.path}{lost}; previous file: {found.kept}\n")
     return 0

@@ -1,4 +1,4 @@
-"""``train-ato replay --controller``: another law on the recorded inputs, both outputs as a table and a figure."""
+"""``train-ato replay --controller``: evaluate a law on the recorded inputs; table and figure of both outputs."""
 
 from __future__ import annotations
 
@@ -11,13 +11,15 @@ from typing import Any
 
 import yaml
 
-from train_ato.cli.screen import print_json, progress_bar, table
-from train_ato.measured.run import MEASURED, NOT_RECORDED
-from train_ato.open_loop import replay_open_loop
-from train_ato.record.reading import log_file
-from train_ato.run_folder import open_run
-from train_ato.run_setup import RunSetup, prepare
-from train_ato.scenario import assign, check, overlay
+from train_ato.apps.import_csv.run import MEASURED, NOT_RECORDED
+from train_ato.apps.replay.open_loop import replay_open_loop
+from train_ato.apps.runs.progress import progress_bar
+from train_ato.cli.screen import print_json, print_table
+from train_ato.log.reading import log_file
+from train_ato.log.run_folder import read_run_folder
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.scenario.overlays import assign, overlay
+from train_ato.scenario.scenario import check_scenario
 
 FORMATS = (".png", ".svg", ".pdf")
 OUTPUT_ROWS: tuple[tuple[str, str], ...] = (
@@ -37,24 +39,24 @@ DIFFERENCE_ROWS: tuple[tuple[str, str], ...] = (
 )
 
 
-def compare(options: argparse.Namespace) -> int:
-    """Drive a law with the recorded inputs; the law of the run itself keeps the swaps that were planned in it."""
-    recorded, told = open_run(options.run)
+def compare_laws(options: argparse.Namespace) -> int:
+    """Evaluate a law on the recorded inputs; the law of the run itself keeps its planned changes."""
+    recorded, recorded_summary = read_run_folder(options.run)
     changed = _with_law(recorded, options)
     figure = _figure_path(options)
     with progress_bar(f"{options.controller} on the inputs of {options.run.name}") as progress:
         result = replay_open_loop(changed, options.run, progress)
     summary = {
         "run": str(options.run),
-        "recorded_controller": MEASURED if told.get("controller") == MEASURED else recorded.controller,
+        "recorded_controller": MEASURED if recorded_summary.get("controller") == MEASURED else recorded.controller,
         "controller": options.controller,
         **result.summary(),
         "figure": str(figure),
     }
-    from train_ato.open_loop_figure import draw_open_loop
+    from train_ato.apps.replay.open_loop_figure import draw_open_loop
 
-    title = f"{recorded.scenario.name}: {options.controller} on the recorded inputs, the loop is open"
-    names = (_recorded_name(recorded, told), f"{options.controller}, replayed")
+    title = f"{recorded.scenario.name}: {options.controller} on the recorded inputs, open loop"
+    names = (_recorded_name(recorded, recorded_summary), f"{options.controller}, replayed")
     draw_open_loop(result, title, *names, figure)
     if options.json:
         print_json(summary)
@@ -63,53 +65,51 @@ def compare(options: argparse.Namespace) -> int:
     return 0
 
 
-def _recorded_name(recorded: RunSetup, told: dict[str, Any]) -> str:
-    """Return what the recorded output is called: the law that gave it, or what was measured."""
-    if told.get("controller") != MEASURED:
+def _recorded_name(recorded: RunSetup, summary: dict[str, Any]) -> str:
+    """Return the label of the recorded output: its law, or the measured quantity."""
+    if summary.get("controller") != MEASURED:
         return f"{recorded.controller}, recorded"
-    return "force at the wheel, measured" if told.get("measured_command") == NOT_RECORDED else "demand, measured"
+    return "force at the wheel, measured" if summary.get("measured_command") == NOT_RECORDED else "demand, measured"
 
 
 def _with_law(recorded: RunSetup, options: argparse.Namespace) -> RunSetup:
-    """Return the recorded run's setup with the law and the keys that are to be tried."""
+    """Return the setup of the recorded run with the law and the keys of the options."""
     data: dict[str, Any] = yaml.safe_load(recorded.resolved_yaml())
     for text in options.set:
         assign(data, text)
     if options.controller != recorded.controller:
-        data = overlay(data, {"controller": options.controller, "swaps": []})
-    changed = prepare(check(data, options.run), options.run)
-    if changed.shape != recorded.shape or changed.tick_ns != recorded.tick_ns:
-        raise ValueError("--set: the train, its sensors and the tick are those of the recording; change something else")
+        data = overlay(data, {"controller": options.controller, "controller_changes": []})
+    changed = prepare(check_scenario(data, options.run), options.run)
+    if changed.layout != recorded.layout or changed.tick_ns != recorded.tick_ns:
+        raise ValueError("--set: train, sensors and tick of a recording are fixed; change other keys")
     return changed
 
 
 def _figure_path(options: argparse.Namespace) -> Path:
-    """Return where the figure goes, and refuse what cannot be written before anything is computed."""
+    """Return the path of the figure; check it before the computation."""
     wanted: Path | None = options.out
     if wanted is not None:
         if wanted.suffix not in FORMATS:
-            raise ValueError(f"--out {wanted}: name a file that ends in {', '.join(FORMATS)}")
+            raise ValueError(f"--out {wanted}: unknown ending; use {', '.join(FORMATS)}")
         if wanted.exists():
-            raise ValueError(f"--out {wanted}: exists already; name a file that does not")
+            raise ValueError(f"--out {wanted}: exists already; give another name")
         if not wanted.parent.is_dir():
-            raise ValueError(f"--out {wanted}: there is no folder {wanted.parent}; make it first")
+            raise ValueError(f"--out {wanted}: no folder {wanted.parent}; create it")
     else:
         log = log_file(options.run)
         name = re.sub(r"[^A-Za-z0-9_.-]+", "-", options.controller)
         stem = "replay" if options.run.is_dir() else f"{log.stem}-replay"
         wanted = log.with_name(f"{stem}-{name}.png")
     if not os.access(wanted.parent, os.W_OK):
-        raise ValueError(f"{wanted}: the folder cannot be written; name another place with --out")
+        raise ValueError(f"{wanted}: the folder is not writable; give another place with --out")
     return wanted
 
 
 def _print(summary: dict[str, Any], names: tuple[str, str]) -> None:
-    table(
+    print_table(
         ("output", *names),
         ((text, summary["recorded"][key], summary["replayed"][key]) for key, text in OUTPUT_ROWS),
         f"{summary['controller']} on the recorded inputs of {summary['run']}",
     )
-    table(("figure", "value"), ((text, summary[key]) for key, text in DIFFERENCE_ROWS if key in summary))
-    sys.stdout.write(
-        f"The loop is open: the train in the log did not feel these commands.\nfigure in {summary['figure']}\n"
-    )
+    print_table(("figure", "value"), ((text, summary[key]) for key, text in DIFFERENCE_ROWS if key in summary))
+    sys.stdout.write(f"Open loop: these commands did not act on the recorded train.\nfigure in {summary['figure']}\n")

@@ -1,4 +1,4 @@
-"""``train-ato report``: a recorded run, or several side by side, as one page that works without a network."""
+"""``train-ato report``: write an HTML page of one recorded run, or of several runs for comparison."""
 
 from __future__ import annotations
 
@@ -7,87 +7,89 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.cli.screen import console, print_json
+from train_ato.apps.runs.progress import console
+from train_ato.cli.screen import print_json
 
 if TYPE_CHECKING:
-    from train_ato.report.digest import Digest
-    from train_ato.report.requests import Request
+    from train_ato.apps.report.page_data import PageData
+    from train_ato.apps.report.requests import Request
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``report``."""
-    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folder or log; several are compared")
+    parser.add_argument(
+        "runs", type=Path, nargs="+", metavar="RUN", help="run folder or log; several runs are compared"
+    )
     parser.add_argument(
         "--out",
         type=Path,
         metavar="FILE",
-        help="HTML file to write (default: report.html in the run folder; comparison.html here for several)",
+        help="HTML file (default: report.html in the run folder; for several runs comparison.html in this folder)",
     )
     parser.add_argument(
-        "--figures", type=Path, metavar="DIR", help="also write every figure for print into this folder"
+        "--figures", type=Path, metavar="DIR", help="folder for the figures in print quality (default: none)"
     )
-    parser.add_argument("--format", choices=("png", "svg"), default="png", help="of the figures (default: png)")
-    parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
+    parser.add_argument("--format", choices=("png", "svg"), default="png", help="format of the figures (default: png)")
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Write the page, and the figures if asked for."""
-    from train_ato.report.requests import checked
+    """Write the page, and the figures with --figures."""
+    from train_ato.apps.report.requests import checked
 
     request = checked(options.runs, options.out, options.figures, options.format)
     with console().status("reading") as status:
-        digests = read(request, status)
+        pages = read(request, status)
         status.update("drawing the page")
-        size = write_page(request, digests)
-        figures = write_figures(request, digests, status)
+        size = write_page(request, pages)
+        figures = write_figures(request, pages, status)
     result: dict[str, Any] = {
         "report": str(request.page),
         "bytes": size,
-        "runs": {digest.label: str(run) for digest, run in zip(digests, request.runs, strict=True)},
+        "runs": {data.label: str(run) for data, run in zip(pages, request.runs, strict=True)},
         "figures": [str(path) for path in figures],
-        "left_out": {digest.label: digest.left_out for digest in digests},
+        "left_out": {data.label: data.left_out for data in pages},
     }
     if options.json:
         print_json(result)
         return 0
-    sys.stdout.write(f"{request.page}: {size / 1e6:.1f} MB; open it in a browser, it needs no network\n")
+    sys.stdout.write(f"{request.page}: {size / 1e6:.1f} MB; open it in a browser (no network needed)\n")
     if figures:
         sys.stdout.write(f"{len(figures)} figures in {request.figures}\n")
     return 0
 
 
-def read(request: Request, status: Any) -> list[Digest]:
-    """Read the runs one after the other; of each only what its figures need is kept."""
-    from train_ato.report.digest import digest, share_of
-    from train_ato.report.recording import read_recording
+def read(request: Request, status: Any) -> list[PageData]:
+    """Return the data of the figures of every run; runs are read one after the other."""
+    from train_ato.apps.report.page_data import page_data, share_of
+    from train_ato.log.recorded import open_recording
 
-    digests = []
+    pages = []
     for run, label in zip(request.runs, request.labels, strict=True):
         status.update(f"reading {label}")
-        digests.append(digest(read_recording(run), label, share_of(len(request.runs))))
-    return digests
+        pages.append(page_data(open_recording(run), label, share_of(len(request.runs))))
+    return pages
 
 
-def write_page(request: Request, digests: list[Digest]) -> int:
-    """Write the page and return its size in bytes."""
-    from train_ato.report.writing import write_comparison, write_run
+def write_page(request: Request, pages: list[PageData]) -> int:
+    """Write the page and return its size [bytes]."""
+    from train_ato.apps.report.writing import write_comparison_page, write_run
 
-    return write_run(digests[0], request.page) if len(digests) == 1 else write_comparison(digests, request.page)
+    return write_run(pages[0], request.page) if len(pages) == 1 else write_comparison_page(pages, request.page)
 
 
-def write_figures(request: Request, digests: list[Digest], status: Any) -> list[Path]:
-    """Write the figures for print: of one run into the folder, of several into a folder for each."""
+def write_figures(request: Request, pages: list[PageData], status: Any) -> list[Path]:
+    """Write the figures in print quality: of one run to the folder, of several to one subfolder each."""
     if request.figures is None:
         return []
-    from train_ato.report.plates import write_comparison, write_plates
+    from train_ato.apps.report.print_figures import write_comparison_figure, write_print_figures
 
     written = []
-    for digest in digests:
-        status.update(f"drawing the figures of {digest.label}")
-        folder = request.figures if len(digests) == 1 else request.figures / digest.label.replace("/", "-")
+    for data in pages:
+        status.update(f"drawing the figures of {data.label}")
+        folder = request.figures if len(pages) == 1 else request.figures / data.label.replace("/", "-")
         folder.mkdir(parents=True, exist_ok=True)
-        written += write_plates(digest, folder, request.kind)
+        written += write_print_figures(data, folder, request.kind)
     together = request.figures / f"comparison.{request.kind}"
-    if len(digests) > 1 and write_comparison(digests, together, f"{len(digests)} runs side by side"):
+    if len(pages) > 1 and write_comparison_figure(pages, together, f"{len(pages)} runs side by side"):
         written.append(together)
     return written

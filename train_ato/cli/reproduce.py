@@ -1,4 +1,4 @@
-"""``train-ato reproduce``: the papers' claims beside what is measured here."""
+"""``train-ato reproduce``: check the claims of the papers against simulated runs."""
 
 from __future__ import annotations
 
@@ -16,35 +16,41 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bar
 from rich.table import Table as Grid
 
-from train_ato.cli.run import note_compilation
-from train_ato.cli.screen import console, shown
-from train_ato.reproduce.claims import Table
-from train_ato.reproduce.judging import claims_of
-from train_ato.reproduce.page import table_rows
-from train_ato.reproduce.pool import Finished, Moved
-from train_ato.reproduce.session import Judged, load_paper, paper_numbers, reproduce
-from train_ato.run_folder import RunFolder
+from train_ato.apps.runs.progress import console
+from train_ato.apps.runs.summary_table import format_value
+from train_ato.cli.screen import note_compilation
+from train_ato.log.run_folder import RunFolder
+from train_ato.papers.claims import CaseTable
+from train_ato.papers.judging import claims_of
+from train_ato.papers.page import table_rows
+from train_ato.papers.pool import Finished, Moved
+from train_ato.papers.session import Judged, load_paper, paper_numbers, reproduce
 
 HEADS = (("claim", 5), ("stated", 3), ("measured", 4), ("verdict", 2), ("reason", 6))
-"""Columns of the table of claims and their share of the width."""
+"""Columns of the table of claims and their relative widths."""
 WIDTH = 160
-"""Width of the tables where standard output is no terminal."""
+"""Width of the tables if standard output is not a terminal [characters]."""
 COLOURS = {"reproduced": "green", "only in another setting": "yellow", "not reproduced": "red"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``reproduce``."""
-    parser.add_argument("paper", nargs="?", default="all", help=f"{', '.join(paper_numbers())} or all (default)")
-    parser.add_argument("--full", action="store_true", help="also the long cases, over the whole line")
-    parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), metavar="N", help="worker processes")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to make (default: runs/reproduce-N)")
-    parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
+    parser.add_argument("paper", nargs="?", default="all", help=f"{', '.join(paper_numbers())} or all (default: all)")
+    parser.add_argument("--full", action="store_true", help="include the long cases over the whole line")
+    parser.add_argument(
+        "--jobs",
+        type=int,
+        default=min(2, os.cpu_count() or 1),
+        metavar="N",
+        help="number of worker processes (default: 2, at most the number of cores)",
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="new folder (default: runs/reproduce-N)")
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Run what the claims need and judge them."""
+    """Run the cases of the claims and judge the claims."""
     if not 1 <= options.jobs <= 64:
-        raise ValueError(f"--jobs {options.jobs}: give a number of processes from 1 to 64")
+        raise ValueError(f"--jobs {options.jobs}: out of range; give 1 to 64")
     numbers = paper_numbers() if options.paper == "all" else [options.paper]
     papers = [load_paper(number) for number in numbers]
     folder = RunFolder.make(options.out, "reproduce")
@@ -58,7 +64,13 @@ def execute(options: argparse.Namespace) -> int:
         note_compilation()
         with _bar() as progress:
             reproduce(
-                papers, folder.path, full=options.full, jobs=options.jobs, done=take, progress=progress, shown=shown
+                papers,
+                folder.path,
+                full=options.full,
+                jobs=options.jobs,
+                done=take,
+                progress=progress,
+                shown=format_value,
             )
     finally:
         if not judged:
@@ -66,13 +78,13 @@ def execute(options: argparse.Namespace) -> int:
     if options.json:
         sys.stdout.write((folder.path / "reproduce.json").read_text(encoding="utf-8"))
     else:
-        sys.stdout.write(f"claims, figures of every case and drawings in {folder.path}\n")
+        sys.stdout.write(f"claims, results of all cases and figures in {folder.path}\n")
     return 0
 
 
 @contextmanager
 def _bar() -> Iterator[Any]:
-    """Show how many cases are done and how far those under way are; yields the function to report with."""
+    """Show a progress bar of the cases; yield its update function."""
     bar = Bar(
         TextColumn("{task.description}"),
         BarColumn(),
@@ -100,7 +112,7 @@ def _bar() -> Iterator[Any]:
 
 
 def _report(judged: Judged, folder: Path, full: bool, quiet: bool) -> None:
-    """Print a paper's tables, and write them beside the figures."""
+    """Print the tables of a paper and write them beside its figures."""
     with (folder / f"paper{judged.paper.number}.txt").open("w", encoding="utf-8") as file:
         screens = [Console(file=file, width=WIDTH, highlight=False)]
         if not quiet:
@@ -123,15 +135,15 @@ def _print(judged: Judged, full: bool, screen: Console) -> None:
     screen.print(grid)
     left_out = len(paper.claims) - len(claims_of(paper, full))
     if left_out:
-        screen.print(f"{left_out} more under --full")
+        screen.print(f"{left_out} more with --full")
     for table in paper.tables:
         screen.print(_grid(table, judged))
 
 
-def _grid(table: Table, judged: Judged) -> Grid:
+def _grid(table: CaseTable, judged: Judged) -> Grid:
     grid = Grid(title=table.title, title_justify="left")
     for number, head in enumerate(table.columns):
         grid.add_column(head, justify="left" if number == 0 else "right", overflow="fold")
     for row in table_rows(table, judged.results):
-        grid.add_row(*(escape(shown(entry)) for entry in row))
+        grid.add_row(*(escape(format_value(entry)) for entry in row))
     return grid

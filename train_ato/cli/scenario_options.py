@@ -1,20 +1,24 @@
-"""Options that every command which drives a scenario shares."""
+"""Options of every command that runs a scenario."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
-from train_ato.cli.screen import COMPILE_NOTE, PLANNER_NOTE, noted_when_slow
-from train_ato.run_setup import RunSetup, prepare
-from train_ato.scenario import load
+from train_ato.apps.runs.progress import COMPILE_NOTE, PLANNER_NOTE, compilation_noted
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.scenario.scenario import load_scenario
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     """Add SCENARIO and the options that change it."""
     parser.add_argument("scenario", metavar="SCENARIO", help="a shipped name, NAME:variant, or a YAML file")
-    parser.add_argument("--observer", metavar="NAME", help="disturbance observer")
-    parser.add_argument("--compensation", metavar="NAME", help="delay compensation")
+    parser.add_argument(
+        "--observer", metavar="NAME", help="disturbance observer: a name, or MODULE:CLASS without registration"
+    )
+    parser.add_argument(
+        "--compensation", metavar="NAME", help="delay compensation: a name, or MODULE:CLASS without registration"
+    )
     parser.add_argument("--seed", type=int, metavar="N", help="seed of every random stream")
     parser.add_argument(
         "--set",
@@ -24,16 +28,15 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
         dest="assignments",
         help="change any key of the scenario, the value written as YAML; may be repeated",
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
 
 
 def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
-    """Load, change and check the scenario that the options name.
+    """Load, change and check the scenario of the options.
 
     Raises
     ------
     ValueError
-        One line saying what is wrong with the input.
+        Bad input, in one line.
     """
     overlay = {
         "observer": options.observer,
@@ -42,6 +45,6 @@ def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
         **changes,
     }
     overlay = {key: value for key, value in overlay.items() if value is not None}
-    scenario, path = load(options.scenario, tuple(options.assignments), overlay)
-    with noted_when_slow(PLANNER_NOTE if scenario.profile.plan is not None else COMPILE_NOTE):
+    scenario, path = load_scenario(options.scenario, tuple(options.assignments), overlay)
+    with compilation_noted(PLANNER_NOTE if scenario.profile.plan is not None else COMPILE_NOTE):
         return prepare(scenario, path)

@@ -1,59 +1,83 @@
-"""``train-ato view``: a page to look at: a run that is going on, one that it starts, or a recorded one."""
+"""``train-ato view``: show a running, a new or a recorded run in the browser."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.cli.screen import console
-from train_ato.failure import RunFailed
-from train_ato.graph.environment import applied, check_domain, claim_domain, held_domains, variables
-from train_ato.graph.remote import the_running_domain
-from train_ato.interrupt import interruptible
+from train_ato.apps.runs.progress import console
+from train_ato.arguments import BAD_INPUT
+from train_ato.errors import RunFailed
+from train_ato.interrupt import Interrupt, interruptible
+from train_ato.ros.graph.environment import applied, check_domain, claim_domain, held_domains, variables
+from train_ato.ros.graph.remote import resolve_domain
 
 if TYPE_CHECKING:
-    from train_ato.view.feed import Feed
+    from train_ato.apps.view.feed import Feed
 
-STARTING_S = 90.0
-ENDING_S = 20.0
+NOTE_AFTER_S = 3.0
+"""Wall time before a note on the wait is printed [s]."""
+ENDING_S = 120.0
+"""Maximum wall time for a run to close its log; then it is killed [s]."""
+COMPLAINT = "train-ato"
+"""First word of an error line."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``view``."""
     what = parser.add_mutually_exclusive_group()
-    what.add_argument("run", nargs="?", type=Path, metavar="RUN", help="a recorded run: its folder or its log")
-    what.add_argument("--scenario", metavar="NAME", help="start this scenario and look at it")
+    what.add_argument("run", nargs="?", type=Path, metavar="RUN", help="recorded run: run folder or log")
+    what.add_argument("--scenario", metavar="NAME", help="start this scenario and show its run")
     what.add_argument(
-        "--domain", type=int, metavar="N", help="ROS domain of a run that goes on (default: the only one)"
+        "--domain", type=int, metavar="N", help="ROS domain of a running simulation (default: that of the only run)"
     )
     parser.add_argument(
-        "--pace", type=float, default=1.0, metavar="F", help="of the started run (default 1; 0: as fast as it goes)"
+        "--pace",
+        type=float,
+        default=1.0,
+        metavar="F",
+        help="simulated seconds per second of the started run (default: 1; 0: unlimited)",
     )
-    parser.add_argument("--processes", action="store_true", help="start one process for each node")
+    parser.add_argument("--processes", action="store_true", help="one process per node for the started run")
     parser.add_argument("--controller", metavar="NAME", help="control law of the started run")
     parser.add_argument(
-        "--set", action="append", default=[], metavar="A.B=VALUE", help="change a key of the started scenario"
+        "--set",
+        action="append",
+        default=[],
+        metavar="A.B=VALUE",
+        help="change a key of the started scenario; may be repeated",
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the started run")
-    parser.add_argument("--port", type=int, default=5010, metavar="N", help="of the page (default 5010; 0: a free one)")
-    parser.add_argument("--address", default="127.0.0.1", metavar="A", help="to listen at (default: this machine only)")
-    parser.add_argument("--no-browser", action="store_true", help="only print the address of the page")
+    parser.add_argument(
+        "--port", type=int, default=5010, metavar="N", help="port of the page (default: 5010; 0: a free one)"
+    )
+    parser.add_argument(
+        "--address",
+        default="127.0.0.1",
+        metavar="A",
+        help="address of the server (default: 127.0.0.1, this machine only)",
+    )
+    parser.add_argument(
+        "--no-browser", action="store_true", help="print the address of the page, do not open a browser"
+    )
     parser.add_argument(
         "--foxglove",
         nargs="?",
         const=8765,
         type=int,
         metavar="PORT",
-        help="serve a Foxglove WebSocket too (default 8765)",
+        help="additional Foxglove WebSocket server (default port: 8765)",
     )
 
 
@@ -62,13 +86,13 @@ def execute(options: argparse.Namespace) -> int:
     _check(options)
     with contextlib.ExitStack() as stack:
         interrupt = stack.enter_context(interruptible())
-        feed = stack.enter_context(_feed(options))
-        from train_ato.view.server import PageServer
+        feed = stack.enter_context(_feed(options, interrupt))
+        from train_ato.apps.view.server import PageServer
 
         server = PageServer(feed, options.address, options.port)
         foxglove = None
         if options.foxglove is not None:
-            from train_ato.view.foxglove import serve_foxglove
+            from train_ato.apps.view.foxglove import serve_foxglove
 
             foxglove = stack.enter_context(serve_foxglove(feed, options.foxglove))
         sys.stdout.write(f"{server.url}\n")
@@ -76,7 +100,7 @@ def execute(options: argparse.Namespace) -> int:
             sys.stdout.write(f"{foxglove.url}\n")
         sys.stdout.flush()
         if sys.stderr.isatty():
-            console().print("Ctrl-C ends it.")
+            console().print("Press Ctrl-C to end.")
         if not options.no_browser:
             webbrowser.open(server.url)
         server.run(lambda: interrupt.asked)
@@ -84,35 +108,67 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Refuse what cannot be meant, before anything starts."""
+    """Check the options before anything starts."""
     if not 0 <= options.port <= 65_535:
-        raise ValueError(f"--port {options.port}: give 1 to 65535, or 0 for a free one")
+        raise ValueError(f"--port {options.port}: out of range; give 1 to 65535, or 0 for a free port")
     if not 0 <= options.pace < float("inf"):
-        raise ValueError(f"--pace {options.pace}: give a positive number, 1 for real time; 0 is as fast as it goes")
+        raise ValueError(
+            f"--pace {options.pace}: out of range; give a positive number, 1 for real time, 0 for unlimited"
+        )
     if options.scenario is None:
         given = {"--controller": options.controller, "--set": options.set, "--out": options.out}
         for name, value in {**given, "--processes": options.processes}.items():
             if value:
-                raise ValueError(f"{name}: only for a run that is started here; name it with --scenario")
+                raise ValueError(f"{name}: only for a started run; add --scenario")
     check_domain(options.domain)
 
 
+class _Waiting:
+    """Check during a wait: failure of the run, Ctrl-C, and a note after some time.
+
+    Parameters
+    ----------
+    check
+        Function that raises if the run has failed.
+    interrupt
+        Flag of Ctrl-C.
+    """
+
+    def __init__(self, check: Callable[[], None], interrupt: Interrupt) -> None:
+        self._check = check
+        self._interrupt = interrupt
+        self._for = ""
+        self._note_at = math.inf
+
+    def __call__(self, awaited: str) -> None:
+        """Check the wait for ``awaited``."""
+        self._check()
+        if self._interrupt.asked:
+            raise KeyboardInterrupt
+        now = time.monotonic()
+        if awaited != self._for:
+            self._for, self._note_at = awaited, now + NOTE_AFTER_S
+        if now > self._note_at:
+            self._note_at = math.inf
+            console().print(f"waiting for {awaited}", soft_wrap=True)
+
+
 @contextlib.contextmanager
-def _feed(options: argparse.Namespace) -> Iterator[Feed]:
-    """Give what is to be shown."""
+def _feed(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[Feed]:
+    """Yield the data source of the page."""
     if options.run is not None:
-        from train_ato.view.recorded import RecordedFeed
+        from train_ato.apps.view.recorded import RecordedFeed
 
         yield RecordedFeed(options.run)
         return
     with (
-        _run(options) as domain,
+        _run(options, interrupt) as (domain, wait),
         tempfile.TemporaryDirectory(prefix="train_ato_view_") as scratch,
         applied(variables(domain, Path(scratch))),
     ):
-        from train_ato.view.live import LiveFeed
+        from train_ato.apps.view.live import LiveFeed
 
-        feed = LiveFeed(domain)
+        feed = LiveFeed(domain, wait)
         try:
             yield feed
         finally:
@@ -120,13 +176,32 @@ def _feed(options: argparse.Namespace) -> Iterator[Feed]:
 
 
 @contextlib.contextmanager
-def _run(options: argparse.Namespace) -> Iterator[int]:
-    """Give the domain of the run: one that goes on, or of one that is started here and ended with the page."""
+def _run(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[tuple[int, _Waiting]]:
+    """Yield the ROS domain of the run: of a running simulation, or of a run started here and ended with the page."""
     if options.scenario is None:
-        yield the_running_domain(options.domain)
+        domain = resolve_domain(options.domain)
+        yield domain, _Waiting(lambda: _check_held(domain), interrupt)
         return
     with claim_domain() as domain:
         pass
+    run = _Started(_command(options, domain))
+    wait = _Waiting(run.check, interrupt)
+    try:
+        while domain not in held_domains():
+            wait("the run to start")
+            time.sleep(0.1)
+        yield domain, wait
+    finally:
+        run.end()
+
+
+def _check_held(domain: int) -> None:
+    """Check that a run still has the domain."""
+    if domain not in held_domains():
+        raise ValueError(f"--domain {domain}: the run has ended; give the domain of a running simulation")
+
+
+def _command(options: argparse.Namespace, domain: int) -> list[str]:
     command = [sys.executable, "-m", "train_ato", "run", options.scenario, "--domain", str(domain)]
     command += ["--pace", repr(options.pace)] if options.pace else []
     command += ["--processes"] if options.processes else []
@@ -134,31 +209,46 @@ def _run(options: argparse.Namespace) -> Iterator[int]:
     command += ["--out", str(options.out)] if options.out else []
     for assignment in options.set:
         command += ["--set", assignment]
-    # A session of its own: Ctrl-C reaches this process, which ends the run when the page is gone.
-    run = subprocess.Popen(command, stdout=sys.stderr, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    try:
-        _wait_for(run, domain)
-        yield domain
-    finally:
-        if run.poll() is None:
-            run.send_signal(signal.SIGINT)
+    return command
+
+
+class _Started:
+    """A run in a separate process; its output is forwarded, its error line is stored."""
+
+    def __init__(self, command: list[str]) -> None:
+        # A separate session: Ctrl-C reaches only this process, which then ends the run.
+        self._process = subprocess.Popen(
+            command, stdout=sys.stderr, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+        self._complaint = ""
+        self._reader = threading.Thread(target=self._read, name="messages of the run", daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self._process.stderr is not None
+        for line in self._process.stderr:
+            if line.startswith(COMPLAINT):
+                self._complaint = line.partition(": ")[2].strip()
+            else:
+                sys.stderr.write(line)
+
+    def check(self) -> None:
+        """Raise the error of the run if it has ended."""
+        if self._process.poll() is None:
+            return
+        self._reader.join()
+        if self._process.returncode == BAD_INPUT:
+            raise ValueError(self._complaint)
+        raise RunFailed(self._complaint or "the run ended before its start was complete")
+
+    def end(self) -> None:
+        """Interrupt the run and wait until its log is closed."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
         try:
-            run.communicate(timeout=ENDING_S)
+            self._process.wait(timeout=ENDING_S)
         except subprocess.TimeoutExpired:
-            run.kill()
-            run.communicate()
-
-
-def _wait_for(run: subprocess.Popen[str], domain: int) -> None:
-    """Wait until the run holds its domain; what it complains of is passed on."""
-    last = time.monotonic() + STARTING_S
-    while domain not in held_domains():
-        if run.poll() is not None:
-            assert run.stderr is not None
-            text = run.stderr.read().strip().removeprefix("train-ato: ")
-            if run.returncode == 2:
-                raise ValueError(text)
-            raise RunFailed(text or "the run ended before it could be looked at")
-        if time.monotonic() > last:
-            raise RunFailed(f"the run did not start within {STARTING_S:g} s")
-        time.sleep(0.1)
+            self._process.kill()
+        self._reader.join()
+        if self._process.stderr is not None:
+            self._process.stderr.close()

@@ -1,4 +1,4 @@
-"""Commands under way: sent, and not yet acting."""
+"""Commands in flight: sent and not yet in effect."""
 
 from __future__ import annotations
 
@@ -8,14 +8,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from train_ato.types import Array
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
 
-class SentCommands:
-    """Commands that were sent and do not act yet, one per tick, oldest first."""
+class CommandHistory:
+    """Commands sent and not yet in effect, one per tick, oldest first; 0 N before the first.
+
+    Parameters
+    ----------
+    model
+        The nominal train; its largest delay gives the number of commands.
+    tick
+        Period of the loop [s].
+    """
 
     def __init__(self, model: TrainModel, tick: float) -> None:
         longest = max(float(model.delay.max()), float(model.delay_brake.max()))
@@ -25,11 +33,11 @@ class SentCommands:
             (np.zeros(model.n_units) for _ in range(self._length)), maxlen=max(1, self._length)
         )
 
-    def push(self, force: Array) -> None:
-        """Take note of a command."""
+    def append(self, force: Array) -> None:
+        """Add the command of a tick [N], shape (units,)."""
         if self._length:
             self._queue.append(force)
 
-    def under_way(self) -> Array:
-        """Return the commands under way, shape (d, units)."""
+    def in_flight(self) -> Array:
+        """Return the commands in flight [N], shape (d, units)."""
         return np.array(self._queue) if self._length else self._none

@@ -1,27 +1,38 @@
-"""The contract between the loop and a control law.
+"""Contract between the loop and a control law.
 
-A law is a class with a parameter dataclass, ``reset()`` and ``step(LawInput) -> LawOutput``.  It knows no ROS, no
-file and no clock but ``LawInput.t``.  ``docs`` of every field stand here once.
+A law is a class with parameters, ``reset()`` and ``step(LawInput) -> LawOutput``.  It uses no ROS, no file and no clock
+but ``LawInput.t``.  Two forms are accepted:
+
+* keyword parameters, ``MyLaw(gain=0.1)``: every keyword of the constructor has a default and is kept in an attribute
+  of the same name, as in a dataclass (``examples/my_law.py``).  ``bind(model, period)``, if there is one, is called
+  with the train and the control period before the first step.
+* a separate parameter dataclass: :class:`Law` below.
+
+Observers and delay compensations have the same two forms.
+
+Every field of input and output is described here once.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Protocol
 
-from train_ato.types import Array
+from train_ato.messages.types import Array
 
-__all__ = ["Array", "Law", "LawInput", "LawOutput", "Parameter", "Preview", "parameter", "parameters_of"]
+__all__ = [
+    "Array", "Law", "LawInput", "LawOutput", "NoParameters", "Parameter", "Preview", "parameter", "parameters_of",
+]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
 class Preview:
-    """Reference ahead at the control period; entry 0 is the time the command acts.
+    """Reference samples, one per control period, from the time of effect of the command.
 
     Attributes
     ----------
     position, velocity, acceleration : Array, shape (h,)
-        m, m/s, m/s² of vehicle 0's centre; beyond the profile's end it holds.
+        Of vehicle 0's centre [m, m/s, m/s²]; the last value holds beyond the end of the profile.
     """
 
     position: Array
@@ -31,42 +42,41 @@ class Preview:
 
 @dataclass(frozen=True, slots=True)
 class LawInput:
-    """All a law may know in one step. Arrays are over power units, front first.
+    """Inputs of a law in one step. Arrays have one entry per power unit, front first.
 
     Attributes
     ----------
     t : float
         Simulation time of the measurement [s].
     position, velocity : Array
-        Measured (or, under a predicting compensation, predicted) state of every power unit [m, m/s].
+        State of every power unit [m, m/s]: measured, or predicted by a predicting compensation.
     applied : Array
-        Force that acts on every unit at the time of the state above, after delay, lag and limit [N].
+        Force on every unit at the time of the state, after delay, lag and limit [N].
     reference_position, reference_velocity, reference_acceleration : Array
-        Reference of every unit (its own nominal offset taken off) at the time of the state above [m, m/s, m/s²].
-    lead : float
-        Time from the state above to the time the command will act [s].
-    acting_acceleration, acting_jerk : float
-        Reference acceleration and jerk at the time the command will act [m/s², m/s³].
+        Reference of every unit, its nominal offset subtracted, at the time of the state [m, m/s, m/s²].
+    delay_to_effect : float
+        Time from the state to the effect of the command [s].
+    acceleration_at_effect, jerk_at_effect : float
+        Reference acceleration and jerk at the time at which the command takes effect [m/s², m/s³].
     feedforward : Array
-        Force of every unit that makes the nominal model follow the reference at the acting time, air brake and
-        grade included [N]; laws that bring their own equivalent control may leave it.
+        Force of every unit with which the nominal model follows the reference when the command takes effect, air
+        brake and grade included [N].
     preview : Preview
-        Reference from the acting time on.
+        Reference from the effect of the command on.
     disturbance : Array
         Estimate of the observer [N], > 0 forward.
     deflection, rate, coupler_force : Array
         Couplers that carry a sensor [m, m/s, N], in the order of ``model.sensors``.
     shoe_force : Array
-        Air-brake force on every unit's own vehicle as the model predicts it for the time of the state above [N],
-        > 0 retards.
+        Air-brake force on every unit's own vehicle, predicted by the model for the time of the state [N], > 0 retards.
     train_shoe_force : float
-        The same on the whole train [N].
-    under_way : Array, shape (d, units)
-        Commands already sent and not yet acting, oldest first [N].
+        Air-brake force on the whole train, for the same time [N], > 0 retards.
+    commands_in_flight : Array, shape (d, units)
+        Commands sent and not yet in effect, one per tick, oldest first [N].
     force_min, force_max : Array
-        Limits at the present speed [N].
+        Limits at the measured speed [N].
     saturated : bool
-        The last command was cut by a limit: integrators and weights should hold.
+        The last command was at a limit.
     """
 
     t: float
@@ -76,9 +86,9 @@ class LawInput:
     reference_position: Array
     reference_velocity: Array
     reference_acceleration: Array
-    lead: float
-    acting_acceleration: float
-    acting_jerk: float
+    delay_to_effect: float
+    acceleration_at_effect: float
+    jerk_at_effect: float
     feedforward: Array
     preview: Preview
     disturbance: Array
@@ -87,7 +97,7 @@ class LawInput:
     coupler_force: Array
     shoe_force: Array
     train_shoe_force: float
-    under_way: Array
+    commands_in_flight: Array
     force_min: Array
     force_max: Array
     saturated: bool
@@ -95,10 +105,17 @@ class LawInput:
 
 @dataclass(frozen=True, slots=True)
 class LawOutput:
-    """Force demand of every unit [N] and, if the law brakes with air, the brake-pipe pressure demanded [Pa].
+    """Output of a law in one step.
 
-    ``held`` says why the law found no force and ``force`` is only the last one again; empty, as always when all is
-    well, if it is the law's own.  Such steps are counted, and a law that goes on like that ends the run.
+    Attributes
+    ----------
+    force : Array, shape (units,)
+        Force demand of every unit [N].
+    brake_pipe : float or None
+        Brake-pipe pressure demanded [Pa]; None leaves it to the brake policy.
+    held : str
+        Reason for which ``force`` repeats the previous demand; empty for a new demand. The loop counts such steps and
+        ends the run after ``hold_limit``.
     """
 
     force: Array
@@ -108,7 +125,7 @@ class LawOutput:
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """Description of one parameter: from it come ROS descriptors, validation and the documentation."""
+    """Declaration of one parameter: source of its ROS descriptor, its validation and its documentation."""
 
     name: str
     default: float | int | bool | str
@@ -117,10 +134,35 @@ class Parameter:
     high: float
     meaning: str
     choices: tuple[str, ...] = ()
+    formerly: str = ""
 
 
-def parameter(default: Any, unit: str, low: float, high: float, meaning: str, *, choices: tuple[str, ...] = ()) -> Any:
-    """Declare one field of a parameter dataclass: default, unit, allowed range, one line of meaning.
+def parameter(
+    default: Any,
+    unit: str,
+    low: float,
+    high: float,
+    meaning: str,
+    *,
+    choices: tuple[str, ...] = (),
+    formerly: str = "",
+) -> Any:
+    """Declare one field of a parameter dataclass.
+
+    Parameters
+    ----------
+    default
+        Default value; its type is the type of the parameter.
+    unit
+        SI unit; empty for a switch or a choice.
+    low, high
+        Allowed range of a number.
+    meaning
+        One line of description.
+    choices
+        Allowed words of a choice.
+    formerly
+        Former name, accepted with a warning until 0.3.
 
     Examples
     --------
@@ -128,44 +170,39 @@ def parameter(default: Any, unit: str, low: float, high: float, meaning: str, *,
     ... class Parameters:
     ...     kp: float = parameter(1e6, "N/(m/s)", 0.0, 1e9, "gain on the speed error")
     """
-    from dataclasses import field
-
-    return field(
-        default=default,
-        metadata={"unit": unit, "low": low, "high": high, "meaning": meaning, "choices": choices},
-    )
+    declared = Parameter("", default, unit, low, high, meaning, choices, formerly)
+    return field(default=default, metadata={"parameter": declared})
 
 
 def parameters_of(dataclass_type: type) -> tuple[Parameter, ...]:
-    """List the parameters that a parameter dataclass declares, in order."""
+    """Return the parameters of a parameter dataclass, in order."""
     return tuple(
-        Parameter(
-            name=entry.name,
-            default=entry.default,  # type: ignore[arg-type]
-            unit=entry.metadata["unit"],
-            low=entry.metadata["low"],
-            high=entry.metadata["high"],
-            meaning=entry.metadata["meaning"],
-            choices=tuple(entry.metadata["choices"]),
-        )
-        for entry in fields(dataclass_type)
+        replace(entry.metadata["parameter"], name=entry.name, default=entry.default) for entry in fields(dataclass_type)
     )
+
+
+@dataclass(frozen=True)
+class NoParameters:
+    """Parameters of a component that has none."""
 
 
 class Law(Protocol):
     """A control law.
 
-    ``Parameters`` is a frozen dataclass whose fields were made by :func:`parameter`.  The constructor takes the
-    parameters, the model of the train and the control period [s]; it raises :class:`ValueError` with a reason when
-    the law makes no sense on that train.
+    ``Parameters`` is a frozen dataclass whose fields are declared by :func:`parameter`. The constructor takes the
+    parameters, the model of the train and the control period [s]; it raises :class:`ValueError` with the reason if the
+    law cannot control that train.
 
-    An optional method ``missed()`` is called instead of ``step()`` where no measurement could be used and the last
-    command is repeated: what bridges samples (a difference quotient, a sampled model) must know of the gap.
+    An optional method ``on_missed_sample()`` is called instead of ``step()`` if the measurement is not valid and the
+    last command is repeated: difference quotients and sampled models must not bridge the gap.
 
-    An optional attribute ``horizon`` (default 0) is the number of entries of ``LawInput.preview`` the law wants.  Two
-    more are the law's words for a refusal, where a compensation would do nothing or the same thing twice:
-    ``leaves_feedforward`` (why ``LawInput.feedforward`` is not looked at, and what to set) and ``predicts_delay``
-    (likewise, for a law that looks over the delay itself).
+    Optional attributes:
+
+    * ``horizon`` (int, default 0): number of entries of ``LawInput.preview`` that the law uses;
+    * ``uses_feedforward`` (bool, default True): the output depends on ``LawInput.feedforward``;
+    * ``feedforward_hint`` (str): setting under which the law uses it, ``parameter: value``; empty if there is none;
+    * ``predicts_delay`` (bool, default False): the law predicts its state over the delay by itself;
+    * ``delay_hint`` (str): setting under which it does not, ``parameter: value``; empty if there is none.
     """
 
     Parameters: ClassVar[type]
@@ -173,7 +210,7 @@ class Law(Protocol):
     def __init__(self, parameters: Any, model: Any, period: float) -> None: ...
 
     def reset(self) -> None:
-        """Forget everything learnt and stored."""
+        """Clear all learnt and stored state."""
 
     def step(self, inputs: LawInput) -> LawOutput:
         """Return the force demand for one control period."""

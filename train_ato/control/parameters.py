@@ -1,41 +1,70 @@
-"""Building a parameter dataclass from user input: every name, type and range is checked here and nowhere else."""
+"""Parameter dataclasses from user input: the only check of names, types and ranges."""
 
 from __future__ import annotations
 
 import difflib
+import functools
+import logging
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 from train_ato.control.contract import Parameter, parameters_of
 
+_LOG = logging.getLogger("train_ato")
+
 
 def closest(name: str, known: Iterable[str]) -> str:
-    """Return a hint `` (did you mean 'x'?)`` when a known name is near, else an empty text."""
+    """Return the hint `` (did you mean 'x'?)`` with the nearest known name; empty if none is near."""
     near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     return f" (did you mean '{near[0]}'?)" if near else ""
 
 
+def current_names(entries: Iterable[Parameter], values: Mapping[str, Any], owner: str) -> dict[str, Any]:
+    """Return parameter values under their current names, with a warning for each former name.
+
+    Parameters
+    ----------
+    entries
+        Declarations of the parameters; ``formerly`` is the former name.
+    values
+        Parameter name, current or former, to value; of two names of one parameter the later counts.
+    owner
+        Name of the law, observer or compensation, for the warning.
+    """
+    renamed = {entry.formerly: entry.name for entry in entries if entry.formerly}
+    for name in values:
+        if name in renamed:
+            warn_former_name(f"{owner}.{name}", f"{owner}.{renamed[name]}")
+    return {renamed.get(name, name): value for name, value in values.items()}
+
+
+@functools.cache
+def warn_former_name(former: str, current: str) -> None:
+    """Log one warning per process for the use of a former name."""
+    _LOG.warning("%s: former name of %s; use the new name, the former is accepted until 0.3", former, current)
+
+
 def make_parameters(dataclass_type: type, values: Mapping[str, Any], owner: str) -> Any:
-    """Return an instance of a parameter dataclass with ``values`` in place of the defaults.
+    """Return a parameter dataclass with ``values`` in place of the defaults.
 
     Parameters
     ----------
     dataclass_type
-        Frozen dataclass whose fields were made by :func:`train_ato.control.contract.parameter`.
+        Frozen dataclass whose fields are declared by :func:`train_ato.control.contract.parameter`.
     values
-        Parameter name to value.
+        Parameter name, current or former, to value.
     owner
-        Name used in messages: ``smc`` gives ``smc.ks``.
+        Name of the component in messages: ``smc`` in ``smc.ks``.
 
     Raises
     ------
     ValueError
-        For an unknown name, a wrong type, a value out of range or not finite: one line with the remedy.
+        For an unknown name, a wrong type, or a value that is out of range or not finite: one line with the remedy.
     """
     known = {entry.name: entry for entry in parameters_of(dataclass_type)}
     checked = {}
-    for name, value in values.items():
+    for name, value in current_names(known.values(), values, owner).items():
         if name not in known:
             listed = ", ".join(known) or "none"
             raise ValueError(f"{owner}.{name}: no such parameter{closest(name, known)}; {owner} has: {listed}")
@@ -46,7 +75,7 @@ def make_parameters(dataclass_type: type, values: Mapping[str, Any], owner: str)
 def _checked(entry: Parameter, value: Any, key: str) -> Any:
     if isinstance(entry.default, bool):
         if not isinstance(value, bool):
-            raise ValueError(f"{key}: {value!r} is not true or false")
+            raise ValueError(f"{key}: {value!r} is not true or false; write true or false")
         return value
     if isinstance(entry.default, str):
         if entry.choices and value not in entry.choices:
@@ -67,6 +96,6 @@ def _checked_number(entry: Parameter, value: Any, key: str) -> float | int:
         raise ValueError(f"{key}: {value:g} is outside {entry.low:g} ... {entry.high:g} {entry.unit}".rstrip())
     if isinstance(entry.default, int):
         if value != int(value):
-            raise ValueError(f"{key}: {value:g} is not a whole number")
+            raise ValueError(f"{key}: {value:g} is not a whole number; give {entry.low:g} ... {entry.high:g}")
         return int(value)
     return float(value)

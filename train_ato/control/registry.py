@@ -1,66 +1,92 @@
-"""Blocks that are chosen by name: laws here, observers and compensations in their own packages.
+"""Laws, observers and compensations (components) by name.
 
-A block of this project is registered in a table below its registry; a package outside registers through an entry
-point of the registry's group, for example in its ``pyproject.toml``::
+The components of this project are in the tables below. Another package registers its own by an entry point in the
+group of the registry, for example in its ``pyproject.toml``::
 
     [project.entry-points."train_ato.controllers"]
     my_law = "my_package.my_law:MyLaw"
 
-Blocks are imported when they are first asked for.
+A component can also be named as ``module:Class`` without registration; modules of the current folder are found. A
+component is imported at its first use.
 """
 
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from train_ato.control.contract import Parameter, parameters_of
-from train_ato.control.parameters import closest, make_parameters
+from train_ato.control.keyword_form import in_contract_form
+from train_ato.control.parameters import closest, current_names, make_parameters
 
 
 class Registry:
-    """Names of blocks of one kind and where they are found.
+    """Components of one kind by name.
 
     Parameters
     ----------
     kind
-        Word for messages: ``controller``, ``observer``, ``compensation``.
+        Kind in messages: ``controller``, ``observer`` or ``compensation``.
     group
-        Entry-point group in which other packages register.
+        Entry-point group of other packages.
     built_in
-        Name to ``module:Class``.
+        Name to ``module:Class`` for the components of this project.
     """
 
     def __init__(self, kind: str, group: str, built_in: Mapping[str, str]) -> None:
         self.kind = kind
         self.group = group
         self._targets: dict[str, str] = dict(built_in)
-        self._loaded: dict[str, type] = {}
+        self._loaded: dict[str, Any] = {}
+        self._unregistered: dict[str, Any] = {}
 
     def register(self, name: str, target: str | type) -> None:
-        """Add a block under a new name: a class, or ``module:Class``.
+        """Add a component under a new name: a class, or ``module:Class``.
 
         Raises
         ------
         ValueError
-            If the name is taken.
+            If the name is in use.
         """
         if name in self._targets or name in self._loaded:
             raise ValueError(f"{self.kind} '{name}' is registered already; choose another name")
         if isinstance(target, str):
             self._targets[name] = target
         else:
-            self._loaded[name] = target
+            self._loaded[name] = in_contract_form(target)
+
+    def name_of(self, block: type) -> str:
+        """Return the name of a class; one that is not registered can be used as ``module:Class`` from then on.
+
+        The last class of a ``module:Class`` counts, as after a second run of a notebook's cell.
+
+        Raises
+        ------
+        ValueError
+            If it is not a law, observer or compensation.
+        """
+        target = f"{block.__module__}:{block.__qualname__}"
+        for name, loaded in self._loaded.items():
+            if getattr(loaded, "component", loaded) is block:
+                return name
+        for name in (*self._targets, *self._entry_points()):
+            if target in (self._targets.get(name), getattr(self._entry_points().get(name), "value", None)):
+                return name
+        self._unregistered[target] = in_contract_form(block)
+        return target
 
     def names(self) -> tuple[str, ...]:
-        """Return every known name, sorted, those of other packages included."""
-        return tuple(sorted({*self._targets, *self._loaded, *self._outside()}))
+        """Return the registered names, sorted, including those of other packages."""
+        return tuple(sorted({*self._targets, *self._loaded, *self._entry_points()}))
 
     def loadable(self) -> tuple[str, ...]:
-        """Return the names whose class can be loaded: a broken package of somebody else harms only who asks for it."""
+        """Return the names whose class can be imported; a broken package affects only its own components."""
         found = []
         for name in self.names():
             with suppress(ValueError):
@@ -69,79 +95,102 @@ class Registry:
         return tuple(found)
 
     def get(self, name: str) -> Any:
-        """Return the class registered under ``name``.
+        """Return the class registered under ``name``, or the class ``module:Class``.
 
         Raises
         ------
         ValueError
-            If nothing is registered under it, or its module cannot be imported.
+            If the name is not registered or its module cannot be imported.
         """
-        found = self._loaded.get(name)
+        known = self._unregistered if ":" in str(name) else self._loaded
+        found = known.get(name)
         if found is not None:
             return found
-        target = self._targets.get(name)
-        outside = self._outside() if target is None else {}
-        if target is None and name not in outside:
+        target = self._targets.get(name, name if ":" in str(name) else None)
+        external = self._entry_points() if target is None else {}
+        if target is None and name not in external:
             names = self.names()
             hint = closest(str(name), names)
             raise ValueError(f"unknown {self.kind} '{name}'{hint}; known: {', '.join(names)}")
         try:
-            loaded = load(target) if target is not None else outside[name].load()
+            loaded = in_contract_form(load_class(target) if target is not None else external[name].load())
+        except ValueError as error:
+            raise ValueError(f"{self.kind} '{name}': {error}") from None
         except Exception as error:
             raise ValueError(f"{self.kind} '{name}' cannot be loaded: {type(error).__name__}: {error}") from error
-        self._loaded[name] = loaded
+        known[name] = loaded
         return loaded
 
     def parameters(self, name: str) -> tuple[Parameter, ...]:
-        """Return the parameters of a block, in order."""
+        """Return the parameters of a component, in order."""
         return parameters_of(self.get(name).Parameters)
 
     def summary(self, name: str) -> str:
-        """Return the first line of a block's docstring."""
+        """Return the first line of the docstring of a component."""
         return (self.get(name).__doc__ or "").strip().partition("\n")[0]
 
     def check_parameters(self, name: str, values: Mapping[str, Any]) -> None:
-        """Check parameters without making the block.
+        """Check parameters without making the component.
 
         Raises
         ------
         ValueError
-            For an unknown block or a wrong parameter.
+            For an unknown component or a wrong parameter.
         """
         make_parameters(self.get(name).Parameters, values, name)
 
-    def make(self, name: str, values: Mapping[str, Any], *arguments: Any) -> Any:
-        """Return a new block with its parameters checked; ``arguments`` follow the parameters in its constructor.
+    def current_names(self, values: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+        """Return the parameters of several components under their current names.
+
+        Parameters
+        ----------
+        values
+            Name of the component to parameter name, current or former, to value.
 
         Raises
         ------
         ValueError
-            With the reason: unknown block, wrong parameter, or a train on which the block makes no sense.
+            For an unknown component.
         """
-        block = self.get(name)
-        parameters = make_parameters(block.Parameters, values, name)
+        return {name: current_names(self.parameters(name), given, name) for name, given in values.items()}
+
+    def make(self, name: str, values: Mapping[str, Any], *arguments: Any) -> Any:
+        """Return a new component; ``arguments`` follow the parameters in its constructor.
+
+        Raises
+        ------
+        ValueError
+            For an unknown component, a wrong parameter, or a train that the component rejects.
+        """
+        component = self.get(name)
+        parameters = make_parameters(component.Parameters, values, name)
         try:
-            return block(parameters, *arguments)
+            return component(parameters, *arguments)
         except ValueError as error:
             raise ValueError(f"{self.kind} '{name}': {error}") from None
 
-    def _outside(self) -> dict[str, EntryPoint]:
+    def _entry_points(self) -> dict[str, EntryPoint]:
         return {point.name: point for point in entry_points(group=self.group)}
 
 
-def load(target: str) -> type:
-    """Return the class that ``module:Class`` (or ``module.Class``) names.
+def load_class(target: str) -> type:
+    """Import the class ``module:Class`` (or ``module.Class``); the current folder is searched last.
 
     Raises
     ------
     ValueError
-        If the module or the class is not there.
+        If the module or the class does not exist.
     """
     module_name, _, attribute = target.partition(":") if ":" in target else target.rpartition(".")
     if not module_name or not attribute:
         raise ValueError(f"'{target}' does not name a class; write package.module:Class")
+    if module_name == "__main__" or "<locals>" in attribute:
+        raise ValueError(
+            f"{attribute.rpartition('.')[2]} was defined in a script, a notebook or a function; move the class into a "
+            "module of its own, for example my_law.py, and name it as my_law:MyLaw"
+        )
     try:
-        module = importlib.import_module(module_name)
+        module = _module(module_name)
     except ImportError as error:
         raise ValueError(f"module '{module_name}' cannot be imported: {error}") from error
     found = getattr(module, attribute, None)
@@ -149,6 +198,18 @@ def load(target: str) -> type:
         classes = [name for name, value in vars(module).items() if isinstance(value, type)]
         raise ValueError(f"module '{module_name}' has no class '{attribute}'{closest(attribute, classes)}")
     return found
+
+
+def _module(name: str) -> ModuleType:
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        here = str(Path.cwd())
+        if error.name != name.partition(".")[0] or here in sys.path:
+            raise
+        sys.path.append(here)
+        importlib.invalidate_caches()
+        return importlib.import_module(name)
 
 
 LAWS = Registry(
@@ -166,3 +227,27 @@ LAWS = Registry(
     },
 )
 """Control laws."""
+OBSERVERS = Registry(
+    "observer",
+    "train_ato.observers",
+    {
+        "none": "train_ato.control.observers.none:NoObserver",
+        "ndo": "train_ato.control.observers.ndo:Ndo",
+        "cascaded": "train_ato.control.observers.cascaded:Cascaded",
+        "eso": "train_ato.control.observers.eso:Eso",
+    },
+)
+"""Disturbance observers."""
+COMPENSATIONS = Registry(
+    "compensation",
+    "train_ato.compensations",
+    {
+        "none": "train_ato.control.compensation.none:NoCompensation",
+        "pade": "train_ato.control.compensation.pade:Pade",
+        "preview": "train_ato.control.compensation.preview:PreviewFeedforward",
+        "predictor": "train_ato.control.compensation.predictor:Predictor",
+        "train_predictor": "train_ato.control.compensation.train_predictor:TrainPredictor",
+        "twin": "train_ato.control.compensation.twin:Twin",
+    },
+)
+"""Delay compensations."""

@@ -1,4 +1,4 @@
-"""The control stack: compensation, law, guards, bumpless swap, brake policy. One object, one call per tick."""
+"""Control stack: compensation, law, guards, change of the law without a jump of the force, brake policy."""
 
 from __future__ import annotations
 
@@ -9,33 +9,33 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from train_ato.compensate.contract import Compensation, Situation
-from train_ato.compensate.rigid import ProfileLike, RigidForce
-from train_ato.control.contract import Law, LawInput, Preview
-from train_ato.control.held import HeldSteps
-from train_ato.control.parts.guard import FARTHEST, FASTEST, STRONGEST, within
+from train_ato.control.algorithms.guard import MAX_FORCE, all_within, is_valid_state
+from train_ato.control.command_history import CommandHistory
+from train_ato.control.command_hold import CommandHold
+from train_ato.control.compensation.contract import Compensation, CompensationInput
+from train_ato.control.compensation.rigid import ProfileLike, RigidForce
+from train_ato.control.contract import Law, LawInput
 from train_ato.control.registry import LAWS
-from train_ato.control.sent import SentCommands
-from train_ato.control.standstill import RELEASING, kept_from_departing, left_to_holding_brake
-from train_ato.types import Array, DisturbanceEstimate, Measurement, Reference
+from train_ato.control.standstill import RELEASE_FORCE, held_by_holding_brake, needs_release
+from train_ato.messages.types import Array, DisturbanceEstimate, Measurement, Reference
 
 if TYPE_CHECKING:
-    from train_ato.brake.policy import BrakePolicy
-    from train_ato.model import TrainModel
+    from train_ato.control.air_brake.policy import BrakePolicy
+    from train_ato.control.train_model import TrainModel
 
-BLEND = 1.0
-"""Time over which the jump between two laws is worn off after a swap [s]."""
+BLEND_TIME = 1.0
+"""Time after a change of the law over which the offset between the two laws decays to 0 [s]."""
 
 
 class ControlStack:
-    """Everything between a measurement and the command that answers it.
+    """Computation of the command from a measurement.
 
     Parameters
     ----------
     model
         The nominal train.
     period
-        Period of the law [s], an integer multiple of the tick; in between the command is held.
+        Period of the law [s], an integer multiple of the tick; the command is held in between.
     tick
         Period of the loop [s].
     controller
@@ -45,21 +45,21 @@ class ControlStack:
     compensation
         The delay compensation.
     brake_policy
-        When the air brake is applied.
+        Policy of the air brake.
     profile
         The speed profile.
     hold_limit
-        Longest time for which the last command is repeated for want of a usable one [s].
+        Maximum time for which the last command is repeated without a valid new one [s].
 
     Attributes
     ----------
     holding : bool
-        The last step repeated the command before it: the measurement or the law's answer was not usable.
+        The last step repeated the previous command, because the measurement or the output of the law was not valid.
 
     Raises
     ------
     ValueError
-        If the law, its parameters or the period are refused.
+        If the law, its parameters or the period are rejected.
     """
 
     def __init__(
@@ -78,48 +78,49 @@ class ControlStack:
         self.period = period
         self._every = round(period / tick)
         if self._every < 1 or abs(self._every * tick - period) > 1e-9:
-            raise ValueError(f"control_period {period:g} s is not a multiple of the tick {tick:g} s")
+            raise ValueError(
+                f"control_period: {period:g} s is not a multiple of the tick {tick:g} s; choose a multiple"
+            )
         self._name = controller
         self._law: Law = LAWS.make(controller, controller_parameters.get(controller, {}), model, period)
         self._compensation = compensation
         self._policy = brake_policy
-        self._lead = float(max(model.delay.max(), model.delay_brake.max())) + model.lag
+        self._delay_to_effect = float(max(model.delay.max(), model.delay_brake.max())) + model.lag
         self._air_brake = model.consist.air_brake is not None
-        self._sent = SentCommands(model, tick)
+        self._history = CommandHistory(model, tick)
         self._ticks = 0
         self._last = [0.0] * model.n_units
         self._offset: list[float] | None = None
         self._blend = _blend_weights(period)
         self._blended = 0
         self._pressure: float | None = None
-        self._cut = False
-        self._unsound = 0
-        self._unsound_estimates = 0
-        self._held = HeldSteps(hold_limit, period)
-        self._saturated = 0
+        self._saturated = False
+        self._invalid_measurements = 0
+        self._invalid_estimates = 0
+        self._hold = CommandHold(hold_limit, period)
+        self._saturated_steps = 0
         self._swaps = 0
-        self._nothing = np.zeros(model.n_units)
-        self._no_preview = Preview(np.zeros(0), np.zeros(0), np.zeros(0))
+        self._no_disturbance = np.zeros(model.n_units)
         self.set_profile(profile)
-        take_policy = getattr(compensation, "set_brake_policy", None)
-        if take_policy is not None:
-            take_policy(copy.deepcopy(brake_policy))
-        self._tell_sent = getattr(compensation, "sent", None)
+        set_brake_policy = getattr(compensation, "set_brake_policy", None)
+        if set_brake_policy is not None:
+            set_brake_policy(copy.deepcopy(brake_policy))
+        self._on_command_sent = getattr(compensation, "on_command_sent", None)
 
     def set_profile(self, profile: ProfileLike) -> None:
-        """Take a new profile, at the start or when it was planned anew."""
+        """Set the profile, at the start or after re-planning."""
         self._profile = profile
         self._compensation.set_profile(RigidForce(self.model, profile))
 
     def swap(self, name: str, parameters: Mapping[str, Any]) -> None:
-        """Put another law, or other parameters, in place; the force does not jump.
+        """Change the law or its parameters without a jump of the force.
 
-        The new law's first output equals the last command; the offset that takes wears off within a second.
+        The first output after the change equals the last command; the offset decays to 0 within ``BLEND_TIME``.
 
         Raises
         ------
         ValueError
-            With the reason; the old law goes on.
+            With the reason; the law is then unchanged.
         """
         self._law = LAWS.make(name, parameters, self.model, self.period)
         self._name = name
@@ -129,35 +130,42 @@ class ControlStack:
 
     @property
     def holding(self) -> bool:
-        """Tell whether the last step of the law repeated the command before it."""
-        return self._held.in_a_row > 0
+        """True if the last step of the law repeated the previous command."""
+        return self._hold.in_a_row > 0
 
     def diagnostics(self) -> dict[str, str]:
-        """Return counts of what the guards did, as text."""
+        """Return the counts of the guards as text."""
         return {
-            "unsound_measurements": str(self._unsound),
-            "unsound_estimates": str(self._unsound_estimates),
-            "held_steps": str(self._held.total),
-            "saturated_steps": str(self._saturated),
+            "unsound_measurements": str(self._invalid_measurements),
+            "unsound_estimates": str(self._invalid_estimates),
+            "held_steps": str(self._hold.total),
+            "saturated_steps": str(self._saturated_steps),
             "swaps": str(self._swaps),
         }
 
     def step(
         self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate
     ) -> tuple[Array, float | None]:
-        """Return the force demand per unit [N] and the brake-pipe pressure demanded [Pa], None without an air brake.
+        """Return the command of one tick.
+
+        Returns
+        -------
+        force : Array, shape (units,)
+            Force demand of every unit [N].
+        pressure : float or None
+            Brake-pipe pressure demanded [Pa]; None without an air brake.
 
         Raises
         ------
         RunFailed
-            If the last command has been repeated for longer than the limit.
+            If the last command was repeated for longer than ``hold_limit``.
         """
-        self._held.check()
+        self._hold.check_limit()
         due = self._ticks % self._every == 0
         self._ticks += 1
-        healthy = _sound(measurement)
-        if not healthy:
-            self._unsound += 1
+        valid = is_valid_state(measurement)
+        if not valid:
+            self._invalid_measurements += 1
         elif self._air_brake:
             self._pressure = self._policy.step(
                 measurement.stamp * 1e-9,
@@ -165,50 +173,50 @@ class ControlStack:
                 float(measurement.velocity[0]),
                 float(measurement.applied.sum()),
             )
-        if due and not healthy:
-            self._held.count("no measurement of the power units could be used")
-            if (tell_missed := getattr(self._law, "missed", None)) is not None:
-                tell_missed()
+        if due and not valid:
+            self._hold.hold("no valid measurement of the power units")
+            if (on_missed := getattr(self._law, "on_missed_sample", None)) is not None:
+                on_missed()
         elif due:
             self._last = self._decide(measurement, reference, estimate)
             self._last = self._at_standstill(measurement, reference)
-            if self._tell_sent is not None:
-                self._tell_sent(np.array(self._last))
+            if self._on_command_sent is not None:
+                self._on_command_sent(np.array(self._last))
         force = np.array(self._last)
-        self._sent.push(force)
+        self._history.append(force)
         return force, self._pressure
 
     def _at_standstill(self, measurement: Measurement, reference: Reference) -> list[float]:
-        """Return the command, or what holds or releases a train that stands."""
-        if left_to_holding_brake(measurement, reference, self._profile, self._lead):
+        """Return the command; for a train at standstill 0 N or the force that releases the holding brake."""
+        if held_by_holding_brake(measurement, reference, self._profile, self._delay_to_effect):
             return [0.0] * self.model.n_units
-        if kept_from_departing(self._last, measurement, self._profile, self._lead, self.model):
-            return [RELEASING] * self.model.n_units
+        if needs_release(self._last, measurement, self._profile, self._delay_to_effect, self.model):
+            return [RELEASE_FORCE] * self.model.n_units
         return self._last
 
     def _decide(self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate) -> list[float]:
         low, high = self.model.force_limits(measurement.velocity)
-        output = self._law.step(self._gather(measurement, reference, estimate, low, high))
+        output = self._law.step(self._law_input(measurement, reference, estimate, low, high))
         wanted = output.force.tolist()
         if not all(map(math.isfinite, wanted)) or len(wanted) != self.model.n_units:
-            self._held.count(f"law '{self._name}' answered {str(wanted)[:60]} N")
+            self._hold.hold(f"law '{self._name}' returned {str(wanted)[:60]} N")
             return self._last
         if output.held:
-            self._held.count(f"law '{self._name}' found no force ({output.held})")
+            self._hold.hold(f"law '{self._name}' repeated its last force ({output.held})")
         else:
-            self._held.over()
+            self._hold.resume()
         if self._air_brake and output.brake_pipe is not None and math.isfinite(output.brake_pipe):
             self._pressure = min(max(output.brake_pipe, 0.0), self.model.consist.air_brake.charged)  # type: ignore[union-attr]
         if self._offset is not None:
             wanted = self._bumpless(wanted)
         limits = list(zip(low.tolist(), high.tolist(), strict=True))
         sent = [min(max(force, a), b) for force, (a, b) in zip(wanted, limits, strict=True)]
-        self._cut = any(force and (force <= a or force >= b) for force, (a, b) in zip(sent, limits, strict=True))
-        self._saturated += self._cut
+        self._saturated = any(force and (force <= a or force >= b) for force, (a, b) in zip(sent, limits, strict=True))
+        self._saturated_steps += self._saturated
         return sent
 
     def _bumpless(self, wanted: list[float]) -> list[float]:
-        """Add what is left of the offset between the new law's first output and the last command."""
+        """Add the decaying offset between the last command and the first output after a change of the law."""
         assert self._offset is not None
         if not self._offset:
             self._offset = [last - force for last, force in zip(self._last, wanted, strict=True)]
@@ -219,7 +227,7 @@ class ControlStack:
             self._offset = None
         return blended
 
-    def _gather(
+    def _law_input(
         self,
         measurement: Measurement,
         reference: Reference,
@@ -227,65 +235,27 @@ class ControlStack:
         low: Array,
         high: Array,
     ) -> LawInput:
-        """Return what the law may know, as the compensation shows it."""
+        """Return the input of the law from the compensation; an invalid estimate counts as 0."""
         disturbance = estimate.force
-        if not within(disturbance, STRONGEST):
-            disturbance = self._nothing
-            self._unsound_estimates += 1
-        under_way = self._sent.under_way()
-        t = measurement.stamp * 1e-9
-        view = self._compensation.see(
-            Situation(
-                t,
-                measurement.position,
-                measurement.velocity,
-                measurement.applied,
+        if not all_within(disturbance, MAX_FORCE):
+            disturbance = self._no_disturbance
+            self._invalid_estimates += 1
+        return self._compensation.step(
+            CompensationInput(
+                measurement,
+                reference,
                 disturbance,
-                under_way,
-                (reference.position, reference.velocity, reference.acceleration),
+                self._history.in_flight(),
                 self._pressure,
+                low,
+                high,
+                self._saturated,
+                getattr(self._law, "horizon", 0),
             )
         )
-        horizon = getattr(self._law, "horizon", 0)
-        preview = self._no_preview
-        if horizon:
-            preview = Preview(*self._profile.window(view.acting_time, horizon, self.period)[:3])
-        return LawInput(
-            t,
-            view.position,
-            view.velocity,
-            view.applied,
-            view.reference_position,
-            view.reference_velocity,
-            view.reference_acceleration,
-            view.lead,
-            view.acting_acceleration,
-            view.acting_jerk,
-            view.feedforward,
-            preview,
-            disturbance,
-            measurement.deflection,
-            measurement.rate,
-            measurement.force if view.coupler_force is None else view.coupler_force,
-            view.shoe_force,
-            view.train_shoe_force,
-            under_way,
-            low,
-            high,
-            self._cut,
-        )
-
-
-def _sound(measurement: Measurement) -> bool:
-    """Tell whether the state of every unit was measured; what a law needs beyond that it checks itself."""
-    return (
-        within(measurement.position, FARTHEST)
-        and within(measurement.velocity, FASTEST)
-        and within(measurement.applied, STRONGEST)
-    )
 
 
 def _blend_weights(period: float) -> list[float]:
-    """Return the weights of the offset after a swap: 1 at the first step, 0 a second later."""
-    count = max(1, round(BLEND / period))
+    """Return the weights of the offset after a change of the law, one per step, falling linearly from 1 to 0."""
+    count = max(1, round(BLEND_TIME / period))
     return [1.0 - index / count for index in range(count)]

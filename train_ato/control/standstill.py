@@ -1,40 +1,36 @@
-"""The train that stands: when it is left to its holding brake, and when that has to be released.
+"""Standstill: conditions for the holding brake and for its release.
 
-The holding brake acts below the holding speed while no unit is asked to pull.
+The holding brake of the plant acts below the holding speed while no unit has a positive demand.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from train_ato.compensate.rigid import ProfileLike
-from train_ato.types import Measurement, Reference
+from train_ato.control.compensation.rigid import ProfileLike
+from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
+from train_ato.messages.types import Measurement, Reference
 
-if TYPE_CHECKING:
-    from train_ato.model import TrainModel
-
-HOLDING_SPEED = 0.05
-"""Below it a train whose profile stands is left to its holding brake [m/s]."""
-RELEASING = 1.0
-"""Demand that releases the holding brake where the profile departs and nothing has to pull, on a fall [N]."""
+RELEASE_FORCE = 1.0
+"""Demand that releases the holding brake for a departure on a falling grade without traction [N]."""
 
 
-def left_to_holding_brake(measurement: Measurement, reference: Reference, profile: ProfileLike, lead: float) -> bool:
-    """Tell whether train and profile stand, also ``lead`` seconds from now, when a command sent now will act."""
+def held_by_holding_brake(
+    measurement: Measurement, reference: Reference, profile: ProfileLike, delay_to_effect: float
+) -> bool:
+    """Return True if train and profile are at rest now and after the command delay [s]."""
     if reference.velocity != 0.0 or reference.acceleration != 0.0:
         return False
-    if float(np.abs(measurement.velocity).max()) >= HOLDING_SPEED:
+    if float(np.abs(measurement.velocity).max()) >= STANDSTILL_SPEED:
         return False
-    return profile.at(measurement.stamp * 1e-9 + lead)[1] == 0.0
+    return profile.at(measurement.stamp * 1e-9 + delay_to_effect)[1] == 0.0
 
 
-def kept_from_departing(
-    demand: list[float], measurement: Measurement, profile: ProfileLike, lead: float, model: TrainModel
+def needs_release(
+    demand: list[float], measurement: Measurement, profile: ProfileLike, delay_to_effect: float, model: TrainModel
 ) -> bool:
-    """Tell whether the train is held although its profile departs, since on a fall no unit is asked to pull."""
-    if max(demand) > 0.0 or float(np.abs(measurement.velocity).max()) >= HOLDING_SPEED or model.reversing:
+    """Return True if the holding brake must be released: a departure on a falling grade without positive demand."""
+    if max(demand) > 0.0 or float(np.abs(measurement.velocity).max()) >= STANDSTILL_SPEED or model.reversing:
         return False
-    position, velocity, acceleration, _ = profile.at(measurement.stamp * 1e-9 + lead)
+    position, velocity, acceleration, _ = profile.at(measurement.stamp * 1e-9 + delay_to_effect)
     return velocity > 0.0 and acceleration >= 0.0 and model.rigid_force(position, 0.0, acceleration) < 0.0

@@ -1,11 +1,12 @@
-"""The nominal train and line as laws, observers and compensations know them (the scenario's ``model:`` block).
+"""Nominal model of train and line for laws, observers and compensations (block ``model:`` of the scenario).
 
-The plant may differ from it: mismatch overlays change ``plant:`` only.
+The plant may differ from it: a mismatch changes the block ``plant:`` only.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,12 +15,14 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.track import Track
 from plant_sim.traction import Envelope
-from train_ato.types import Array
+from train_ato.messages.types import Array
 
 GRID = 1.0
 """Spacing of the table of line forces [m]."""
-STANDSTILL = 0.05
-"""Speed below which the dry part of the model's resistance is faded out [m/s]."""
+DRY_FRICTION_SPEED = 0.05
+"""Speed below which the resistance of the model fades out [m/s]."""
+STANDSTILL_SPEED = 0.05
+"""Speed below which a train counts as standing [m/s]; the default of ``plant.holding_speed``."""
 
 
 class TrainModel:
@@ -36,9 +39,9 @@ class TrainModel:
     tick
         Period of the loop [s].
     sensors
-        Couplers that carry a sensor, numbered by the vehicle in front of them.
+        Numbers of the couplers that carry a sensor, by the vehicle in front of them.
     over_length
-        Average grades over each vehicle's length (trains taken as one mass).
+        Average grades over the length of the first vehicle (for a train as one mass).
     reversing
         A negative force also drives backwards.
 
@@ -49,13 +52,13 @@ class TrainModel:
     offsets : Array, shape (units,)
         Nominal distance of every unit behind vehicle 0's centre [m].
     mass, inertia : float
-        Mass of the train and the same with rotating masses [kg].
+        Mass of the train, without and with rotating masses [kg].
     unit_mass : Array, shape (units,)
         Mass of every unit's own vehicle [kg].
     unit_inertia : Array, shape (units,)
-        The same with rotating masses: what a force accelerates.
+        The same with rotating masses [kg].
     share : Array, shape (units,)
-        Part of a total force that every unit takes: in proportion to its largest traction force.
+        Part of a total force for every unit, in proportion to its largest traction force; the sum is 1.
     """
 
     def __init__(
@@ -115,33 +118,33 @@ class TrainModel:
             total[:shift] += mass * self._specific[0]
         return total
 
-    def _table(self, table: Array, position: float) -> float:
-        place = (position - self._begin) / GRID
-        if place <= 0:
-            return float(table[0])
-        index = int(place)
-        if index >= table.size - 1:
-            return float(table[-1])
-        low = float(table[index])
-        return low + (place - index) * (float(table[index + 1]) - low)
-
     def running_resistance(self, velocity: float) -> float:
-        """Return the running resistance of the whole train, odd in the speed and faded to 0 at standstill [N]."""
+        """Return the running resistance of the train [N]: odd in the speed, 0 at standstill."""
         speed = abs(velocity)
-        return (self._c0 + self._c1 * speed + self._c2 * speed * speed) * math.tanh(velocity / STANDSTILL)
+        return (self._c0 + self._c1 * speed + self._c2 * speed * speed) * math.tanh(velocity / DRY_FRICTION_SPEED)
 
     def line_force(self, position: float) -> float:
-        """Return grade, curve and tunnel force on the train, vehicle 0's centre at ``position`` [N], > 0 resists."""
-        return self._table(self._total, position)
+        """Return grade, curve and tunnel force on the train [N], > 0 resists, for vehicle 0's centre at a position."""
+        return interpolated(self._total, (position - self._begin) / GRID)
+
+    def resisting_force(self, position: float, velocity: float, shoe_force: float = 0.0) -> float:
+        """Return running, line and shoe force on the train [N], > 0 resists, for vehicle 0's centre at a position."""
+        return self.running_resistance(velocity) + self.line_force(position) + shoe_force
+
+    def front(self, position: Array) -> float:
+        """Return the position of vehicle 0's centre [m] for positions of the units, shape (units,)."""
+        return float(position[0] + self.offsets[0])
 
     def own_resistance(self, velocity: Array, position: Array) -> Array:
-        """Return every unit vehicle's own running and line resistance [N], shape (units,)."""
+        """Return running and line resistance of every unit's own vehicle [N], shape (units,)."""
         result = np.empty(self.n_units)
         for unit, (c0, c1, c2) in enumerate(self._unit_polynomials):
             v = float(velocity[unit])
             speed = abs(v)
-            result[unit] = (c0 + c1 * speed + c2 * speed * speed) * math.tanh(v / STANDSTILL)
-            result[unit] += float(self.unit_mass[unit]) * self._table(self._specific, float(position[unit]))
+            result[unit] = (c0 + c1 * speed + c2 * speed * speed) * math.tanh(v / DRY_FRICTION_SPEED)
+            result[unit] += float(self.unit_mass[unit]) * interpolated(
+                self._specific, (float(position[unit]) - self._begin) / GRID
+            )
         return result
 
     def force_limits(self, velocity: Array) -> tuple[Array, Array]:
@@ -154,8 +157,19 @@ class TrainModel:
         return low, high
 
     def rigid_force(self, position: float, velocity: float, acceleration: float, shoe_force: float = 0.0) -> float:
-        """Return the total force that gives the train, taken as rigid, this acceleration here [N]."""
+        """Return the total force that accelerates the rigid train at ``acceleration`` [N]; arguments in SI."""
         return self.inertia * acceleration + self.running_resistance(velocity) + self.line_force(position) + shoe_force
+
+
+def interpolated(table: Sequence[float] | Array, place: float) -> float:
+    """Return the value of a table at a place between its entries, 0 the first; the ends hold beyond them."""
+    if place <= 0.0:
+        return float(table[0])
+    index = int(place)
+    if index >= len(table) - 1:
+        return float(table[-1])
+    low = float(table[index])
+    return low + (place - index) * (float(table[index + 1]) - low)
 
 
 def _specific_line_force(consist: Consist, line: Line, over_length: bool) -> tuple[Array, float]:

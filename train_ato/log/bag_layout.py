@@ -1,25 +1,26 @@
-"""How a run's log is laid out: names, quality of service, and ``metadata.yaml`` as ``ros2 bag`` (Jazzy) writes it."""
+"""Layout of the log of a run: names, quality of service, and ``metadata.yaml`` as of ``ros2 bag`` (Jazzy)."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import yaml
 
-from train_ato.topics import TOPICS, Topic
+from train_ato.messages.topics import BY_NAME, TOPICS, Topic
 
 LOG = "run.mcap"
 PARTIAL = "run.mcap.partial"
 METADATA = "metadata.yaml"
 NEVER = 9223372036854775807
-"""Start of a bag that holds no message yet [ns]."""
+"""Start time of a bag without messages [ns]."""
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
 def log_name(topic: Topic, namespace: str = "") -> str:
-    """Return a topic's name in the graph and in the log: relative names go under the namespace."""
+    """Return the name of a topic in the graph and in the log, with the namespace for relative names."""
     if topic.name.startswith("/"):
         return topic.name
     prefix = namespace.strip("/")
@@ -27,15 +28,48 @@ def log_name(topic: Topic, namespace: str = "") -> str:
 
 
 def table_name(name: str) -> str | None:
-    """Return the name in the topic table of a name in a log, None for a topic that is not ours."""
+    """Return the name in the topic table for a name in a log, None for other topics.
+
+    Former names are accepted; a notice is printed once.
+    """
     for topic in TOPICS:
-        if name == topic.name or (not topic.name.startswith("/") and name.endswith("/" + topic.name)):
+        if _names(name, topic.name):
             return topic.name
+        for former in topic.former_names:
+            if _names(name, former):
+                _former_name_notice(former, topic.name)
+                return topic.name
     return None
 
 
+def published_name(name: str) -> str:
+    """Return the current name for publishing a topic of a log: former names are replaced."""
+    found = table_name(name)
+    if found is None or _names(name, found):
+        return name
+    former = next(former for former in BY_NAME[found].former_names if _names(name, former))
+    return name.removesuffix(former) + found
+
+
+def _names(name: str, topic: str) -> bool:
+    return name == topic or (not topic.startswith("/") and name.endswith("/" + topic))
+
+
+def _former_name_notice(former: str, present: str) -> None:
+    """Print the notice of former names in a log, once per process."""
+    if not _shown:
+        _shown.append(former)
+        sys.stderr.write(
+            f"train-ato: the log has topic names of version 0.1.0 ({former} is now {present}); only this release "
+            "still reads them\n"
+        )
+
+
+_shown: list[str] = []
+
+
 def qos_profiles(topic: Topic) -> list[dict[str, Any]]:
-    """Return the offered quality of service as ``ros2 bag`` writes it; players publish with it."""
+    """Return the offered quality of service in the format of ``ros2 bag``, used by players."""
     return [
         {
             "history": "keep_last",
@@ -52,12 +86,12 @@ def qos_profiles(topic: Topic) -> list[dict[str, Any]]:
 
 
 def qos_text(profiles: list[dict[str, Any]]) -> str:
-    """Return the quality of service as the YAML sequence that stands in the channel's metadata."""
+    """Return the quality of service as YAML sequence for the metadata of a channel."""
     return yaml.dump(profiles, Dumper=_Plain, sort_keys=False)
 
 
 class _Plain(yaml.SafeDumper):
-    """YAML without anchors: readers of bags do not expect them."""
+    """YAML writer without anchors, which readers of bags do not support."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
@@ -65,7 +99,7 @@ class _Plain(yaml.SafeDumper):
 
 @dataclass(frozen=True)
 class ChannelCount:
-    """What ``metadata.yaml`` says of one topic."""
+    """Entry of one topic in ``metadata.yaml``."""
 
     name: str
     type: str
@@ -76,14 +110,14 @@ class ChannelCount:
 
 
 def bag_information(file_name: str, channels: Sequence[ChannelCount], begin: int, end: int) -> dict[str, Any]:
-    """Return what ``ros2 bag`` says of a bag, in ``metadata.yaml`` and inside the file.
+    """Return the bag information of ``ros2 bag`` for ``metadata.yaml`` and for the record inside the file.
 
     Parameters
     ----------
     file_name
         Name of the log beside it.
     channels
-        Every topic, those without messages included.
+        All topics, including those without messages.
     begin, end
         Log time of the first and the last message [ns since 1970].
     """
@@ -124,5 +158,5 @@ def metadata_yaml(information: dict[str, Any]) -> str:
 
 
 def metadata_record(information: dict[str, Any]) -> dict[str, str]:
-    """Return the record ``rosbag2`` inside the file: the same without the key above it."""
+    """Return the record ``rosbag2`` inside the file: the content of ``metadata.yaml`` without its top-level key."""
     return {"serialized_metadata": yaml.dump(information, Dumper=_Plain, sort_keys=False)}

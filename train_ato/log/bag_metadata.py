@@ -1,7 +1,6 @@
-"""``metadata.yaml`` beside a log that is whole: whether it is that of the log, and the same written again.
+"""Check and repair of ``metadata.yaml`` beside an undamaged log.
 
-``ros2 bag`` and ``rosbags`` open a bag by that file; without it, or with another log's, they refuse a log in which
-nothing is missing.
+``ros2 bag`` and ``rosbags`` open a bag by this file and refuse a log without it, or with that of another log.
 """
 
 from __future__ import annotations
@@ -10,27 +9,25 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.reader import SeekingReader
-from mcap.records import Schema, Statistics
 
-from train_ato.record.layout import LOG, METADATA, NEVER, ChannelCount, bag_information, metadata_yaml
-from train_ato.record.reading import NO_SCHEMA
+from train_ato.log.bag_layout import LOG, METADATA, NEVER, ChannelCount, bag_information, metadata_yaml
+from train_ato.log.mcap_records import summary_of
 
 BAG = "rosbag2_bagfile_information"
 
 
 def rewritten(log: Path) -> Path | None:
-    """Write ``metadata.yaml`` of a whole log again where it is missing or not that of the log.
+    """Write ``metadata.yaml`` of an undamaged log if it is missing or belongs to another log.
 
     Parameters
     ----------
     log
-        A whole MCAP file.
+        Undamaged MCAP file.
 
     Returns
     -------
     Path or None
-        Where the file is kept that stood there; the new one itself where there was none; None where nothing was to do.
+        New name of the replaced file, or the new file if there was none; None if no repair was necessary.
     """
     information = _information(log)
     file = log.parent / METADATA
@@ -47,30 +44,29 @@ def rewritten(log: Path) -> Path | None:
 
 
 def _information(log: Path) -> dict[str, Any] | None:
-    """Return what ``ros2 bag`` says of a log, from its summary; None of one without."""
+    """Return the bag information of a log from its summary; None without a summary."""
     with log.open("rb") as file:
-        summary = SeekingReader(file).get_summary()
+        summary = summary_of(file, log.stat().st_size)
     if summary is None or summary.statistics is None:
         return None
-    statistics: Statistics = summary.statistics
-    channels = []
-    for number, channel in sorted(summary.channels.items()):
-        schema: Schema = summary.schemas.get(channel.schema_id, NO_SCHEMA)
+    statistics, channels = summary.statistics, []
+    for number in sorted(summary.known.channels):
+        channel, schema = summary.known.kind(number)
         found, count = channel.metadata, statistics.channel_message_counts.get(number, 0)
-        told = (found.get("topic_type_hash", ""), found.get("offered_qos_profiles", "[]"))
-        channels.append(ChannelCount(channel.topic, schema.name, channel.message_encoding, *told, count))
+        offered = (found.get("topic_type_hash", ""), found.get("offered_qos_profiles", "[]"))
+        channels.append(ChannelCount(channel.topic, schema.name, channel.message_encoding, *offered, count))
     some = statistics.message_count > 0
     span = (statistics.message_start_time, statistics.message_end_time) if some else (NEVER, NEVER)
     return bag_information(log.name, channels, *span)
 
 
 def belongs(file: Path, log: str) -> bool:
-    """Tell whether a ``metadata.yaml`` is, or would be, that of one log alone; a bag in several files keeps its own.
+    """Return True if a ``metadata.yaml`` belongs to one log alone and not to a bag of several files.
 
     Parameters
     ----------
     file
-        ``metadata.yaml``; it may be missing, or not readable.
+        ``metadata.yaml``; it may be missing or unreadable.
     log
         Name of the log beside it.
     """
@@ -81,7 +77,7 @@ def belongs(file: Path, log: str) -> bool:
 
 
 def _read(file: Path) -> tuple[list[str], dict[str, int]] | None:
-    """Return files and messages of every topic as ``metadata.yaml`` has them; None where it cannot be read."""
+    """Return files and message counts of ``metadata.yaml``; None if it is unreadable."""
     try:
         information = yaml.safe_load(file.read_text(encoding="utf-8"))[BAG]
         return information["relative_file_paths"], _counts(information)

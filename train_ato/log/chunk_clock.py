@@ -1,7 +1,7 @@
-"""Closes the open chunk of a log in time, also when no further message comes.
+"""Thread for writing the chunks of a log: full ones at once, the open one after a maximum age.
 
-A recorder that is killed loses what is in the open chunk.  Messages alone cannot bound that: a paused or stalled run
-sends none, and its last messages would wait for ever.
+A killed recorder loses the open chunk and the one in compression. The maximum age limits this loss for a paused run,
+which sends no further message. Compression and checksums release the interpreter lock, so that the run continues.
 """
 
 from __future__ import annotations
@@ -12,33 +12,41 @@ from collections.abc import Callable
 
 
 class ChunkClock:
-    """A thread that asks a log again and again to close what is due.
+    """Thread with repeated calls of the writing method of a log.
 
     Parameters
     ----------
     look
-        Method that closes what is due and returns after how long to ask again [s]. It is held weakly: a log that
-        nobody holds any more ends its clock.
+        Method that writes due chunks and returns the time until the next call [s]. The reference is weak: the thread
+        ends with the log.
     first
-        Time until it is asked first [s].
+        Time until the first call [s].
     """
 
     def __init__(self, look: Callable[[], float], first: float) -> None:
         self._look = weakref.WeakMethod(look)
         self._wait = first
-        self._stopped = threading.Event()
+        self._stopped = False
+        self._due = threading.Event()
         self._thread = threading.Thread(target=self._run, name="chunk clock", daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
-        while not self._stopped.wait(self._wait):
+        while True:
+            self._due.wait(self._wait)
+            self._due.clear()
             look = self._look()
-            if look is None:
+            if self._stopped or look is None:
                 return
             self._wait = look()
             del look
 
+    def wake(self) -> None:
+        """Call the method at once."""
+        self._due.set()
+
     def stop(self) -> None:
-        """End the thread; not while holding a lock that ``look`` takes."""
-        self._stopped.set()
+        """End the thread; the caller must not hold a lock of ``look``."""
+        self._stopped = True
+        self._due.set()
         self._thread.join()

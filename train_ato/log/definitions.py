@@ -1,7 +1,7 @@
-"""Text and type hash of message definitions, as they stand in a log.
+"""Text and type hash of message definitions for a log.
 
-They come from the installed packages where there are any, and from the Jazzy type store of ``rosbags`` on a machine
-without ROS; without comments both say the same.
+The source is the installed packages, or the Jazzy type store of ``rosbags`` on a machine without ROS; both are equal
+except for comments.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from train_ato.cdr import typestore
+from train_ato.messages.codec.cdr import typestore
 
 _FIELD = re.compile(r"^([A-Za-z]\w*(?:/[A-Za-z]\w*)?)(?:<=\d+)?(?:\[[^\]]*\])?\s+[A-Za-z]\w*")
 _PRIMITIVE = frozenset(("bool", "byte", "char", "string", "wstring", "float32", "float64")) | {
@@ -25,14 +25,14 @@ _SEPARATOR = "=" * 80 + "\n"
 
 @dataclass(frozen=True)
 class Definition:
-    """Definition of one message type: its text with everything it depends on, and its RIHS01 hash."""
+    """Definition of one message type: text with all dependencies, and RIHS01 hash."""
 
     text: str
     hash: str
 
 
 def _prefixes() -> list[Path]:
-    """Return where packages may be installed: this interpreter's prefix (wheels) and those of a sourced ROS 2."""
+    """Return the installation prefixes of packages: of this interpreter (wheels) and of a sourced ROS 2."""
     sourced = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
     return [Path(prefix) for prefix in (sys.prefix, *sourced) if prefix]
 
@@ -47,7 +47,7 @@ def _file(type_name: str, suffix: str) -> Path | None:
 
 
 def dependencies(text: str, package: str) -> list[str]:
-    """Return the message types that the fields of a ``.msg`` text name, in order, each once."""
+    """Return the message types of the fields in a ``.msg`` text, in order, each once."""
     found: list[str] = []
     for line in text.splitlines():
         match = _FIELD.match(line.strip())
@@ -61,7 +61,7 @@ def dependencies(text: str, package: str) -> list[str]:
 
 
 def installed(type_name: str) -> Definition | None:
-    """Return the definition of an installed package, None if it or one it depends on is not installed."""
+    """Return the definition in the installed packages, None if a type or dependency is missing."""
     order, texts = [type_name], {}
     for name in order:
         path = _file(name, ".msg")
@@ -81,12 +81,12 @@ def installed(type_name: str) -> Definition | None:
 
 
 def from_typestore(type_name: str) -> Definition:
-    """Return the definition that ``rosbags`` ships for Jazzy; it carries no comments."""
+    """Return the definition in the Jazzy type store of ``rosbags``, without comments."""
     text, _ = typestore().generate_msgdef(type_name, ros_version=2)
     return Definition(text, typestore().hash_rihs01(type_name))
 
 
 @lru_cache(maxsize=64)
 def definition(type_name: str) -> Definition:
-    """Return text and hash of a message type such as ``sensor_msgs/msg/JointState``."""
+    """Return the definition of a message type, for example ``sensor_msgs/msg/JointState``."""
     return installed(type_name) or from_typestore(type_name)

@@ -1,4 +1,4 @@
-"""Whether two logs say the same: every topic, every message in stamp order, every field."""
+"""Comparison of two logs: every topic, every message in stamp order, every field."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.record.reading import Progress, iter_raw
-from train_ato.topics import TOPICS
-from train_ato.wire import Wire
+from train_ato.log.reading import Progress, iter_raw
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import TOPICS
 
 WALL = "wall_"
-"""Diagnostics whose key begins like this tell of the wall clock and are not compared."""
+"""Prefix of diagnostic keys with wall-clock values, which are not compared."""
 _ORDER = {topic.name: place for place, topic in enumerate(TOPICS)}
 
 Entry = tuple[int, bytes]
@@ -34,11 +34,11 @@ class Difference:
     topic : str
         Name in the topic table.
     stamp : int
-        Of the message [ns].
+        Stamp of the message [ns].
     field : str
-        Field of the message, ``[i]`` behind it for the place in an array; ``message`` where one of the two has none.
+        Field of the message, with ``[i]`` for the place in an array; ``message`` if the message is missing in one log.
     one, other : str
-        What the two say there.
+        Values in the two logs.
     """
 
     topic: str
@@ -52,17 +52,17 @@ class Difference:
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """What comparing two logs found.
+class LogComparison:
+    """Result of the comparison of two logs.
 
     Attributes
     ----------
     messages, differing : int
-        Messages compared, and those of them that differ or have no counterpart.
+        Numbers of compared messages, and of different or missing ones.
     topics : dict of str to int
-        Differing messages by topic.
+        Number of different messages by topic.
     first : Difference or None
-        The earliest difference; of one stamp, that of the topic that comes first in the table.
+        Earliest difference; for equal stamps, in the order of the topic table.
     """
 
     messages: int = 0
@@ -72,11 +72,13 @@ class Comparison:
 
     @property
     def equal(self) -> bool:
-        """Tell whether nothing differs."""
+        """True if there is no difference."""
         return self.differing == 0
 
 
-def compare(one: Path, other: Path, wire: Wire, relative: float = 0.0, progress: Progress | None = None) -> Comparison:
+def compare_logs(
+    one: Path, other: Path, wire: Wire, relative: float = 0.0, progress: Progress | None = None
+) -> LogComparison:
     """Compare two logs of the same scenario.
 
     Parameters
@@ -86,24 +88,24 @@ def compare(one: Path, other: Path, wire: Wire, relative: float = 0.0, progress:
     wire
         Decoder for the train of both.
     relative
-        Numbers may differ by this part of the largest magnitude of their field in ``one``; 0 compares bit for bit.
+        Tolerance of numbers, relative to the maximum magnitude of their field in ``one``; 0 requires equal bits.
     progress
-        Takes the share of the work that is done.
+        Receiver of the completed fraction.
 
     Raises
     ------
     ValueError
-        If one of the files is no log, or damaged.
+        If one of the files is not a log, or damaged.
     """
-    tell = progress or _silent
-    left = _by_topic(one, lambda share: tell(0.4 * share))
-    right = _by_topic(other, lambda share: tell(0.4 + 0.4 * share))
+    report = progress or _silent
+    left = _by_topic(one, lambda share: report(0.4 * share))
+    right = _by_topic(other, lambda share: report(0.4 + 0.4 * share))
     messages = 0
     topics: dict[str, int] = {}
     found: list[Difference] = []
     names = sorted({*left, *right}, key=lambda name: _ORDER.get(name, len(_ORDER)))
     for number, topic in enumerate(names):
-        tell(0.8 + 0.2 * number / len(names))
+        report(0.8 + 0.2 * number / len(names))
         mine, theirs = left.get(topic, []), right.get(topic, [])
         messages += max(len(mine), len(theirs))
         scale = _Scale(topic, mine, wire, relative)
@@ -113,7 +115,7 @@ def compare(one: Path, other: Path, wire: Wire, relative: float = 0.0, progress:
                 topics[topic] = topics.get(topic, 0) + 1
                 found.append(difference)
     first = min(found, key=lambda entry: entry.stamp, default=None)
-    return Comparison(messages, len(found), topics, first)
+    return LogComparison(messages, len(found), topics, first)
 
 
 def _silent(share: float) -> None:
@@ -121,7 +123,7 @@ def _silent(share: float) -> None:
 
 
 def _by_topic(run: Path, progress: Progress) -> dict[str, list[Entry]]:
-    """Messages of every topic in stamp order; those of one stamp, from several nodes, by content."""
+    """Return the messages by topic in stamp order; diagnostics of one stamp in the order of their content."""
     messages: dict[str, list[Entry]] = {}
     for topic, stamp, data in iter_raw(run, progress=progress):
         messages.setdefault(topic, []).append((stamp, data))
@@ -131,7 +133,7 @@ def _by_topic(run: Path, progress: Progress) -> dict[str, list[Entry]]:
 
 
 def _paired(one: list[Entry], other: list[Entry]) -> Iterator[tuple[Entry | None, Entry | None]]:
-    """Pair the messages of one stamp; one that has no counterpart stands alone."""
+    """Pair the messages of equal stamps; None for a missing message."""
     if [entry[0] for entry in one] == [entry[0] for entry in other]:
         yield from zip(one, other, strict=True)
         return
@@ -144,7 +146,7 @@ def _paired(one: list[Entry], other: list[Entry]) -> Iterator[tuple[Entry | None
 
 
 class _Scale:
-    """Largest magnitude of every field of a topic, looked for when the first numbers differ."""
+    """Maximum magnitude of every field of a topic, calculated at the first difference."""
 
     def __init__(self, topic: str, entries: list[Entry], wire: Wire, relative: float) -> None:
         self._topic, self._entries, self._wire = topic, entries, wire
@@ -152,7 +154,7 @@ class _Scale:
         self._largest: dict[str, float] | None = None
 
     def tolerance(self, name: str) -> float:
-        """Return by how much two numbers of a field may differ."""
+        """Return the permitted difference of two numbers of a field."""
         if not self._relative:
             return 0.0
         if self._largest is None:
@@ -175,7 +177,7 @@ class _Scale:
 
 
 def _difference(topic: str, a: Entry | None, b: Entry | None, wire: Wire, scale: _Scale) -> Difference | None:
-    """Return the first field in which two messages of a stamp differ, None if there is none."""
+    """Return the first different field of two messages of a stamp, None for equal messages."""
     if a is None or b is None:
         stamp = a[0] if a is not None else b[0] if b is not None else 0
         return Difference(topic, stamp, "message", *(("missing" if entry is None else "there") for entry in (a, b)))
@@ -190,7 +192,7 @@ def _difference(topic: str, a: Entry | None, b: Entry | None, wire: Wire, scale:
 
 
 def _unequal(name: str, a: Any, b: Any, scale: _Scale) -> tuple[str, str, str] | None:
-    """Return where two values differ and what stands there."""
+    """Return place and values of the first difference of two fields, None if they are equal."""
     if isinstance(a, np.ndarray):
         return _unequal_arrays(name, a, b, scale)
     if isinstance(a, dict):
@@ -219,7 +221,7 @@ def _unequal_arrays(name: str, a: Any, b: Any, scale: _Scale) -> tuple[str, str,
 
 
 def _alike(a: str | None, b: str | None, scale: _Scale, name: str) -> bool:
-    """Tell whether two texts are the same, or numbers that are near enough."""
+    """Return True for equal texts, or numbers within the tolerance."""
     if a == b:
         return True
     one, other = _number(a), _number(b)

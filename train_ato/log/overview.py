@@ -1,4 +1,4 @@
-"""What a log holds: topics with their rates and gaps, changes while the run went on, and what made it."""
+"""Overview of a log: topics with rates and gaps, changes during the run, versions."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.changes import Told
-from train_ato.record.layout import table_name
-from train_ato.record.reading import Progress, attachments, stream
-from train_ato.record.versions import VERSIONS, read_versions
-from train_ato.topics import BY_NAME, EPOCH_NS, Rate
-from train_ato.wire_variable import decode_diagnostic
+from train_ato.log.bag_layout import published_name, table_name
+from train_ato.log.reading import Progress, attachments, stream
+from train_ato.log.versions import VERSIONS, read_versions
+from train_ato.messages.codec.variable import decode_diagnostic
+from train_ato.messages.topics import BY_NAME, EPOCH_NS, Rate
+from train_ato.scenario.changes import RunChanges
 
 LATE = 1.5
-"""A message that comes later than so many usual periods after the one before leaves a gap."""
+"""Minimum distance of two messages for a gap, in median periods of the topic."""
 
 
 @dataclass(frozen=True)
 class TopicOverview:
-    """One topic of a log; times are simulated [s], from the run's start or from a foreign log's first message.
+    """One topic of a log; simulated times [s] from the start of the run, or from the first message of a foreign log.
 
     Attributes
     ----------
     rate_hz : float or None
         Messages per simulated second, None for fewer than two times.
     gaps : int
-        Places at which messages are missing, by the usual period of the topic.
+        Number of gaps, by the median period of the topic.
     longest_gap_s, longest_gap_at_s : float or None
-        Longest of them and the message before it.
+        Duration of the longest gap and time of the message before it [s].
     """
 
     name: str
@@ -48,22 +48,22 @@ class TopicOverview:
 
 @dataclass(frozen=True)
 class Overview:
-    """A whole log.
+    """Overview of a log.
 
     Attributes
     ----------
     topics : tuple of TopicOverview
-        In the order in which they first appear.
-    told : Told
-        Changes of laws and parameters, and what was done to the train.
+        Topics in the order of their first message.
+    changes : RunChanges
+        Changes of laws and parameters, and interventions.
     versions : dict
-        Of what recorded it; empty for a log of another recorder.
+        Versions of the recorder; empty for a log of another recorder.
     """
 
     path: Path
     size: int
     topics: tuple[TopicOverview, ...]
-    told: Told
+    changes: RunChanges
     versions: dict[str, str]
 
     @property
@@ -74,41 +74,44 @@ class Overview:
         return max(topic.last_s for topic in self.topics) - min(topic.first_s for topic in self.topics)
 
 
-def overview(path: Path, *, broken: bool = False, progress: Progress | None = None) -> Overview:
-    """Read a log through and return what it holds.
+def log_overview(path: Path, *, broken: bool = False, progress: Progress | None = None) -> Overview:
+    """Return the overview of a log.
 
     Parameters
     ----------
     path
         MCAP file.
     broken
-        Of a file that was never closed: what can be read of it.
+        Read the undamaged part of a partial file.
     progress
-        Takes the share of the file that is read.
+        Receiver of the fraction of the file that is read.
 
     Raises
     ------
     ValueError
-        If the file is no log, or damaged.
+        If the file is not a log, or damaged.
     """
     stamps: dict[str, array[int]] = {}
     types: dict[str, str] = {}
-    told = Told()
+    changes = RunChanges()
+    present: dict[str, str] = {}
     for message in stream(path, broken=broken, progress=progress):
-        name = message.channel.topic
+        logged = message.channel.topic
+        if (name := present.get(logged, "")) == "":
+            name = present[logged] = published_name(logged)
         if name not in stamps:
             stamps[name] = array("q")
             types[name] = message.schema.name
         stamps[name].append(message.publish_ns)
         if table_name(name) == "/diagnostics" and types[name] == BY_NAME["/diagnostics"].type:
-            told.take(decode_diagnostic(message.data))
+            changes.take(decode_diagnostic(message.data))
     times = {name: np.sort(np.frombuffer(found, np.int64)) for name, found in stamps.items()}
     begin = min((int(found[0]) for found in times.values()), default=0)
     if begin >= EPOCH_NS and any(table_name(name) is not None for name in times):
         begin = EPOCH_NS
     topics = tuple(_topic(name, types[name], found, begin) for name, found in times.items())
     attached = attachments(path, broken=broken)
-    return Overview(path, path.stat().st_size, topics, told, read_versions(attached.get(VERSIONS, b"")))
+    return Overview(path, path.stat().st_size, topics, changes, read_versions(attached.get(VERSIONS, b"")))
 
 
 def _topic(name: str, kind: str, stamps: NDArray[np.int64], begin: int) -> TopicOverview:
@@ -130,6 +133,6 @@ def _topic(name: str, kind: str, stamps: NDArray[np.int64], begin: int) -> Topic
 
 
 def _periodic(name: str) -> bool:
-    """Tell whether a topic is sent again and again; those sent once leave no gap."""
+    """Return True for a topic with repeated messages; others have no gaps."""
     known = table_name(name)
     return known is None or BY_NAME[known].rate is not Rate.ONCE

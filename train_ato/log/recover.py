@@ -1,8 +1,8 @@
-"""Making a damaged log, or that of a killed run, readable again.
+"""Recovery of a damaged log, or of the log of a killed run.
 
-Nothing in a damaged file is believed but what a checksum vouches for: chunks are found by their pattern, wherever they
-stand, and taken when theirs is right.  Schemas and channels come from such chunks, or from a summary whose checksum is
-right.  So every message that is recovered is one that was recorded.
+Only data with a correct checksum are used: chunks are found by their pattern at any place and verified.  Schemas and
+channels come from such chunks, or from a summary with a correct checksum.  Every recovered message was therefore
+recorded.
 """
 
 from __future__ import annotations
@@ -10,9 +10,7 @@ from __future__ import annotations
 import mmap
 import re
 import shutil
-import struct
 import tempfile
-import zlib
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,33 +19,32 @@ from pathlib import Path
 from mcap.opcode import Opcode
 from mcap.records import Attachment
 
-from train_ato.record.bag_metadata import belongs, rewritten
-from train_ato.record.layout import LOG, METADATA, PARTIAL
-from train_ato.record.mcap_writer import MAGIC
-from train_ato.record.reading import Definitions, Progress, RawMessage, being_written, stream
-from train_ato.record.records import Damage, attachment_of, chunk_content, chunk_head
-from train_ato.record.run_log import LogFile
+from train_ato.log.bag_layout import LOG, METADATA, PARTIAL
+from train_ato.log.bag_metadata import belongs, rewritten
+from train_ato.log.mcap_chunk import chunk_content, chunk_head
+from train_ato.log.mcap_records import HEAD, Damage, Definitions, RawMessage, attachment_of, summary_of
+from train_ato.log.mcap_writer import MAGIC
+from train_ato.log.reading import Progress, being_written, stream
+from train_ato.log.run_log import LogFile
 
-_HEAD = struct.Struct("<BQ")
-_FOOTER = struct.Struct("<BQQQI")
 _CHUNK = re.compile(rb"\x06.{8}.{24}.{4}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4|\x00\x00\x00\x00)", re.DOTALL)
-"""A chunk up to the name of its compression: code, length, three numbers, checksum."""
+"""Begin of a chunk: code, length, three numbers, checksum, name of the compression."""
 
 
 @dataclass(frozen=True)
 class Recovered:
-    """What was saved of a log.
+    """Result of a recovery.
 
     Attributes
     ----------
     path : Path
-        The new log, or the one that is whole.
+        New log, or the undamaged one.
     kept : Path or None
-        The damaged file under its new name, None where one was missing.
+        Damaged file under its new name, None for a missing file.
     messages, lost_chunks : int
-        Messages in the log; chunks that were found and are damaged.
+        Messages in the log; damaged chunks.
     metadata_only : bool
-        Whether the log is whole and only ``metadata.yaml`` beside it was written again.
+        True if the log was undamaged and only its ``metadata.yaml`` was written.
     """
 
     path: Path
@@ -58,14 +55,14 @@ class Recovered:
 
 
 def recover(file: Path, progress: Progress | None = None) -> Recovered:
-    """Write what is whole of a damaged log as a proper one with its ``metadata.yaml``; of a whole log only the latter.
+    """Write the undamaged part of a log and its ``metadata.yaml``; for an undamaged log only ``metadata.yaml``.
 
     Parameters
     ----------
     file
-        ``run.mcap.partial`` of a killed run, a damaged ``.mcap``, or the folder of a run that holds one.
+        ``run.mcap.partial`` of a killed run, a damaged ``.mcap``, or a run folder with one of them.
     progress
-        Takes the share of the file that is read.
+        Receiver of the fraction of the file that is read.
 
     Raises
     ------
@@ -109,7 +106,7 @@ def _names(file: Path) -> tuple[Path, Path]:
 
 
 def _whole(path: Path) -> int | None:
-    """Return the number of messages in a log, None where it is damaged."""
+    """Return the number of messages in a log, None if it is damaged."""
     try:
         return sum(1 for _ in stream(path))
     except ValueError:
@@ -117,7 +114,7 @@ def _whole(path: Path) -> int | None:
 
 
 def _metadata_again(log: Path, messages: int) -> Recovered:
-    """Write the ``metadata.yaml`` of a run whose log is whole, where that is what is damaged or missing."""
+    """Write a missing or damaged ``metadata.yaml`` of an undamaged log."""
     file = log.parent / METADATA
     there = file.exists()
     try:
@@ -125,12 +122,12 @@ def _metadata_again(log: Path, messages: int) -> Recovered:
     except OSError as error:
         raise OSError(f"{log.parent}: cannot be written ({error.strerror or error})") from None
     if kept is None:
-        raise ValueError(f"{log}: is whole; there is nothing to recover")
+        raise ValueError(f"{log}: is undamaged; there is nothing to recover")
     return Recovered(log, kept if there else None, messages, 0, metadata_only=True)
 
 
 def _rewrite(source: Path, scratch: Path, name: str, progress: Progress | None) -> tuple[int, int]:
-    """Write the whole chunks of a file into a folder; return the number of messages and of lost chunks."""
+    """Write the undamaged chunks of a file into a folder; return the numbers of messages and of lost chunks."""
     log: LogFile | None = None
     numbers: dict[int, int] = {}
     count = 0
@@ -138,35 +135,35 @@ def _rewrite(source: Path, scratch: Path, name: str, progress: Progress | None) 
         if source.stat().st_size == 0:
             raise ValueError(f"{source}: is empty; nothing can be recovered")
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            wreck = Wreck(data, progress)
-            for message in wreck.messages():
+            damaged = DamagedLog(data, progress)
+            for message in damaged.messages():
                 if log is None:
-                    log = LogFile(scratch, {entry.name: entry.data for entry in wreck.attachments()}, name)
+                    log = LogFile(scratch, {entry.name: entry.data for entry in damaged.attachments()}, name)
                 number = message.channel.id
                 if number not in numbers:
                     numbers[number] = log.copy(message.channel, message.schema)
                 log.write(numbers[number], message.publish_ns, message.log_ns, message.data)
                 count += 1
     if log is None:
-        raise ValueError(f"{source}: holds no whole chunk of a log; nothing can be recovered")
+        raise ValueError(f"{source}: holds no undamaged chunk of a log; nothing can be recovered")
     log.close()
-    return count, wreck.lost
+    return count, damaged.lost
 
 
-class Wreck:
-    """A file of which some bytes may be wrong or missing.
+class DamagedLog:
+    """Reader of a file with wrong or missing bytes.
 
     Parameters
     ----------
     data
-        All of it.
+        Content of the file.
     progress
-        Takes the share of it that is read.
+        Receiver of the fraction of the file that is read.
 
     Attributes
     ----------
     lost : int
-        Chunks that were found by their pattern and are damaged.
+        Number of damaged chunks.
     """
 
     def __init__(self, data: mmap.mmap, progress: Progress | None = None) -> None:
@@ -175,12 +172,12 @@ class Wreck:
         self.lost = 0
 
     def messages(self) -> Iterator[RawMessage]:
-        """Yield the messages of every whole chunk, in the order of the file."""
+        """Yield the messages of every undamaged chunk, in the order of the file."""
         known = Definitions()
         chunks = list(self._chunks())
         summed = any(crc for _, crc in chunks)
         for begin, crc in chunks:
-            # Where others carry a checksum, one that is missing was lost.
+            # If other chunks have a checksum, a missing one is damage.
             if crc or not summed:
                 yield from self._inside(self._content(begin), known)
             else:
@@ -189,7 +186,7 @@ class Wreck:
                 self._progress(begin / len(self._data))
 
     def _inside(self, content: bytes | None, known: Definitions) -> list[RawMessage]:
-        """Return the messages of a chunk, none of one that cannot be understood."""
+        """Return the messages of a chunk, none of a damaged one."""
         try:
             data = chunk_content(content or b"")
             try:
@@ -202,7 +199,7 @@ class Wreck:
             return []
 
     def _chunks(self) -> Iterator[tuple[int, int]]:
-        """Yield where something like a chunk stands, and its checksum."""
+        """Yield place and checksum of every candidate for a chunk."""
         place = 0
         while (found := _CHUNK.search(self._data, place)) is not None:
             begin = found.start()
@@ -214,35 +211,29 @@ class Wreck:
                 self.lost += not found[0].endswith(bytes(4))
                 continue
             yield begin, crc
-            place = begin + _HEAD.size + len(content or b"")
+            place = begin + HEAD.size + len(content or b"")
 
     def _content(self, begin: int) -> bytes | None:
-        """Return the content of the record at a place, None if it reaches beyond the end."""
-        if begin + _HEAD.size > len(self._data):
+        """Return the content of the record at a place, None if it extends beyond the end."""
+        if begin + HEAD.size > len(self._data):
             return None
-        _, length = _HEAD.unpack_from(self._data, begin)
-        start = begin + _HEAD.size
+        _, length = HEAD.unpack_from(self._data, begin)
+        start = begin + HEAD.size
         return self._data[start : start + length] if length <= len(self._data) - start else None
 
     def attachments(self) -> Iterator[Attachment]:
-        """Yield the attachments with a right checksum that stand before the first damage."""
+        """Yield the attachments before the first damage with a correct checksum."""
         place = len(MAGIC)
         while (content := self._content(place)) is not None:
             if self._data[place] == Opcode.ATTACHMENT:
                 with suppress(Damage):
                     yield attachment_of(content)
-            place += _HEAD.size + len(content)
+            place += HEAD.size + len(content)
 
     def _take_summary(self, known: Definitions) -> None:
-        """Take schemas and channels from the summary, if its checksum is there and right."""
-        end = len(self._data) - len(MAGIC)
-        if end < _FOOTER.size + len(MAGIC) or self._data[end:] != MAGIC:
-            return
-        foot = self._data[end - _FOOTER.size : end]
-        code, _, start, _, crc = _FOOTER.unpack(foot)
-        if code != Opcode.FOOTER or not len(MAGIC) <= start < end or zlib.crc32(self._data[start : end - 4]) != crc:
-            return
-        place = start
-        while place < end - _FOOTER.size and (content := self._content(place)) is not None:
-            known.take(self._data[place], content)
-            place += _HEAD.size + len(content)
+        """Add schemas and channels of the summary, if it has a correct checksum."""
+        with suppress(Damage):
+            summary = summary_of(self._data, len(self._data))
+            if summary is not None and summary.checked:
+                known.schemas |= summary.known.schemas
+                known.channels |= summary.known.channels

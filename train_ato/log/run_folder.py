@@ -1,9 +1,10 @@
-"""The folder of one run: log, metadata, resolved scenario, summary and figure."""
+"""Folder of one run: log, metadata, resolved scenario and summary."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import re
 import shutil
 from collections.abc import Iterator, Mapping
@@ -14,113 +15,128 @@ from typing import Any
 import yaml
 
 from plant_sim.library import StrictLoader
-from train_ato.outcome import Outcome
-from train_ato.record.layout import LOG, PARTIAL
-from train_ato.record.reading import attachments, log_file
-from train_ato.record.run_log import RunLog
-from train_ato.record.versions import SCENARIO, SUMMARY, attachments_for
-from train_ato.run_setup import RunSetup, prepare
-from train_ato.scenario import check, load
-from train_ato.topics import EPOCH_NS
-from train_ato.wire import Wire
+from train_ato.log.bag_layout import LOG, PARTIAL
+from train_ato.log.compression import DEFAULT
+from train_ato.log.reading import attachments, log_file
+from train_ato.log.run_log import RunLog
+from train_ato.log.versions import SCENARIO, SUMMARY, attachments_for
+from train_ato.loop.result import RunResult
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import EPOCH_NS, topics_of
+from train_ato.scenario.scenario import check_scenario, load_scenario
 
 RUNS = Path("runs")
 STARTED = "scenario.started.yaml"
-"""The scenario as a run was started, where changes from outside made it another one."""
+"""Initial scenario of a run with unplanned changes."""
+
+
+def check_free(path: Path, option: str = "--out") -> None:
+    """Check that a run folder can be created; ``option`` is its name in messages.
+
+    Raises
+    ------
+    ValueError
+        If it exists already or cannot be written.
+    """
+    try:
+        taken = path.exists()
+    except OSError as error:
+        raise ValueError(f"{option} {str(path)[:60]}...: {error.strerror}; name another folder") from None
+    if taken:
+        raise ValueError(f"{option} {path}: exists already; name a folder that does not")
+    parent = next(parent for parent in path.absolute().parents if parent.exists())
+    if not parent.is_dir() or not os.access(parent, os.W_OK):
+        raise ValueError(f"{option} {path}: cannot be made in {parent}; name a writable place")
 
 
 class RunFolder:
-    """A run's folder; it is made before the run and holds everything that the run leaves."""
+    """Folder with all files of one run, created before its start."""
 
     def __init__(self, path: Path, made: tuple[Path, ...] = ()) -> None:
         self.path = path
         self._made = made
 
     @classmethod
-    def make(cls, wanted: Path | None, name: str) -> RunFolder:
-        """Make the folder of a new run.
+    def make(cls, wanted: Path | None, name: str, option: str = "--out") -> RunFolder:
+        """Create the folder of a new run; ``option`` is its name in messages.
 
         Raises
         ------
         ValueError
             If it exists already or cannot be written.
         """
-        path = wanted if wanted is not None else _next_free(name)
-        try:
-            taken = path.exists()
-        except OSError as error:
-            raise ValueError(f"--out {str(path)[:60]}...: {error.strerror}; name another folder") from None
-        if taken:
-            raise ValueError(f"--out {path}: exists already; name a folder that does not")
+        path = wanted if wanted is not None else next_free(name)
+        check_free(path, option)
         made = (path, *(parent for parent in path.parents if not parent.exists()))
         try:
             path.mkdir(parents=True)
         except OSError as error:
-            raise ValueError(f"--out {path}: cannot be made ({error.strerror}); name a writable place") from None
+            raise ValueError(f"{option} {path}: cannot be made ({error.strerror}); name a writable place") from None
         return cls(path, made)
 
     @property
     def recorded(self) -> bool:
-        """Whether a log was begun."""
-        return any((self.path / name).exists() for name in (LOG, PARTIAL))
+        """True if the folder or a subfolder has a log, also a partial one."""
+        return any(True for name in (LOG, PARTIAL) for _ in self.path.glob(f"**/{name}"))
 
-    def discard(self) -> None:
-        """Remove the folder of a run that never started, and the folders above that were made for it."""
+    def discard(self, *, converted: bool = False) -> None:
+        """Remove the folder of a run that did not start, and the folders above created for it.
+
+        A folder with a log is kept, unless the log was ``converted`` from another file.
+        """
+        if self.recorded and not converted:
+            return
         shutil.rmtree(self.path, ignore_errors=True)
         for path in self._made[1:]:
             with suppress(OSError):
                 path.rmdir()
 
     @contextmanager
-    def sink(self, setup: RunSetup, more: Mapping[str, bytes] | None = None) -> Iterator[Encoder]:
-        """Open the log for the engine, with ``more`` attached; it is closed and renamed however the run ends."""
-        topics = [topic for topic in setup.shape.topics if topic.recorded]
+    def sink(
+        self, setup: RunSetup, more: Mapping[str, bytes] | None = None, compression: str = DEFAULT
+    ) -> Iterator[Encoder]:
+        """Open the log for the engine with attachments ``more``; it is closed and renamed on exit."""
+        topics = [topic for topic in topics_of(setup.layout) if topic.recorded]
         attached = {**attachments_for(setup.resolved_yaml()), **(more or {})}
-        with RunLog(self.path, topics, attachments=attached) as log:
-            yield Encoder(log, Wire(setup.shape))
+        with RunLog(self.path, topics, attachments=attached, compression=compression) as log:
+            yield Encoder(log, Wire(setup.layout))
 
     def begin(self, setup: RunSetup) -> None:
-        """Write the resolved scenario: whatever becomes of the run, this alone reproduces it."""
+        """Write the resolved scenario, which reproduces the run."""
         (self.path / SCENARIO).write_text(setup.resolved_yaml(), encoding="utf-8")
 
-    def finish(self, setup: RunSetup, outcome: Outcome) -> None:
-        """Write the summary and the figure, and the scenario as it was driven where something was changed from outside.
-
-        The scenario as it was started then stands beside it.
-        """
-        if any(not row["planned"] for row in outcome.summary["changes"]):
+    def finish(self, setup: RunSetup, result: RunResult) -> None:
+        """Write the summary; after unplanned changes also the scenario with them, and keep the initial scenario."""
+        if any(not row["planned"] for row in result.summary["changes"]):
             started = self.path / SCENARIO
             started.rename(self.path / STARTED)
-            again = dataclasses.replace(setup, scenario=outcome.told.driven(setup.scenario))
+            again = dataclasses.replace(setup, scenario=result.changes.driven(setup.scenario))
             started.write_text(again.resolved_yaml(), encoding="utf-8")
-        (self.path / SUMMARY).write_text(summary_text(outcome.summary), encoding="utf-8")
-        if outcome.history is not None:
-            from train_ato.figure import draw_run  # matplotlib: only runs that are drawn pay for it
-
-            draw_run(setup, outcome.history, outcome.summary, self.path / "figure.png")
+        (self.path / SUMMARY).write_text(summary_text(result.summary), encoding="utf-8")
 
 
 def summary_text(summary: dict[str, Any]) -> str:
-    """Return a summary as it is written."""
+    """Return the JSON text of a summary."""
     return json.dumps(summary, indent=2, ensure_ascii=False) + "\n"
 
 
-def open_run(path: Path) -> tuple[RunSetup, dict[str, Any]]:
+def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
     """Return the setup and the summary of a recorded run.
 
     Parameters
     ----------
     path
-        Run folder, or its log alone: the scenario is attached to that, a summary only where the run was measured.
+        Run folder, or its log with the attached scenario; only the log of a measured run has an attached summary.
 
     Raises
     ------
     ValueError
-        If it is not a run's.
+        If it is not a run.
     """
     if path.is_dir():
         summary = read_summary(path)
-        return prepare(*load(str(path / SCENARIO))), summary
+        return prepare(*load_scenario(str(path / SCENARIO))), summary
     attached = attachments(log_file(path))
     text = attached.get(SCENARIO)
     if text is None:
@@ -129,7 +145,7 @@ def open_run(path: Path) -> tuple[RunSetup, dict[str, Any]]:
         data = yaml.load(text, Loader=StrictLoader)
     except yaml.YAMLError as error:
         raise ValueError(f"{path}: the attached {SCENARIO} is not YAML ({error})") from None
-    return prepare(check(data, path), path), _attached_summary(path, attached)
+    return prepare(check_scenario(data, path), path), _attached_summary(path, attached)
 
 
 def read_summary(path: Path) -> dict[str, Any]:
@@ -138,7 +154,7 @@ def read_summary(path: Path) -> dict[str, Any]:
     Raises
     ------
     ValueError
-        If the folder is not that of a run.
+        If the folder is not a run folder.
     """
     if not (path / SCENARIO).is_file():
         raise ValueError(f"{path}: not a run folder: no scenario.yaml; name a folder that `run` made")
@@ -146,27 +162,28 @@ def read_summary(path: Path) -> dict[str, Any]:
     file = path / SUMMARY
     if not file.is_file():
         return _attached_summary(log, attachments(log)) or {"status": "killed"}
-    return _figures(file, file.read_bytes())
+    return parse_summary(file, file.read_bytes())
 
 
 def _attached_summary(log: Path, attached: Mapping[str, bytes]) -> dict[str, Any]:
-    """Return the summary that is attached to a log, empty where none is."""
+    """Return the summary attached to a log, empty without one."""
     text = attached.get(SUMMARY)
-    return {} if text is None else _figures(log, text)
+    return {} if text is None else parse_summary(log, text)
 
 
-def _figures(file: Path, text: bytes) -> dict[str, Any]:
+def parse_summary(file: Path, text: bytes) -> dict[str, Any]:
+    """Return the content of a ``summary.json``; the key ``way`` of earlier versions is read as ``mode``."""
     try:
         summary = json.loads(text)
     except ValueError as error:
-        raise ValueError(f"{file}: is not JSON ({error}); take the file away, the log is whole without it") from None
+        raise ValueError(f"{file}: is not JSON ({error}); remove the file; the log is complete") from None
     if not isinstance(summary, dict):
-        raise ValueError(f"{file}: holds {type(summary).__name__}, not figures by name; take the file away")
-    return summary
+        raise ValueError(f"{file}: holds {type(summary).__name__}, not metrics by name; remove the file")
+    return {"mode" if key == "way" else key: value for key, value in summary.items()}
 
 
 class Encoder:
-    """Turns messages into bytes and hands them to the log, publish time = receipt time = stamp."""
+    """Encoder of messages for the log, with publish time = log time = stamp."""
 
     def __init__(self, log: RunLog, wire: Wire) -> None:
         self._log = log
@@ -174,7 +191,7 @@ class Encoder:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages written of every topic."""
+        """Number of messages per topic."""
         return self._log.counts
 
     def add(self, topic: str, message: object, stamp: int) -> None:
@@ -183,7 +200,8 @@ class Encoder:
         self._log.add(topic, moment, moment, self._wire.encode(topic, message))
 
 
-def _next_free(name: str) -> Path:
+def next_free(name: str) -> Path:
+    """Return the folder of the next run of a scenario: ``runs/NAME-N``."""
     stem = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)
     taken = [path.name for path in RUNS.glob(f"{stem}-*")] if RUNS.is_dir() else []
     numbers = [int(entry.rsplit("-", 1)[1]) for entry in taken if entry.rsplit("-", 1)[1].isdigit()]

@@ -1,16 +1,14 @@
-"""Writing the log of a run.
+"""Writer of the log of a run.
 
-The file is written as ``run.mcap.partial`` and gets its name when it is closed, also after a failure or Ctrl-C: only
-a killed process leaves the partial file, and ``recover`` reads that.
+The file is written as ``run.mcap.partial`` and renamed when it is closed, also after a failure or Ctrl-C.  Only a
+killed process leaves the partial file, for ``recover``.
 """
 
 from __future__ import annotations
 
 import fcntl
 import io
-import threading
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -18,9 +16,7 @@ from types import TracebackType
 import yaml
 from mcap.records import Channel, Schema
 
-from train_ato.record.chunk_clock import ChunkClock
-from train_ato.record.definitions import definition
-from train_ato.record.layout import (
+from train_ato.log.bag_layout import (
     LOG,
     METADATA,
     NEVER,
@@ -32,20 +28,21 @@ from train_ato.record.layout import (
     qos_profiles,
     qos_text,
 )
-from train_ato.record.mcap_writer import McapWriter
-from train_ato.topics import EPOCH_NS, TOPICS, Topic
+from train_ato.log.chunk_thread import ChunkThread, Entry
+from train_ato.log.compression import DEFAULT
+from train_ato.log.definitions import definition
+from train_ato.log.mcap_writer import McapWriter
+from train_ato.messages.topics import EPOCH_NS, TOPICS, Topic
 
-CHUNK = 1024 * 1024
-"""Size at which a chunk is closed [bytes]; a killed run loses what is in the open one."""
-CLOSE_AFTER_S = 0.8
-"""Age at which the open chunk is closed whatever its size [s]; with the time that takes it is less than a second."""
+CHUNK = 512 * 1024
+"""Size at which a chunk is closed [bytes]; a killed run loses at most two chunks, 1 MiB."""
 YAML = "application/yaml"
 
 
 class LogFile:
     """An MCAP file under construction, in the layout of ``ros2 bag``.
 
-    While it is written, the file is locked, so that nobody takes it for that of a killed run.
+    The file is locked while it is open; the lock distinguishes it from the file of a killed run.
 
     Parameters
     ----------
@@ -57,11 +54,13 @@ class LogFile:
         Name of the closed file.
     chunk_size
         Size at which a chunk is closed [bytes].
+    compression
+        ``none``, ``fast`` or ``small``.
 
     Raises
     ------
     ValueError
-        If there is a log in the folder already or it cannot be written.
+        If the folder already has a log or cannot be written.
     """
 
     def __init__(
@@ -70,6 +69,7 @@ class LogFile:
         attachments: Mapping[str, bytes] | None = None,
         name: str = LOG,
         chunk_size: int = CHUNK,
+        compression: str = DEFAULT,
     ) -> None:
         self.path = folder / name
         self._partial = folder / f"{name}.partial"
@@ -83,15 +83,24 @@ class LogFile:
         with suppress(OSError):  # a file system without locks
             fcntl.flock(self._raw, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._stream = io.BufferedWriter(self._raw, 1 << 16)
-        self._lock = threading.Lock()
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._channels: list[tuple[str, str, str, str, str]] = []
-        self._told = False
-        self.failure: str | None = None
         self.closed = False
-        self._writer = McapWriter(self._stream, "ros2", "train_ato", chunk_size)
-        self._guard(lambda: self._begin(attachments or {}))
-        self._clock = ChunkClock(self._close_in_time, CLOSE_AFTER_S)
+        self._writer = McapWriter(self._stream, "ros2", "train_ato", compression)
+        self._chunks = ChunkThread(self._writer, self._raw, str(self._partial), chunk_size)
+        self._chunks.guard(lambda: self._begin(attachments or {}))
+        self._chunks.start()
+
+    @property
+    def failure(self) -> str | None:
+        """Reason of a failed write, or None; nothing is written after it."""
+        return self._chunks.failure
+
+    @property
+    def counts(self) -> list[int]:
+        """Number of messages per channel, in the order of the channels."""
+        with self._chunks.lock:
+            return self._writer.counts
 
     def _begin(self, attachments: Mapping[str, bytes]) -> None:
         self._writer.metadata("rosbag2", metadata_record(bag_information(self.path.name, [], NEVER, NEVER)))
@@ -100,68 +109,61 @@ class LogFile:
         self._stream.flush()
 
     def channel(self, name: str, type_name: str, text: str, type_hash: str, qos: str) -> int:
-        """Add a topic and return its number for :meth:`write`."""
+        """Add a topic; return its number for :meth:`write`."""
         metadata = {"offered_qos_profiles": qos, "topic_type_hash": type_hash}
         return self._declare(
             name, "cdr", Schema(id=1, data=text.encode(), encoding="ros2msg", name=type_name), metadata
         )
 
     def copy(self, channel: Channel, schema: Schema) -> int:
-        """Add a topic of another log as it stands there, whatever it is encoded in; return its number."""
+        """Add a topic of another log with its encoding; return its number."""
         metadata = {**channel.metadata, "offered_qos_profiles": _readable_qos(channel.metadata)}
         return self._declare(channel.topic, channel.message_encoding, schema, metadata)
 
     def _declare(self, name: str, encoding: str, schema: Schema, metadata: dict[str, str]) -> int:
-        with self._lock:
+        with self._chunks.lock:
             key = (schema.name, schema.encoding, schema.data)
             if schema.id and key not in self._schemas:
                 self._schemas[key] = self._writer.schema(*key)
             number = self._writer.channel(name, encoding, self._schemas[key] if schema.id else 0, metadata)
-            told = (metadata.get("topic_type_hash", ""), metadata["offered_qos_profiles"])
-            self._channels.append((name, schema.name, encoding, *told))
+            hash_and_qos = (metadata.get("topic_type_hash", ""), metadata["offered_qos_profiles"])
+            self._channels.append((name, schema.name, encoding, *hash_and_qos))
         return number
 
     def write(self, channel: int, publish_ns: int, log_ns: int, data: bytes) -> None:
-        """Add a message; times are in ns since 1970.
+        """Add a message with publish and log time [ns since 1970].
 
         Raises
         ------
         OSError
-            If the disk is full or gone. Nothing is written to that file afterwards.
+            If the disk is full or gone; nothing is written after it.
         """
-        with self._lock:
-            if self.failure is not None:
-                self._tell()
-            try:
-                self._writer.add(channel, publish_ns, log_ns, data)
-            except OSError as error:
-                self._give_up(error)
-                self._tell()
+        self._chunks.extend(((channel, publish_ns, log_ns, data),))
+
+    def extend(self, entries: Iterable[Entry]) -> None:
+        """Add messages as :meth:`write`."""
+        self._chunks.extend(entries)
 
     def flush(self) -> None:
         """Write the open chunk to the file."""
-        with self._lock:
-            self._guard(self._writer.close_chunk)
+        self._chunks.flush()
 
     def close(self) -> None:
-        """Finish the file, give it its name and write ``metadata.yaml``; after a failed write only let go of it.
+        """Finish and rename the file and write ``metadata.yaml``; after a failed write only close it.
 
         Raises
         ------
         OSError
-            If the disk is full or gone; the partial file stays, ``recover`` reads it.
+            If the disk is full or gone; the partial file is kept for ``recover``.
         """
         if self.closed:
             return
         self.closed = True
-        self._clock.stop()
+        self._chunks.stop()
         if self.failure is None:
-            self._guard(self._finish)
-        elif not self._told:
-            self._tell()
+            self._chunks.guard(self._finish)
 
     def _finish(self) -> None:
-        self._writer.close_chunk()
         pairs = zip(self._channels, self._writer.counts, strict=True)
         channels = [ChannelCount(*channel, count) for channel, count in pairs]
         span = self._writer.span if any(self._writer.counts) else (NEVER, NEVER)
@@ -172,44 +174,9 @@ class LogFile:
         self._partial.rename(self.path)
         self._stream.close()
 
-    def _close_in_time(self) -> float:
-        """Close the open chunk when it is old enough; return after how long to look again [s]."""
-        with self._lock:
-            opened = self._writer.opened
-            if self.failure is not None or self.closed or opened is None:
-                return CLOSE_AFTER_S
-            left = opened + CLOSE_AFTER_S - time.monotonic()
-            if left > 0:
-                return left
-            try:
-                self._writer.close_chunk()
-            except OSError as error:
-                self._give_up(error)
-        return CLOSE_AFTER_S
-
-    def _guard(self, action: Callable[[], object]) -> None:
-        if self.failure is not None:
-            self._tell()
-        try:
-            action()
-        except OSError as error:
-            self._give_up(error)
-            self._tell()
-
-    def _give_up(self, error: OSError) -> None:
-        """Remember the failure and release the file without another write to it."""
-        self.failure = (
-            f"{self._partial}: writing failed ({error.strerror or error}); `train-ato recover` reads the rest"
-        )
-        self._raw.close()
-
-    def _tell(self) -> None:
-        self._told = True
-        raise OSError(self.failure)
-
 
 def _readable_qos(metadata: Mapping[str, str]) -> str:
-    """Return the quality of service of a channel; that of another program may be no YAML, and then none is told."""
+    """Return the quality of service of a channel, "[]" if it is not valid YAML."""
     text = metadata.get("offered_qos_profiles", "")
     try:
         return text if isinstance(yaml.safe_load(text), list) else "[]"
@@ -225,51 +192,65 @@ class RunLog:
     folder
         Existing folder of the run.
     topics
-        Topics of the run; those that are not recorded are left out.
+        Topics of the run; only recorded ones are added.
     namespace
         Namespace of the graph.
     attachments
-        Texts to attach, by file name: what made the run and with what it can be made again.
+        Texts to attach, by file name, for the reproduction of the run.
+    compression
+        ``none``, ``fast`` or ``small``.
+
+    Attributes
+    ----------
+    numbers : dict
+        Number of every topic, for :meth:`extend`.
     """
 
     def __init__(
         self,
         folder: Path,
-        topics: Sequence[Topic] = TOPICS,
+        topics: Collection[Topic] = TOPICS,
         namespace: str = "",
         attachments: Mapping[str, bytes] | None = None,
+        compression: str = DEFAULT,
     ) -> None:
-        self._file = LogFile(folder, attachments)
-        self._numbers: dict[str, int] = {}
-        self.counts: dict[str, int] = {}
+        self._file = LogFile(folder, attachments, compression=compression)
+        self.numbers: dict[str, int] = {}
         for topic in topics:
             if topic.recorded:
                 known = definition(topic.type)
-                self._numbers[topic.name] = self._file.channel(
+                self.numbers[topic.name] = self._file.channel(
                     log_name(topic, namespace), topic.type, known.text, known.hash, qos_text(qos_profiles(topic))
                 )
-                self.counts[topic.name] = 0
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of messages per topic."""
+        return dict(zip(self.numbers, self._file.counts, strict=True))
 
     @property
     def path(self) -> Path:
-        """Name of the log once it is closed."""
+        """Path of the closed log."""
         return self._file.path
 
     @property
     def failure(self) -> str | None:
-        """Reason why nothing can be written any more."""
+        """Reason of a failed write, or None; nothing is written after it."""
         return self._file.failure
 
     def add(self, topic: str, publish_ns: int, log_ns: int, data: bytes) -> None:
-        """Record a message of a topic of the table; times in ns since 1970.
+        """Record a message of a topic of the table with publish and log time [ns since 1970].
 
         Raises
         ------
         OSError
             If the disk is full or gone.
         """
-        self._file.write(self._numbers[topic], publish_ns, log_ns, data)
-        self.counts[topic] += 1
+        self._file.write(self.numbers[topic], publish_ns, log_ns, data)
+
+    def extend(self, entries: Iterable[Entry]) -> None:
+        """Record messages by the numbers of their topics."""
+        self._file.extend(entries)
 
     def close(self) -> None:
         """Finish the log and rename it to ``run.mcap``."""

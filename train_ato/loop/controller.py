@@ -1,21 +1,18 @@
-"""The control stack with its parameters, swapped while the train runs."""
+"""Controller stage: the control stack and its changes during a run."""
 
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from train_ato.changes import KEY, LAW, Changes, as_text, changes_of, stamp_of
-from train_ato.compensate.registry import COMPENSATIONS
-from train_ato.control.registry import LAWS
+from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.stack import ControlStack
-from train_ato.links import MessageLink
-from train_ato.profile.profile import Profile
-from train_ato.roles.outgoing import Outgoing, due, stamped
-from train_ato.roles.step_times import StepTimes
-from train_ato.run_setup import RunSetup
-from train_ato.topics import Role
-from train_ato.types import (
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.stage_messages import ControllerMessages, diagnostics_due, stamped
+from train_ato.loop.step_times import StepTimes
+from train_ato.messages.links import MessageLink
+from train_ato.messages.topics import Role
+from train_ato.messages.types import (
     Command,
     Diagnostic,
     DisturbanceEstimate,
@@ -23,20 +20,19 @@ from train_ato.types import (
     Pipe,
     Reference,
 )
+from train_ato.profile.profile import Profile
+from train_ato.scenario.changes import KEY, LAW, Changes, changes_to_json, requested_stamp, values_of
 
-if TYPE_CHECKING:
-    pass
 
-
-class ControllerRole:
-    """The control stack: law, compensation, brake policy; swapped by parameter while the train runs.
+class ControllerStage:
+    """Control stack of law, compensation and brake policy, with changes by parameter during a run.
 
     Attributes
     ----------
     controller : str
-        Law in charge.
+        Current law.
     changed : dict
-        Parameters that the last step began to use, planned in the scenario or set from outside.
+        Parameters applied at the last step, planned in the scenario or set during the run.
     """
 
     role = Role.CONTROLLER
@@ -48,7 +44,7 @@ class ControllerRole:
         }
         self._profile: Profile | None = None
         self._stack: ControlStack | None = None
-        self._planned = sorted(setup.swaps, key=lambda swap: swap.at)
+        self._planned = sorted(setup.controller_changes, key=lambda change: change.at)
         self._fresh = True
         self._law_changed = False
         self._asked: Changes = {}
@@ -61,7 +57,7 @@ class ControllerRole:
         self.step_times = StepTimes([])
 
     def set_profile(self, profile: Profile) -> None:
-        """Take the profile; the stack is made when the first one has come."""
+        """Set the profile; the first one creates the stack."""
         self._profile = profile
         if self._stack is None:
             self._stack = self._new_stack(profile)
@@ -95,7 +91,7 @@ class ControllerRole:
         if name == "controller":
             self.setup.law(value, self._parameters.get(value, {}))
             return
-        law, _, parameter = name.partition(".")
+        law, _, parameter = name.rpartition(".")
         merged = {**self._parameters.get(law, {}), parameter: value}
         if law == self.controller:
             self.setup.law(law, merged)
@@ -103,31 +99,31 @@ class ControllerRole:
             LAWS.make(law, merged, self.setup.model, self.setup.control_period)
 
     def begin_with(self, name: str, value: Any) -> None:
-        """Take over a parameter that was validated and given at the start, instead of the scenario's."""
+        """Replace a parameter of the scenario by a validated start parameter."""
         self._take(name, value)
 
     def apply(self, name: str, value: Any) -> None:
-        """Take over a parameter that was validated; it takes effect with the next step, which reports it."""
+        """Set a validated parameter; the next step applies and reports it."""
         self._asked.pop(name, None)
         self._asked[name] = value
         self._law_changed |= self._take(name, value)
 
     def _take(self, name: str, value: Any) -> bool:
-        """Keep a value; tell whether it concerns the law in charge."""
+        """Store a value; return True if it changes the current law."""
         if name == LAW:
             self.controller = str(value)
             return True
-        law, _, parameter = name.partition(".")
+        law, _, parameter = name.rpartition(".")
         self._parameters.setdefault(law, {})[parameter] = value
         return law == self.controller
 
     def _change(self, stamp: int) -> None:
-        """Begin to use what was set since the last step or is planned for this one.
+        """Apply the changes set since the last step or planned for this one.
 
-        A change of the running law swaps it without a jump in force; before the first step nothing can jump.
+        A change after the first step changes the law without a jump of the force.
         """
-        while self._planned and stamp_of(self._planned[0]) <= stamp:
-            for name, value in changes_of(self._planned.pop(0)).items():
+        while self._planned and requested_stamp(self._planned[0]) <= stamp:
+            for name, value in values_of(self._planned.pop(0)).items():
                 self.apply(name, value)
         self.changed, self._asked = self._asked, {}
         if self._law_changed:
@@ -139,13 +135,8 @@ class ControllerRole:
                 self._stack.swap(self.controller, self._parameters.get(self.controller, {}))
         self._fresh = self._law_changed = False
 
-    def step(
-        self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate
-    ) -> tuple[Command, Pipe | None, Outgoing]:
-        """Return the command, the brake-pipe demand if there is an air brake, and what to send.
-
-        ``ato/command`` comes last among the messages, because it ends the step.
-        """
+    def step(self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate) -> ControllerMessages:
+        """Return the command for the stamp of the messages, and the brake-pipe command if there is an air brake."""
         assert self._stack is not None, "the profile comes before the first step"
         begin = time.perf_counter_ns()
         stamp = measurement.stamp
@@ -156,23 +147,14 @@ class ControllerRole:
             self._estimate_link.pass_on(stamp, estimate),
         )
         self.step_times.nanoseconds.append(time.perf_counter_ns() - begin)
-        command = Command(stamp, force)
-        messages: Outgoing = []
-        pipe = None
-        if pressure is not None:
-            pipe = Pipe(stamp, pressure)
-            messages.append(("ato/brake_pipe", pipe))
-        if (report := self.diagnostic(stamp)) is not None:
-            messages.append(("/diagnostics", report))
-        messages.append(("ato/command", command))
-        return command, pipe, messages
+        pipe = None if pressure is None else Pipe(stamp, pressure)
+        return ControllerMessages(Command(stamp, force), pipe, self.diagnostic(stamp))
 
     def diagnostic(self, stamp: int) -> Diagnostic | None:
-        """Return the state of the controller once a second, and at every step that has more to tell.
-
-        That is one which begins to use another law or parameter, or only repeats the last command.
-        """
-        if self._stack is None or not (due(stamp, self.setup.tick_ns) or self._stack.holding or self.changed):
+        """Return the state of the controller once a second, and at every step with a change or a held command."""
+        if self._stack is None or not (
+            diagnostics_due(stamp, self.setup.tick_ns) or self._stack.holding or self.changed
+        ):
             return None
         model = self.setup.model
         values = {
@@ -184,7 +166,7 @@ class ControllerRole:
             **self._stack.diagnostics(),
         }
         if self.changed:
-            values[KEY] = as_text(self.changed)
+            values[KEY] = changes_to_json(self.changed)
         if self._stack.holding:
             return Diagnostic(stamp, "controller", 1, "holding the last command", values)
         return Diagnostic(stamp, "controller", 0, "engaged", values)

@@ -1,4 +1,4 @@
-"""The closed loop as a plain Python loop, without ROS: the fastest way to run, with the same log as the nodes write."""
+"""Control loop in one Python process without ROS, with the same log as the nodes."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
-from train_ato.failure import Watch
-from train_ato.history import HistoryBuilder
+from train_ato.errors import FirstFailure
 from train_ato.interrupt import Interrupt, interruptible
-from train_ato.outcome import Outcome, Progress
-from train_ato.pace import Pace
-from train_ato.roles.controller import ControllerRole
-from train_ato.roles.observer import ObserverRole
-from train_ato.roles.outgoing import Outgoing
-from train_ato.roles.plant import PlantRole
-from train_ato.roles.profile import ProfileRole
-from train_ato.roles.trajectories import profile_of
-from train_ato.run_setup import RunSetup
+from train_ato.loop.controller import ControllerStage
+from train_ato.loop.observer import ObserverStage
+from train_ato.loop.pace import Pace
+from train_ato.loop.plant import PlantStage
+from train_ato.loop.profile import ProfileStage
+from train_ato.loop.recording_builder import RecordingBuilder
+from train_ato.loop.result import Progress, RunResult
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.stage_messages import Published
+from train_ato.loop.trajectories import profile_of
 
 
 class Sink(Protocol):
-    """Whatever takes the messages of a run, in the order in which they are published."""
+    """Receiver of the messages of a run in the order of publication."""
 
     def add(self, topic: str, message: object, stamp: int) -> None:
-        """Take one message."""
+        """Add one message."""
 
 
 def run_engine(
@@ -33,113 +33,103 @@ def run_engine(
     *,
     sink: Sink | None = None,
     progress: Callable[[Progress], None] | None = None,
-    realtime: float | None = None,
+    pace: float = 0.0,
     log_folder: Path | None = None,
     interrupt: Interrupt | None = None,
-) -> Outcome:
-    """Drive one run to its end.
+) -> RunResult:
+    """Run a scenario to its end.
 
     Parameters
     ----------
     setup
-        The checked run.
+        Prepared run.
     sink
-        Takes every message, e.g. a log; None keeps only the series.
+        Receiver of every message, for example a log; None keeps only the series.
     progress
         Called about ten times a second of wall time.
-    realtime
-        Pace on the wall clock, in simulated seconds per second; None runs as fast as it can.
+    pace
+        Maximum simulated seconds per second of wall time; 0 is unlimited.
     log_folder
-        Where the traceback of a failure goes.
+        Folder for the traceback of a failure.
     interrupt
-        Flag that ends the run after the tick under way; None: Ctrl-C and SIGTERM do.
+        Flag that ends the run after the current tick; None: set by Ctrl-C and SIGTERM.
 
     Returns
     -------
-    Outcome
-        The series, how long it took, and whether it was interrupted (Ctrl-C ends a run, it does not lose it).
+    RunResult
+        Recording and summary, also of an interrupted run.
     """
     if interrupt is None:
         with interruptible() as asked:
-            return run_engine(
-                setup, sink=sink, progress=progress, realtime=realtime, log_folder=log_folder, interrupt=asked
-            )
+            return run_engine(setup, sink=sink, progress=progress, pace=pace, log_folder=log_folder, interrupt=asked)
     loop = _Loop(setup, sink)
     begin = time.perf_counter()
-    pace = Pace(realtime, setup.tick)
-    watch = Watch(log_folder)
+    clock = Pace(pace, setup.tick)
+    watch = FirstFailure(log_folder)
     next_report = begin
     try:
         loop.start()
         while not (loop.plant.finished or interrupt.asked):
             loop.tick()
-            pace.wait(loop.ticks)
+            clock.wait(loop.ticks)
             if progress is not None and (now := time.perf_counter()) >= next_report:
                 progress(Progress(loop.ticks * setup.tick, setup.ticks * setup.tick, now - begin))
                 next_report = now + 0.1
         loop.conclude()
-    except Exception as error:  # a law of somebody else may raise anything: the run fails by the node's name
+    except Exception as error:  # a user-defined law may raise any exception; the failure names the stage
         watch.fail(loop.active, error)
     wall = time.perf_counter() - begin
     times = loop.controller.step_times
-    return Outcome.of(setup, loop.history, wall, loop.ticks, times, interrupt.asked, watch.failure, loop.published)
+    recording = loop.recording.finish()
+    return RunResult.of(setup, recording, wall, loop.ticks, times, interrupt.asked, watch.failure, loop.published)
 
 
 class _Loop:
-    """The four roles, called in the order in which the nodes answer each other."""
+    """The four stages in the order of the messages of the nodes."""
 
     def __init__(self, setup: RunSetup, sink: Sink | None) -> None:
-        self.plant = PlantRole(setup)
-        self.profile = ProfileRole(setup)
-        self.observer = ObserverRole(setup)
-        self.controller = ControllerRole(setup)
-        self.history = HistoryBuilder(setup)
+        self.plant = PlantStage(setup)
+        self.profile = ProfileStage(setup)
+        self.observer = ObserverStage(setup)
+        self.controller = ControllerStage(setup)
+        self.recording = RecordingBuilder(setup)
         self.ticks = 0
         self.active = "engine"
         self.published: dict[str, int] = {}
         self._sink = sink
 
-    def _publish(self, stamp: int, messages: Outgoing) -> None:
+    def _publish(self, stamp: int, messages: Published) -> None:
         for topic, message in messages:
-            self.history.add(topic, message)
+            self.recording.add(topic, message)
             self.published[topic] = self.published.get(topic, 0) + 1
             if self._sink is not None:
                 self._sink.add(topic, message, stamp)
 
     def start(self) -> None:
         self.active = "profile"
-        messages = self.profile.start()
-        self._publish(0, messages)
-        self._follow(messages)
-
-    def _follow(self, messages: Outgoing) -> None:
-        """Hand the controller a profile if there is one."""
-        for topic, message in messages:
-            if topic == "ato/profile":
-                self.controller.set_profile(profile_of(message))
+        start = self.profile.start()
+        self._publish(0, start.published())
+        self.controller.set_profile(profile_of(start.profile))
 
     def tick(self) -> None:
         stamp = self.plant.stamp
         self.active = "plant"
-        seen = self.plant.observe()
-        self._publish(stamp, seen)
-        measurement = seen[-1][1]
+        plant = self.plant.observe()
+        self._publish(stamp, plant.published())
         self.active = "profile"
-        answer = self.profile.answer(measurement)
-        self._publish(stamp, answer)
-        reference = answer[-1][1]
-        if len(answer) > 1:
-            self._follow(answer)
+        profile = self.profile.on_measurement(plant.measurement)
+        self._publish(stamp, profile.published())
+        if profile.profile is not None:
+            self.controller.set_profile(profile_of(profile.profile))
         self.active = "observer"
-        answer = self.observer.answer(measurement)
-        self._publish(stamp, answer)
-        estimate = answer[-1][1]
+        observer = self.observer.on_measurement(plant.measurement)
+        self._publish(stamp, observer.published())
         self.active = "controller"
-        command, pipe, messages = self.controller.step(measurement, reference, estimate)
-        self._publish(stamp, messages)
+        controller = self.controller.step(plant.measurement, profile.reference, observer.estimate)
+        self._publish(stamp, controller.published())
         self.active = "plant"
-        self.plant.act(command, pipe)
+        self.plant.act(controller.command, controller.brake_pipe_command)
         self.ticks += 1
 
     def conclude(self) -> None:
-        self._publish(self.plant.stamp, self.plant.conclude())
+        self._publish(self.plant.stamp, self.plant.conclude().published())

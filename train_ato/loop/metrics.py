@@ -1,4 +1,4 @@
-"""Figures of a run: how each is defined."""
+"""Definition of the metrics of a run."""
 
 from __future__ import annotations
 
@@ -7,44 +7,48 @@ from typing import Any
 import numpy as np
 
 from plant_sim.line import Line
-from train_ato.history import History
-from train_ato.run_setup import RunSetup
-from train_ato.types import Array
+from train_ato.loop.recording import Recording
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.types import Array
 
 MOVING = 0.01
-"""Speed from which the train counts as moving [m/s]."""
+"""Minimum speed of a moving train [m/s]."""
+OF_THE_PLANT = ("energy_traction_kwh", "energy_regenerated_kwh", "saturated_s")
+"""Metrics from every plant step."""
 JERK_SPAN = 0.1
-"""Spacing of the differences that acceleration and jerk are taken from [s]."""
+"""Time difference for acceleration and jerk [s]."""
 
 
-def summarise(setup: RunSetup, history: History) -> dict[str, Any]:
-    """Return the figures of a run that follow from its series and the plant's totals.
+def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
+    """Return the metrics of a run from its series and the totals of the plant.
 
-    Errors are taken on the truth, v - v_d at the same stamp, every tick from first motion to the end of the scored
-    part; vehicle 0, or with several driven units the mean over units for rms and the worst unit for maxima.
+    Without diagnostics of the plant, energies and saturation are omitted and coupler forces are those at the ticks.
+    Errors are v - v_d of the true state at the same stamp, at every tick from the first motion of train or reference to
+    the end of the evaluation: of vehicle 0, or with several power units the mean over units for rms and the maximum
+    over units for maxima.
     """
-    part = scored_part(setup, history)
-    velocity_error = history.velocity[part] - history.reference_velocity[part, None]
+    part = evaluated_ticks(setup, recording)
+    velocity_error = recording.velocity[part] - recording.reference_velocity[part, None]
     position_error = (
-        history.position[part] + setup.model.offsets - history.reference_position[part, None]
-        if setup.shape.n_units
+        recording.position[part] + setup.model.offsets - recording.reference_position[part, None]
+        if setup.layout.n_units
         else np.zeros((0, 1))
     )
-    totals = history.totals
-    duration = history.time.size * setup.tick
-    acceleration, jerk = differences(history.front_velocity, setup.tick)
-    return {
+    totals = recording.totals
+    duration = recording.time.size * setup.tick
+    acceleration, jerk = differences(recording.front_velocity, setup.tick)
+    metrics = {
         "speed_rmse_kmh": 3.6 * _rms(velocity_error),
         "speed_error_max_kmh": 3.6 * _largest(velocity_error),
         "position_error_max_m": _largest(position_error),
         "position_rmse_m": _rms(position_error),
-        "stop_error_m": stop_error(setup, history),
-        "overspeed_max_kmh": 3.6 * overspeed(setup, history),
+        "stop_error_m": stop_error(setup, recording),
+        "overspeed_max_kmh": 3.6 * overspeed(setup, recording),
         "coupler_draft_max_kn": totals.get("coupler_draft_max", 0.0) / 1e3,
         "coupler_buff_max_kn": totals.get("coupler_buff_max", 0.0) / 1e3,
         "acceleration_max": _largest(acceleration),
         "jerk_max": _largest(jerk),
-        "command_variation_kn_per_s": float(np.abs(np.diff(history.command, axis=0)).sum()) / duration / 1e3,
+        "command_variation_kn_per_s": float(np.abs(np.diff(recording.command, axis=0)).sum()) / duration / 1e3,
         "energy_traction_kwh": totals.get("energy_traction", 0.0) / 3.6e6,
         "energy_regenerated_kwh": totals.get("energy_regenerated", 0.0) / 3.6e6,
         "saturated_s": totals.get("saturated", 0.0),
@@ -52,24 +56,30 @@ def summarise(setup: RunSetup, history: History) -> dict[str, Any]:
         "held_steps": int(totals.get("held_steps", 0)),
         "unsound_measurements": int(totals.get("unsound_measurements", 0)),
     }
+    if "plant" not in {report.node for report in recording.reports}:
+        metrics = {key: value for key, value in metrics.items() if key not in OF_THE_PLANT}
+        metrics["coupler_draft_max_kn"] = float(max(0.0, recording.coupler_draft_max.max())) / 1e3
+        metrics["coupler_buff_max_kn"] = float(min(0.0, recording.coupler_buff_max.min())) / 1e3
+    return metrics
 
 
-def scored_part(setup: RunSetup, history: History) -> slice:
-    """Return the ticks from first motion to the end of the scored part."""
-    moving = np.flatnonzero((np.abs(history.front_velocity) > MOVING) | (np.abs(history.reference_velocity) > MOVING))
+def evaluated_ticks(setup: RunSetup, recording: Recording) -> slice:
+    """Return the ticks from the first motion of train or reference to the end of the evaluation."""
+    fastest = np.maximum(np.abs(recording.front_velocity), np.abs(recording.reference_velocity))
+    moving = np.flatnonzero(fastest > MOVING)
     first = int(moving[0]) if moving.size else 0
-    last = history.time.size
-    score = setup.score
-    if score.until is not None:
-        beyond = np.flatnonzero(history.reference_position > score.until)
+    last = recording.time.size
+    evaluation = setup.scenario.evaluation
+    if evaluation.until is not None:
+        beyond = np.flatnonzero(recording.reference_position > evaluation.until)
         last = min(last, int(beyond[0])) if beyond.size else last
-    if score.until_time is not None:
-        last = min(last, int(np.searchsorted(history.time, score.until_time, side="right")))
+    if evaluation.until_time is not None:
+        last = min(last, int(np.searchsorted(recording.time, evaluation.until_time, side="right")))
     return slice(min(first, last), last)
 
 
 def _rms(errors: Array) -> float:
-    """Mean over the columns of each column's root mean square."""
+    """Return the mean of the root mean squares of the columns."""
     if errors.size == 0:
         return 0.0
     return float(np.sqrt((errors**2).mean(axis=0)).mean())
@@ -80,31 +90,30 @@ def _largest(values: Array) -> float:
 
 
 def differences(velocity: Array, tick: float) -> tuple[Array, Array]:
-    """Return acceleration [m/s²] and jerk [m/s³] from differences over 0.1 s (over a tick, where that is longer)."""
+    """Return acceleration [m/s²] and jerk [m/s³] from differences over 0.1 s or a tick, whichever is longer."""
     stride = max(1, round(JERK_SPAN / tick))
     span = stride * tick
     acceleration = np.diff(velocity[::stride]) / span
     return acceleration, np.diff(acceleration) / span
 
 
-def stop_error(setup: RunSetup, history: History) -> float | None:
-    """Return front minus target [m] if the train stands at the end (|v| < .01 m/s), else None."""
-    if abs(history.final_velocity) >= MOVING:
-        return None
-    return history.final_position - float(setup.profile.position[-1])
+def stop_error(setup: RunSetup, recording: Recording) -> float | None:
+    """Return front minus target [m] if the train is at rest at the end (|v| < 0.01 m/s), else None."""
+    position, velocity = recording.final
+    return None if abs(velocity) >= MOVING else position - float(setup.profile.position[-1])
 
 
-def overspeed(setup: RunSetup, history: History) -> float:
-    """Return the largest speed over the limit that holds for the whole train [m/s], 0 if it was kept."""
+def overspeed(setup: RunSetup, recording: Recording) -> float:
+    """Return the maximum speed above the limit for the whole train [m/s], 0 if the limit was never exceeded."""
     if not setup.line.speed_limits:
         return 0.0
-    front = history.front_position + setup.consist.vehicles[0].length / 2
+    front = recording.front_position + setup.consist.vehicles[0].length / 2
     limit = limit_over_train(setup.line, front, setup.consist.length)
-    return float(np.maximum(0.0, history.front_velocity - limit).max())
+    return float(np.maximum(0.0, recording.front_velocity - limit).max())
 
 
 def limit_over_train(line: Line, front: Array, length: float) -> Array:
-    """Return the lowest limit between the train's rear and front [m/s], one value per front position."""
+    """Return the lowest limit between rear and front of the train [m/s], one value per front position."""
     places = np.array([limit.at for limit in line.speed_limits])
     speeds = np.array([limit.speed for limit in line.speed_limits])
     first = np.searchsorted(places, front - length, side="right") - 1

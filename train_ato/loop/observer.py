@@ -1,27 +1,22 @@
-"""The disturbance observer chosen by the scenario."""
+"""Observer stage of the loop."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from train_ato.links import MessageLink
-from train_ato.observe.registry import OBSERVERS
-from train_ato.observe.stack import ObserverStack
-from train_ato.roles.outgoing import Outgoing, due, stamped
-from train_ato.run_setup import RunSetup
-from train_ato.topics import Role
-from train_ato.types import (
+from train_ato.control.observers.stack import ObserverStack
+from train_ato.control.registry import OBSERVERS
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.stage_messages import ObserverMessages, diagnostics_due, stamped
+from train_ato.messages.links import MessageLink
+from train_ato.messages.topics import Role
+from train_ato.messages.types import (
     Diagnostic,
     DisturbanceEstimate,
     Measurement,
 )
 
-if TYPE_CHECKING:
-    pass
 
-
-class ObserverRole:
-    """The disturbance observer chosen by the scenario."""
+class ObserverStage:
+    """Disturbance observer of the scenario."""
 
     role = Role.OBSERVER
 
@@ -32,18 +27,15 @@ class ObserverRole:
         self._link = MessageLink(setup.links.measurement, setup.step_ns, setup.seed, "measurement")
 
     def step(self, measurement: Measurement) -> DisturbanceEstimate:
-        """Return the estimate for the measurement's stamp, from what has arrived by then."""
+        """Return the estimate for the stamp of the measurement, from the measurements that have arrived."""
         stamp = measurement.stamp
         estimate: DisturbanceEstimate = stamped(self._stack.step(self._link.pass_on(stamp, measurement)), stamp)
         return estimate
 
-    def answer(self, measurement: Measurement) -> Outgoing:
-        """Return what to send for a measurement; ``ato/estimate`` comes last."""
-        messages: Outgoing = []
+    def on_measurement(self, measurement: Measurement) -> ObserverMessages:
+        """Return the estimate for the stamp of the measurement, with diagnostics once a second."""
         stamp = measurement.stamp
-        if due(stamp, self.setup.tick_ns):
-            messages.append(
-                ("/diagnostics", Diagnostic(stamp, "observer", 0, "observing", {"observer": self.setup.observer}))
-            )
-        messages.append(("ato/estimate", self.step(measurement)))
-        return messages
+        report = None
+        if diagnostics_due(stamp, self.setup.tick_ns):
+            report = Diagnostic(stamp, "observer", 0, "observing", {"observer": self.setup.observer})
+        return ObserverMessages(self.step(measurement), report)

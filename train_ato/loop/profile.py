@@ -1,34 +1,34 @@
-"""The operational speed profile, its reference for every step, and planning it again."""
+"""Profile stage: the speed profile, its reference for every tick, and re-planning."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from train_ato.links import MessageLink
-from train_ato.profile.profile import Profile
-from train_ato.roles.outgoing import Outgoing, due
-from train_ato.roles.trajectories import limits_of, trajectory_of
-from train_ato.run_setup import RunSetup
-from train_ato.topics import Role
-from train_ato.types import (
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.stage_messages import ProfileMessages, ProfileStart, diagnostics_due
+from train_ato.loop.trajectories import limits_of, trajectory_of
+from train_ato.messages.links import MessageLink
+from train_ato.messages.topics import Role
+from train_ato.messages.types import (
     Diagnostic,
     Measurement,
     Reference,
 )
+from train_ato.profile.profile import Profile
 
 if TYPE_CHECKING:
-    from train_ato.plan.remaining import Decision
+    from train_ato.profile.planner.replanner import ReplanDecision
 
 
-class ProfileRole:
-    """The operational speed profile: sent once, again when it was planned anew, and its reference for every step.
+class ProfileStage:
+    """Operational speed profile, sent at the start and after re-planning, with its reference for every tick.
 
     Attributes
     ----------
     profile : Profile
-        The one in force.
+        Current profile.
     planned : int
-        Stamp at which it was planned [ns], 0 for the first; every reference names it.
+        Stamp of its planning [ns], 0 for the first; every reference contains it.
     """
 
     role = Role.PROFILE
@@ -39,31 +39,30 @@ class ProfileRole:
         self.planned = 0
         self._replanner = setup.replanner()
         self._link = MessageLink(setup.links.measurement, setup.step_ns, setup.seed, "measurement")
-        self._decision: Decision | None = None
+        self._decision: ReplanDecision | None = None
 
-    def start(self) -> Outgoing:
-        """Return the profile and the speed limits, to be latched."""
-        return [("ato/profile", trajectory_of(self.profile)), ("ato/limits", limits_of(self.setup))]
+    def start(self) -> ProfileStart:
+        """Return the profile and the speed limits for latched topics."""
+        return ProfileStart(trajectory_of(self.profile), limits_of(self.setup))
 
     def step(self, stamp: int) -> Reference:
         """Return the reference at ``stamp`` [ns]."""
         position, velocity, acceleration, _ = self.profile.at(stamp * 1e-9)
         return Reference(stamp, position, velocity, acceleration, self.planned)
 
-    def answer(self, measurement: Measurement) -> Outgoing:
-        """Return what to send for a measurement: a profile planned anew before ``ato/reference``, which comes last."""
+    def on_measurement(self, measurement: Measurement) -> ProfileMessages:
+        """Return the reference for the stamp of the measurement, with the new profile after re-planning."""
         stamp = measurement.stamp
-        messages: Outgoing = []
         decided = self._replanned(measurement)
-        if decided or due(stamp, self.setup.tick_ns):
-            messages.append(("/diagnostics", self.diagnostic(stamp)))
-        if decided and self.planned == stamp:
-            messages.append(("ato/profile", trajectory_of(self.profile, stamp)))
-        messages.append(("ato/reference", self.step(stamp)))
-        return messages
+        reported = decided or diagnostics_due(stamp, self.setup.tick_ns)
+        return ProfileMessages(
+            self.step(stamp),
+            trajectory_of(self.profile, stamp) if decided and self.planned == stamp else None,
+            self.diagnostic(stamp) if reported else None,
+        )
 
     def _replanned(self, measurement: Measurement) -> bool:
-        """Look whether the profile can be followed; tell whether a decision fell."""
+        """Check that the train can follow the profile; return True after a decision on re-planning."""
         if self._replanner is None:
             return False
         decision = self._replanner.step(self._link.pass_on(measurement.stamp, measurement))
@@ -75,7 +74,7 @@ class ProfileRole:
         return True
 
     def diagnostic(self, stamp: int) -> Diagnostic:
-        """Return what is followed, and why it was planned anew or could not be."""
+        """Return the state of the profile, with the reason of re-planning or of its refusal."""
         profile, replanner, decision = self.profile, self._replanner, self._decision
         remaining = max(0.0, profile.end - stamp * 1e-9)
         values = {"knots": str(profile.time.size), "period": repr(profile.period), "remaining": repr(remaining)}

@@ -1,21 +1,23 @@
-"""What a run leaves: its series, its figures, how it ended."""
+"""Result of a run: recording, summary, failure."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from train_ato.changes import Told
-from train_ato.history import History, HistoryBuilder
-from train_ato.metrics import summarise
-from train_ato.roles.step_times import StepTimes
-from train_ato.run_setup import RunSetup
+from train_ato.loop.metrics import summarise
+from train_ato.loop.recording import Recording
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.step_times import StepTimes
+from train_ato.scenario.changes import RunChanges
 from train_ato.version import VERSION
+
+OF_COUPLERS = ("coupler_draft_max_kn", "coupler_buff_max_kn")
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is [s]."""
+    """Progress of a run: simulated time, its end and wall time [s]."""
 
     simulated: float
     duration: float
@@ -28,35 +30,35 @@ class Progress:
 
     @property
     def remaining(self) -> float:
-        """Estimate of the wall time still to come [s]."""
+        """Estimated remaining wall time [s]."""
         return (self.duration - self.simulated) / self.factor if self.factor > 0 else 0.0
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunResult:
     """End of a run.
 
     Attributes
     ----------
-    history
-        Series, or None when not a single tick was complete.
+    recording
+        Recording of the run, or None without a complete tick.
     summary
-        What ``summary.json`` holds.
+        Content of ``summary.json``.
     failure
-        One line saying which node failed and why, or None.
-    told
-        What was changed while it went on.
+        One line with the failed node and the reason, or None.
+    changes
+        Changes of laws and parameters and interventions during the run.
     """
 
-    history: History | None
+    recording: Recording | None
     summary: dict[str, Any]
     interrupted: bool = False
     failure: str | None = None
     published: dict[str, int] = field(default_factory=dict)
-    told: Told = field(default_factory=Told)
+    changes: RunChanges = field(default_factory=RunChanges)
 
-    def checked_against(self, recorded: dict[str, int]) -> Outcome:
-        """Return this end of a run, failed if what was recorded is not what was published."""
+    def checked_against(self, recorded: dict[str, int]) -> RunResult:
+        """Return this result, as failed if the numbers of recorded and published messages differ."""
         wrong = [topic for topic, count in self.published.items() if recorded.get(topic, 0) != count]
         if not wrong or self.failure:
             return self
@@ -68,30 +70,24 @@ class Outcome:
     def of(
         cls,
         setup: RunSetup,
-        builder: HistoryBuilder,
+        recording: Recording,
         wall: float,
         ticks: int,
         step_times: StepTimes,
         interrupted: bool,
         failure: str | None,
         published: dict[str, int] | None = None,
-    ) -> Outcome:
-        """Summarise a run from what was collected of it."""
-        history = builder.finish() if builder.complete_ticks() else None
+    ) -> RunResult:
+        """Return the result of a run from its recording."""
+        changes = RunChanges.of(recording.reports)
+        complete = recording.time.size > 0
         simulated = ticks * setup.tick
-        scenario = setup.scenario
         summary: dict[str, Any] = {
-            "scenario": scenario.name,
-            "controller": setup.controller,
-            "observer": setup.observer,
-            "compensation": setup.compensation,
-            "seed": setup.seed,
-            "ticks": ticks,
-            "simulated_s": simulated,
+            **identity(setup, ticks),
             "wall_s": wall,
             "real_time_factor": simulated / wall if wall > 0 else 0.0,
-            **(summarise(setup, history) if history is not None else {}),
-            "changes": builder.told.rows(scenario),
+            **(summarise(setup, recording) if complete else {}),
+            "changes": changes.rows(setup.scenario),
             "step_time_us_median": step_times.percentile_us(50),
             "step_time_us_p99": step_times.percentile_us(99),
             "status": "failed" if failure else "interrupted" if interrupted else "done",
@@ -99,4 +95,31 @@ class Outcome:
         }
         if failure:
             summary["failure"] = failure
-        return cls(history, summary, interrupted, failure, published or {}, builder.told)
+        return cls(recording if complete else None, summary, interrupted, failure, published or {}, changes)
+
+
+def completed_summary(recording: Recording) -> dict[str, Any]:
+    """Return the summary of a recording, calculated for a killed run.
+
+    A train of one vehicle has no figures of couplers.
+    """
+    summary, setup = recording.summary, recording.setup
+    if setup is None:
+        return summary
+    if "speed_rmse_kmh" not in summary and not recording.measured_only and recording.time.size:
+        summary = {**identity(setup, recording.time.size), **summarise(setup, recording), **summary}
+    several = setup.layout.n_vehicles > 1
+    return {key: value for key, value in summary.items() if several or key not in OF_COUPLERS}
+
+
+def identity(setup: RunSetup, ticks: int) -> dict[str, Any]:
+    """Return the first entries of a summary: scenario, stack, seed and duration."""
+    return {
+        "scenario": setup.scenario.name,
+        "controller": setup.controller,
+        "observer": setup.observer,
+        "compensation": setup.compensation,
+        "seed": setup.seed,
+        "ticks": ticks,
+        "simulated_s": ticks * setup.tick,
+    }

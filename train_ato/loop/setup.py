@@ -1,51 +1,50 @@
-"""Everything a run needs, made and checked from its scenario before anything starts."""
+"""Prepared run: data, model and profile of a scenario, validated before the run starts."""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import yaml
 
 from plant_sim.consist import Consist
-from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from plant_sim.train import Train
-from train_ato.brake.policy import BrakePolicy, make_brake_policy
-from train_ato.compensate.fit import refuse_misfit
-from train_ato.compensate.registry import COMPENSATIONS
+from train_ato.control.air_brake.policy import BrakePolicy, make_brake_policy
+from train_ato.control.compensation.compatibility import check_compatible
 from train_ato.control.contract import Law
-from train_ato.control.registry import LAWS
-from train_ato.model import TrainModel
-from train_ato.observe.registry import OBSERVERS
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+from train_ato.control.train_model import TrainModel
+from train_ato.loop.scenario_data import nominal_model, scenario_consist, scenario_line, with_start_position
+from train_ato.messages.layout import TrainLayout
 from train_ato.profile.profile import Profile
-from train_ato.scenario import Links, PlantBlock, Scenario, Score, Swap
-from train_ato.wire import Shape
+from train_ato.scenario.scenario import ControllerChange, Links, PlantBlock, Scenario
 
 if TYPE_CHECKING:
-    from train_ato.plan.remaining import Replanner
+    from train_ato.profile.planner.replanner import Replanner
 
 
 @dataclass(frozen=True)
 class RunSetup:
-    """A checked run: data, grids and the nominal model.
+    """A validated run: data, time grids and nominal model.
 
     Attributes
     ----------
     consist, line : Consist, Line
-        The plant's.
+        Train and line of the plant.
     model : TrainModel
-        What laws, observers and compensations know.
+        Nominal model of laws, observers and compensations.
     step_ns, tick_ns : int
         Plant step and tick [ns].
     ticks : int
         Number of ticks of the run.
     profile : Profile
-        Knots at the tick.
+        Speed profile with knots at the tick.
     """
 
     scenario: Scenario
@@ -54,7 +53,7 @@ class RunSetup:
     line: Line
     model: TrainModel
     profile: Profile
-    shape: Shape
+    layout: TrainLayout
     step_ns: int
     tick_ns: int
     ticks: int
@@ -71,7 +70,7 @@ class RunSetup:
 
     @property
     def plant(self) -> PlantBlock:
-        """The plant's block of the scenario."""
+        """Block ``plant`` of the scenario."""
         return self.scenario.plant
 
     @property
@@ -105,6 +104,14 @@ class RunSetup:
         return self.scenario.controllers
 
     @property
+    def laws(self) -> tuple[str, ...]:
+        """Names of the laws this run can change to: the registered ones, and each ``module:Class`` of the scenario."""
+        named = [self.controller, *self.controller_parameters]
+        for change in self.controller_changes:
+            named += [change.controller or self.controller, *change.controllers]
+        return tuple(dict.fromkeys((*LAWS.loadable(), *named)))
+
+    @property
     def compensation(self) -> str:
         """Name of the delay compensation."""
         return self.scenario.compensation
@@ -115,29 +122,24 @@ class RunSetup:
         return self.scenario.compensations.get(self.compensation, {})
 
     @property
-    def swaps(self) -> tuple[Swap, ...]:
-        """Changes of the law planned in the scenario."""
-        return self.scenario.swaps
-
-    @property
-    def score(self) -> Score:
-        """Part of the run over which the tracking figures are taken."""
-        return self.scenario.score
+    def controller_changes(self) -> tuple[ControllerChange, ...]:
+        """Planned changes of laws and parameters."""
+        return self.scenario.controller_changes
 
     def law(self, name: str, values: Mapping[str, Any] | None = None) -> Law:
-        """Return a law for this run, with the scenario's parameters or others.
+        """Return a law of this run with the parameters of the scenario, or with others.
 
         Raises
         ------
         ValueError
-            With the reason: a wrong name or parameter, a train or a compensation the law makes no sense with.
+            For an unknown name or parameter, or a train or compensation that does not fit the law.
         """
         if values is None:
             values = self.controller_parameters.get(name, {})
         if not self.model.n_units:
-            raise ValueError(f"controller '{name}': no vehicle of the train has traction or brake; give one some")
+            raise ValueError(f"controller '{name}': no vehicle of the train has traction or brake; add an envelope")
         law: Law = LAWS.make(name, values, self.model, self.control_period)
-        refuse_misfit(name, law, self.compensation, COMPENSATIONS.get(self.compensation))
+        check_compatible(name, law, self.compensation, COMPENSATIONS.get(self.compensation))
         return law
 
     def train(self) -> Train:
@@ -152,22 +154,31 @@ class RunSetup:
         return make_brake_policy(self.scenario.brake, self.model, self.line)
 
     def replanner(self) -> Replanner | None:
-        """Return what plans the rest again when force falls short; None where the scenario does not ask for it."""
+        """Return the replanner; None without ``replan:`` in the scenario."""
         spec = self.scenario.replan
         if spec is None:
             return None
-        from train_ato.plan.remaining import Replanner  # compiles the planner: only those who plan pay for it
+        from train_ato.profile.planner.replanner import Replanner  # a late import: it compiles kernels
 
         replanner = Replanner(spec, self.profile, self.model, self.scenario.profile.plan)
         replanner.warm_up()
         return replanner
 
     def resolved_yaml(self) -> str:
-        """Return the scenario with every file it named written out: this text alone reproduces the run."""
+        """Return the scenario as YAML with the content of all its files; it reproduces the run."""
         return self._resolved
+
+    def fingerprint(self) -> dict[str, str]:
+        """Return a hash of every top-level key of the resolved scenario: equal runs have equal ones."""
+        texts = {key: json.dumps(value, sort_keys=True) for key, value in self._resolved_data.items()}
+        return {key: hashlib.sha256(text.encode()).hexdigest()[:8] for key, text in texts.items()}
 
     @cached_property
     def _resolved(self) -> str:
+        return yaml.safe_dump(self._resolved_data, sort_keys=False, allow_unicode=True, width=120)
+
+    @cached_property
+    def _resolved_data(self) -> dict[str, Any]:
         data = self.scenario.model_dump(mode="json", by_alias=True, exclude_none=True, exclude_defaults=False)
         data["plant"]["consist"] = self.consist.model_dump(mode="json", by_alias=True, exclude_defaults=True)
         data["plant"]["line"] = self.line.model_dump(mode="json", by_alias=True, exclude_defaults=True)
@@ -178,16 +189,16 @@ class RunSetup:
         if self.scenario.replan is not None:
             data["replan"] = self.scenario.replan.model_dump(mode="json", by_alias=True, exclude_unset=True)
         data["profile"] = dict(sorted(self.scenario.profile.inlined(self.folder).items()))
-        return yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120)
+        return data
 
 
 def prepare(scenario: Scenario, path: Path) -> RunSetup:
-    """Load what the scenario names, build the model and the profile, and check that everything fits together.
+    """Return the prepared run of a scenario: load data, build model and profile, check their combination.
 
     Raises
     ------
     ValueError
-        One line that names the file, the key, the value and the remedy.
+        One line: file, key, value, problem; fix.
     """
     folder = path.parent
     try:
@@ -197,10 +208,26 @@ def prepare(scenario: Scenario, path: Path) -> RunSetup:
         raise ValueError(message if message.startswith(str(path)) else f"{path}: {message}") from None
 
 
+def _with_current_names(scenario: Scenario) -> Scenario:
+    """Return the scenario with the parameters of laws, observers and compensations under their current names."""
+    changes = [
+        change.model_copy(update={"controllers": LAWS.current_names(change.controllers)})
+        for change in scenario.controller_changes
+    ]
+    update = {
+        "controllers": LAWS.current_names(scenario.controllers),
+        "observers": OBSERVERS.current_names(scenario.observers),
+        "compensations": COMPENSATIONS.current_names(scenario.compensations),
+        "controller_changes": tuple(changes),
+    }
+    return scenario.model_copy(update=update)
+
+
 def _prepare(scenario: Scenario, folder: Path) -> RunSetup:
-    consist = _consist(scenario.plant.consist, folder)
-    line = _line(scenario.plant.line, folder)
-    shape = Shape(
+    scenario = _with_current_names(scenario)
+    consist = scenario_consist(scenario.plant.consist, folder)
+    line = scenario_line(scenario.plant.line, folder)
+    layout = TrainLayout(
         n_vehicles=len(consist.vehicles),
         n_units=len(consist.power_units),
         sensors=scenario.plant.sensors.couplers,
@@ -210,13 +237,13 @@ def _prepare(scenario: Scenario, folder: Path) -> RunSetup:
     tick_ns, step_ns = round(scenario.tick * 1e9), round(scenario.step * 1e9)
     profile = scenario.profile.build(consist, line, tick_ns * 1e-9, folder, scenario.brake.deepest)
     setup = RunSetup(
-        scenario=_started(scenario, float(profile.position[0])),
+        scenario=with_start_position(scenario, float(profile.position[0])),
         folder=folder,
         consist=consist,
         line=line,
-        model=_model(scenario, consist, line, shape, folder),
+        model=nominal_model(scenario, consist, line, layout, folder),
         profile=profile,
-        shape=shape,
+        layout=layout,
         step_ns=step_ns,
         tick_ns=tick_ns,
         ticks=round(scenario.duration * 1e9) // tick_ns,
@@ -225,51 +252,8 @@ def _prepare(scenario: Scenario, folder: Path) -> RunSetup:
     return setup
 
 
-def _started(scenario: Scenario, position: float) -> Scenario:
-    """Return the scenario with the train where the profile begins, unless it says where the train starts."""
-    start = scenario.plant.start
-    if start.positions is not None or "position" in start.model_fields_set:
-        return scenario
-    plant = scenario.plant.model_copy(update={"start": start.model_copy(update={"position": position})})
-    return scenario.model_copy(update={"plant": plant})
-
-
-def _consist(named: str | Consist, folder: Path) -> Consist:
-    return named if isinstance(named, Consist) else load_consist(_beside(named, folder))
-
-
-def _line(named: str | Line, folder: Path) -> Line:
-    return named if isinstance(named, Line) else load_line(_beside(named, folder))
-
-
-def _beside(name: str, folder: Path) -> str:
-    """Return the path of a file beside the scenario, or the name unchanged."""
-    path = folder / name
-    return str(path) if path.is_file() else name
-
-
-def _model(scenario: Scenario, consist: Consist, line: Line, shape: Shape, folder: Path) -> TrainModel:
-    block = scenario.model
-    link = scenario.links.command
-    delay, delay_brake = link.per_unit(shape.n_units, "links.command")
-    if block.delay is not None:
-        believed = link.model_copy(update={"delay": block.delay, "delay_brake": block.delay_brake})
-        delay, delay_brake = believed.per_unit(shape.n_units, "model")
-    return TrainModel(
-        consist if block.consist is None else _consist(block.consist, folder),
-        line if block.line is None else _line(block.line, folder),
-        np.asarray(delay),
-        np.asarray(delay_brake),
-        float(np.max(scenario.plant.lag)) if block.lag is None else block.lag,
-        scenario.tick,
-        tuple(shape.sensors),
-        over_length=scenario.plant.grade_over_length,
-        reversing=scenario.plant.reversing,
-    )
-
-
 def _check_choices(setup: RunSetup) -> None:
-    """Make the train and every chosen law, observer and compensation once: what does not fit is refused here."""
+    """Check the combination: create train, laws, observer, compensation and brake policy once."""
     _check_replan(setup)
     for name, values in setup.controller_parameters.items():
         LAWS.check_parameters(name, values)
@@ -285,25 +269,25 @@ def _check_choices(setup: RunSetup) -> None:
 
 
 def _check_laws(setup: RunSetup) -> None:
-    """Make the law of the start, and every law as a planned swap leaves it."""
+    """Create the initial law, and every law with the parameters after each planned change."""
     law, blocks = setup.controller, {name: dict(values) for name, values in setup.controller_parameters.items()}
     setup.law(law, blocks.get(law, {}))
-    for swap in sorted(setup.swaps, key=lambda swap: swap.at):
-        law = swap.controller or law
-        for name, values in swap.controllers.items():
+    for change in sorted(setup.controller_changes, key=lambda change: change.at):
+        law = change.controller or law
+        for name, values in change.controllers.items():
             LAWS.check_parameters(name, values)
             blocks.setdefault(name, {}).update(values)
         setup.law(law, blocks.get(law, {}))
 
 
 def _check_replan(setup: RunSetup) -> None:
-    """Refuse what cannot be planned again."""
+    """Check that the scenario permits re-planning."""
     if setup.scenario.replan is None:
         return
     if setup.scenario.brake.policy != "none":
         raise ValueError(
-            f"replan: the profile knows nothing of the air brake that brake.policy {setup.scenario.brake.policy} "
-            "applies; leave replan out or set brake.policy: none"
+            f"replan: not possible with brake.policy {setup.scenario.brake.policy}, because plans do not include its "
+            "air brake; remove replan or set brake.policy: none"
         )
-    if not setup.shape.n_units:
-        raise ValueError("replan: the train has no power unit whose force could fall short; leave replan out")
+    if not setup.layout.n_units:
+        raise ValueError("replan: the train has no power unit; remove replan")

@@ -9,7 +9,7 @@ import numpy as np
 
 @dataclass
 class StepTimes:
-    """Wall time of the controller's steps [ns], one entry per tick."""
+    """Wall time of every step of the controller [ns]."""
 
     nanoseconds: list[int]
 

@@ -1,78 +1,79 @@
-"""Transport delays on topics: a queue keyed on simulation stamps.
+"""Transport delays on topics: queues with simulation stamps as keys.
 
-A value pushed at a stamp arrives a delay later.  The delay is constant, per unit, chosen by the sign of the command
-(traction and brake answer differently), or varies with time at the receiver (paper 003: u(t - tau(t)),
-tau = 0.2 |sin t|); jitter and loss come from a seeded stream.  A newer value that arrives first replaces older ones
-still under way.  The same object serves the engine and the nodes, so that all ways of running give the same numbers.
+A value arrives one delay after its stamp.  The delay is constant per unit and per sign of the command (traction and
+brake may differ), or varies with time at the receiver (paper 003: u(t - tau(t)), tau = 0.2 |sin t|).  Jitter and loss
+use a seeded random stream.  A newer value that arrives first replaces older values in flight.  Engine and nodes use the
+same class, so that every mode of running gives the same numbers.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from plant_sim.streams import stream
+from plant_sim.streams import random_stream
 from plant_sim.units import Ratio, SiModel, Time
-from train_ato.types import Array
+from train_ato.messages.types import Array
 
-LONGEST_DELAY = 600.0
-"""No delay of a topic is longer [s]."""
+MAX_DELAY = 600.0
+"""Maximum delay of a topic [s]."""
 
 
 class VaryingDelay(SiModel):
-    """Delay that varies at the receiver: ``amplitude |sin(omega t + phase)|``, added to the constant part."""
+    """Delay varying at the receiver: ``amplitude |sin(omega t + phase)|``, added to the constant delay."""
 
-    amplitude: Time = Field(ge=0, le=LONGEST_DELAY)
+    amplitude: Time = Field(ge=0, le=MAX_DELAY)
     omega: float = Field(1.0, gt=0, description="rad/s")
     phase: float = Field(0.0, description="rad")
 
 
 class DelayJump(SiModel):
-    """From a time on the delays are multiplied and shifted."""
+    """Change of the delays at a time: delay x product of all factors + sum of all ``add`` of the changes so far."""
 
     at: Time = Field(ge=0)
     factor: float = Field(1.0, ge=0, le=1000)
-    add: Time = Field(0.0, ge=-LONGEST_DELAY, le=LONGEST_DELAY)
+    add: Time = Field(0.0, ge=-MAX_DELAY, le=MAX_DELAY)
 
 
 class LinkSpec(SiModel):
-    """Delay of one topic. ``delay`` is one value for all units or one for each."""
+    """Delay of one topic; ``delay`` is one value for all units or one per unit."""
 
-    delay: Time | tuple[Time, ...] = Field(0.0, description="s; for commands: in traction")
-    delay_brake: Time | tuple[Time, ...] | None = Field(None, description="s, for commands < 0; default: delay")
+    delay: Time | tuple[Time, ...] = Field(0.0, description="delay; of commands: in traction")
+    delay_brake: Time | tuple[Time, ...] | None = Field(None, description="delay of commands < 0; default: delay")
     varying: VaryingDelay | None = None
     jitter: Time = Field(
-        0.0, ge=0, le=LONGEST_DELAY, description="messages are late by up to this much more, uniformly"
+        0.0, ge=0, le=MAX_DELAY, description="upper bound of an additional, uniformly distributed delay"
     )
-    loss: Ratio = Field(0.0, ge=0, lt=1, description="probability that a message is lost; the last value is held")
+    loss: Ratio = Field(0.0, ge=0, lt=1, description="probability of losing a message; the last value is held")
     jump: DelayJump | None = None
 
     def per_unit(self, width: int, block: str) -> tuple[Array, Array]:
-        """Return the delays of every unit in traction and in braking [s].
+        """Return the delays of every unit in traction and in braking [s], shape (width,) each.
 
         Raises
         ------
         ValueError
-            If a list has another length than the train has units, or a delay is negative.
+            If the length of a list is not the number of units, or a delay is negative or too long.
         """
-        traction = _spread(self.delay, width, f"{block}.delay")
+        traction = _for_units(self.delay, width, f"{block}.delay")
         if self.delay_brake is None:
             return traction, traction
-        return traction, _spread(self.delay_brake, width, f"{block}.delay_brake")
+        return traction, _for_units(self.delay_brake, width, f"{block}.delay_brake")
 
 
-def _spread(value: float | tuple[float, ...], width: int, key: str) -> Array:
+def _for_units(value: float | tuple[float, ...], width: int, key: str) -> Array:
     values = (value,) * width if isinstance(value, (int, float)) else value
     if len(values) != width:
         raise ValueError(f"{key}: {len(values)} values for {width} units; give one value or {width}")
     if min(values, default=0.0) < 0:
-        raise ValueError(f"{key}: {min(values)} s is negative; a command cannot act before it is sent")
-    if max(values, default=0.0) > LONGEST_DELAY:
-        raise ValueError(f"{key}: {max(values):g} s is longer than {LONGEST_DELAY:g} s; check the unit")
+        raise ValueError(f"{key}: {min(values)} s is negative; give 0 or more")
+    if max(values, default=0.0) > MAX_DELAY:
+        raise ValueError(f"{key}: {max(values):g} s is longer than {MAX_DELAY:g} s; check its unit")
     return np.array(values, dtype=np.float64)
 
 
@@ -82,13 +83,13 @@ class Link:
     Parameters
     ----------
     spec
-        The delay.
+        Parameters of the delay.
     width
-        Number of units, each with its own arrival.
+        Number of units, each with its own queue.
     step_ns
-        Grid to which delays are rounded [ns]: the plant's step.
+        Grid of the delays [ns]: the step of the plant.
     seed, name
-        Key of the random stream.
+        Seed and key of the random stream.
     """
 
     def __init__(self, spec: LinkSpec, width: int, step_ns: int, seed: int, name: str) -> None:
@@ -97,9 +98,9 @@ class Link:
         traction, brake = spec.per_unit(width, f"links.{name}")
         self._forward = [float(delay) for delay in traction]
         self._backward = [float(delay) for delay in brake]
-        self._under_way: list[deque[tuple[int, float]]] = [deque() for _ in range(width)]
+        self._in_flight: list[deque[tuple[int, float]]] = [deque() for _ in range(width)]
         self._held = np.zeros(width)
-        self._random = stream(seed, f"link/{name}") if spec.jitter > 0 or spec.loss > 0 else None
+        self._random = random_stream(seed, f"link/{name}") if spec.jitter > 0 or spec.loss > 0 else None
         self._latest_limit = -(2**62)
         self._jumps = () if spec.jump is None else (spec.jump,)
         self.lost = 0
@@ -108,11 +109,11 @@ class Link:
         return round(seconds * 1e9 / self._step) * self._step
 
     def jump(self, change: DelayJump) -> None:
-        """Change the delays from a time on, on top of what the spec and earlier calls say."""
+        """Add a change: the delay is multiplied by the product of all factors, then the sum of all ``add`` is added."""
         self._jumps = (*self._jumps, change)
 
-    def push(self, stamp: int, value: Array) -> None:
-        """Send ``value`` at ``stamp`` [ns]."""
+    def push(self, stamp: int, value: Array | Sequence[float]) -> None:
+        """Queue ``value``, shape (width,), at ``stamp`` [ns]."""
         late = 0.0
         if self._random is not None:
             draws = self._random.random(2)
@@ -124,21 +125,21 @@ class Link:
         for jump in self._jumps:
             if stamp >= round(jump.at * 1e9):
                 factor, add = factor * jump.factor, add + jump.add
-        for unit, queue in enumerate(self._under_way):
-            wanted = float(value[unit])
-            delay = self._backward[unit] if wanted < 0 else self._forward[unit]
+        for unit, queue in enumerate(self._in_flight):
+            command = float(value[unit])
+            delay = self._backward[unit] if command < 0 else self._forward[unit]
             due = stamp + self._rounded(max(0.0, delay * factor + add + late))
             while queue and queue[-1][0] >= due:
                 queue.pop()
-            queue.append((due, wanted))
+            queue.append((due, command))
 
     def window(self, start: int, count: int) -> Array:
-        """Return the value that is due at ``start``, ``start + step``, ... [ns], shape (count, width)."""
+        """Return the arrived values at ``start``, ``start + step``, ... [ns], shape (count, width)."""
         due_by = self._due_by(start, count) if self.spec.varying is not None else None
         last = start + (count - 1) * self._step if due_by is None else int(due_by[-1])
         result = np.empty((count, self._held.size))
         result[:] = self._held
-        for unit, queue in enumerate(self._under_way):
+        for unit, queue in enumerate(self._in_flight):
             while queue and queue[0][0] <= last:
                 due, value = queue.popleft()
                 steps_to_go = -((start - due) // self._step)
@@ -148,7 +149,7 @@ class Link:
         return result
 
     def _due_by(self, start: int, count: int) -> NDArray[np.int64]:
-        """Return, for every step of the window, the stamp up to which values have arrived under a varying delay."""
+        """Return the stamps of the newest values that have arrived at every step under a varying delay [ns]."""
         varying = self.spec.varying
         assert varying is not None
         now = start + self._step * np.arange(count, dtype=np.int64)
@@ -159,14 +160,14 @@ class Link:
         return limit
 
     def pop(self, now: int) -> Array:
-        """Return the value that is due at ``now`` [ns], shape (width,); the last one is held."""
+        """Return the newest value that has arrived at ``now`` [ns], shape (width,)."""
         return np.asarray(self.window(now, 1)[0])
 
 
 class MessageLink:
-    """A delay line for whole messages: at every stamp the newest one that has arrived.
+    """A delay line for messages: returns the newest message that has arrived.
 
-    Until the first has arrived it is the first that was sent, since a train knows where it stands before it starts.
+    Before the first arrival it returns the first message sent, because the initial state is known.
     """
 
     def __init__(self, spec: LinkSpec, step_ns: int, seed: int, name: str) -> None:
@@ -176,12 +177,12 @@ class MessageLink:
         self._number = 0
 
     def pass_on(self, stamp: int, message: Any) -> Any:
-        """Send a message at ``stamp`` [ns] and return the one that has arrived by then."""
+        """Queue a message at ``stamp`` [ns]; return the newest one that has arrived at this stamp."""
         if self._idle:
             return message
         self._number += 1
         self._sent[self._number] = message
-        self._link.push(stamp, np.array([float(self._number)]))
+        self._link.push(stamp, (self._number,))
         arrived = max(1, int(self._link.pop(stamp)[0]))
         for number in [number for number in self._sent if number < arrived]:
             del self._sent[number]

@@ -1,7 +1,7 @@
-"""What the parts of the stack hand to each other each tick, free of ROS.
+"""Messages between the stages of the loop, free of ROS.
 
 Stamps are integer nanoseconds since the start of the run; arrays are float64 over power units, front first, unless
-a docstring says otherwise.  Forces are > 0 forward, coupler forces > 0 in draft.
+a docstring gives another shape.  Forces are > 0 forward, coupler forces > 0 in draft.
 """
 
 from __future__ import annotations
@@ -11,12 +11,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.states import Array, BrakeCylinders, CarStates, Disturbance, Measurement, Pipe
+from plant_sim.states import Array, BrakeShoes, Disturbance, Measurement, Pipe, VehicleStates, described
 
 __all__ = [
     "Array",
-    "BrakeCylinders",
-    "CarStates",
+    "BrakeShoes",
     "Command",
     "Diagnostic",
     "Disturbance",
@@ -26,68 +25,71 @@ __all__ = [
     "Reference",
     "Tick",
     "Trajectory",
+    "VehicleStates",
 ]
 
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """A simulation stamp alone (topics ``/clock`` and ``record/acknowledged``)."""
+    """Simulation stamp (topics ``/clock`` and ``recorder/progress``)."""
 
-    stamp: int
+    stamp: int = field(metadata=described("clock", "s", "simulation time from the epoch 2026-01-01T00:00:00Z"))
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Reference of vehicle 0's centre now (topic ``ato/reference``): m, m/s, m/s².
+    """Reference of the centre of vehicle 0 (topic ``ato/reference``).
 
-    ``planned`` names the profile it was read from: the stamp at which that was planned [ns], 0 for the first.
+    ``planned`` identifies its profile by the stamp of the planning [ns].
     """
 
     stamp: int
-    position: float
-    velocity: float
-    acceleration: float
-    planned: int = 0
+    position: float = field(metadata=described("position", "m", "of vehicle 0's centre"))
+    velocity: float = field(metadata=described("speed", "m/s"))
+    acceleration: float = field(metadata=described("acceleration", "m/s²"))
+    planned: int = field(
+        default=0,
+        metadata=described("planned", "s", "simulation time of the planning of its profile"),
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
     """Knots of a whole profile (``ato/profile``) or the steps of the speed limit (``ato/limits``), shape (k,) each.
 
-    ``stamp`` is when the profile was planned, 0 for the first.  ``time`` is in ns since the start of the run; for
-    limits it is 0 and ``acceleration`` is empty.
+    For limits ``time`` is 0 and ``acceleration`` is empty.
     """
 
-    stamp: int
+    stamp: int = field(metadata=described("planned", "s", "simulation time of the planning; 0 for the first"))
     name: str
-    time: NDArray[np.int64]
-    position: Array
-    velocity: Array
-    acceleration: Array
+    time: NDArray[np.int64] = field(metadata=described("time", "s", "from simulation time 0"))
+    position: Array = field(metadata=described("position", "m", "of vehicle 0's centre"))
+    velocity: Array = field(metadata=described("speed", "m/s"))
+    acceleration: Array = field(metadata=described("acceleration", "m/s²"))
 
 
 @dataclass(frozen=True, slots=True)
 class DisturbanceEstimate:
-    """Disturbance force per power unit [N], > 0 forward (topic ``ato/estimate``)."""
+    """Disturbance force per power unit (topic ``ato/estimate``)."""
 
     stamp: int
-    force: Array
+    force: Array = field(metadata=described("disturbance_force", "N", "> 0 forward"))
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Force demand per power unit [N] as sent (topic ``ato/command``)."""
+    """Force demand per power unit as sent (topic ``ato/command``)."""
 
     stamp: int
-    force: Array
+    force: Array = field(metadata=described("force", "N", "> 0 traction, < 0 electric brake"))
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """State of one node (topic ``/diagnostics``): level 0 ok, 1 warning, 2 error; values as text."""
+    """State of one node (topic ``/diagnostics``), one message per node."""
 
     stamp: int
-    node: str
-    level: int
-    message: str
-    values: dict[str, str] = field(default_factory=dict)
+    node: str = field(metadata=described("node", "", "name of the node"))
+    level: int = field(metadata=described("level", "", "0 ok, 1 warning, 2 error"))
+    message: str = field(metadata=described("message", "", "state in words"))
+    values: dict[str, str] = field(default_factory=dict, metadata=described("", "", "key and value as text, SI"))

@@ -1,21 +1,21 @@
-"""What a reproduction is made of: cases that are run, claims that are judged on them.
+"""Data types of a reproduction: cases to run, and claims with their judges.
 
-A paper is a module ``paperNNN`` of this package with ``PAPER: Paper``.  Cases name a shipped scenario and the changes
-to it; a case that several claims need is run once.  A judge sees the results of its claim's cases and says what was
-measured and whether the claim holds.
+A paper is a package ``pNNN_name`` whose module ``claims`` has ``PAPER: Paper``.  A case is a shipped scenario with
+changes; a case of several claims is run once.  A judge takes the results of the cases of its claim and returns the
+measured figures and a verdict.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from train_ato.history import History
-
-__all__ = ["Calculation", "Case", "Claim", "Judgement", "Paper", "Result", "Results", "Table", "Verdict"]
+from train_ato.loop.recording import Recording
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.scenario.scenario import load_scenario
 
 
 class Verdict(Enum):
@@ -37,24 +37,28 @@ class Case:
     changes
         Overlay on it.
     full_only
-        Too long for the normal reproduction; run under ``--full`` only.
+        Run under ``--full`` only, because of its duration.
     """
 
     scenario: str
     changes: Mapping[str, Any] = field(default_factory=dict)
     full_only: bool = False
 
+    def setup(self) -> RunSetup:
+        """Return the prepared run; errors as :func:`train_ato.loop.setup.prepare`."""
+        return prepare(*load_scenario(self.scenario, changes=dict(self.changes)))
+
 
 @dataclass(frozen=True)
 class Calculation:
-    """Something measured without the closed loop: an observer on a given signal, a model against its data.
+    """Measurement without the closed loop, such as an observer on a given signal.
 
     Parameters
     ----------
     function
-        Of a module (worker processes find it by name). Takes the arguments by name and returns figures and series.
+        Function of a module (worker processes import it by name); returns figures and series.
     arguments
-        By name.
+        Keyword arguments.
     full_only
         As for a case.
     """
@@ -66,28 +70,32 @@ class Calculation:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of a case: ``summary.json``'s content, the series, and the failure if there was one.
+    """Result of a case: content of ``summary.json``, recording, and failure if any.
 
-    A calculation has its figures in ``summary``, its series in ``series`` and no history.
+    A calculation has figures in ``summary``, series in ``series`` and no recording.
     """
 
     summary: Mapping[str, Any]
-    history: History | None
+    recording: Recording | None
     failure: str | None = None
     series: Mapping[str, Any] = field(default_factory=dict)
 
 
 Results = Mapping[str, Result]
-"""Results by the case's key."""
+"""Results by key of the case."""
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What was measured (as text, with its unit), the verdict and the reason."""
+    """Measured figures (text with units), verdict and reason."""
 
     measured: str
     verdict: Verdict
     reason: str
+
+
+Judge = Callable[[Results], Judgement]
+"""Function from the results by key to the judgement."""
 
 
 @dataclass(frozen=True)
@@ -99,35 +107,50 @@ class Claim:
     text
         The claim in one line.
     stated
-        The paper's figure, as text with its unit.
+        Figure of the paper, text with unit.
     cases
-        Keys of the cases that the judge needs.
+        Keys of the cases for the judge.
     judge
-        Takes the results by key.
+        Judge of the results.
     full_only
-        Judged under ``--full`` only; so is a claim that needs a case of that kind.
+        Judged under ``--full`` only, like every claim with such a case.
     takes_failures
-        The judge is asked even when a run of its failed (a law that diverges may end its run).
+        Failed runs are judged too (a diverging law may end its run).
     """
 
     text: str
     stated: str
     cases: tuple[str, ...]
-    judge: Callable[[Results], Judgement]
+    judge: Judge
     full_only: bool = False
     takes_failures: bool = False
 
 
+class Claims(list[Claim]):
+    """Claims of a paper in the order of their judges."""
+
+    def judged_by(
+        self, text: str, stated: str, cases: Iterable[str], *, takes_failures: bool = False
+    ) -> Callable[[Judge], Judge]:
+        """Return a decorator that adds a claim with its judge; parameters as for :class:`Claim`."""
+
+        def add(judge: Judge) -> Judge:
+            self.append(Claim(text, stated, tuple(cases), judge, takes_failures=takes_failures))
+            return judge
+
+        return add
+
+
 @dataclass(frozen=True)
-class Table:
-    """Figures of many cases beside each other, printed below the claims.
+class CaseTable:
+    """Table of figures of several cases, printed below the claims.
 
     Parameters
     ----------
     title, columns
         Heading and column heads.
     rows
-        Makes the rows from the results; cases that were not run are absent.
+        Function of the results, without cases that were not run.
     """
 
     title: str
@@ -137,21 +160,21 @@ class Table:
 
 @dataclass(frozen=True)
 class Paper:
-    """A paper with everything that is run and judged for it.
+    """Paper with its cases, claims, figures and tables.
 
     Parameters
     ----------
     cases
-        In the order in which they are started: put the longest first.
+        Cases in the order of their start, longest first.
     figures
-        Draws the paper's figures from the results into a folder and returns the files.
+        Function that draws the figures from the results into a folder and returns the files.
     tables
-        Printed below the claims.
+        Tables below the claims.
     """
 
     number: str
     title: str
     cases: Mapping[str, Case | Calculation]
-    claims: tuple[Claim, ...]
+    claims: Sequence[Claim]
     figures: Callable[[Results, Path], list[Path]]
-    tables: tuple[Table, ...] = ()
+    tables: tuple[CaseTable, ...] = ()

@@ -1,4 +1,4 @@
-"""Panels that the papers' figures have in common."""
+"""Panels of the figures of the papers."""
 
 from __future__ import annotations
 
@@ -7,32 +7,30 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from train_ato.figure import COLOURS, LONG_RUN_S
-from train_ato.types import Array
+from train_ato.apps.report.run_figure import COLOURS, LONG_RUN_S
+from train_ato.messages.types import Array
 
-__all__ = ["COLOURS", "Series", "blank", "inset", "panels", "save", "trace"]
+__all__ = ["COLOURS", "Series", "blank_figure", "inset", "panels", "save_png", "trace"]
 
 Series = tuple[str, Array, Array]
 """Label, time [s], values."""
 GREY = "#4b4b4b"
 POINTS = 20_000
-"""Beyond so many points a line is thinned for drawing."""
+"""Number of points from which a curve is downsampled."""
 
 
-def blank(title: str, rows: int, columns: int, size: tuple[float, float], *, shared: bool) -> tuple[Figure, Any]:
-    """Return a figure and its (rows, columns) panels; the panels of a column can share their time axis."""
+def blank_figure(title: str, rows: int, columns: int, size: tuple[float, float], *, shared: bool) -> tuple[Figure, Any]:
+    """Return a figure and its (rows, columns) panels, optionally with one time axis per column."""
     figure = Figure(figsize=size, dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
     figure.suptitle(title)
     return figure, figure.subplots(rows, columns, sharex="col" if shared else False, squeeze=False)
 
 
 def panels(count: int, title: str, *, height: float = 2.6, shared: bool = True) -> tuple[Figure, list[Axes]]:
-    """Return a figure with panels below each other."""
-    figure, axes = blank(title, count, 1, (11, 0.8 + height * count), shared=shared)
+    """Return a figure and its panels in one column."""
+    figure, axes = blank_figure(title, count, 1, (11, 0.8 + height * count), shared=shared)
     return figure, list(axes[:, 0])
 
 
@@ -45,7 +43,7 @@ def trace(
     minutes: bool | None = None,
     **style: Any,
 ) -> None:
-    """Draw series over time with a legend, the reference below them wide and grey."""
+    """Draw series over time with a legend, above a wide grey reference."""
     if reference is not None:
         name, time, values = reference
         in_minutes = time[-1] > LONG_RUN_S if minutes is None else minutes
@@ -73,7 +71,7 @@ def inset(
     place: tuple[float, float, float, float],
     reference: Series | None = None,
 ) -> None:
-    """Draw a piece of time larger, inside a panel (place: x, y, width, height as parts of the panel)."""
+    """Draw an enlarged time range inside a panel (place: x, y, width, height as fractions of the panel)."""
     small = panel.inset_axes(place)
     if reference is not None:
         part = (reference[1] >= begin) & (reference[1] <= end)
@@ -87,7 +85,7 @@ def inset(
     small.grid(alpha=0.3)
 
 
-def save(figure: Figure, folder: Path, name: str) -> Path:
+def save_png(figure: Figure, folder: Path, name: str) -> Path:
     """Write a figure as PNG and return the file."""
     path = folder / name
     figure.savefig(path)

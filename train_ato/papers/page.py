@@ -1,4 +1,4 @@
-"""The claims, verdicts and tables of a reproduction as one Markdown page."""
+"""Markdown page with claims, verdicts and tables of a reproduction."""
 
 from __future__ import annotations
 
@@ -6,31 +6,30 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from train_ato.reproduce.claims import Paper, Results, Table, Verdict
-from train_ato.reproduce.judging import Row
-
-__all__ = ["overview", "section", "table_rows"]
+from train_ato.papers.claims import CaseTable, Paper, Results, Verdict
+from train_ato.papers.judging import Row
 
 INTRODUCTION = """\
-# What the papers claim and what holds here
+# Claims of the papers and results
 
-Written by `train-ato reproduce{options}`. Every figure is of a run of that command on the shipped scenarios.
-"Reproduced" is what holds as the paper states it; "only in another setting" is what holds after the change that the
-reason names. "Goal" marks claims that are not the paper's but ours; "independent" are the figures of an earlier
-implementation of the same corrected equations, on another driver's run or reference where the paper gives none.
+Written by `train-ato reproduce{options}`. Every number is from a run of that command on the shipped scenarios.
+"Reproduced": the claim holds as stated in the paper; "only in another setting": it holds after the change in the
+reason. "Goal" marks goals of this project. "Independent" marks reference values of a second implementation of the
+same corrected equations that is not part of this project, on another driver's run or reference if the paper gives none.
+"Useless": an error of ten times the quantity or more.
 """
 
 
-def table_rows(table: Table, results: Results) -> Sequence[Sequence[Any]]:
-    """Return a table's rows; one row that says why where a run that it needs is missing or failed."""
+def table_rows(table: CaseTable, results: Results) -> Sequence[Sequence[Any]]:
+    """Return the rows of a table; one row with the reason if a run is missing or failed."""
     try:
         return table.rows(results)
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         return [(f"not available: {type(error).__name__}: {error}",)]
 
 
-def overview(rows: Iterable[Row], papers: Mapping[str, Paper], options: str) -> str:
-    """Return the head of the page: what it is, and how many claims of each paper got which verdict."""
+def papers_overview(rows: Iterable[Row], papers: Mapping[str, Paper], options: str) -> str:
+    """Return the head of the page: introduction, and number of claims by paper and verdict."""
     counted = Counter((row["paper"], row["verdict"]) for row in rows)
     verdicts = [verdict.value for verdict in Verdict]
     lines = [
@@ -41,16 +40,16 @@ def overview(rows: Iterable[Row], papers: Mapping[str, Paper], options: str) -> 
 
 
 def section(paper: Paper, rows: Iterable[Row], results: Results, figures: Iterable[str], shown: Any = str) -> str:
-    """Return a paper's part of the page.
+    """Return the section of a paper.
 
     Parameters
     ----------
     paper, rows, results
-        The paper, its judged claims and its cases' results.
+        Paper, rows of its claims, results of its cases.
     figures
-        Names of the drawings that lie beside the page.
+        Names of the figure files.
     shown
-        Turns a figure of a table into text.
+        Function from a table entry to text.
     """
     claims = [(row["claim"], row["stated"], row["measured"], row["verdict"], row["reason"]) for row in rows]
     parts = [
@@ -61,7 +60,7 @@ def section(paper: Paper, rows: Iterable[Row], results: Results, figures: Iterab
         lines = [[shown(entry) for entry in row] for row in table_rows(table, results)]
         parts.append(f"{' '.join(table.title.split())}:\n\n" + _table(table.columns, lines))
     drawn = ", ".join(f"`{name}`" for name in figures)
-    return "\n".join(parts) + (f"\nDrawn beside this page: {drawn}.\n" if drawn else "")
+    return "\n".join(parts) + (f"\nFigures in the folder of `train-ato reproduce`: {drawn}.\n" if drawn else "")
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
@@ -71,4 +70,4 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 
 def _cell(entry: Any) -> str:
-    return " ".join(str(entry).split()).replace("|", "\\|")
+    return " ".join(str(entry).split()).replace("|", "\\|") or "-"

@@ -1,4 +1,4 @@
-"""One call of ``train-ato reproduce``: which papers, what is run for them, what is left in the folder."""
+"""One call of ``train-ato reproduce``: papers, their runs, and the files in the output folder."""
 
 from __future__ import annotations
 
@@ -10,19 +10,22 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import train_ato.reproduce
-from train_ato.reproduce.claims import Calculation, Case, Paper, Result
-from train_ato.reproduce.judging import Row, cases_of, judge_paper
-from train_ato.reproduce.page import overview, section
-from train_ato.reproduce.pool import Finished, Moved, WorkerPool
+import train_ato.papers
+from train_ato.papers.claims import Calculation, Case, Paper, Result
+from train_ato.papers.judging import Row, cases_of, judge_paper
+from train_ato.papers.page import papers_overview, section
+from train_ato.papers.pool import Finished, Moved, WorkerPool
 
-__all__ = ["Judged", "load_paper", "paper_numbers", "reproduce"]
+
+def _packages() -> dict[str, str]:
+    """Return the package of every paper by number: ``p000_heavy_haul`` ..."""
+    names = (module.name for module in pkgutil.iter_modules(train_ato.papers.__path__) if module.ispkg)
+    return {name[1:4]: name for name in sorted(names)}
 
 
 def paper_numbers() -> list[str]:
-    """Return the numbers of the papers that are here."""
-    modules = (module.name for module in pkgutil.iter_modules(train_ato.reproduce.__path__))
-    return sorted(name.removeprefix("paper") for name in modules if name[:5] == "paper" and name[5:].isdigit())
+    """Return the numbers of the papers."""
+    return list(_packages())
 
 
 def load_paper(number: str) -> Paper:
@@ -31,18 +34,19 @@ def load_paper(number: str) -> Paper:
     Raises
     ------
     ValueError
-        If there is none of that number.
+        If no paper has this number.
     """
-    if number not in paper_numbers():
-        raise ValueError(f"paper '{number}': unknown; name one of {', '.join(paper_numbers())} or all")
-    paper = importlib.import_module(f"train_ato.reproduce.paper{number}").PAPER
+    packages = _packages()
+    if number not in packages:
+        raise ValueError(f"paper '{number}': unknown; name one of {', '.join(packages)} or all")
+    paper = importlib.import_module(f"train_ato.papers.{packages[number]}.claims").PAPER
     assert isinstance(paper, Paper)
     return paper
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A paper that is done: its rows, its results by key, its figures, and what could not be drawn."""
+    """Judged paper: rows, results by key, figure files, and errors of the figures."""
 
     paper: Paper
     rows: list[Row]
@@ -53,7 +57,7 @@ class Judged:
 
 @dataclass
 class _Pending:
-    """A paper under way."""
+    """Paper with missing results."""
 
     paper: Paper
     wanted: dict[str, str]
@@ -76,11 +80,11 @@ def reproduce(
     Parameters
     ----------
     papers
-        In the order in which they are run.
+        Papers in the order of the runs.
     folder
-        Takes ``reproduce.json`` and ``reproduce.md`` (rewritten after every paper), ``cases.json`` and the figures.
+        Output folder: ``reproduce.json``, ``reproduce.md`` (rewritten after every paper), ``cases.json``, figures.
     full
-        Long cases and claims too.
+        With long cases and claims.
     jobs
         Worker processes.
     done
@@ -88,7 +92,7 @@ def reproduce(
     progress
         Called with everything that happens and the number of tasks in all.
     shown
-        Turns a figure of a table into text.
+        Function from a table entry to text.
     """
     pending, tasks = _plan(papers, full)
     rows: list[Row] = []
@@ -115,7 +119,7 @@ def reproduce(
 
 
 def _plan(papers: list[Paper], full: bool) -> tuple[list[_Pending], dict[str, Case | Calculation]]:
-    """Return what every paper waits for, and the tasks: equal cases of any papers are one."""
+    """Return the pending papers and the tasks; equal cases of all papers are one task."""
     pending: list[_Pending] = []
     tasks: dict[str, Case | Calculation] = {}
     for paper in papers:
@@ -141,7 +145,7 @@ def _judge(entry: _Pending, folder: Path, full: bool) -> Judged:
 def _write_page(folder: Path, papers: list[Paper], rows: list[Row], sections: dict[str, str], full: bool) -> None:
     known = {paper.number: paper for paper in papers if paper.number in sections}
     options = (" all" if len(papers) == len(paper_numbers()) else f" {papers[0].number}") + (" --full" if full else "")
-    head = overview(rows, known, options)
+    head = papers_overview(rows, known, options)
     (folder / "reproduce.md").write_text("\n".join([head, *(sections[key] for key in sorted(sections))]), "utf-8")
 
 

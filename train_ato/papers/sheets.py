@@ -1,4 +1,4 @@
-"""Sheets of panels on which the papers' figures are drawn."""
+"""Sheets of panels for the figures of the papers."""
 
 from __future__ import annotations
 
@@ -6,32 +6,32 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 
-from train_ato.reproduce.drawing import COLOURS, blank
+from train_ato.papers.drawing import COLOURS, blank_figure
 
 __all__ = ["COLOURS", "Sheet"]
 
 
 class Sheet:
-    """A figure of panels below and beside each other.
+    """Figure with rows and columns of panels.
 
     Parameters
     ----------
     title
-        Above all panels.
+        Title above all panels.
     rows, columns
-        Of panels.
+        Number of panels.
     height
-        Of one row [inch].
+        Height of a row [inch].
     width
-        Of the sheet [inch].
+        Width of the sheet [inch].
     share
-        All panels of a column have one time axis.
+        One time axis for all panels of a column.
     """
 
     def __init__(
         self, title: str, rows: int, columns: int = 1, *, height: float = 2.4, width: float = 11.0, share: bool = True
     ) -> None:
-        self._figure, self.panels = blank(title, rows, columns, (width, 0.8 + height * rows), shared=share)
+        self._figure, self.panels = blank_figure(title, rows, columns, (width, 0.8 + height * rows), shared=share)
 
     def panel(self, row: int, column: int = 0) -> Axes:
         """Return one panel."""
@@ -39,7 +39,7 @@ class Sheet:
         return found
 
     def save(self, path: Path, below: str = "time in s", *, legends: int | None = None) -> Path:
-        """Write the sheet, its lowest panels labelled and so many rows with a legend (all), and return the file."""
+        """Write the sheet with an axis label below and legends in the first rows (default: all); return the file."""
         for row, panels in enumerate(self.panels):
             for panel in panels:
                 panel.grid(alpha=0.3)

@@ -1,48 +1,41 @@
-"""Figures that judges take from the series of a run, and how they are written."""
+"""Figures from the series of a run, and their text form."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from train_ato.history import History
-from train_ato.types import Array
-
-__all__ = [
-    "largest",
-    "last_outside",
-    "mean_speed_error",
-    "position_error",
-    "rms",
-    "speed_error",
-    "written",
-]
+from train_ato.loop.recording import Recording
+from train_ato.messages.types import Array
+from train_ato.papers.checks import recording as series_of
+from train_ato.papers.claims import Result
 
 
-def position_error(history: History, offsets: Array | None = None) -> Array:
+def position_error(recording: Recording, offsets: Array | None = None) -> Array:
     """Return x + offset - x_d of every unit [m], shape (k, units).
 
     Parameters
     ----------
-    history
+    recording
         The run.
     offsets
-        Nominal distances behind vehicle 0 [m]; default: those at the start, couplers unstretched.
+        Nominal distances behind vehicle 0 [m]; default: distances at the start, couplers unstretched.
     """
     if offsets is None:
-        offsets = history.front_position[0] - history.position[0]
-    return np.asarray(history.position + offsets - history.reference_position[:, None])
+        offsets = recording.front_position[0] - recording.position[0]
+    return np.asarray(recording.position + offsets - recording.reference_position[:, None])
 
 
-def speed_error(history: History) -> Array:
+def speed_error(recording: Recording) -> Array:
     """Return v - v_d of every unit [m/s], shape (k, units)."""
-    return np.asarray(history.velocity - history.reference_velocity[:, None])
+    return np.asarray(recording.velocity - recording.reference_velocity[:, None])
 
 
-def mean_speed_error(history: History) -> Array:
+def mean_speed_error(recording: Recording) -> Array:
     """Return the mean over the units of v - v_d [m/s], shape (k,)."""
-    return np.asarray(speed_error(history).mean(axis=1))
+    return np.asarray(speed_error(recording).mean(axis=1))
 
 
 def rms(values: Array) -> float:
@@ -55,8 +48,28 @@ def largest(values: Array) -> float:
     return float(np.abs(values).max())
 
 
+MOVING = 1.0
+"""Reference speed from which speed errors are evaluated [m/s]; at rest the holding brake acts."""
+
+
+def moving(recording: Recording) -> NDArray[np.bool_]:
+    """Return a mask of the ticks at which the reference moves, shape (k,)."""
+    return np.asarray(recording.reference_velocity > MOVING)
+
+
+def largest_position_error(result: Result) -> float:
+    """Return the largest position error of any unit, also at rest [m]."""
+    return largest(position_error(series_of(result)))
+
+
+def largest_speed_error(result: Result) -> float:
+    """Return the largest speed error of any unit while moving [m/s]."""
+    recording = series_of(result)
+    return largest(speed_error(recording)[moving(recording)])
+
+
 def last_outside(time: Array, values: Array, band: float, begin: float = -math.inf, end: float = math.inf) -> float:
-    """Return the last time between two at which any magnitude exceeds a band [s]; NaN if none does."""
+    """Return the last time in an interval with a magnitude above a band [s]; NaN if there is none."""
     inside = (time >= begin) & (time < end)
     beyond = np.abs(values[inside]) > band
     late = np.flatnonzero(beyond.reshape(beyond.shape[0], -1).any(axis=1))
@@ -64,7 +77,7 @@ def last_outside(time: Array, values: Array, band: float, begin: float = -math.i
 
 
 def written(value: float, unit: str = "", digits: int = 3) -> str:
-    """Return a figure with its unit, in kilometres or millimetres where metres read badly."""
+    """Return a figure with its unit, from 1000 m on in km, below 0.01 m in mm."""
     if not math.isfinite(value):
         return "never" if math.isnan(value) else f"beyond measure {unit}".strip()
     for plain, small, big in (("m", "mm", "km"), ("m/s", "mm/s", "")):

@@ -1,1 +1,1 @@
-"""The operational speed profile: knots over time, and the ways to write one down."""
+"""Operational speed profile: knots over time, its file formats and its sources."""

@@ -1,8 +1,8 @@
-"""A smooth driver who drives the nominal multi-mass train: the reference of a long train.
+"""Reference profile of a long train: a simulated driver on the nominal multi-mass train.
 
-A plan made for a rigid train cannot be followed by a long one: couplers and slack make the locomotive ask for forces
-that are not there.  So the reference of the heavy-haul scenario is a run of the nominal train itself, driven with
-little force change, its speed averaged (paper 000 uses a recorded run of an expert driver instead).
+A plan for a rigid train cannot be followed by a long one: couplers and slack need forces that the locomotive does not
+have.  The reference of the heavy-haul scenario is therefore a simulated run of the nominal train with small force
+changes, its speed averaged over time (paper 000 uses a recorded run of an expert driver).
 """
 
 from __future__ import annotations
@@ -17,26 +17,31 @@ from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.traction import Envelope
 from plant_sim.train import Train
-from train_ato.brake.policy import BrakeSpec, make_brake_policy
-from train_ato.model import TrainModel
+from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
+from train_ato.control.train_model import TrainModel
+from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
-from train_ato.types import Array
+
+PERIOD, STEP = 0.1, 0.005
+"""Period of the driver and step of the simulated train [s]."""
+MAX_STANDSTILL = 60.0
+"""Standstill after which the train is unable to continue [s]."""
 
 
 @dataclass(frozen=True)
 class Driver:
-    """How the driver drives.
+    """Parameters of the simulated driver.
 
     Attributes
     ----------
     speed : float
-        Speed held [m/s].
+        Target speed [m/s].
     gain : float
-        Acceleration asked for per speed error [1/s].
+        Acceleration per speed error [1/s].
     slew : float
-        Largest change of force [N/s].
+        Limit of the force rate [N/s].
     traction, brake : float
-        Part of the envelopes that is used.
+        Used fraction of the envelopes.
     average : float
         Window of the moving average, applied three times [s].
     """
@@ -50,8 +55,18 @@ class Driver:
 
 
 @dataclass(frozen=True)
-class Drive:
-    """A driven run: knots of vehicle 0 at ``period``, and the brake-pipe events on the way as (time, reduction)."""
+class DrivenRun:
+    """A simulated run.
+
+    Attributes
+    ----------
+    period : float
+        Time between samples [s].
+    position, velocity, force : Array, shape (n,)
+        Vehicle 0's centre [m], its speed [m/s], commanded force of the train [N].
+    events : tuple of (float, float)
+        Time [s] and brake-pipe reduction [Pa] of every brake event.
+    """
 
     period: float
     position: Array
@@ -60,81 +75,88 @@ class Drive:
     events: tuple[tuple[float, float], ...]
 
 
-def drive(
+class DriverForce:
+    """Speed controller of the simulated driver: proportional, with feed-forward, force limits and a rate limit."""
+
+    def __init__(self, driver: Driver, consist: Consist, model: TrainModel) -> None:
+        self._driver, self._model = driver, model
+        self._traction = [Envelope(consist.vehicles[unit].traction) for unit in consist.power_units]
+        self._brake = [Envelope(consist.vehicles[unit].brake) for unit in consist.power_units]
+
+    def step(self, position: float, velocity: float, force: float) -> float:
+        """Return the next force of the train [N] from position [m], speed [m/s] and present force [N]."""
+        driver, model = self._driver, self._model
+        demand = model.inertia * driver.gain * (driver.speed - velocity)
+        demand += model.running_resistance(velocity) + model.line_force(position)
+        high = driver.traction * sum(envelope.force(velocity) for envelope in self._traction)
+        low = -driver.brake * sum(envelope.force(velocity) for envelope in self._brake)
+        demand = min(max(demand, low), high)
+        return min(max(demand, force - driver.slew * PERIOD), force + driver.slew * PERIOD)
+
+
+def simulate_driver(
     consist: Consist,
     line: Line,
     until: float,
     driver: Driver,
     *,
-    brake: BrakeSpec | None = None,
     report: Callable[[float], None] | None = None,
-) -> Drive:
-    """Drive the nominal train from rest at the line's begin until vehicle 0 reaches ``until`` [m].
+) -> DrivenRun:
+    """Simulate the nominal train from rest at the begin of the line until vehicle 0 reaches ``until`` [m].
+
+    The air brake has the rules of paper 000.
 
     Parameters
     ----------
     consist, line
-        The nominal train and line; the actuators are ideal.
+        Nominal train and line; the actuators are ideal.
     until
-        Place at which the run ends.
+        Position at which the run ends [m].
     driver
-        How it is driven.
-    brake
-        Rules of the air brake; default: those of paper 000.
+        Parameters of the driver.
     report
-        Called every 100 simulated seconds with the place reached.
+        Called every 100 simulated seconds with the position [m].
 
     Raises
     ------
     ValueError
-        If the train does not get there: it stands still for a minute.
+        If the train is at rest for 60 s before ``until``.
     """
-    period, step = 0.1, 0.005
-    train = Train(consist, line, PlantSetup(), round(step * 1e9), round(period * 1e9), seed=0)
-    model = TrainModel(consist, line, np.zeros(train_units(consist)), np.zeros(train_units(consist)), 0.0, period)
-    policy = make_brake_policy(brake or BrakeSpec(policy="trigger"), model, line)
-    traction = [Envelope(consist.vehicles[unit].traction) for unit in consist.power_units]
-    electric = [Envelope(consist.vehicles[unit].brake) for unit in consist.power_units]
-    substeps = round(period / step)
-    force, events, standing = 0.0, [], 0
+    train = Train(consist, line, PlantSetup(), round(STEP * 1e9), round(PERIOD * 1e9), seed=0)
+    no_delay = np.zeros(len(consist.power_units))
+    model = TrainModel(consist, line, no_delay, no_delay, 0.0, PERIOD)
+    policy = make_brake_policy(BrakeSpec(policy="trigger"), model, line)
+    control = DriverForce(driver, consist, model)
+    substeps = round(PERIOD / STEP)
+    force, events, standstill = 0.0, [], 0
     charged = pressure = consist.air_brake.charged if consist.air_brake else 0.0
     positions, velocities, forces = [], [], []
     while True:
-        cars = train.observe().cars
+        cars = train.observe().vehicles
         position, velocity = float(cars.position[0]), float(cars.velocity[0])
         positions.append(position)
         velocities.append(velocity)
         forces.append(force)
         if position >= until:
             break
-        standing = standing + 1 if velocity < 1e-3 else 0
-        if standing * period > 60:
-            raise ValueError(f"the train does not get beyond {position:.0f} m: too heavy for this grade")
+        standstill = standstill + 1 if velocity < 1e-3 else 0
+        if standstill * PERIOD > MAX_STANDSTILL:
+            raise ValueError(f"the train stops at {position:.0f} m: too heavy for the grade; reduce its mass")
         tick = len(positions) - 1
-        demanded = policy.step(tick * period, position, velocity, force)
+        demanded = policy.step(tick * PERIOD, position, velocity, force)
         if demanded != pressure:
-            events.append((tick * period, charged - demanded))
+            events.append((tick * PERIOD, charged - demanded))
             pressure = demanded
-        wanted = model.inertia * driver.gain * (driver.speed - velocity)
-        wanted += model.running_resistance(velocity) + model.line_force(position)
-        high = driver.traction * sum(envelope.force(velocity) for envelope in traction)
-        low = -driver.brake * sum(envelope.force(velocity) for envelope in electric)
-        wanted = min(max(wanted, low), high)
-        force = min(max(wanted, force - driver.slew * period), force + driver.slew * period)
+        force = control.step(position, velocity, force)
         train.advance(np.tile(force * model.share, (substeps, 1)), pressure if consist.air_brake else None)
         if report is not None and tick % 1000 == 0:
             report(position)
-    return Drive(period, np.array(positions), np.array(velocities), np.array(forces), tuple(events))
+    return DrivenRun(PERIOD, np.array(positions), np.array(velocities), np.array(forces), tuple(events))
 
 
-def train_units(consist: Consist) -> int:
-    """Return the number of power units."""
-    return len(consist.power_units)
-
-
-def reference(run: Drive, driver: Driver, spacing: float) -> Profile:
-    """Return the profile of a driven run: averaged speed, place integrated from it, knots every ``spacing`` s."""
-    speed = averaged(run.velocity, run.period, driver.average)
+def averaged_profile(run: DrivenRun, driver: Driver, spacing: float) -> Profile:
+    """Return the profile of a simulated run: averaged speed, integrated position, knots every ``spacing`` s."""
+    speed = average_speed(run.velocity, run.period, driver.average)
     speed[0] = 0.0
     acceleration = np.gradient(speed, run.period)
     acceleration[0] = 0.0
@@ -143,12 +165,12 @@ def reference(run: Drive, driver: Driver, spacing: float) -> Profile:
     every = round(spacing / run.period)
     last = (speed.size - 1) // every * every
     knots = slice(0, last + 1, every)
-    # A micrometre and a nanometre per second are more than enough, and keep the file short.
+    # Rounded to 1 µm and 1 nm/s: a short file without a loss of accuracy.
     return Profile.uniform(0.0, spacing, position[knots].round(6), speed[knots].round(9), acceleration[knots].round(9))
 
 
-def averaged(speed: Array, period: float, window: float) -> Array:
-    """Return the speed averaged three times over a window [s], the ends held."""
+def average_speed(speed: Array, period: float, window: float) -> Array:
+    """Return a speed averaged three times over a window [s]; the end values are extended."""
     width = max(1, round(window / period)) | 1
     kernel = np.full(width, 1.0 / width)
     result = speed

@@ -1,4 +1,4 @@
-"""Profile files: CSV and YAML, position, speed and acceleration over time, SI unless a key carries a unit suffix."""
+"""Profile files in CSV and YAML: position, speed and acceleration over time, in SI or the unit of a suffix."""
 
 from __future__ import annotations
 
@@ -10,45 +10,43 @@ from typing import Any
 import numpy as np
 import yaml
 
-from train_ato.profile.knots import knot_count
+from train_ato.messages.types import Array
+from train_ato.profile.knots import hermite, knot_count
 from train_ato.profile.profile import Profile
-from train_ato.types import Array
-
-__all__ = ["SCHEMA", "csv_text", "parse_csv", "read_profile", "write_profile"]
 
 SCHEMA = "train_ato/profile/1"
 LARGEST_FILE = 256 * 2**20
-"""Files beyond this many bytes are refused."""
+"""Maximum size of a profile file [bytes]."""
 UNITS: dict[str, dict[str, float]] = {
     "time": {"": 1.0, "_s": 1.0, "_ms": 1e-3, "_min": 60.0},
     "position": {"": 1.0, "_m": 1.0, "_km": 1000.0},
     "speed": {"": 1.0, "_m_s": 1.0, "_kmh": 1 / 3.6},
     "acceleration": {"": 1.0, "_m_s2": 1.0},
 }
-"""SI value of one unit of every column, by the suffix of its name."""
+"""Factor to SI of every column, by the unit suffix of its name."""
 
 
 def read_profile(path: Path, period: float | None = None) -> Profile:
     """Read a profile.
 
-    ``time`` and ``speed`` must be there; a missing ``position`` is integrated from 0, a missing ``acceleration`` taken
-    from the speed.  Times need not be evenly spaced if a period is asked for.
+    ``time`` and ``speed`` are required; a missing ``position`` is integrated from 0, a missing ``acceleration`` is the
+    derivative of the speed.  Times may be unevenly spaced if a period is given.
 
     Parameters
     ----------
     path
         ``*.csv``, ``*.yaml`` or ``*.yml``.
     period
-        Of the knots [s]; None keeps those of the file.
+        Time between the knots [s]; None keeps the knots of the file.
 
     Raises
     ------
     ValueError
-        One line that names the file, the column and the row.
+        One line: file, column, row, problem; fix.
     """
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise ValueError(f"{path}: larger than {LARGEST_FILE} bytes; not a profile")
+            raise ValueError(f"{path}: larger than {LARGEST_FILE} bytes; name a profile file")
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: cannot be read ({error.__class__.__name__}); name a readable profile file") from None
@@ -61,27 +59,31 @@ def read_profile(path: Path, period: float | None = None) -> Profile:
 
 
 def parse_csv(text: str, period: float | None = None) -> Profile:
-    """Return the profile of a CSV text: ``#`` lines are comments, then one row of names, then numbers."""
+    """Return the profile of a CSV text: ``#`` lines are comments, the first row has the names, the others numbers."""
     rows = (
         (number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line.lstrip()[0] != "#"
     )
     first = next(rows, None)
     if first is None:
-        raise ValueError("no row of column names; the first row names time, position, speed, acceleration")
+        raise ValueError("no row of column names; begin with time,position,speed,acceleration")
     names = [name.strip() for name in next(csv.reader([first[1]]))]
     columns: dict[str, list[float]] = {name: [] for name in names}
     if len(columns) != len(names):
-        raise ValueError(f"line {first[0]}: a column is named twice in {', '.join(names)}")
+        raise ValueError(f"line {first[0]}: a column has two entries in {', '.join(names)}; remove one")
     for number, line in rows:
         cells = line.split(",")
         if len(cells) != len(names):
-            raise ValueError(f"line {number}: {len(cells)} values for the {len(names)} columns {', '.join(names)}")
+            raise ValueError(
+                f"line {number}: {len(cells)} values for the {len(names)} columns {', '.join(names)}; correct the row"
+            )
         name = ""
         try:
             for name, cell in zip(names, cells, strict=True):
                 columns[name].append(float(cell))
         except ValueError:
-            raise ValueError(f"line {number}, {name}: '{line.strip()[:40]}' is not all numbers") from None
+            raise ValueError(
+                f"line {number}, {name}: '{line.strip()[:40]}' contains a value that is not a number; correct it"
+            ) from None
     return _assemble(dict(columns), period)
 
 
@@ -89,43 +91,43 @@ def _parse_yaml(text: str, period: float | None) -> Profile:
     try:
         data = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except yaml.YAMLError as error:
-        raise ValueError("not valid YAML: " + " ".join(str(error).split())) from None
+        raise ValueError("not valid YAML: " + " ".join(str(error).split()) + "; correct it") from None
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        raise ValueError(f"schema: a profile file is a mapping with the line 'schema: {SCHEMA}'")
+        raise ValueError(f"schema: missing or wrong; add the line 'schema: {SCHEMA}'")
     data = {key: value for key, value in data.items() if key not in ("schema", "name", "source", "summary")}
     start, own = data.pop("start", 0.0), data.pop("period", None)
     columns = {name: value for name, value in data.items() if isinstance(value, list)}
     if len(columns) != len(data):
         name = next(name for name in data if name not in columns)
-        raise ValueError(f"{name}: unknown key or not a list of numbers (known: start, period, {', '.join(UNITS)})")
+        raise ValueError(f"{name}: unknown key or not a list of numbers; use start, period, {', '.join(UNITS)}")
     if own is not None:
         if not isinstance(own, (int, float)) or not isinstance(start, (int, float)) or own <= 0:
-            raise ValueError(f"period, start: '{own}', '{start}' are not numbers of seconds, the period > 0")
+            raise ValueError(f"period, start: '{own}', '{start}' are not valid; give seconds, period > 0")
         length = len(next(iter(columns.values()), []))
         columns["time"] = [(round(start * 1e9) + round(own * 1e9) * k) * 1e-9 for k in range(length)]
     return _assemble(columns, period)
 
 
 def _assemble(columns: dict[str, Any], period: float | None) -> Profile:
-    """Turn named columns with unit suffixes into a profile."""
+    """Return the profile of named columns with unit suffixes."""
     found: dict[str, Array] = {}
     for name, values in columns.items():
         quantity = next((q for q in UNITS if name == q or name.removeprefix(q) in UNITS[q]), None)
         if quantity is None or name.removeprefix(quantity) not in UNITS[quantity]:
             known = ", ".join(f"{q}[{'|'.join(s for s in UNITS[q] if s)}]" for q in UNITS)
-            raise ValueError(f"column '{name}' is not known; columns are {known}")
+            raise ValueError(f"column '{name}' is unknown; use {known}")
         if quantity in found:
-            raise ValueError(f"column '{name}' says {quantity} a second time; keep one")
+            raise ValueError(f"column '{name}' repeats {quantity}; keep one")
         try:
             found[quantity] = np.array(values, dtype=np.float64)
         except (TypeError, ValueError):
-            raise ValueError(f"column '{name}' holds something that is not a number") from None
+            raise ValueError(f"column '{name}' contains a value that is not a number; correct it") from None
         factor = UNITS[quantity][name.removeprefix(quantity)]
         if factor != 1.0:
             found[quantity] = found[quantity] * factor
     missing = [quantity for quantity in ("time", "speed") if quantity not in found]
     if missing:
-        raise ValueError(f"column '{missing[0]}' is missing; a profile needs time and speed")
+        raise ValueError(f"column '{missing[0]}' is missing; add it (time and speed are required)")
     return _complete(found, period)
 
 
@@ -133,16 +135,16 @@ def _complete(found: dict[str, Array], period: float | None) -> Profile:
     time, speed = found["time"], found["speed"]
     for name, column in found.items():
         if column.size != time.size or column.ndim != 1:
-            raise ValueError(f"column '{name}' has {column.size} values, time has {time.size}")
+            raise ValueError(f"column '{name}' has {column.size} values, time has {time.size}; make them equal")
         wrong = np.flatnonzero(~np.isfinite(column))
         if wrong.size:
-            raise ValueError(f"column '{name}', value {wrong[0] + 1} is {column[wrong[0]]}; it must be finite")
+            raise ValueError(f"column '{name}', value {wrong[0] + 1} is {column[wrong[0]]}; give a finite number")
     if time.size < 2:
-        raise ValueError("a profile needs at least two rows")
+        raise ValueError("fewer than two rows; add rows")
     falling = np.flatnonzero(np.diff(time) <= 0)
     if falling.size:
         raise ValueError(
-            f"time {time[falling[0] + 1]:g} s does not lie beyond the row before; rows are in order of time"
+            f"time {time[falling[0] + 1]:g} s is not after that of the previous row; sort the rows by time"
         )
     if "acceleration" not in found:
         found["acceleration"] = np.gradient(speed, time)
@@ -156,33 +158,27 @@ def _complete(found: dict[str, Array], period: float | None) -> Profile:
         profile = Profile(time, found["position"], speed, a)
         return profile if period is None else profile.resampled(period)
     if period is None:
-        raise ValueError("times are not evenly spaced; say at which period the profile is wanted")
+        raise ValueError("times are not evenly spaced; give the period of the profile")
     return _from_uneven(time, found["position"], speed, a, period)
 
 
 def _from_uneven(time: Array, position: Array, speed: Array, acceleration: Array, period: float) -> Profile:
-    """Read unevenly spaced rows at even times by the same polynomials as between the knots of a profile."""
+    """Return unevenly spaced rows resampled to a period [s] with the polynomials of :mod:`.knots`."""
     start = float(time[0])
     count = knot_count(float(np.floor((time[-1] - start) / period + 1e-9)) + 1)
     rest = abs(speed[-1]) <= 1e-3 and start + (count - 1) * period < time[-1] - 1e-9
     knots = start + period * np.arange(count)
     k = np.clip(np.searchsorted(time, knots, side="right") - 1, 0, time.size - 2)
     h, s = time[k + 1] - time[k], knots - time[k]
-
-    def hermite(y: Array, d: Array) -> tuple[Array, Array]:
-        slope = (y[k + 1] - y[k]) / h
-        c2, c3 = (3 * slope - 2 * d[k] - d[k + 1]) / h, (d[k] + d[k + 1] - 2 * slope) / h**2
-        return y[k] + s * (d[k] + s * (c2 + s * c3)), d[k] + s * (2 * c2 + 3 * s * c3)
-
-    x = hermite(position, speed)[0]
-    v, a = hermite(speed, acceleration)
+    x = hermite(position[k], speed[k], position[k + 1], speed[k + 1], s, h)[0]
+    v, a = hermite(speed[k], acceleration[k], speed[k + 1], acceleration[k + 1], s, h)
     if rest:
         x, v, a = np.append(x, position[-1]), np.append(v, 0.0), np.append(a, 0.0)
     return Profile.uniform(start, period, x, v, a)
 
 
 def csv_text(profile: Profile, source: str = "") -> str:
-    """Return a profile as CSV in SI, every number written so that reading it gives the same bits."""
+    """Return a profile as CSV in SI; reading it restores the same bits."""
     text = io.StringIO()
     text.write("# speed profile of vehicle 0's centre: time s, position m, speed m/s, acceleration m/s2\n")
     for line in source.splitlines():
@@ -195,7 +191,7 @@ def csv_text(profile: Profile, source: str = "") -> str:
 
 
 def write_profile(profile: Profile, path: Path, source: str = "") -> None:
-    """Write a profile as CSV or, by the file's suffix, as YAML; the source goes into its head.
+    """Write a profile as CSV or YAML, by the suffix of the file; the source is a comment at its begin.
 
     Raises
     ------
@@ -218,7 +214,7 @@ def write_profile(profile: Profile, path: Path, source: str = "") -> None:
     elif suffix == ".csv":
         text = csv_text(profile, source)
     else:
-        raise ValueError(f"{path}: a profile is written as .csv or .yaml; choose one of these endings")
+        raise ValueError(f"{path}: unknown ending; use .csv or .yaml")
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -1,11 +1,10 @@
-"""Knots of a profile at one period: what is accepted, and one way to read between them.
+"""Knots of a profile at a constant period: validation and interpolation.
 
 Between two knots the position is the cubic Hermite polynomial of positions and speeds, the speed the cubic Hermite
 polynomial of speeds and accelerations, the acceleration its derivative; the jerk is the mean over the interval, so
-that a limit the knots respect is respected between them too.  So position, speed and acceleration are exact at every
-knot and continuous everywhere, and a profile of constant jerk between knots is reproduced exactly.  Where the speed
-changes between two knots faster than any train (a step), the knot before is continued at constant acceleration up to
-the step instead of smearing it over the interval.
+that a limit valid at the knots is valid between them.  Position, speed and acceleration are exact at every knot and
+continuous everywhere; a profile with constant jerk between the knots is reproduced exactly.  At a step of the speed
+between two knots, the state of the knot before continues at constant acceleration up to the step.
 """
 
 from __future__ import annotations
@@ -16,25 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.types import Array
-
-__all__ = [
-    "STEP_ACCELERATION", "check_columns", "even_grid", "hermite", "knot_count", "mean_jerk", "padded", "read_between",
-    "seconds", "whole_nanoseconds",
-]  # fmt: skip
+from train_ato.messages.types import Array
 
 STEP_ACCELERATION = 20.0
-"""A change of speed beyond this between two knots is a step, not an acceleration [m/s²]."""
-MOST_KNOTS = 20_000_000
-"""Profiles of more knots are refused before memory is."""
-LATEST = 1e8
-"""Knots beyond this time are refused [s]."""
+"""Mean acceleration between two knots above which the change of speed is a step [m/s²]."""
+MAX_KNOTS = 20_000_000
+"""Maximum number of knots of a profile."""
+MAX_TIME = 1e8
+"""Maximum time of a knot [s]."""
 
 
 def read_between(
     knots: tuple[Array, Array, Array], stamps: NDArray[np.int64], period_ns: int
 ) -> tuple[Array, Array, Array]:
-    """Read many stamps at once; the same operations in the same order as ``Profile.at_stamp`` for one.
+    """Return the state at many stamps, with the same operations in the same order as ``Profile.at_stamp``.
 
     Parameters
     ----------
@@ -48,7 +42,7 @@ def read_between(
     Returns
     -------
     position, velocity, acceleration : Array, shape (m,)
-        Held at rest before the first knot and beyond the last one.
+        At rest before the first and after the last knot.
     """
     position, velocity, acceleration = knots
     index, rest = np.divmod(stamps, period_ns)
@@ -81,8 +75,8 @@ def mean_jerk(velocity: Array, acceleration: Array, period: float) -> Array:
     return jerk
 
 
-def hermite(y0: Any, d0: Any, y1: Any, d1: Any, s: Any, period: float) -> tuple[Any, Any]:
-    """Return value and derivative of the cubic Hermite polynomial, ``s`` into an interval; of arrays too."""
+def hermite(y0: Any, d0: Any, y1: Any, d1: Any, s: Any, period: Any) -> tuple[Any, Any]:
+    """Return value and derivative of the cubic Hermite polynomial at ``s`` within an interval."""
     slope = (y1 - y0) / period
     c2 = (3.0 * slope - 2.0 * d0 - d1) / period
     c3 = (d0 + d1 - 2.0 * slope) / (period * period)
@@ -91,25 +85,25 @@ def hermite(y0: Any, d0: Any, y1: Any, d1: Any, s: Any, period: float) -> tuple[
 
 
 def knot_count(count: float) -> int:
-    """Return a number of knots, refused where it cannot be meant.
+    """Return a number of knots as an integer after a check.
 
     Raises
     ------
     ValueError
-        Beyond :data:`MOST_KNOTS`.
+        Above :data:`MAX_KNOTS`.
     """
-    if not count <= MOST_KNOTS:
-        raise ValueError(f"a profile of {count:.3g} knots; check its duration and period (at most {MOST_KNOTS} knots)")
+    if not count <= MAX_KNOTS:
+        raise ValueError(f"a profile of {count:.3g} knots, at most {MAX_KNOTS}; check its duration and period")
     return int(count)
 
 
-def seconds(stamps: NDArray[np.int64]) -> Array:
-    """Return stamps [ns] as times [s]."""
+def stamps_to_seconds(stamps: NDArray[np.int64]) -> Array:
+    """Return times [s] of stamps [ns]."""
     return np.asarray(stamps * 1e-9, dtype=np.float64)
 
 
 def whole_nanoseconds(period: float, what: str) -> int:
-    """Return a period [s] as nanoseconds.
+    """Return a period [s] in nanoseconds.
 
     Raises
     ------
@@ -118,12 +112,12 @@ def whole_nanoseconds(period: float, what: str) -> int:
     """
     period_ns = round(period * 1e9) if math.isfinite(period) else 0
     if period_ns < 1:
-        raise ValueError(f"{what} is {period} s; it must be at least 1 ns")
+        raise ValueError(f"{what} is {period} s; give at least 1 ns")
     return period_ns
 
 
 def check_columns(columns: list[Array]) -> None:
-    """Refuse times, positions, speeds and accelerations that differ in length or are not finite.
+    """Check that times, positions, speeds and accelerations are finite and of equal length.
 
     Raises
     ------
@@ -133,15 +127,13 @@ def check_columns(columns: list[Array]) -> None:
     names = ("time", "position", "velocity", "acceleration")
     if any(column.ndim != 1 or column.size != columns[0].size for column in columns):
         sizes = ", ".join(f"{name} {column.size}" for name, column in zip(names, columns, strict=True))
-        raise ValueError(f"a profile needs four columns of one length, these are {sizes}")
+        raise ValueError(f"columns of a profile differ in length ({sizes}); make them one length")
     if columns[0].size < 2:
-        raise ValueError(f"a profile needs at least two knots, this one has {columns[0].size}")
+        raise ValueError(f"a profile of {columns[0].size} knots; give at least two")
     for name, column in zip(names, columns, strict=True):
         wrong = np.flatnonzero(~np.isfinite(column))
         if wrong.size:
-            raise ValueError(
-                f"{name} of knot {wrong[0]} is {column[wrong[0]]}; every value of a profile must be finite"
-            )
+            raise ValueError(f"{name} of knot {wrong[0]} is {column[wrong[0]]}; give a finite number")
 
 
 def even_grid(time: Array) -> tuple[int, int]:
@@ -150,16 +142,16 @@ def even_grid(time: Array) -> tuple[int, int]:
     Raises
     ------
     ValueError
-        If they are not evenly spaced, or beyond :data:`LATEST`.
+        If they are not evenly spaced or exceed :data:`MAX_TIME`.
     """
-    if np.abs(time).max() > LATEST:
-        raise ValueError(f"a profile reaches to {np.abs(time).max():.3g} s; at most {LATEST:g} s make sense")
+    if np.abs(time).max() > MAX_TIME:
+        raise ValueError(f"a profile up to {np.abs(time).max():.3g} s; give at most {MAX_TIME:g} s")
     stamps = np.rint(time * 1e9)
     period = round((float(stamps[-1]) - float(stamps[0])) / (time.size - 1))
     uneven = np.flatnonzero(np.abs(stamps - (stamps[0] + period * np.arange(time.size))) > max(2.0, 1e-6 * period))
     if period < 1 or uneven.size:
         place = int(uneven[0]) if uneven.size else 0
-        raise ValueError(f"knots of a profile must be evenly spaced in time, knot {place} at {time[place]} s is not")
+        raise ValueError(f"knot {place} at {time[place]} s: the knots are not evenly spaced in time; resample them")
     return int(stamps[0]), period
 
 

@@ -1,9 +1,9 @@
-"""Motion in pieces of constant jerk, and its sampling into the knots of a profile.
+"""Motion in pieces of constant jerk, sampled to the knots of a profile.
 
-A change of speed under a limit on the acceleration that depends on the speed has a closed form in the plane of speed
-and ``y = a²/2``: since dy/dv = da/dt, a limit on the jerk is a limit on the slope of y, and the fastest change is the
-largest curve under ``a_max(v)²/2`` with that slope, found in one pass in each direction.  Between two grid points y is
-linear in v, so every cell is a piece of constant jerk and is integrated exactly.
+A change of speed within a speed-dependent acceleration limit is solved in the plane of speed and ``y = a²/2``: since
+dy/dv = da/dt, a jerk limit is a limit on the slope of y.  The fastest change is the largest curve below ``a_max(v)²/2``
+with that slope; one pass in each direction finds it.  Between two grid points y is linear in v, so every cell is a
+piece of constant jerk and is integrated exactly.
 """
 
 from __future__ import annotations
@@ -14,21 +14,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from train_ato.messages.types import Array
 from train_ato.profile.knots import knot_count
 from train_ato.profile.profile import Profile
-from train_ato.types import Array
-
-__all__ = ["CELLS", "Motion", "Piece", "change_of_speed"]
 
 CELLS = 1000
-"""Cells of speed of one change of speed."""
-SMALLEST = 1e-9
-"""Changes of speed below this are none [m/s]."""
+"""Number of speed cells of a change of speed."""
+MIN_SPEED_CHANGE = 1e-9
+"""Changes of speed below this are ignored [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Constant jerk for a time [s], starting with an acceleration of its own: it may jump where jerk is unlimited."""
+    """Duration [s], initial acceleration [m/s²] and constant jerk [m/s³] of one piece."""
 
     duration: float
     acceleration: float
@@ -42,14 +40,14 @@ def _advance(x: float, v: float, piece: Piece) -> tuple[float, float]:
 
 @dataclass
 class Motion:
-    """A motion being put together.
+    """A motion built from pieces of constant jerk.
 
     Attributes
     ----------
     time, position, velocity, acceleration : float
-        Its present end: s, m, m/s, m/s².
+        State at its present end: s, m, m/s, m/s².
     pieces : list of Piece
-        What was put together so far.
+        Pieces so far.
     """
 
     time: float
@@ -62,7 +60,7 @@ class Motion:
         self.begin = (self.time, self.position, self.velocity)
 
     def add(self, pieces: list[Piece]) -> None:
-        """Put pieces at the end."""
+        """Append pieces."""
         for piece in pieces:
             self.position, self.velocity = _advance(self.position, self.velocity, piece)
             self.time += piece.duration
@@ -70,30 +68,26 @@ class Motion:
         self.pieces.extend(pieces)
 
     def hold(self, duration: float) -> None:
-        """Go on at the present speed."""
+        """Append constant speed for a duration [s]."""
         if duration > 0:
             self.add([Piece(duration, 0.0, 0.0)])
             self.acceleration = 0.0
 
     def settle(self, jerk: float | None) -> None:
-        """Bring a remaining acceleration to 0."""
+        """Append a piece that reduces the acceleration to 0 within the jerk limit [m/s³]."""
         if self.acceleration and jerk:
             duration = abs(self.acceleration) / jerk
             self.add([Piece(duration, self.acceleration, -math.copysign(jerk, self.acceleration))])
         self.acceleration = 0.0
 
-    def set_velocity(self, velocity: float) -> None:
-        """Correct the rounding of the speed at a planned value."""
-        self.velocity = velocity
-
     def sampled(self, period: float) -> Profile:
-        """Return the knots of the motion every ``period`` seconds from its begin; at rest at the end it is held."""
+        """Return the profile of the motion with knots every ``period`` seconds; the last knot may be after its end."""
         time, x, v = self.begin
         states = np.empty((len(self.pieces) + 1, 5))
         for row, piece in zip(states, self.pieces, strict=False):
             row[:] = time, x, v, piece.acceleration, piece.jerk
             x, v = _advance(x, v, piece)
-            v = 0.0 if abs(v) < SMALLEST else v
+            v = 0.0 if abs(v) < MIN_SPEED_CHANGE else v
             time += piece.duration
         states[-1] = time, x, v, self.acceleration, 0.0
         count = knot_count(max(2.0, math.ceil((time - self.begin[0]) / period - 1e-9) + 1))
@@ -104,49 +98,47 @@ class Motion:
         position = x0 + s * (v0 + s * (a0 / 2 + s * j0 / 6))
         velocity = v0 + s * (a0 + s * j0 / 2)
         acceleration = a0 + s * j0
-        resting = np.flatnonzero((index == len(self.pieces)) & (abs(v) < SMALLEST))
+        resting = np.flatnonzero((index == len(self.pieces)) & (abs(v) < MIN_SPEED_CHANGE))
         position[resting], velocity[resting], acceleration[resting] = x, 0.0, 0.0
         return Profile.uniform(self.begin[0], period, position, velocity, acceleration)
 
 
-def change_of_speed(
-    start: float, target: float, limit: Callable[[Array], Array], jerk: float | None, cells: int = CELLS
-) -> list[Piece]:
-    """Return the fastest change from one speed to another, from and to no acceleration.
+def change_of_speed(start: float, target: float, limit: Callable[[Array], Array], jerk: float | None) -> list[Piece]:
+    """Return the fastest change from one speed to another, with zero acceleration at both ends.
 
     Parameters
     ----------
     start, target
         Speeds [m/s] of one sign (0 counts as either).
     limit
-        Largest magnitude of the acceleration [m/s²] at magnitudes of the speed [m/s].
+        Function of the speed magnitude [m/s] that returns the acceleration limit [m/s²].
     jerk
-        Its limit [m/s³]; None: the acceleration may jump.
+        Jerk limit [m/s³]; None: the acceleration may step.
 
     Raises
     ------
     ValueError
-        If the limit leaves nothing at some speed on the way.
+        If the limit is zero at a speed between them.
     """
-    if abs(target - start) < SMALLEST:
+    if abs(target - start) < MIN_SPEED_CHANGE:
         return []
-    speed = np.linspace(abs(start), abs(target), cells + 1)
+    speed = np.linspace(abs(start), abs(target), CELLS + 1)
     largest = np.asarray(limit(speed), dtype=np.float64)
     none_left = np.flatnonzero(largest <= 0)
     if none_left.size:
         raise ValueError(
-            f"{3.6 * abs(target):.1f} km/h cannot be reached: nothing is left to change the speed at "
-            f"{3.6 * speed[none_left[0]]:.1f} km/h"
+            f"{3.6 * abs(target):.1f} km/h cannot be reached: no acceleration available at "
+            f"{3.6 * speed[none_left[0]]:.1f} km/h; choose a speed below it"
         )
-    y = _under_slope(largest**2 / 2, abs(target - start) / cells, jerk)
+    y = _under_slope(largest**2 / 2, abs(target - start) / CELLS, jerk)
     a = np.sqrt(2 * y) * math.copysign(1.0, target - start)
-    duration = 2 * abs(target - start) / cells / np.abs(a[:-1] + a[1:])
+    duration = 2 * abs(target - start) / CELLS / np.abs(a[:-1] + a[1:])
     slope = (a[1:] - a[:-1]) / duration
     return [Piece(*row) for row in zip(duration.tolist(), a[:-1].tolist(), slope.tolist(), strict=True)]
 
 
 def _under_slope(y: Array, step: float, jerk: float | None) -> Array:
-    """Return the largest curve under ``y`` whose slope stays within the jerk, 0 at both ends."""
+    """Return the largest curve below ``y`` with a slope within the jerk limit, 0 at both ends."""
     if jerk is None:
         return y
     y = y.copy()

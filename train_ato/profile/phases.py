@@ -1,7 +1,7 @@
 """Profiles from phases: accelerate, cruise, brake, stop at a place.
 
-The phases are written as a trapezoid, what comes out is limited in jerk, in acceleration and, where asked, by a
-fraction of the train's own traction and brake envelopes on level track.
+Phases define a trapezoidal speed curve.  The profile is limited in jerk, in acceleration and, if configured, to a
+fraction of the train's traction and brake envelopes on level track.
 """
 
 from __future__ import annotations
@@ -14,33 +14,31 @@ from pydantic import Field, model_validator
 from plant_sim.consist import Consist
 from plant_sim.traction import Envelope
 from plant_sim.units import Acceleration, Jerk, Length, SiModel, Speed, Time
+from train_ato.messages.types import Array
 from train_ato.profile.motion import Motion, Piece, change_of_speed
-from train_ato.types import Array
-
-__all__ = ["MotionLimits", "Phase", "drive"]
 
 
 class SpeedPoint(SiModel):
-    """One point of a limit over speed."""
+    """One point of an acceleration limit over the speed."""
 
     speed: Speed = Field(ge=0)
     acceleration: Acceleration = Field(gt=0)
 
 
 class MotionLimits(SiModel):
-    """What a profile made of phases or points respects."""
+    """Limits of a profile from phases or points."""
 
-    jerk: Jerk | None = Field(0.5, gt=0, description="null: unlimited")
-    jerk_braking: Jerk | None = Field(None, gt=0, description="while braking; default: jerk")
+    jerk: Jerk | None = Field(0.5, gt=0, description="limit; null: none")
+    jerk_braking: Jerk | None = Field(None, gt=0, description="jerk limit while braking; default: jerk")
     acceleration: Acceleration = Field(0.8, gt=0)
     deceleration: Acceleration = Field(0.8, gt=0)
     acceleration_over_speed: tuple[SpeedPoint, ...] = Field((), description="further limit, linear between its points")
     deceleration_over_speed: tuple[SpeedPoint, ...] = Field((), description="further limit, linear between its points")
     traction_fraction: float | None = Field(
-        None, gt=0, le=1, description="of what traction gives; default: not looked at"
+        None, gt=0, le=1, description="of the traction envelope; default: not limited by it"
     )
     brake_fraction: float | None = Field(
-        None, gt=0, le=1, description="of what the brakes give; default: not looked at"
+        None, gt=0, le=1, description="of the brake envelope; default: not limited by it"
     )
 
     @model_validator(mode="after")
@@ -48,7 +46,7 @@ class MotionLimits(SiModel):
         for name in ("acceleration_over_speed", "deceleration_over_speed"):
             speeds = [point.speed for point in getattr(self, name)]
             if any(np.diff(speeds) <= 0):
-                raise ValueError(f"{name} must be listed by rising speed")
+                raise ValueError(f"{name} is not in order of speed; sort it by increasing speed")
         return self
 
 
@@ -56,30 +54,30 @@ KINDS = ("accelerate_to", "brake_to", "stop_at", "cruise_for", "cruise_until", "
 
 
 class Phase(SiModel):
-    """One phase; exactly one of its kinds is given. Places are those of the train's front."""
+    """One phase of exactly one kind. Places are those of the train's front."""
 
-    accelerate_to: Speed | None = Field(None, description="raise the speed; < 0 runs backwards")
-    brake_to: Speed | None = Field(None, description="lower the speed")
-    stop_at: Length | None = Field(None, description="cruise, then brake so that the front stops there")
-    cruise_for: Time | None = Field(None, ge=0, description="keep the speed so long; at rest: wait")
-    cruise_until: Time | None = Field(None, ge=0, description="keep the speed until this time of the run")
-    cruise_to: Length | None = Field(None, description="keep the speed until the front is there")
-    at: Length | None = Field(None, description="with accelerate_to and brake_to: where the front has the speed")
-    acceleration: Acceleration | None = Field(None, gt=0, description="limit of this phase alone, up or down")
-    jerk: Jerk | None = Field(None, gt=0, description="limit of this phase alone")
+    accelerate_to: Speed | None = Field(None, description="increase the speed to this value; < 0: backwards")
+    brake_to: Speed | None = Field(None, description="decrease the speed to this value")
+    stop_at: Length | None = Field(None, description="cruise, then brake to a stop of the front at this place")
+    cruise_for: Time | None = Field(None, ge=0, description="constant speed for this time; at rest: wait")
+    cruise_until: Time | None = Field(None, ge=0, description="constant speed until this time of the run")
+    cruise_to: Length | None = Field(None, description="constant speed until the front reaches this place")
+    at: Length | None = Field(None, description="of accelerate_to and brake_to: place at which the front has the speed")
+    acceleration: Acceleration | None = Field(None, gt=0, description="limit of this phase only, for both signs")
+    jerk: Jerk | None = Field(None, gt=0, description="limit of this phase only")
 
     @model_validator(mode="after")
     def _one_kind(self) -> Phase:
         given = [kind for kind in KINDS if getattr(self, kind) is not None]
         if len(given) != 1:
-            raise ValueError(f"a phase is exactly one of {', '.join(KINDS)}; this one has {', '.join(given) or 'none'}")
+            raise ValueError(f"a phase has {', '.join(given) or 'no kind'}; give exactly one of {', '.join(KINDS)}")
         if self.at is not None and given[0] not in ("accelerate_to", "brake_to"):
-            raise ValueError(f"'at' goes with accelerate_to and brake_to, not with {given[0]}")
+            raise ValueError(f"'at' has no effect with {given[0]}; use it with accelerate_to or brake_to")
         return self
 
 
-class PhaseDriver:
-    """Puts phases of one train at the end of a motion."""
+class PhaseBuilder:
+    """Conversion of phases of one train to pieces of a motion."""
 
     def __init__(self, limits: MotionLimits, consist: Consist) -> None:
         vehicles = consist.vehicles
@@ -91,30 +89,30 @@ class PhaseDriver:
         polynomials = [vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles]
         self.resistance = np.sum(np.array(polynomials), axis=0)
 
-    def drive(self, motion: Motion, phases: tuple[Phase, ...]) -> None:
-        """Put the phases at the end of the motion.
+    def append_phases(self, motion: Motion, phases: tuple[Phase, ...]) -> None:
+        """Append the phases to the motion.
 
         Raises
         ------
         ValueError
-            With the number of the phase that cannot be driven, and why.
+            If a phase is not possible; the message has its number.
         """
         for number, phase in enumerate(phases):
-            self._numbered(motion, phase, number)
+            try:
+                self._append(motion, phase)
+            except ValueError as error:
+                raise ValueError(f"phase {number}: {error}") from None
 
-    def _numbered(self, motion: Motion, phase: Phase, number: int) -> None:
-        try:
-            self._drive(motion, phase)
-        except ValueError as error:
-            raise ValueError(f"phase {number}: {error}") from None
-
-    def _drive(self, motion: Motion, phase: Phase) -> None:
+    def _append(self, motion: Motion, phase: Phase) -> None:
         motion.settle(phase.jerk or self.limits.jerk)
         if phase.cruise_for is not None:
             motion.hold(phase.cruise_for)
         elif phase.cruise_until is not None:
             if phase.cruise_until < motion.time - 1e-9:
-                raise ValueError(f"cruise_until = {phase.cruise_until:g} s, but it is already {motion.time:.2f} s")
+                raise ValueError(
+                    f"cruise_until = {phase.cruise_until:g} s is before the begin of the phase at {motion.time:.2f} s; "
+                    "increase it"
+                )
             motion.hold(phase.cruise_until - motion.time)
         elif phase.cruise_to is not None:
             self._cruise_to(motion, phase.cruise_to, "cruise_to")
@@ -131,13 +129,13 @@ class PhaseDriver:
             self._change(motion, phase, phase.brake_to, phase.at)
 
     def _cruise_to(self, motion: Motion, place: float, name: str, reserve: float = 0.0) -> None:
-        way = place - self.half - reserve - motion.position
-        if abs(way) < 1e-9:
+        distance = place - self.half - reserve - motion.position
+        if abs(distance) < 1e-9:
             return
-        if way * motion.velocity <= 0:
+        if distance * motion.velocity <= 0:
             front = (motion.position + self.half + reserve) / 1000
-            raise ValueError(f"{name} = km {place / 1000:.3f} cannot be kept: the earliest is km {front:.3f}")
-        motion.hold(way / motion.velocity)
+            raise ValueError(f"{name} = km {place / 1000:.3f} cannot be reached; the earliest place is km {front:.3f}")
+        motion.hold(distance / motion.velocity)
 
     def _change(self, motion: Motion, phase: Phase, target: float, place: float | None) -> None:
         pieces = self._pieces(motion.velocity, target, phase)
@@ -146,7 +144,7 @@ class PhaseDriver:
             trial.add(pieces)
             self._cruise_to(motion, place, "stop_at" if phase.stop_at is not None else "at", trial.position)
         motion.add(pieces)
-        motion.set_velocity(target)
+        motion.velocity = target  # without the rounding errors of the pieces
         if place is not None:
             motion.position = place - self.half
         motion.acceleration = 0.0
@@ -178,8 +176,3 @@ class PhaseDriver:
             return result
 
         return limit
-
-
-def drive(motion: Motion, phases: tuple[Phase, ...], limits: MotionLimits, consist: Consist) -> None:
-    """Put phases at the end of a motion; see :class:`PhaseDriver`."""
-    PhaseDriver(limits, consist).drive(motion, phases)

@@ -1,4 +1,4 @@
-"""The operational speed profile: the reference over time, read at any stamp; how it is read is in ``knots.py``."""
+"""Operational speed profile: the reference over time, evaluated at any stamp (interpolation in ``knots.py``)."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
+from train_ato.messages.types import Array
 from train_ato.profile.knots import (
     STEP_ACCELERATION,
     check_columns,
@@ -16,26 +17,25 @@ from train_ato.profile.knots import (
     mean_jerk,
     padded,
     read_between,
-    seconds,
+    stamps_to_seconds,
     whole_nanoseconds,
 )
-from train_ato.types import Array
 
 __all__ = ["Profile"]
 
 TAIL = 1024
-"""Holding knots stored beyond the end, so that a preview that reaches past it is still a slice."""
+"""Number of knots at rest stored after the end, so that a preview beyond the end is a slice."""
 
 
 class Profile:
     """Reference of vehicle 0's centre over time.
 
-    Before its start it holds the first position at rest, beyond its end the last one: v = a = 0.
+    Before its start the profile is at rest at the first position, after its end at rest at the last one.
 
     Parameters
     ----------
     time : array_like, shape (n,)
-        Times of the knots from the run's start [s], evenly spaced, n >= 2; taken to the nanosecond.
+        Times of the knots from the start of the run [s], evenly spaced, n >= 2; rounded to the nanosecond.
     position, velocity, acceleration : array_like, shape (n,)
         m, m/s, m/s².
 
@@ -54,7 +54,7 @@ class Profile:
         check_columns(columns)
         self.start_ns, self.period_ns = even_grid(columns[0])
         count = columns[0].size
-        columns[0] = seconds(self.start_ns + self.period_ns * np.arange(count))
+        columns[0] = stamps_to_seconds(self.start_ns + self.period_ns * np.arange(count))
         for column in columns:
             column.flags.writeable = False
         self.time, self.position, self.velocity, self.acceleration = columns
@@ -64,9 +64,9 @@ class Profile:
 
     @classmethod
     def uniform(cls, start: float, period: float, position: Array, velocity: Array, acceleration: Array) -> Profile:
-        """Return the profile with knots every ``period`` seconds from ``start`` on."""
+        """Return the profile with knots every ``period`` stamps_to_seconds from ``start`` on."""
         count = np.asarray(position).size
-        time = seconds(round(start * 1e9) + round(period * 1e9) * np.arange(count))
+        time = stamps_to_seconds(round(start * 1e9) + round(period * 1e9) * np.arange(count))
         return cls(time, position, velocity, acceleration)
 
     @property
@@ -86,15 +86,15 @@ class Profile:
 
     @property
     def ends_rolling(self) -> bool:
-        """Whether the last knot still moves (more than 1 mm/s): the reference then drops to rest beyond it."""
+        """True if the last knot is faster than 1 mm/s: the reference then steps to rest after it."""
         return bool(abs(self._v[-1]) > 1e-3)
 
     def at(self, t: float) -> tuple[float, float, float, float]:
-        """Return position [m], speed [m/s], acceleration [m/s²] and jerk [m/s³] at a time [s] from the run's start."""
+        """Return position [m], speed [m/s], acceleration [m/s²] and jerk [m/s³] at a time [s]."""
         return self.at_stamp(round(t * 1e9))
 
     def at_stamp(self, stamp: int) -> tuple[float, float, float, float]:
-        """Return the same at an integer stamp [ns]; at a knot these are the knot's own numbers, bit for bit."""
+        """Return the same at an integer stamp [ns]; at a knot equal to the knot bit for bit."""
         index, rest = divmod(stamp - self.start_ns, self.period_ns)
         last = len(self._x) - 1
         if index < 0:
@@ -120,12 +120,12 @@ class Profile:
     def window(self, t: float, count: int, period: float) -> tuple[Array, Array, Array]:
         """Return positions, speeds and accelerations at ``t + k period``, k = 0 ... count - 1.
 
-        Where ``t`` is a knot and ``period`` a multiple of the knots' period the arrays are read-only views.
+        If ``t`` is a knot and ``period`` a multiple of the knots' period, the arrays are read-only views.
 
         Returns
         -------
         position, velocity, acceleration : Array, shape (count,)
-            m, m/s, m/s²; equal bit for bit to what :meth:`at` returns.
+            m, m/s, m/s²; equal bit for bit to :meth:`at`.
         """
         stamp, period_ns = round(t * 1e9), round(period * 1e9)
         first, rest = divmod(stamp - self.start_ns, self.period_ns)
@@ -140,12 +140,12 @@ class Profile:
         return self._pads[0][part], self._pads[1][part], self._pads[2][part]
 
     def _evaluate(self, stamps: NDArray[np.int64]) -> tuple[Array, Array, Array]:
-        """Read many stamps [ns] at once."""
+        """Return position, speed and acceleration at many stamps [ns]."""
         knots = (self.position, self.velocity, self.acceleration)
         return read_between(knots, stamps - self.start_ns, self.period_ns)
 
-    def resampled(self, period: float, start: float | None = None) -> Profile:
-        """Return the profile with knots at another period [s]; the last one lies at or just beyond the end.
+    def resampled(self, period: float) -> Profile:
+        """Return the profile with knots at another period [s]; the last one is at or just after the end.
 
         Raises
         ------
@@ -153,43 +153,44 @@ class Profile:
             If the period is not a positive number of whole nanoseconds.
         """
         period_ns = whole_nanoseconds(period, "the period of a profile")
-        start_ns = self.start_ns if start is None else round(start * 1e9)
-        if (period_ns, start_ns) == (self.period_ns, self.start_ns):
+        if period_ns == self.period_ns:
             return self
         last_ns = self.start_ns + self.period_ns * (len(self._x) - 1)
-        count = knot_count(max(2, -((start_ns - last_ns) // period_ns) + 1))
-        stamps = start_ns + period_ns * np.arange(count)
+        count = knot_count(max(2, -((self.start_ns - last_ns) // period_ns) + 1))
+        stamps = self.start_ns + period_ns * np.arange(count)
         x, v, a = self._evaluate(stamps)
         if stamps[-1] > last_ns and self.ends_rolling:
             stamps, x, v, a = stamps[:-1], x[:-1], v[:-1], a[:-1]
-        return Profile(seconds(stamps), x, v, a)
+        return Profile(stamps_to_seconds(stamps), x, v, a)
 
     def shifted(self, distance: float) -> Profile:
-        """Return the profile moved along the line by so many metres."""
+        """Return the profile moved along the line by a distance [m]."""
         return Profile(self.time, self.position + distance, self.velocity, self.acceleration)
 
     def until(self, t: float) -> Profile:
-        """Return the part up to a time [s], which must leave at least two knots."""
+        """Return the part up to a time [s], at least two knots."""
         count = max(2, min(len(self._x), (round(t * 1e9) - self.start_ns) // self.period_ns + 1))
         return Profile(self.time[:count], self.position[:count], self.velocity[:count], self.acceleration[:count])
 
     def followed_by(self, other: Profile) -> Profile:
-        """Return this profile up to the start of another, then the other.
+        """Return this profile up to the start of another one, followed by the other one.
 
         Raises
         ------
         ValueError
-            If the knots of the two do not fall together.
+            If the knots of both do not coincide.
         """
         ahead, rest = divmod(other.start_ns - self.start_ns, self.period_ns)
         if other.period_ns != self.period_ns or rest or ahead < 0:
-            raise ValueError("two profiles can only be joined when their knots fall together")
+            raise ValueError(
+                "the knots of two profiles do not coincide; resample one of them to the period of the other"
+            )
         pads = padded(self.position, self.velocity, self.acceleration, max(0, ahead - len(self._x)) + 1)
         parts = [
             np.concatenate((before[:ahead], after))
             for before, after in zip(pads, (other.position, other.velocity, other.acceleration), strict=True)
         ]
-        time = seconds(self.start_ns + self.period_ns * np.arange(parts[0].size))
+        time = stamps_to_seconds(self.start_ns + self.period_ns * np.arange(parts[0].size))
         return Profile(time, *parts)
 
     def jerk(self) -> Array:
@@ -197,7 +198,7 @@ class Profile:
         return np.array(self._j)
 
     def fingerprint(self) -> str:
-        """Return a SHA-256 over the knots' bits: equal profiles and only these have the same."""
+        """Return the SHA-256 of the knots' bits; equal for equal profiles only."""
         digest = hashlib.sha256(f"{self.start_ns} {self.period_ns}".encode())
         for column in (self.position, self.velocity, self.acceleration):
             digest.update(column.astype("<f8").tobytes())

@@ -1,146 +1,155 @@
-"""What was changed while a run went on: the law and its parameters, and what was done to the train.
+"""Changes during a run, read from its diagnostics: control law, law parameters and interventions on the train.
 
-A change takes effect at a step and stands under that step's stamp in the diagnostics of its node, as JSON: laws and
-parameters under ``changed`` of the controller, interventions under theirs of the plant.  So the log alone says what
-was done when, whether a scenario had planned it or somebody did it from outside, and the run can be driven again.
+A change takes effect at a step.  The diagnostics of the node contain it under the stamp of that step, as JSON: laws and
+parameters under ``changed`` of the controller, interventions under ``interventions`` of the plant.  The log therefore
+contains every change, planned by the scenario or requested from outside, and the run can be repeated from it.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from train_ato import interventions
-from train_ato.interventions import Intervention, due_stamp, planned_for
-from train_ato.scenario import Scenario, Swap
-from train_ato.types import Diagnostic
+from train_ato.messages.types import Diagnostic
+from train_ato.scenario import interventions
+from train_ato.scenario.interventions import Intervention, due_stamp, planned_for
+from train_ato.scenario.scenario import ControllerChange, Scenario
 
 KEY = "changed"
-"""Key of the controller's diagnostics under which the changes of one step stand."""
+"""Key of the controller's diagnostics that contains the changes of one step."""
 LAW = "controller"
-"""Name of the parameter that chooses the law; every other one is ``law.parameter``."""
+"""Name of the parameter that selects the law; every other name is ``law.parameter``."""
 SECOND = 1_000_000_000
 
 Changes = dict[str, Any]
 """New values by parameter name, in the order in which they were set."""
 
 
-def as_text(changes: Mapping[str, Any]) -> str:
-    """Return the changes of one step as they stand in the diagnostics."""
+def changes_to_json(changes: Mapping[str, Any]) -> str:
+    """Return the changes of one step as JSON text for the diagnostics."""
     return json.dumps(changes)
 
 
-def from_text(text: str) -> Changes:
-    """Return the changes of one step that the diagnostics hold.
+def changes_from_json(text: str) -> Changes:
+    """Return the changes of one step from the JSON text of the diagnostics.
 
     Raises
     ------
     ValueError
-        If the text is not theirs.
+        If the text was not written by :func:`changes_to_json`.
     """
     try:
         found = json.loads(text)
     except ValueError:
         found = None
     if not isinstance(found, dict) or not all(isinstance(value, (bool, int, float, str)) for value in found.values()):
-        raise ValueError(f"{KEY} '{text[:60]}': not written by this version")
+        raise ValueError(f"{KEY} '{text[:60]}': not written by this version; open the run with its own version")
     return found
 
 
-def stamp_of(swap: Swap) -> int:
-    """Return the stamp from which a planned swap is due [ns]."""
-    return round(swap.at * SECOND)
+def requested_stamp(change: ControllerChange) -> int:
+    """Return the stamp from which a planned change is due [ns]."""
+    return round(change.at * SECOND)
 
 
-def changes_of(swap: Swap) -> Changes:
-    """Return what a planned swap sets: parameters first, so that the law begins with them."""
+def values_of(change: ControllerChange) -> Changes:
+    """Return the values of a planned change: parameters first, so that a new law starts with them."""
     values: Changes = {}
-    for law, block in swap.controllers.items():
+    for law, block in change.controllers.items():
         values |= {f"{law}.{name}": value for name, value in block.items()}
-    return values if swap.controller is None else {**values, LAW: swap.controller}
+    return values if change.controller is None else {**values, LAW: change.controller}
 
 
-def swap_of(stamp: int, changes: Mapping[str, Any]) -> Swap:
-    """Return the swap that does at ``stamp`` [ns] what was done then."""
+def change_at(stamp: int, values: Mapping[str, Any]) -> ControllerChange:
+    """Return the planned change that sets the values at ``stamp`` [ns]."""
     blocks: dict[str, dict[str, Any]] = {}
-    for name, value in changes.items():
-        law, _, parameter = name.partition(".")
-        if parameter:
+    for name, value in values.items():
+        law, _, parameter = name.rpartition(".")
+        if law:
             blocks.setdefault(law, {})[parameter] = value
-    return Swap(at=stamp / SECOND, controller=changes.get(LAW), controllers=blocks)
+    return ControllerChange(at=stamp / SECOND, controller=values.get(LAW), controllers=blocks)
 
 
-def effective(swap: Swap, tick_ns: int) -> int:
-    """Return the stamp of the step at which a planned swap takes effect [ns]."""
-    return -(-stamp_of(swap) // tick_ns) * tick_ns
+def effective_stamp(change: ControllerChange, tick_ns: int) -> int:
+    """Return the stamp of the step at which a planned change takes effect [ns]."""
+    return -(-requested_stamp(change) // tick_ns) * tick_ns
 
 
 @dataclass
-class Told:
-    """The changes that the messages of a run tell of.
+class RunChanges:
+    """Changes of laws and parameters and interventions during a run, from the diagnostics.
 
     Attributes
     ----------
     laws : list of (int, dict)
-        Stamp [ns] and new values of every step that began to use another law or parameter.
+        Stamp [ns] and new values of every step with a change of law or parameters.
     done : list of (int, Intervention)
-        Stamp [ns] and what was done to the train from it on.
+        Stamp [ns] and the intervention that starts there.
     """
 
     laws: list[tuple[int, Changes]] = field(default_factory=list)
     done: list[tuple[int, Intervention]] = field(default_factory=list)
 
+    @classmethod
+    def of(cls, reports: Iterable[Diagnostic]) -> RunChanges:
+        """Return the changes in the diagnostics of a run."""
+        found = cls()
+        for message in reports:
+            found.take(message)
+        return found
+
     def take(self, message: Diagnostic) -> None:
-        """Take what a node's diagnostics tell."""
+        """Add the changes in one diagnostics message."""
         if message.node == "controller" and KEY in message.values:
-            self.laws.append((message.stamp, from_text(message.values[KEY])))
+            self.laws.append((message.stamp, changes_from_json(message.values[KEY])))
         elif message.node == "plant" and interventions.KEY in message.values:
-            entries = interventions.from_text(message.values[interventions.KEY])
+            entries = interventions.interventions_from_json(message.values[interventions.KEY])
             self.done += [(message.stamp, entry) for entry in entries]
 
     def rows(self, scenario: Scenario) -> list[dict[str, Any]]:
-        """Return the changes as ``summary.json`` lists them: when, what, and whether the scenario had planned it."""
+        """Return the rows ``changes`` of ``summary.json``: time [s], name, value, planned by the scenario or not."""
         tick_ns = _tick(scenario)
         listed = []
         for stamp, changes in self.laws:
             planned: Changes = {}
-            for swap in scenario.swaps:
-                planned |= changes_of(swap) if effective(swap, tick_ns) == stamp else {}
+            for change in scenario.controller_changes:
+                planned |= values_of(change) if effective_stamp(change, tick_ns) == stamp else {}
             for name, value in changes.items():
-                foreseen = name in planned and planned[name] == value
-                listed.append({"at_s": stamp / SECOND, "name": name, "value": value, "planned": foreseen})
-        for stamp, entry, foreseen in self._matched(scenario)[0]:
+                in_scenario = name in planned and planned[name] == value
+                listed.append({"at_s": stamp / SECOND, "name": name, "value": value, "planned": in_scenario})
+        for stamp, entry, in_scenario in self._matched(scenario)[0]:
             values = entry.model_dump(exclude={"at", "do"})
-            listed.append({"at_s": stamp / SECOND, "name": entry.do, "value": values, "planned": foreseen})
+            listed.append({"at_s": stamp / SECOND, "name": entry.do, "value": values, "planned": in_scenario})
         return sorted(listed, key=lambda row: float(row["at_s"]))
 
     def listed(self) -> list[dict[str, Any]]:
-        """Return the changes without saying which were planned: when, what."""
-        told = [(stamp, name, value) for stamp, changes in self.laws for name, value in changes.items()]
-        told += [(stamp, entry.do, entry.model_dump(exclude={"at", "do"})) for stamp, entry in self.done]
-        told.sort(key=lambda entry: entry[0])
-        return [{"at_s": stamp / SECOND, "name": name, "value": value} for stamp, name, value in told]
+        """Return the rows without ``planned``, for a log without its scenario: time, name, value."""
+        rows = [(stamp, name, value) for stamp, changes in self.laws for name, value in changes.items()]
+        rows += [(stamp, entry.do, entry.model_dump(exclude={"at", "do"})) for stamp, entry in self.done]
+        rows.sort(key=lambda row: row[0])
+        return [{"at_s": stamp / SECOND, "name": name, "value": value} for stamp, name, value in rows]
 
     def driven(self, scenario: Scenario) -> Scenario:
-        """Return the scenario that drives the run again: it plans what took effect, at the same steps.
+        """Return the scenario that repeats the run: every change that took effect is planned at the same step.
 
-        What ``scenario``, as the run was started, has planned for steps that the run did not reach stays planned.
+        Changes that ``scenario`` planned for steps that the run did not reach stay planned.
         """
-        swaps = [swap_of(stamp, changes) for stamp, changes in self.laws]
-        reached = {stamp_of(swap) for swap in swaps}
-        swaps += [swap for swap in scenario.swaps if effective(swap, _tick(scenario)) not in reached]
+        tick_ns = _tick(scenario)
+        changes = [change_at(stamp, values) for stamp, values in self.laws]
+        reached = {requested_stamp(change) for change in changes}
+        changes += [change for change in scenario.controller_changes if effective_stamp(change, tick_ns) not in reached]
         done, ahead = self._matched(scenario)
         acts = [*(planned_for(stamp, entry) for stamp, entry, _ in done), *ahead]
         update = {
-            "swaps": tuple(sorted(swaps, key=lambda swap: swap.at)),
+            "controller_changes": tuple(sorted(changes, key=lambda change: change.at)),
             "interventions": tuple(sorted(acts, key=lambda act: act.at or 0.0)),
         }
         return scenario.model_copy(update=update)
 
     def _matched(self, scenario: Scenario) -> tuple[list[tuple[int, Intervention, bool]], list[Intervention]]:
-        """Return what was done, each with whether it was planned, and what is planned and was not done."""
+        """Return the interventions (stamp, entry, planned or not), and the planned ones that did not take place."""
         ahead, matched = list(scenario.interventions), []
         tick_ns = _tick(scenario)
         for stamp, entry in self.done:

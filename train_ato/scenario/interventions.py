@@ -1,8 +1,8 @@
-"""What is done to the train from outside while it runs, as data: gusts, jumps of the delay, the emergency brake.
+"""Interventions on the train during a run: gust, delay jump, emergency brake.
 
-A scenario may plan them; the rest is asked of the node ``plant`` while it runs.  Each takes effect at a tick and
-stands under that tick's stamp in the plant's diagnostics, key ``interventions``, as JSON: the log says what was done,
-and the same run can be driven again.
+A scenario plans them, or a service call of the node ``plant`` requests them during the run.  Each takes effect at a
+tick; the plant's diagnostics of that tick contain it as JSON under the key ``interventions``.  The run can therefore be
+repeated from its log.
 """
 
 from __future__ import annotations
@@ -14,84 +14,85 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter, ValidationError
 
 from plant_sim.units import Acceleration, SiModel, Time
-from train_ato.links import LONGEST_DELAY
+from train_ato.messages.links import MAX_DELAY
 
 KEY = "interventions"
-"""Key of the plant's diagnostics under which those of one tick stand."""
-STRONGEST_GUST = 1.0
-LONGEST_GUST = 3600.0
+"""Key of the plant's diagnostics that contains the interventions of one tick."""
+MAX_GUST = 1.0
+MAX_GUST_DURATION = 3600.0
 SECOND = 1_000_000_000
 
 
-class _Done(SiModel):
-    """What all kinds share."""
+class _TimedIntervention(SiModel):
+    """Base of every intervention: its planned time."""
 
-    at: Time | None = Field(None, ge=0, description="when it is planned; none: as soon as it is asked for")
+    at: Time | None = Field(None, ge=0, description="planned time; null: at the next tick after the request")
 
     def described(self) -> str:
-        """Return it as a person reads it."""
+        """Return a readable description with its values."""
         values = self.model_dump(exclude={"do", "at"})
         return f"{self.model_dump()['do']}: " + ", ".join(f"{name} {value:g}" for name, value in values.items())
 
 
-class GustNow(_Done):
-    """A gust on every vehicle: an acceleration that rises, stays and falls."""
+class GustNow(_TimedIntervention):
+    """A gust on every vehicle: an acceleration with a rising ramp, a constant part and a falling ramp."""
 
     do: Literal["gust"] = "gust"
-    acceleration: Acceleration = Field(ge=-STRONGEST_GUST, le=STRONGEST_GUST, description="< 0 against the line")
-    duration: Time = Field(gt=0, le=LONGEST_GUST, description="ramps included")
-    ramp: Time = Field(1.0, ge=0, le=LONGEST_GUST, description="time of rise and of fall")
+    acceleration: Acceleration = Field(ge=-MAX_GUST, le=MAX_GUST, description="< 0: headwind")
+    duration: Time = Field(gt=0, le=MAX_GUST_DURATION, description="duration with both ramps")
+    ramp: Time = Field(1.0, ge=0, le=MAX_GUST_DURATION, description="duration of each ramp")
 
 
-class DelayJumpNow(_Done):
-    """Other delays of commands from then on, on top of earlier changes: multiplied, then longer by ``add``."""
+class DelayJumpNow(_TimedIntervention):
+    """Change of the command delays: delay x product of all factors + sum of all ``add`` of the changes so far."""
 
     do: Literal["delay_jump"] = "delay_jump"
     factor: float = Field(1.0, ge=0, le=1000)
-    add: Time = Field(0.0, ge=-LONGEST_DELAY, le=LONGEST_DELAY)
+    add: Time = Field(0.0, ge=-MAX_DELAY, le=MAX_DELAY)
 
 
-class EmergencyBrakeNow(_Done):
-    """The emergency brake from then on: applied, or released (at standstill only)."""
+class EmergencyBrakeNow(_TimedIntervention):
+    """The emergency brake: applied, or released (at standstill only)."""
 
     do: Literal["emergency_brake"] = "emergency_brake"
     applied: bool = True
 
     def described(self) -> str:
-        """Return it as a person reads it."""
+        """Return a readable description with its values."""
         return "emergency brake applied" if self.applied else "emergency brake released"
 
 
 Intervention = Annotated[GustNow | DelayJumpNow | EmergencyBrakeNow, Field(discriminator="do")]
-_MANY: TypeAdapter[list[Intervention]] = TypeAdapter(list[Intervention])
+_LIST: TypeAdapter[list[Intervention]] = TypeAdapter(list[Intervention])
 
 
-def as_text(interventions: Iterable[Intervention]) -> str:
-    """Return interventions of one tick as they stand in the diagnostics."""
+def interventions_to_json(interventions: Iterable[Intervention]) -> str:
+    """Return the interventions of one tick as JSON text for the diagnostics."""
     return json.dumps([entry.model_dump(exclude={"at"}) for entry in interventions])
 
 
-def from_text(text: str) -> list[Intervention]:
-    """Return the interventions of one tick that the diagnostics hold.
+def interventions_from_json(text: str) -> list[Intervention]:
+    """Return the interventions of one tick from the JSON text of the diagnostics.
 
     Raises
     ------
     ValueError
-        If the text is not theirs.
+        If the text was not written by :func:`interventions_to_json`.
     """
     try:
-        return _MANY.validate_json(text)
+        return _LIST.validate_json(text)
     except ValidationError:
-        raise ValueError(f"{KEY} '{text[:60]}': not written by this version") from None
+        problem = "not written by this version; open the run with its own version"
+        raise ValueError(f"{KEY} '{text[:60]}': {problem}") from None
 
 
-def made(kind: type[Any], **values: Any) -> Any:
-    """Return an intervention of a kind.
+def make_intervention(kind: type[Any], **values: Any) -> Any:
+    """Return an intervention of a kind with checked values.
 
     Raises
     ------
     ValueError
-        One line that names the first value that is out of range.
+        If a value is out of range; one line with its name.
     """
     try:
         return kind(**values)
@@ -102,11 +103,11 @@ def made(kind: type[Any], **values: Any) -> Any:
 
 
 def due_stamp(intervention: Intervention, tick_ns: int) -> int:
-    """Return the stamp of the tick from which a planned intervention acts [ns]."""
+    """Return the stamp of the tick at which a planned intervention takes effect [ns]."""
     at = round((intervention.at or 0.0) * SECOND)
     return -(-at // tick_ns) * tick_ns
 
 
 def planned_for(stamp: int, intervention: Intervention) -> Intervention:
-    """Return what was done at a stamp [ns] as a scenario plans it."""
+    """Return an intervention with a stamp [ns] as its planned time."""
     return intervention.model_copy(update={"at": stamp / SECOND})

@@ -1,46 +1,46 @@
-"""Scenario files: one YAML says all of a run; overlays make the variants.
+"""Scenario files: one YAML file defines a run, its variants are overlays.
 
-``load("daqin_heavy_haul:ideal+disturbed")`` reads the shipped file, lays the variants over it one after the other,
-applies ``--set`` and checks everything before anything starts.  Bad input raises :class:`ValueError` with one line
-that names the file, the key, the value and the remedy.
+``load_scenario("daqin_heavy_haul:ideal+disturbed")`` reads the shipped file, applies the overlays of the variants in
+this order and the assignments of ``--set``, and validates the result before the run starts.  Bad input raises
+:class:`ValueError` with one line: file, key, value, problem; fix.
 """
 
 from __future__ import annotations
 
-import copy
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
 from pydantic import Field, ValidationError, model_validator
 
 from plant_sim.consist import Consist
 from plant_sim.input_error import close_match, explain
-from plant_sim.library import StrictLoader, read_yaml
+from plant_sim.library import read_yaml
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.units import Length, SiModel, Time
-from train_ato.brake.policy import BrakeSpec
-from train_ato.interventions import Intervention
-from train_ato.links import LinkSpec
-from train_ato.plan.settings import ReplanSpec
-from train_ato.profile.spec import ProfileSpec
+from train_ato.control.air_brake.policy import BrakeSpec
+from train_ato.messages.links import LinkSpec
+from train_ato.profile.planner.settings import ReplanSpec
+from train_ato.scenario.former_names import replace_former_keys
+from train_ato.scenario.interventions import Intervention
+from train_ato.scenario.overlays import assign, overlay
+from train_ato.scenario.profile_spec import ProfileSpec
 
 SCHEMA = "train_ato/scenario/1"
 LARGEST_FILE = 64 * 2**20
-"""Scenario files beyond this many bytes are refused."""
+"""Maximum size of a scenario file [bytes]."""
 
 
 class PlantBlock(PlantSetup):
-    """The train that is driven: data files and everything that makes it differ from the model."""
+    """The simulated train: data files and differences from the model."""
 
     consist: str | Consist = Field(description="name of a shipped consist, a file, or the consist itself")
     line: str | Line = Field(description="name of a shipped line, a file, or the line itself")
 
 
 class ModelBlock(SiModel):
-    """What laws, observers and compensations believe. What is not given is taken from the plant and its links."""
+    """Nominal model of laws, observers and compensations; defaults: plant and links."""
 
     consist: str | Consist | None = None
     line: str | Line | None = None
@@ -50,7 +50,7 @@ class ModelBlock(SiModel):
 
 
 class Links(SiModel):
-    """Delays on topics; only the command is delayed unless the scenario says otherwise."""
+    """Delays of topics."""
 
     command: LinkSpec = LinkSpec()
     brake_pipe: LinkSpec = LinkSpec()
@@ -62,29 +62,29 @@ class Links(SiModel):
 Parameters = dict[str, dict[str, float | int | bool | str]]
 
 
-class Swap(SiModel):
-    """Change of the law, or of parameters of laws, while the train runs."""
+class ControllerChange(SiModel):
+    """Change of the control law or of law parameters during the run."""
 
     at: Time = Field(ge=0)
-    controller: str | None = Field(None, description="law in charge from then on; default: the one that is")
-    controllers: Parameters = Field(default_factory=dict, description="parameters of laws from then on")
+    controller: str | None = Field(None, description="law from this time on; default: no change")
+    controllers: Parameters = Field(default_factory=dict, description="law parameters from this time on")
 
     @model_validator(mode="after")
-    def _changes_something(self) -> Swap:
+    def _changes_something(self) -> ControllerChange:
         if self.controller is None and not any(self.controllers.values()):
-            raise ValueError(f"swap at {self.at} s changes nothing; give controller or controllers")
+            raise ValueError(f"controller change at {self.at} s has no effect; give controller or controllers")
         return self
 
 
-class Score(SiModel):
-    """Part of the run over which the tracking figures are taken."""
+class Evaluation(SiModel):
+    """Part of the run used for the tracking metrics."""
 
     until: Length | None = Field(None, description="position of vehicle 0's centre at which it ends")
     until_time: Time | None = Field(None, gt=0)
 
 
 class Scenario(SiModel):
-    """A whole run."""
+    """Definition of a run."""
 
     schema_: Literal["train_ato/scenario/1"] = Field(alias="schema")
     name: str = Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.:+-]{0,99}$", description="letters, digits, _ . : + -")
@@ -92,14 +92,18 @@ class Scenario(SiModel):
     source: str = ""
     duration: Time = Field(gt=0, le=86_400)
     tick: Time = Field(0.1, ge=1e-6, le=10)
-    step: Time = Field(0.005, ge=1e-6, le=0.05, description="of the plant; 5 ms is converged, see plant_sim/kernel.py")
-    control_period: Time | None = Field(None, ge=1e-6, le=100, description="of the law, in ticks; default: one")
+    step: Time = Field(
+        0.005, ge=1e-6, le=0.05, description="step of the plant; 5 ms suits all draft gears, 10 ms linear, clip"
+    )
+    control_period: Time | None = Field(
+        None, ge=1e-6, le=100, description="period of the law, a multiple of tick; default: tick"
+    )
     seed: int = Field(1, ge=0, lt=2**64)
     plant: PlantBlock
     model: ModelBlock = ModelBlock()
     links: Links = Links()
     profile: ProfileSpec
-    replan: ReplanSpec | None = Field(None, description="plan the rest again when force falls short; default: never")
+    replan: ReplanSpec | None = Field(None, description="re-planning after a force shortfall; default: none")
     observer: str = "none"
     controller: str = "pid"
     compensation: str = "none"
@@ -107,12 +111,14 @@ class Scenario(SiModel):
     controllers: Parameters = Field(default_factory=dict)
     compensations: Parameters = Field(default_factory=dict)
     hold_limit: Time = Field(
-        1.0, gt=0, le=3600, description="longest time for which the last command is repeated for want of a usable one"
+        1.0, gt=0, le=3600, description="maximum time of repeating the last command without a valid new one"
     )
     brake: BrakeSpec = BrakeSpec()
-    swaps: tuple[Swap, ...] = ()
-    interventions: tuple[Intervention, ...] = Field((), description="what is done to the train while it runs")
-    score: Score = Score()
+    controller_changes: tuple[ControllerChange, ...] = ()
+    interventions: tuple[Intervention, ...] = Field(
+        (), description="gusts, delay jumps and emergency brake during the run"
+    )
+    evaluation: Evaluation = Evaluation()
 
     @model_validator(mode="after")
     def _grids(self) -> Scenario:
@@ -123,44 +129,33 @@ class Scenario(SiModel):
             )
         period = round((self.control_period or self.tick) * 1e9)
         if period % tick:
-            raise ValueError(f"control_period {self.control_period} s is not a multiple of tick {self.tick} s")
+            raise ValueError(
+                f"control_period {self.control_period} s is not a multiple of tick {self.tick} s; change one of them"
+            )
         if any(planned.at is None for planned in self.interventions):
-            raise ValueError("interventions: one has no 'at'; say when it is done")
+            raise ValueError("interventions: an entry has no 'at'; add its time")
         if round(self.duration * 1e9) < tick:
-            raise ValueError(f"duration {self.duration} s is shorter than one tick of {self.tick} s")
+            raise ValueError(f"duration {self.duration} s is shorter than one tick of {self.tick} s; increase it")
         return self
 
 
 def shipped_scenarios() -> dict[str, Path]:
     """Return the shipped scenario files by name."""
-    folder = Path(str(files("train_ato"))) / "scenarios"
+    folder = Path(str(files("train_ato"))) / "scenario" / "shipped"
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
 
 def _read(path: Path) -> dict[str, Any]:
     if path.is_file() and path.stat().st_size > LARGEST_FILE:
-        raise ValueError(f"{path}: larger than {LARGEST_FILE} bytes; not a scenario")
+        raise ValueError(f"{path}: larger than {LARGEST_FILE} bytes; name a scenario file")
     data = read_yaml(path)
     if not isinstance(data, dict):
-        raise ValueError(f"{path}: a scenario is a mapping of keys, this is {type(data).__name__}")
-    return data
-
-
-def overlay(base: dict[str, Any], change: dict[str, Any]) -> dict[str, Any]:
-    """Lay a change over a mapping: mappings merge, ``null`` removes a key, everything else replaces."""
-    result = dict(base)
-    for key, value in change.items():
-        if value is None:
-            result.pop(key, None)
-        elif isinstance(value, dict) and isinstance(result.get(key), dict):
-            result[key] = overlay(result[key], value)
-        else:
-            result[key] = copy.deepcopy(value)
-    return result
+        raise ValueError(f"{path}: a scenario is a mapping of keys, not {type(data).__name__}; correct the file")
+    return replace_former_keys(data, path)
 
 
 def find(name: str) -> tuple[Path, str | None]:
-    """Split ``SCENARIO[:variant[+variant...]]`` into a file and its variants.
+    """Return file and variants of ``SCENARIO[:variant[+variant...]]``.
 
     Raises
     ------
@@ -172,15 +167,15 @@ def find(name: str) -> tuple[Path, str | None]:
     if not (path.suffix in (".yaml", ".yml") or path.is_file()):
         shipped = shipped_scenarios()
         if stem not in shipped:
-            raise ValueError(f"unknown scenario '{stem}'{close_match(stem, shipped)}; `train-ato list` names all")
+            raise ValueError(f"unknown scenario '{stem}'{close_match(stem, shipped)}; see `train-ato list`")
         path = shipped[stem]
     elif not path.is_file():
-        raise ValueError(f"{path}: no such file; name a scenario file or one that `train-ato list` shows")
+        raise ValueError(f"{path}: no such file; name a scenario file or one of `train-ato list`")
     return path, variant if colon else None
 
 
 def _with_base(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Read a scenario file laid over its base, variants still inside."""
+    """Return a scenario file applied to its base, with its variants."""
     data = _read(path)
     base = data.pop("base", None)
     if base is None:
@@ -188,19 +183,19 @@ def _with_base(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     beside = path.parent / str(base)
     below, _ = find(str(beside) if beside.is_file() else str(base))
     if below in (path, *above):
-        raise ValueError(f"{path}: base: {base}: a scenario cannot be laid over itself")
+        raise ValueError(f"{path}: base: {base}: a scenario is its own base; name another base")
     return overlay(_with_base(below, (path, *above)), data)
 
 
-def raw(name: str) -> tuple[Path, dict[str, Any]]:
-    """Read a scenario with its base and variants laid over each other, unchecked."""
+def raw_scenario(name: str) -> tuple[Path, dict[str, Any]]:
+    """Return a scenario with its base and variants applied, not validated."""
     path, variant = find(name)
     data = _with_base(path)
     variants = data.pop("variants", {}) or {}
     for part in variant.split("+") if variant is not None else ():
         if part not in variants:
             known = ", ".join(sorted(variants)) or "none"
-            raise ValueError(f"{path}: no variant '{part}'{close_match(part, variants)}; it has: {known}")
+            raise ValueError(f"{path}: no variant '{part}'{close_match(part, variants)}; use one of: {known}")
         data = overlay(data, {key: value for key, value in variants[part].items() if key != "summary"})
     if variant is not None:
         data["name"] = f"{data.get('name', path.stem)}:{variant}"
@@ -208,69 +203,48 @@ def raw(name: str) -> tuple[Path, dict[str, Any]]:
 
 
 def variants_of(path: Path) -> dict[str, str]:
-    """Return the variants that a scenario file offers, with their one-line summaries."""
+    """Return the variants of a scenario file with their one-line summaries."""
     variants = _with_base(path).get("variants") or {}
     return {name: str(change.get("summary", "")) for name, change in variants.items()}
 
 
-def assign(data: dict[str, Any], text: str) -> None:
-    """Apply one ``--set a.b=value`` to a raw scenario, the value written as YAML.
+def check_scenario(data: dict[str, Any], source: str | Path) -> Scenario:
+    """Return a validated scenario.
 
     Raises
     ------
     ValueError
-        If the text is no assignment or the key runs through something that is no mapping.
-    """
-    key, equals, value = text.partition("=")
-    if not equals or not key:
-        raise ValueError(f"--set {text}: write it as key.key=value, for example --set plant.lag=0.4")
-    *path, last = key.split(".")
-    target = data
-    for part in path:
-        target = target.setdefault(part, {})
-        if not isinstance(target, dict):
-            raise ValueError(f"--set {text}: '{part}' is a value, not a block of keys")
-    try:
-        target[last] = yaml.load(value, Loader=StrictLoader)
-    except yaml.YAMLError:
-        raise ValueError(f"--set {text}: '{value}' is not valid YAML") from None
-
-
-def check(data: dict[str, Any], source: str | Path) -> Scenario:
-    """Turn a raw scenario into a checked one.
-
-    Raises
-    ------
-    ValueError
-        One line: file, key, value, remedy.
+        One line: file, key, value, problem; fix.
     """
     if data.get("schema") != SCHEMA:
-        raise ValueError(f"{source}: schema: {data.get('schema')!r}: this version reads '{SCHEMA}'; write that line")
+        raise ValueError(f"{source}: schema: {data.get('schema')!r}: not supported; write '{SCHEMA}'")
     try:
-        return Scenario.model_validate(data)
+        return Scenario.model_validate(replace_former_keys(data, source, quiet=True))
     except ValidationError as error:
         raise ValueError(explain(error, source, Scenario)) from None
 
 
-def load(name: str, assignments: tuple[str, ...] = (), changes: dict[str, Any] | None = None) -> tuple[Scenario, Path]:
-    """Read, overlay and check a scenario.
+def load_scenario(
+    name: str, assignments: tuple[str, ...] = (), changes: dict[str, Any] | None = None
+) -> tuple[Scenario, Path]:
+    """Return a scenario with overlays applied, validated, and its file.
 
     Parameters
     ----------
     name
-        ``SCENARIO[:variant[+variant...]]``, a shipped name or a file.
+        ``SCENARIO[:variant[+variant...]]``, shipped name or file.
     assignments
         ``a.b=value`` texts of ``--set``.
     changes
-        A last overlay, from the command line's options.
+        Last overlay, from the options of the command line.
 
     Returns
     -------
     scenario, path
-        The checked scenario and the file it came from (its folder is where relative file names start).
+        Validated scenario; its file, whose folder is the base of relative file names.
     """
-    path, data = raw(name)
+    path, data = raw_scenario(name)
     for text in assignments:
         assign(data, text)
     data = overlay(data, changes or {})
-    return check(data, path), path
+    return check_scenario(data, path), path

@@ -1,4 +1,4 @@
-"""What a column of a recorder's file may hold: quantity, unit in the name, and whose it is."""
+"""Columns of a recorder's file: quantity, unit and power unit in their names."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ from typing import Any, get_args
 
 from plant_sim.input_error import close_match
 from plant_sim.units import Force, Length, Pressure, Speed, Time, Unit
-from train_ato.frames.columns import suffix
+from train_ato.log.tables.columns import suffix
 
-__all__ = ["QUANTITIES", "TIMESTAMP", "Column", "Quantity", "column_of", "spellings"]
+__all__ = ["QUANTITIES", "TIMESTAMP", "Column", "MeasuredQuantity", "column_of", "spellings"]
 
 TIMESTAMP = "timestamp"
-"""Column of moments as date and time of day instead of seconds."""
+"""Column of date and time of day instead of seconds."""
 _MORE: dict[str, tuple[tuple[str, float], ...]] = {
     "s": (("h", 1 / 3600),),
     "m/s": (("mph", 1 / 0.44704),),
     "Pa": (("bar", 1e-5),),
 }
-"""Units that recorders use beside those of our own data files."""
+"""Units of recorders in addition to those of the data files of train_ato."""
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """One quantity that a recorder may give.
+class MeasuredQuantity:
+    """One quantity of a recorder's file.
 
     Attributes
     ----------
     units : dict
-        SI value of one unit, by the unit as it ends the column's name.
+        SI value of one unit, by the suffix of the column name.
     of_unit
-        Whether it may be given for every power unit: ``unit_1_force_kn``.
+        True if columns per power unit are permitted: ``unit_1_force_kn``.
     """
 
     name: str
@@ -41,7 +41,7 @@ class Quantity:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names under which a column gives it."""
+        """Column names of the quantity."""
         return tuple(f"{self.name}_{unit}" for unit in self.units)
 
 
@@ -51,23 +51,25 @@ def _units(kind: Any) -> dict[str, float]:
     return {suffix(unit.si)[1:]: 1.0, **{name: 1 / divisor for name, divisor in pairs}}
 
 
-QUANTITIES: tuple[Quantity, ...] = (
-    Quantity("time", _units(Time), "from any zero, rising"),
-    Quantity("speed", _units(Speed), "of the train, forward", True),
-    Quantity("position", _units(Length), "of the first vehicle's centre, along the line", True),
-    Quantity("front_position", _units(Length), "of the train's front, along the line, instead of position"),
-    Quantity("force", _units(Force), "at the wheel of all power units, > 0 traction, < 0 electric brake", True),
-    Quantity("traction_force", _units(Force), "instead of force: its traction, >= 0"),
-    Quantity("brake_force", _units(Force), "instead of force: its electric brake, >= 0"),
-    Quantity("command_force", _units(Force), "demanded of all power units, signed like force", True),
-    Quantity("reference_speed", _units(Speed), "that the driver or the ATO was to keep"),
-    Quantity("brake_pipe_pressure", _units(Pressure), "at the head, absolute: 600 kPa charged"),
+QUANTITIES: tuple[MeasuredQuantity, ...] = (
+    MeasuredQuantity("time", _units(Time), "increasing, with any zero"),
+    MeasuredQuantity("speed", _units(Speed), "of the train, forward", True),
+    MeasuredQuantity("position", _units(Length), "of the first vehicle's centre, along the line", True),
+    MeasuredQuantity(
+        "front_position", _units(Length), "of the front of the train, along the line; instead of position"
+    ),
+    MeasuredQuantity("force", _units(Force), "at the wheel of all power units, > 0 traction, < 0 electric brake", True),
+    MeasuredQuantity("traction_force", _units(Force), "instead of force: traction, >= 0"),
+    MeasuredQuantity("brake_force", _units(Force), "instead of force: electric brake, >= 0"),
+    MeasuredQuantity("command_force", _units(Force), "demand of all power units, with the sign of force", True),
+    MeasuredQuantity("reference_speed", _units(Speed), "target speed of the driver or of the ATO"),
+    MeasuredQuantity("brake_pipe_pressure", _units(Pressure), "at the head, absolute; 600 kPa when charged"),
 )
 _BY_NAME = {
     name: (quantity, unit) for quantity in QUANTITIES for name, unit in zip(quantity.names, quantity.units, strict=True)
 }
 _ALIASES = {"applied_force": "force"}
-"""Names in the tables of our own runs, and the quantity."""
+"""Quantity by its name in the tables of train_ato."""
 _UNIT = re.compile(r"^unit_(\d{1,3})_(.+)$")
 
 
@@ -84,7 +86,7 @@ class Column:
     factor
         SI value of one of its unit.
     unit
-        Number of the power unit it belongs to; None: the whole train.
+        Number of the power unit; None: the whole train.
     """
 
     title: str
@@ -94,24 +96,24 @@ class Column:
 
 
 def spellings() -> tuple[str, ...]:
-    """Return every name that a column of the whole train may have."""
+    """Return the permitted column names of the whole train."""
     return (TIMESTAMP, *_BY_NAME)
 
 
 def column_of(title: str, name: str) -> Column:
-    """Return what a column holds.
+    """Return quantity, unit and power unit of a column.
 
     Parameters
     ----------
     title
         Its name in the file.
     name
-        The name it goes under; the same unless it was renamed.
+        Its name after ``--rename``.
 
     Raises
     ------
     ValueError
-        For a name that says no quantity or no unit, with the nearest that does.
+        For a name without known quantity or unit, with the closest valid name.
     """
     if name == TIMESTAMP:
         return Column(title, TIMESTAMP, 1.0)
@@ -127,26 +129,26 @@ def column_of(title: str, name: str) -> Column:
 
 
 def _unknown(title: str, name: str, of_unit: str | None) -> str:
-    """Say what is wrong with a name, and what it may be called."""
+    """Return the message on an unknown name, with valid names."""
     if of_unit is not None:
         known = [f"{quantity.name}_{unit}" for quantity in QUANTITIES if quantity.of_unit for unit in quantity.units]
-        return f"column '{title}': a power unit has {', '.join(known)}{close_match(of_unit, known)}"
+        return f"column '{title}': not a quantity of a power unit; use {', '.join(known)}{close_match(of_unit, known)}"
     bare = next((quantity for quantity in QUANTITIES if quantity.name == name.lower()), None)
     if bare is not None:
         return (
-            f"column '{title}' names no unit; call it {' or '.join(bare.names)}, or give --rename "
+            f"column '{title}' has no unit; name it {' or '.join(bare.names)}, or give --rename "
             f"'{title}:={bare.names[0]}'"
         )
     plain = plainly(name)
     near = f"; did you mean '{plain}'?" if plain in _BY_NAME else close_match(plain, spellings())
     return (
-        f"unknown column '{title}'{near}; --rename '{title}:=NAME' gives it a name, --ignore '{title}' leaves it out "
+        f"unknown column '{title}'{near}; rename it with --rename '{title}:=NAME' or remove it with --ignore '{title}' "
         "(names: train-ato import --help)"
     )
 
 
 def plainly(name: str) -> str:
-    """Return a name as one of ours would be written: ``Speed [km/h]`` becomes ``speed_kmh``."""
+    """Return a name in the spelling of train_ato: ``Speed [km/h]`` becomes ``speed_kmh``."""
     text = (
         name.strip().lower().replace("km/h", "kmh").replace("kph", "kmh").replace("m/s²", "m_s2").replace("m/s", "m_s")
     )

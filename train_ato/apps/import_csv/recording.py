@@ -1,4 +1,4 @@
-"""A recorded speed and force history that can be true: every number looked at, what is odd named by its line."""
+"""Plausibility checks of a recorded speed and force history; errors name the line."""
 
 from __future__ import annotations
 
@@ -6,28 +6,28 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from train_ato.measured.columns import Column
-from train_ato.measured.samples import LARGEST_GAP, Rows, Samples
-from train_ato.measured.table import Table
-from train_ato.types import Array
+from train_ato.apps.import_csv.columns import Column
+from train_ato.apps.import_csv.samples import LARGEST_GAP, ColumnSamples, Rows
+from train_ato.apps.import_csv.table import CsvTable
+from train_ato.messages.types import Array
 
 __all__ = ["Measured", "measured"]
 
-BACKWARDS = 0.5 / 3.6
-"""Speeds up to this far from 0 are noise at standstill [m/s]."""
-FASTEST = 200.0
-"""Speeds beyond this are a wrong unit [m/s]."""
+STANDSTILL_NOISE = 0.5 / 3.6
+"""Magnitude of the speed noise at standstill [m/s]."""
+MAX_SPEED = 200.0
+"""Maximum speed; larger ones have a wrong unit [m/s]."""
 JUMP, JUMP_RATE = 1.5, 5.0
-"""A change of speed from row to row beyond the first [m/s] and faster than the second [m/s²] is no train's."""
-FALL = 5.0
-"""Positions may fall by this noise below the largest before [m]; by more where they are written more coarsely."""
+"""A change of speed between rows above both limits, [m/s] and [m/s²], is an error of the recorder."""
+POSITION_NOISE = 5.0
+"""Minimum tolerance of decreasing positions [m]; larger for a coarser resolution."""
 DISTANCE_SHARE, DISTANCE_LEAST = 0.2, 200.0
-"""Way of the position column and integral of the speed may differ by this share or this length [m]."""
+"""Tolerance between positions and integral of the speed: fraction, and minimum length [m]."""
 
 
 @dataclass
 class Measured:
-    """What a recorder saw; times from the first row on [s].
+    """Checked data of a recorder; times from the first row on [s].
 
     Attributes
     ----------
@@ -37,33 +37,33 @@ class Measured:
         Time of the last row.
     interval, largest_gap
         Median and largest time between rows [s].
-    speed, position, reference_speed, pressure : Samples or None
-        Of the train; the position is that of vehicle 0's centre.
-    force, command : dict of Samples
-        By the power unit, None: of all together.
-    unit_speed, unit_position : dict of Samples
-        By the power unit.
+    speed, position, reference_speed, pressure : ColumnSamples or None
+        Quantities of the train; the position is that of vehicle 0.
+    force, command : dict of ColumnSamples
+        By power unit; None: sum of all.
+    unit_speed, unit_position : dict of ColumnSamples
+        By power unit.
     notes : list of str
-        What was put right, in one line each.
+        Corrections, one line each.
     """
 
-    table: Table
+    table: CsvTable
     end: float
     interval: float
     largest_gap: float
-    speed: Samples
-    position: Samples | None = None
-    reference_speed: Samples | None = None
-    pressure: Samples | None = None
-    force: dict[int | None, Samples] = field(default_factory=dict)
-    command: dict[int | None, Samples] = field(default_factory=dict)
-    unit_speed: dict[int, Samples] = field(default_factory=dict)
-    unit_position: dict[int, Samples] = field(default_factory=dict)
+    speed: ColumnSamples
+    position: ColumnSamples | None = None
+    reference_speed: ColumnSamples | None = None
+    pressure: ColumnSamples | None = None
+    force: dict[int | None, ColumnSamples] = field(default_factory=dict)
+    command: dict[int | None, ColumnSamples] = field(default_factory=dict)
+    unit_speed: dict[int, ColumnSamples] = field(default_factory=dict)
+    unit_position: dict[int, ColumnSamples] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
 
-def measured(table: Table, units: int, half: float, offsets: Array, largest_gap: float = LARGEST_GAP) -> Measured:
-    """Check what a file says and put it in order.
+def measured(table: CsvTable, units: int, half: float, offsets: Array, largest_gap: float = LARGEST_GAP) -> Measured:
+    """Check the data of a file and return them by quantity.
 
     Parameters
     ----------
@@ -72,24 +72,24 @@ def measured(table: Table, units: int, half: float, offsets: Array, largest_gap:
     units
         Number of power units of the train.
     half
-        From vehicle 0's centre to the train's front [m].
+        Distance from the centre of vehicle 0 to the front of the train [m].
     offsets
-        Distance of every power unit behind vehicle 0's centre [m], shape (units,).
+        Distance of every power unit behind the centre of vehicle 0 [m], shape (units,).
     largest_gap
-        Rows further apart are refused [s].
+        Maximum time between rows [s].
 
     Raises
     ------
     ValueError
-        One line: the file, the line, the column, what is wrong and the remedy.
+        One line: file, line, column: problem; fix.
     """
     return _Check(table, units, half, offsets, largest_gap).run()
 
 
 class _Check:
-    """One look through a file."""
+    """Checks of one file."""
 
-    def __init__(self, table: Table, units: int, half: float, offsets: Array, largest_gap: float) -> None:
+    def __init__(self, table: CsvTable, units: int, half: float, offsets: Array, largest_gap: float) -> None:
         self._table = table
         self._units = units
         self._half = half
@@ -103,7 +103,7 @@ class _Check:
         }
         speed = speeds.get(None) or speeds.get(0)
         if speed is None:
-            raise ValueError(f"{self._table.path}: no column of the speed; name one speed_kmh or speed_m_s")
+            raise ValueError(f"{self._table.path}: no speed column; name one speed_kmh or speed_m_s")
         steps = np.diff(self._rows.time)
         found = Measured(
             table=self._table,
@@ -123,7 +123,7 @@ class _Check:
         return found
 
     def _check_units(self) -> None:
-        """Refuse power units that the train does not have."""
+        """Check the numbers of the power units."""
         for column in self._table.columns.values():
             if column.unit is not None and column.unit >= self._units:
                 raise ValueError(
@@ -131,54 +131,66 @@ class _Check:
                     "from 0 at the front; choose another --consist or --ignore the column"
                 )
 
-    def _speed(self, column: Column) -> Samples:
+    def _speed(self, column: Column) -> ColumnSamples:
         samples = self._rows.samples(column)
         speed = samples.values
         self._rows.refuse(
-            samples, speed < -BACKWARDS, "{} is negative; the speed counts forward, cut out the part run back"
+            samples,
+            speed < -STANDSTILL_NOISE,
+            "{} is negative; forward speed is > 0; remove the rows of backward motion",
         )
-        self._rows.refuse(
-            samples, speed > FASTEST, "{} is faster than any train; is the unit in the column's name right?"
-        )
-        if speed.max() < BACKWARDS:
-            raise ValueError(f"{self._table.path}: column '{column.title}': the train never moves; this is no run")
+        self._rows.refuse(samples, speed > MAX_SPEED, "{} is faster than any train; check the unit in the column name")
+        if speed.max() < STANDSTILL_NOISE:
+            raise ValueError(
+                f"{self._table.path}: column '{column.title}': the train does not move; give a file with motion"
+            )
         change = np.abs(np.diff(speed, prepend=speed[0]))
         rate = change / np.diff(samples.time, prepend=samples.time[0] - 1.0)
         self._rows.refuse(
             samples,
             (change > JUMP) & (rate > JUMP_RATE),
-            "{} is a jump that no train makes; correct the row or take it out",
+            "{} is an impossible jump; correct or remove the row",
         )
         return samples
 
-    def _reference(self) -> Samples | None:
+    def _reference(self) -> ColumnSamples | None:
         samples = self._rows.find("reference_speed")
         if samples is not None:
-            self._rows.refuse(samples, samples.values < 0, "{} is negative; a reference counts forward")
-            self._rows.refuse(samples, samples.values > FASTEST, "{} is faster than any train; is the unit right?")
+            self._rows.refuse(samples, samples.values < 0, "{} is negative; forward speed is > 0, correct the row")
+            self._rows.refuse(
+                samples, samples.values > MAX_SPEED, "{} is faster than any train; check the unit in the column name"
+            )
         return samples
 
-    def _pressure(self) -> Samples | None:
+    def _pressure(self) -> ColumnSamples | None:
         samples = self._rows.find("brake_pipe_pressure")
         if samples is not None:
-            self._rows.refuse(samples, samples.values < 0, "{} is negative; the pressure is absolute")
-            self._rows.refuse(samples, samples.values > 1.5e6, "{} is beyond any brake pipe's; is the unit right?")
+            self._rows.refuse(samples, samples.values < 0, "{} is negative; give the absolute pressure")
+            self._rows.refuse(
+                samples,
+                samples.values > 1.5e6,
+                "{} is above the pressure of any brake pipe; check the unit in the column name",
+            )
         return samples
 
-    def _by_unit(self, quantity: str) -> dict[int | None, Samples]:
+    def _by_unit(self, quantity: str) -> dict[int | None, ColumnSamples]:
         columns = [column for column in self._table.columns.values() if column.quantity == quantity]
         found = {column.unit: self._rows.samples(column) for column in columns}
         if None in found and len(found) > 1:
             other = next(column for column in columns if column.unit is not None)
             whole = found[None].column.title
-            raise ValueError(f"{self._table.path}: '{whole}' is of all units, '{other.title}' of one; give either")
+            raise ValueError(
+                f"{self._table.path}: '{whole}' is the sum of all power units, '{other.title}' is for one; remove one"
+            )
         missing = sorted(set(range(self._units)) - {unit for unit in found if unit is not None})
         if found and None not in found and missing:
-            raise ValueError(f"{self._table.path}: {quantity} of unit {missing[0]} is missing; give it for every unit")
+            raise ValueError(
+                f"{self._table.path}: {quantity} of unit {missing[0]} is missing; give it for every power unit"
+            )
         return found
 
-    def _forces(self) -> dict[int | None, Samples]:
-        """Return the forces at the wheel; traction and brake apart become one."""
+    def _forces(self) -> dict[int | None, ColumnSamples]:
+        """Return the forces at the wheel; separate traction and brake columns are combined."""
         whole, traction, brake = (
             self._by_unit("force"),
             self._rows.find("traction_force"),
@@ -188,26 +200,26 @@ class _Check:
         if whole and parts:
             one = next(iter(whole.values())).column.title
             raise ValueError(
-                f"{self._table.path}: '{one}' and '{parts[0].column.title}' both say the force; --ignore one"
+                f"{self._table.path}: '{one}' and '{parts[0].column.title}' are both the force; --ignore one"
             )
         for samples in parts:
-            self._rows.refuse(samples, samples.values < 0, "{} is negative; a force that has a sign is called force")
+            self._rows.refuse(samples, samples.values < 0, "{} is negative; name a signed force force_kn")
         if not parts:
             return whole
         first = parts[0]
         values = (traction.at(first.time) if traction else 0.0) - (brake.at(first.time) if brake else 0.0)
         return {None: first.moved(np.asarray(values, dtype=np.float64))}
 
-    def _unit_positions(self) -> dict[int, Samples]:
+    def _unit_positions(self) -> dict[int, ColumnSamples]:
         columns = [column for column in self._table.columns.values() if column.quantity == "position"]
         return {column.unit: self._rows.samples(column) for column in columns if column.unit is not None}
 
-    def _position(self, found: Measured) -> Samples | None:
-        """Return the place of vehicle 0's centre, whichever of the ways to say it the file has."""
+    def _position(self, found: Measured) -> ColumnSamples | None:
+        """Return the position of vehicle 0 from the position column of the file."""
         centre, front = self._rows.find("position"), self._rows.find("front_position")
         if centre is not None and front is not None:
             both = f"'{centre.column.title}' and '{front.column.title}'"
-            raise ValueError(f"{self._table.path}: {both} both say the position; --ignore one")
+            raise ValueError(f"{self._table.path}: {both} are both the position; remove one with --ignore")
         if front is not None:
             centre = front.moved(front.values - self._half)
         elif centre is None and 0 in found.unit_position:
@@ -216,19 +228,19 @@ class _Check:
         if centre is None:
             return None
         fallen = np.maximum.accumulate(centre.values) - centre.values
-        noise = max(FALL, 1.5 * self._table.resolution(centre.column))
-        self._rows.refuse(centre, fallen > noise, "{} lies behind the place that was reached; positions rise")
+        noise = max(POSITION_NOISE, 1.5 * self._table.resolution(centre.column))
+        self._rows.refuse(centre, fallen > noise, "{} is behind an earlier position; positions must increase")
         self._check_distance(centre, found.speed)
         return centre
 
-    def _check_distance(self, position: Samples, speed: Samples) -> None:
-        """Compare the way of the positions with the integral of the speed: a wrong unit shows there."""
+    def _check_distance(self, position: ColumnSamples, speed: ColumnSamples) -> None:
+        """Compare the positions with the integral of the speed, to detect wrong units."""
         steps = np.diff(speed.time)
         way = float((steps * (speed.values[1:] + speed.values[:-1]) / 2).sum())
         run = float(position.values[-1] - position.values[0])
         if abs(run - way) > max(DISTANCE_LEAST, DISTANCE_SHARE * max(run, way)):
             place, pace = position.column.title, speed.column.title
             raise ValueError(
-                f"{self._table.path}: '{place}' runs {run / 1e3:.3f} km, '{pace}' adds up to {way / 1e3:.3f} km; is a "
-                f"unit wrong? --ignore '{place}' goes by the speed alone"
+                f"{self._table.path}: '{place}' covers {run / 1e3:.3f} km, the integral of '{pace}' is {way / 1e3:.3f} "
+                f"km; check the units, or use the speed only with --ignore '{place}'"
             )

@@ -1,4 +1,4 @@
-"""A measured run in our own form: scenario, messages of every tick, summary and figure."""
+"""Conversion of a measured run to scenario, messages of every tick, and summary."""
 
 from __future__ import annotations
 
@@ -10,48 +10,48 @@ import numpy as np
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist
-from train_ato.history import History
-from train_ato.measured.recording import Measured
-from train_ato.measured.samples import Samples
-from train_ato.measured.series import Series
-from train_ato.metrics import differences, summarise
-from train_ato.outcome import Outcome
+from train_ato.apps.import_csv.recording import Measured
+from train_ato.apps.import_csv.samples import ColumnSamples
+from train_ato.apps.import_csv.series import MeasuredSeries
+from train_ato.loop.engine import Sink
+from train_ato.loop.metrics import differences, summarise
+from train_ato.loop.recording_builder import RecordingBuilder
+from train_ato.loop.result import RunResult, identity
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.loop.stage_messages import diagnostics_due
+from train_ato.loop.trajectories import limits_of, trajectory_of
+from train_ato.messages.types import Command, Diagnostic, DisturbanceEstimate, Measurement, Pipe, Reference, Tick
 from train_ato.profile.file import csv_text
 from train_ato.profile.profile import Profile
-from train_ato.roles.outgoing import due
-from train_ato.roles.trajectories import limits_of, trajectory_of
-from train_ato.run_folder import Encoder
-from train_ato.run_setup import RunSetup, prepare
-from train_ato.scenario import SCHEMA, check
-from train_ato.types import Command, Diagnostic, DisturbanceEstimate, Measurement, Pipe, Reference, Tick
+from train_ato.scenario.scenario import SCHEMA, check_scenario
 from train_ato.version import VERSION
 
-__all__ = ["MEASURED", "NOT_RECORDED", "measured_setup", "outcome_of", "write_messages"]
+__all__ = ["MEASURED", "NOT_RECORDED", "measured_result", "measured_setup", "write_messages"]
 
 LARGEST_STEP = 0.005
-"""Step of the plant where the scenario is driven [s]."""
+"""Maximum plant step of the scenario [s]."""
 REDUCTION_STEP = 10e3
-"""Steps in which a recorded reduction of the brake pipe becomes events [Pa]."""
+"""Resolution of the brake events from a recorded brake-pipe reduction [Pa]."""
 MEASURED = "measured"
-"""What stands in the summary for the law: nobody here knows who drove."""
+"""Controller name in the summary of an imported run."""
 NOT_RECORDED = "not recorded; the force at the wheel in its place"
-"""What the summary says of the command where the recorder gave none."""
-UNKNOWN = (
+"""Entry of the summary for a file without command column."""
+NOT_MEASURED = (
     "position_error_max_m", "position_rmse_m", "stop_error_m", "coupler_draft_max_kn", "coupler_buff_max_kn",
     "saturated_s", "replans", "held_steps", "unsound_measurements",
 )  # fmt: skip
-"""Figures that speed and force do not tell."""
-OF_A_REFERENCE = ("speed_rmse_kmh", "speed_error_max_kmh")
-OF_A_DEMAND = ("command_variation_kn_per_s",)
+"""Figures that need more than speed and force."""
+NEED_REFERENCE = ("speed_rmse_kmh", "speed_error_max_kmh")
+NEED_COMMAND = ("command_variation_kn_per_s",)
 
 
 def measured_setup(found: Measured, profile: Profile, consist: str, line: str, name: str) -> RunSetup:
-    """Return the scenario of a measured run: its train and line, and its own speed as the profile.
+    """Return the setup of a measured run: train, line, and the measured speed as profile.
 
     Raises
     ------
     ValueError
-        One line: the tick, the name, or a place off the line.
+        Invalid tick or name, or a place off the line.
     """
     path = found.table.path
     rolling = {"allow_rolling_end": True} if profile.ends_rolling else {}
@@ -69,13 +69,13 @@ def measured_setup(found: Measured, profile: Profile, consist: str, line: str, n
     }
     if found.pressure is not None and (events := brake_events(found.pressure, load_consist(consist))):
         data["brake"] = {"policy": "planned", "events": events}
-    return prepare(check(data, path), path)
+    return prepare(check_scenario(data, path), path)
 
 
-def brake_events(pressure: Samples, consist: Consist) -> list[dict[str, float]]:
-    """Return the applications and releases that a recorded brake-pipe pressure shows, as a scenario plans them.
+def brake_events(pressure: ColumnSamples, consist: Consist) -> list[dict[str, float]]:
+    """Return the brake events of a recorded brake-pipe pressure, in the form of a scenario.
 
-    The reduction is taken in steps, so that neither noise nor the slope of a wave makes an event of its own.
+    The reduction is rounded to steps, so that noise and pressure waves cause no events.
     """
     events: list[dict[str, float]] = []
     if consist.air_brake is None:
@@ -91,43 +91,47 @@ def brake_events(pressure: Samples, consist: Consist) -> list[dict[str, float]]:
 
 
 def _absolute(name: str) -> str:
-    """Return a file's full path; names of shipped trains and lines stay."""
+    """Return the absolute path of a file, or the name of a shipped train or line."""
     return str(Path(name).resolve()) if Path(name).is_file() else name
 
 
-def write_messages(setup: RunSetup, series: Series, sink: Encoder, progress: Callable[[int], None]) -> None:
-    """Write what a run of ours would have published of all this, tick by tick; what nobody measured is left out.
+def write_messages(
+    setup: RunSetup, series: MeasuredSeries, sink: Sink, progress: Callable[[int], None] | None = None
+) -> None:
+    """Write the measured quantities as messages of every tick.
 
-    There is no ``train/cars``: the truth of every vehicle is not known.  The estimate is that of the observer ``none``.
+    ``train/vehicles`` is omitted: the truth of every vehicle was not measured.  The estimate is that of the observer
+    ``none``.
     """
     sink.add("ato/profile", trajectory_of(setup.profile), 0)
     sink.add("ato/limits", limits_of(setup), 0)
-    none, estimate = np.zeros(0), np.zeros(setup.shape.n_units)
+    none, estimate = np.zeros(0), np.zeros(setup.layout.n_units)
     for tick in range(setup.ticks):
         stamp = tick * setup.tick_ns
         state = (series.position[tick], series.velocity[tick], series.applied[tick])
         sink.add("/clock", Tick(stamp), stamp)
         if series.pressure is not None:
             sink.add("train/brake_pipe", Pipe(stamp, float(series.pressure[tick])), stamp)
-        if due(stamp, setup.tick_ns):
-            sink.add("/diagnostics", _told(series, tick, stamp), stamp)
+        if diagnostics_due(stamp, setup.tick_ns):
+            sink.add("/diagnostics", _plant_diagnostics(series, tick, stamp), stamp)
         sink.add("train/measurement", Measurement(stamp, *state, none, none, none), stamp)
         sink.add("ato/reference", _reference(setup, series, tick, stamp), stamp)
         sink.add("ato/estimate", DisturbanceEstimate(stamp, estimate), stamp)
         sink.add("ato/command", Command(stamp, series.command[tick]), stamp)
-        progress(tick)
+        if progress is not None:
+            progress(tick)
     stamp = setup.ticks * setup.tick_ns
     sink.add("/clock", Tick(stamp), stamp)
-    sink.add("/diagnostics", _told(series, setup.ticks, stamp), stamp)
+    sink.add("/diagnostics", _plant_diagnostics(series, setup.ticks, stamp), stamp)
 
 
-def _reference(setup: RunSetup, series: Series, tick: int, stamp: int) -> Reference:
+def _reference(setup: RunSetup, series: MeasuredSeries, tick: int, stamp: int) -> Reference:
     velocity, acceleration = series.reference_velocity[tick], series.reference_acceleration[tick]
     return Reference(stamp, float(setup.profile.position[tick]), float(velocity), float(acceleration))
 
 
-def _told(series: Series, tick: int, stamp: int) -> Diagnostic:
-    """Return what the plant says of itself, as far as it was measured."""
+def _plant_diagnostics(series: MeasuredSeries, tick: int, stamp: int) -> Diagnostic:
+    """Return the diagnostics of the plant with the measured energies."""
     values = {
         "energy_traction": repr(float(series.traction[tick])),
         "energy_regenerated": repr(float(series.regenerated[tick])),
@@ -135,27 +139,25 @@ def _told(series: Series, tick: int, stamp: int) -> Diagnostic:
     return Diagnostic(stamp, "plant", 0, MEASURED, values)
 
 
-def outcome_of(setup: RunSetup, found: Measured, series: Series, window: float) -> Outcome:
-    """Return summary and series as a run of ours leaves them; what was not measured is null.
+def measured_result(setup: RunSetup, found: Measured, series: MeasuredSeries, window: float) -> RunResult:
+    """Return recording and summary of a measured run; figures that were not measured are null.
 
-    Acceleration and jerk are those of the profile: differences of a speed as it is recorded are those of its noise.
+    Acceleration and jerk are those of the profile, because differences of the recorded speed amplify its noise.
     """
-    history = _history(setup, series)
-    figures = summarise(setup, history)
+    builder = RecordingBuilder(setup)
+    write_messages(setup, series, builder)
+    recording = builder.finish()
+    figures = summarise(setup, recording)
     acceleration, jerk = differences(setup.profile.velocity, setup.tick)
     figures["acceleration_max"], figures["jerk_max"] = float(np.abs(acceleration).max()), float(np.abs(jerk).max())
     unknown = {
-        *UNKNOWN,
-        *(() if series.referenced else OF_A_REFERENCE),
-        *(() if series.commanded else OF_A_DEMAND),
+        *NOT_MEASURED,
+        *(() if series.referenced else NEED_REFERENCE),
+        *(() if series.commanded else NEED_COMMAND),
     }
     summary: dict[str, Any] = {
-        "scenario": setup.scenario.name,
+        **identity(setup, setup.ticks),
         "controller": MEASURED,
-        "observer": setup.observer,
-        "compensation": setup.compensation,
-        "seed": setup.seed,
-        "ticks": setup.ticks,
         "simulated_s": round(setup.ticks * setup.tick, 9),
         "wall_s": None,
         "real_time_factor": None,
@@ -176,35 +178,4 @@ def outcome_of(setup: RunSetup, found: Measured, series: Series, window: float) 
         "measured_reference": "as recorded" if series.referenced else "not recorded; the profile in its place",
         "measured_notes": "; ".join(found.notes) or None,
     }
-    return Outcome(history, summary)
-
-
-def _history(setup: RunSetup, series: Series) -> History:
-    """Return the series as figures and summaries take them; of the couplers nobody knows."""
-    part, count = slice(0, setup.ticks), setup.ticks
-    nothing = np.full(count, np.nan)
-    profile = setup.profile
-    return History(
-        time=series.time[part],
-        position=series.position[part],
-        velocity=series.velocity[part],
-        front_position=profile.position[part],
-        front_velocity=series.velocity[part, 0],
-        coupler_high=nothing,
-        coupler_low=nothing,
-        coupler_some=np.full((count, 3), np.nan),
-        applied=series.applied[part],
-        command=series.command[part],
-        estimate=np.zeros_like(series.applied[part]),
-        disturbance=np.zeros_like(series.applied[part]),
-        reference_position=profile.position[part],
-        reference_velocity=series.reference_velocity[part],
-        reference_acceleration=series.reference_acceleration[part],
-        final_position=float(profile.position[count]),
-        final_velocity=float(profile.velocity[count]),
-        totals={
-            "energy_traction": float(series.traction[count]),
-            "energy_regenerated": float(series.regenerated[count]),
-        },
-        brake_pipe=series.pressure[part] if series.pressure is not None else None,
-    )
+    return RunResult(recording, summary)

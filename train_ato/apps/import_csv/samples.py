@@ -1,4 +1,4 @@
-"""The rows of a recorder's file in the order of time, and every quantity at the moments at which it has numbers."""
+"""Rows of a recorder's file in order of time, and the samples of every quantity."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.measured.columns import TIMESTAMP, Column
-from train_ato.measured.table import Table
-from train_ato.types import Array
+from train_ato.apps.import_csv.columns import TIMESTAMP, Column
+from train_ato.apps.import_csv.table import CsvTable
+from train_ato.messages.types import Array
 
-__all__ = ["LARGEST_GAP", "Rows", "Samples"]
+__all__ = ["LARGEST_GAP", "ColumnSamples", "Rows"]
 
 LARGEST_GAP = 5.0
-"""Rows further apart than this are not joined unless the user says so [s]."""
+"""Default of the maximum time between rows [s]."""
 
 
 @dataclass(frozen=True)
-class Samples:
-    """One quantity at its own moments, SI, shape (k,) each; between them it is read linearly."""
+class ColumnSamples:
+    """Samples of one quantity in SI, shape (k,) each, with linear interpolation."""
 
     column: Column
     time: Array
@@ -27,12 +27,12 @@ class Samples:
     rows: NDArray[np.intp]
 
     def at(self, moments: Array) -> Array:
-        """Return the values at some moments [s]; before the first and behind the last that one is held."""
+        """Return the values at some times [s]; the first and the last value are held outside."""
         return np.asarray(np.interp(moments, self.time, self.values))
 
-    def moved(self, values: Array) -> Samples:
-        """Return the same moments with other values."""
-        return Samples(self.column, self.time, values, self.rows)
+    def moved(self, values: Array) -> ColumnSamples:
+        """Return other values at the same times."""
+        return ColumnSamples(self.column, self.time, values, self.rows)
 
 
 class Rows:
@@ -43,22 +43,22 @@ class Rows:
     table
         The file.
     largest_gap
-        Rows, or numbers of one column, further apart are refused [s].
+        Maximum time between rows, and between the numbers of one column [s].
 
     Attributes
     ----------
     time : Array, shape (n,)
-        From the first row on [s].
+        Times from the first row on [s].
     notes : list of str
-        What was bridged, in one line each.
+        Bridged gaps, one line each.
 
     Raises
     ------
     ValueError
-        If there is no time, or it does not rise, or a gap is too long.
+        If the time is missing or does not increase, or a gap is too long.
     """
 
-    def __init__(self, table: Table, largest_gap: float) -> None:
+    def __init__(self, table: CsvTable, largest_gap: float) -> None:
         self.table = table
         self.notes: list[str] = []
         self._largest_gap = largest_gap
@@ -70,23 +70,23 @@ class Rows:
         columns = [table.find("time"), table.find(TIMESTAMP)]
         column = columns[0] or columns[1]
         if column is None:
-            raise ValueError(f"{table.path}: no column of the time; name one time_s, or timestamp for date and time")
+            raise ValueError(f"{table.path}: no time column; name one time_s, or timestamp for date and time")
         if columns[0] and columns[1]:
             raise ValueError(
-                f"{table.path}: '{columns[0].title}' and '{columns[1].title}' both say the time; --ignore one of them"
+                f"{table.path}: '{columns[0].title}' and '{columns[1].title}' are both the time; --ignore one"
             )
         time = table.values[column.title]
         if time.size < 2:
-            raise ValueError(f"{table.path}: {time.size} rows of numbers; a history needs at least two")
+            raise ValueError(f"{table.path}: {time.size} rows of numbers; give at least two")
         empty = np.flatnonzero(np.isnan(time))
         if empty.size:
-            raise table.wrong(int(empty[0]), column, "is empty; every row needs its time, take the row out")
+            raise table.wrong(int(empty[0]), column, "is empty; every row needs a time, remove the row")
         steps = np.diff(time)
         wrong = np.flatnonzero(steps <= 0)
         if wrong.size:
             row = int(wrong[0]) + 1
-            what = "the same time as" if steps[row - 1] == 0 else f"{-steps[row - 1]:g} s before"
-            raise table.wrong(row, column, f"{what} the row above; rows are in order of time, each time once")
+            order = "the same time as" if steps[row - 1] == 0 else f"{-steps[row - 1]:g} s before"
+            raise table.wrong(row, column, f"{order} the row above; sort the rows by time, without duplicates")
         wide = np.flatnonzero(steps > self._largest_gap * (1 + 1e-9))
         if wide.size:
             row = int(wide[0]) + 1
@@ -95,21 +95,23 @@ class Rows:
 
     def _gap(self, seconds: float, since: str) -> str:
         return (
-            f"{seconds:g} s after {since}; more than {self._largest_gap:g} s are not bridged: cut the run there, or "
-            f"bridge it with --largest-gap {np.ceil(seconds):g}"
+            f"{seconds:g} s after {since}; gaps above {self._largest_gap:g} s are not bridged; split the run there, or "
+            f"give --largest-gap {np.ceil(seconds):g}"
         )
 
-    def find(self, quantity: str, unit: int | None = None) -> Samples | None:
-        """Return a quantity, None if the file has no column of it."""
+    def find(self, quantity: str, unit: int | None = None) -> ColumnSamples | None:
+        """Return the samples of a quantity; None if the file has no column of it."""
         column = self.table.find(quantity, unit)
         return None if column is None else self.samples(column)
 
-    def samples(self, column: Column) -> Samples:
-        """Return a column where it has numbers; what it lacks must be short enough to be bridged."""
+    def samples(self, column: Column) -> ColumnSamples:
+        """Return the samples of a column; check that its gaps can be bridged."""
         values = self.table.values[column.title]
         rows = np.flatnonzero(~np.isnan(values))
         if not rows.size:
-            raise ValueError(f"{self.table.path}: column '{column.title}' is empty; --ignore '{column.title}'")
+            raise ValueError(
+                f"{self.table.path}: column '{column.title}' is empty; remove it with --ignore '{column.title}'"
+            )
         time = self.time[rows]
         edges = np.concatenate(([0.0], time, [self.time[-1]]))
         gaps = np.diff(edges)
@@ -125,10 +127,10 @@ class Rows:
                 f"{column.title}: {values.size - rows.size} empty cells bridged, the first in line {line}, at most "
                 f"{gaps.max():.3g} s"
             )
-        return Samples(column, time, values[rows], rows)
+        return ColumnSamples(column, time, values[rows], rows)
 
-    def refuse(self, samples: Samples, wrong: NDArray[np.bool_], text: str) -> None:
-        """Refuse the first value that is wrong; ``{}`` in the text stands for it, as it is written."""
+    def refuse(self, samples: ColumnSamples, wrong: NDArray[np.bool_], text: str) -> None:
+        """Raise an error for the first wrong value; ``{}`` in the text is replaced by the value."""
         places = np.flatnonzero(wrong)
         if places.size:
             place = int(places[0])

@@ -1,4 +1,4 @@
-"""A measured run at the ticks: every quantity read between its rows, forces shared, energy summed up."""
+"""Interpolation of a measured run at the ticks, with forces per power unit and energy."""
 
 from __future__ import annotations
 
@@ -6,33 +6,33 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from train_ato.measured.recording import Measured
-from train_ato.measured.samples import Samples
-from train_ato.run_setup import RunSetup
-from train_ato.types import Array
+from train_ato.apps.import_csv.recording import Measured
+from train_ato.apps.import_csv.samples import ColumnSamples
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.types import Array
 
-__all__ = ["Series", "series_of"]
+__all__ = ["MeasuredSeries", "series_of"]
 
-MOST_FORCE = 3.0
-"""A force beyond so many times what the train can do is a wrong unit."""
+MAX_FORCE_RATIO = 3.0
+"""Maximum force relative to the envelope; larger ones have a wrong unit."""
 
 
 @dataclass(frozen=True)
-class Series:
-    """The measured run at the ticks: k ticks, u power units, SI.
+class MeasuredSeries:
+    """Measured run at k ticks for u power units, in SI.
 
     Attributes
     ----------
     position, velocity, applied, command : Array, shape (k, u)
-        Of every power unit.
+        States and forces of every power unit.
     reference_velocity, reference_acceleration : Array, shape (k,)
-        What was to be kept; the profile where the recorder does not say.
+        Recorded reference; otherwise the profile.
     pressure : Array or None, shape (k,)
-        Of the brake pipe.
+        Brake-pipe pressure.
     traction, regenerated : Array, shape (k,)
         Energy up to the tick [J].
     commanded, referenced : bool
-        Whether the recorder gave demands and a reference.
+        True if demand and reference were recorded.
     """
 
     time: Array
@@ -49,28 +49,29 @@ class Series:
     referenced: bool
 
 
-def series_of(found: Measured, setup: RunSetup) -> Series:
-    """Return the measured run at the ticks, every quantity linear between its rows.
+def series_of(found: Measured, setup: RunSetup) -> MeasuredSeries:
+    """Return the measured run at the ticks, by linear interpolation.
 
-    A force of the whole train is shared by its power units equally.  Where no demand was recorded the force at the
-    wheel stands for it, where no reference was, the profile.
+    A total force is distributed equally over the power units.  Without a recorded demand the command is the force at
+    the wheel; without a recorded reference it is the profile.
 
     Raises
     ------
     ValueError
-        If a force is beyond what the train can do, a brake pipe is missing, or there is no force at all.
+        If a force is too large for the train, or the brake pipe or the force is missing.
     """
     if not found.force:
         raise ValueError(
-            f"{found.table.path}: no column of the force; name one force_kn, or take the profile alone: --profile-only"
+            f"{found.table.path}: no force column; name one force_kn, or import only the profile with --profile-only"
         )
-    if found.pressure is not None and not setup.shape.air_brake:
+    if found.pressure is not None and not setup.layout.air_brake:
         title = found.pressure.column.title
         raise ValueError(
-            f"{found.table.path}: column '{title}': train '{setup.consist.name}' has no air brake; --ignore '{title}'"
+            f"{found.table.path}: column '{title}': train '{setup.consist.name}' has no air brake; remove it with "
+            f"--ignore '{title}'"
         )
     _check_forces(found, setup)
-    units = setup.shape.n_units
+    units = setup.layout.n_units
     time: Array = np.asarray(setup.tick * np.arange(setup.ticks + 1), dtype=np.float64)
     front = setup.profile.position[: time.size]
     offsets = setup.model.offsets
@@ -86,7 +87,7 @@ def series_of(found: Measured, setup: RunSetup) -> Series:
     power = (v * f).sum(axis=1)
     reference = found.reference_speed
     kept = reference.at(time) if reference is not None else setup.profile.velocity[: time.size]
-    return Series(
+    return MeasuredSeries(
         time=time,
         position=np.stack(position, axis=1),
         velocity=v,
@@ -105,11 +106,11 @@ def series_of(found: Measured, setup: RunSetup) -> Series:
 
 
 def _centre(found: Measured, time: Array, front: Array) -> Array:
-    """Return the place of vehicle 0's centre as it was recorded, else that of the profile."""
+    """Return the recorded position of vehicle 0, or else that of the profile."""
     return found.position.at(time) if found.position is not None else front
 
 
-def _of_units(samples: dict[int | None, Samples], time: Array, units: int) -> list[Array]:
+def _of_units(samples: dict[int | None, ColumnSamples], time: Array, units: int) -> list[Array]:
     whole = samples.get(None)
     if whole is not None:
         return [whole.at(time) / units] * units
@@ -121,13 +122,13 @@ def _sum(power: Array, tick: float) -> Array:
 
 
 def _check_forces(found: Measured, setup: RunSetup) -> None:
-    """Refuse forces that the train's power units could never give: the usual sign of a wrong unit."""
+    """Check the forces against the envelopes of the train, to detect wrong units."""
     grid = np.linspace(0.0, max(1.0, float(found.speed.values.max())), 50)
-    limits = [setup.model.force_limits(np.full(setup.shape.n_units, speed)) for speed in grid]
+    limits = [setup.model.force_limits(np.full(setup.layout.n_units, speed)) for speed in grid]
     most = np.max([np.maximum(np.abs(low), np.abs(high)) for low, high in limits], axis=0)
     for group in (found.force, found.command):
         for unit, samples in group.items():
-            bound = MOST_FORCE * float(most.sum() if unit is None else most[unit])
+            bound = MAX_FORCE_RATIO * float(most.sum() if unit is None else most[unit])
             wrong = np.flatnonzero(np.abs(samples.values) > bound)
             if wrong.size:
                 place = int(wrong[0])
@@ -135,6 +136,6 @@ def _check_forces(found: Measured, setup: RunSetup) -> None:
                 raise found.table.wrong(
                     int(samples.rows[place]),
                     samples.column,
-                    f"{value / 1e3:g} kN is {abs(value) / bound * MOST_FORCE:.1f} times what train "
-                    f"'{setup.consist.name}' can do; is the unit in the column's name right?",
+                    f"{value / 1e3:g} kN is {abs(value) / bound * MAX_FORCE_RATIO:.1f} times the maximum "
+                    f"of train '{setup.consist.name}'; check the unit in the column name",
                 )

@@ -1,7 +1,7 @@
-"""The profile of a measured run: its speed, averaged as far as the way it was written asks for.
+"""Profile of a measured run: the measured speed, averaged according to its resolution.
 
-A speed written in whole km/h jumps by 0.28 m/s; its slope from row to row is no acceleration of a train.  The mean
-over a sliding window, taken twice, spreads a jump over the window's length.
+A speed in whole km/h has steps of 0.28 m/s; differences between rows are not the acceleration of the train.  A moving
+average, applied twice, spreads a step over the length of the window.
 """
 
 from __future__ import annotations
@@ -10,32 +10,32 @@ from itertools import pairwise
 
 import numpy as np
 
-from train_ato.measured.recording import Measured
+from train_ato.apps.import_csv.recording import Measured
+from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
-from train_ato.types import Array
 
 __all__ = ["measured_profile", "window_of"]
 
 RIPPLE = 0.025
-"""Rms of the acceleration that may be left of noise and resolution, over the acceleration that the train sustains."""
+"""Permitted rms acceleration from noise and resolution, relative to the sustained acceleration."""
 SUSTAINED_S = 20.0
-"""Accelerations that last this long are the train's [s]."""
-LONGEST = 60.0
-"""Longest window [s]."""
-PLACES = 500.0
-"""Positions of the recorder pull the profile to themselves over this way [m]: an odometer errs by the way run."""
-CREEP = 0.5 / 3.6
-"""However coarse a speed is written, this is no standstill [m/s]."""
-STANDING = 1e-3
-"""Slower is a standstill [m/s], as a profile has it."""
+"""Minimum duration of a sustained acceleration [s]."""
+MAX_WINDOW = 60.0
+"""Maximum window [s]."""
+CORRECTION_LENGTH = 500.0
+"""Distance over which the profile is corrected to the recorded positions [m]; an odometer drifts with distance."""
+MAX_STANDSTILL_SPEED = 0.5 / 3.6
+"""Maximum speed of a standstill for a coarse resolution [m/s]."""
+MIN_MOTION_SPEED = 1e-3
+"""Minimum speed of motion in a profile [m/s]."""
 
 
 def window_of(found: Measured) -> float:
-    """Return how long a window the speed needs [s]; 0 where it needs none.
+    """Return the averaging window for the speed [s]; 0: no averaging.
 
-    White noise of rms s in steps of h, averaged twice over w, leaves an acceleration of rms s sqrt(2 h) / w^1.5. Noise
-    is told by the bends between three rows. The resolution is noise too: its step over sqrt(12), and a step of its
-    own for as long as the speed takes to run through it.
+    White noise of rms s in steps of h, averaged twice over w, causes an acceleration of rms s sqrt(2 h) / w^1.5.  Noise
+    is estimated from second differences.  Resolution adds noise: step over sqrt(12), lasting for the time in which the
+    speed changes by one step.
     """
     sustained = _sustained(found)
     resolution = found.table.resolution(found.speed.column)
@@ -43,12 +43,12 @@ def window_of(found: Measured) -> float:
     if resolution > 0:
         noises.append((resolution / 12**0.5, max(found.interval, resolution / sustained)))
     windows = [(noise * (2 * step) ** 0.5 / (RIPPLE * sustained)) ** (2 / 3) for noise, step in noises]
-    window = min(LONGEST, max(windows))
+    window = min(MAX_WINDOW, max(windows))
     return round(window, 1) if window > 2 * found.interval else 0.0
 
 
 def _noise(found: Measured) -> float:
-    """Return the rms of the noise from row to row [m/s]; robust, so that the train's own bends do not count."""
+    """Return the rms noise between rows [m/s]; a robust estimate ignores jerk of the train."""
     values = found.speed.values
     if values.size < 9:
         return 0.0
@@ -57,34 +57,38 @@ def _noise(found: Measured) -> float:
 
 
 def _sustained(found: Measured) -> float:
-    """Return the acceleration that the train kept up [m/s²]: the largest but 5 % over a time, at least 0.01."""
+    """Return the sustained acceleration [m/s²]: 95 % quantile of means over ``SUSTAINED_S``, at least 0.01."""
     time = np.arange(0.0, max(found.end, 2 * SUSTAINED_S), SUSTAINED_S / 4)
     change = np.abs(np.diff(found.speed.at(time)[::4])) / SUSTAINED_S
     return max(0.01, float(np.quantile(change, 0.95)))
 
 
 def _standstill(found: Measured) -> float:
-    """Return the speed below which a train is taken to stand [m/s]: what resolution and noise cannot tell from 0."""
-    return max(STANDING, min(CREEP, found.table.resolution(found.speed.column)), min(CREEP, 2 * _noise(found)))
+    """Return the maximum speed of a standstill [m/s], from resolution and noise."""
+    return max(
+        MIN_MOTION_SPEED,
+        min(MAX_STANDSTILL_SPEED, found.table.resolution(found.speed.column)),
+        min(MAX_STANDSTILL_SPEED, 2 * _noise(found)),
+    )
 
 
 def measured_profile(found: Measured, tick: float, start: float, window: float) -> Profile:
-    """Return the profile that a train driven like this one would have followed.
+    """Return the profile of a measured run.
 
-    Between rows the speed is linear; it is averaged twice over a window that shrinks towards both ends, so that begin
-    and end stay what they are.  The position is its integral from ``start`` on; where the recorder gives positions, the
-    slow difference to them is added, so that an odometer's steps leave no ripple.
+    The linearly interpolated speed is averaged twice over a window that shrinks towards both ends, so that the first
+    and the last speed are unchanged.  The position is its integral from ``start`` on, plus the slow part of the
+    difference to recorded positions; thus steps of an odometer cause no ripple.
 
     Parameters
     ----------
     found
         The measured run.
     tick
-        Period of the knots [s].
+        Time between the knots [s].
     start
-        Position of vehicle 0's centre at the first row [m].
+        Position of vehicle 0 at the first row [m].
     window
-        Of the average [s]; 0 for none.
+        Averaging window [s]; 0: none.
 
     Raises
     ------
@@ -93,29 +97,29 @@ def measured_profile(found: Measured, tick: float, start: float, window: float) 
     """
     count = int(np.floor(found.end / tick + 1e-9)) + 1
     if count < 3:
-        raise ValueError(f"{found.table.path}: {found.end:g} s are no run; at least two ticks of {tick:g} s are needed")
+        raise ValueError(f"{found.table.path}: {found.end:g} s is too short; give at least two ticks of {tick:g} s")
     time: Array = np.asarray(tick * np.arange(count), dtype=np.float64)
     speed = found.speed.at(time)
     if window > 0:
         speed = _averaged(found.speed.time, found.speed.values, time, window)
-        speed = _averaged(time, _standing(speed, _standstill(found)), time, window)
-    speed = _standing(speed, STANDING)
+        speed = _averaged(time, _without_creep(speed, _standstill(found)), time, window)
+    speed = _without_creep(speed, MIN_MOTION_SPEED)
     acceleration = np.gradient(speed, tick)
     ways = tick * (speed[1:] + speed[:-1]) / 2 + tick**2 / 12 * (acceleration[:-1] - acceleration[1:])
     position = start + np.concatenate(([0.0], np.cumsum(ways)))
     if found.position is not None:
         run = np.interp(found.position.time, time, position)
-        position = position + _pull(run, found.position.values - run, position)
+        position = position + _slow_part(run, found.position.values - run, position)
     return Profile.uniform(0.0, tick, position, speed, acceleration)
 
 
-def _standing(speed: Array, least: float) -> Array:
-    """Return 0 for speeds that cannot be told from a standstill."""
+def _without_creep(speed: Array, least: float) -> Array:
+    """Return the speeds with 0 below ``least``."""
     return np.where(speed < least, 0.0, speed)
 
 
 def _averaged(time: Array, values: Array, at: Array, window: float) -> Array:
-    """Return means of a piecewise linear series over a sliding window that shrinks towards both ends; exact."""
+    """Return exact moving averages of a piecewise linear series; the window shrinks towards both ends."""
     slope = np.diff(values) / np.diff(time)
     areas = np.concatenate(([0.0], np.cumsum(np.diff(time) * (values[1:] + values[:-1]) / 2)))
 
@@ -132,9 +136,9 @@ def _averaged(time: Array, values: Array, at: Array, window: float) -> Array:
     return result
 
 
-def _pull(run: Array, difference: Array, at: Array) -> Array:
-    """Return the slow part of a difference over the way that was run: means over some way, linear between."""
-    edges = np.linspace(run[0], run[-1], max(2, round((run[-1] - run[0]) / PLACES) + 1))
+def _slow_part(run: Array, difference: Array, at: Array) -> Array:
+    """Return the slow part of a difference: means over ``CORRECTION_LENGTH`` [m], interpolated linearly."""
+    edges = np.linspace(run[0], run[-1], max(2, round((run[-1] - run[0]) / CORRECTION_LENGTH) + 1))
     middles, means = [], []
     for begin, end in pairwise(edges):
         inside = (run >= begin) & (run <= end)

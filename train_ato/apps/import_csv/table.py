@@ -1,4 +1,4 @@
-"""A recorder's CSV as columns of numbers, every one still with the line it stands in."""
+"""Reading of a recorder's CSV: columns of numbers with their line numbers."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.measured.columns import TIMESTAMP, Column, column_of
-from train_ato.types import Array
+from train_ato.apps.import_csv.columns import TIMESTAMP, Column, column_of
+from train_ato.messages.types import Array
 
-__all__ = ["Table", "read_table"]
+__all__ = ["CsvTable", "read_table"]
 
 LARGEST_FILE = 512 * 2**20
-"""Files beyond this many bytes are refused."""
+"""Maximum size of a file [bytes]."""
 SEPARATORS = (";", "\t", ",")
 _NUMBER = re.compile(r"^[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?$")
 _FRACTION = re.compile(r"[.,](\d+)")
 _NOTHING = frozenset(("", "nan", "null", "none", "na", "n/a", "-"))
-"""Texts of a cell that holds no number."""
+"""Texts of a cell without number."""
 
 
 @dataclass
-class Table:
-    """Columns of a file in SI.
+class CsvTable:
+    """Columns of a file, in SI.
 
     Attributes
     ----------
     columns : dict
-        What every column holds, in the order of the file.
+        Quantity and unit of every column by title, in the order of the file.
     values : dict of Array, each of shape (n,)
-        SI numbers by the column's title; NaN where the cell is empty.
+        SI numbers by title; NaN: empty cell.
     lines : ndarray of int, shape (n,)
-        Line of the file in which every row stands, from 1.
+        Line number of every row in the file, from 1.
     decimals : dict of int
-        Most decimals with which a number of the column is written; -1 for numbers with an exponent.
+        Maximum number of decimals in a column; -1 for numbers with an exponent.
     """
 
     path: Path
@@ -50,7 +50,7 @@ class Table:
     decimals: dict[str, int] = field(default_factory=dict)
 
     def find(self, quantity: str, unit: int | None = None) -> Column | None:
-        """Return the column of a quantity, None if the file has none."""
+        """Return the column of a quantity, or None."""
         for column in self.columns.values():
             if column.quantity == quantity and column.unit == unit:
                 return column
@@ -61,25 +61,25 @@ class Table:
         return ValueError(f"{self.path}: line {self.lines[row]}, {column.title}: {text}")
 
     def resolution(self, column: Column) -> float:
-        """Return the smallest step that the numbers of a column can show as they are written [SI]; 0 if none shows."""
+        """Return the resolution of a column from its decimals [SI]; 0 if unknown."""
         decimals = self.decimals[column.title]
         return 0.0 if decimals < 0 or decimals > 9 else float(10.0**-decimals * column.factor)
 
 
-def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> Table:
+def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> CsvTable:
     """Read a recorder's file.
 
-    The first line that is neither empty nor begins with ``#`` names the columns.  They are separated by semicolons,
-    tabs or commas, whichever that line has; where it is not commas, a decimal comma is read too.  A cell may be empty.
+    The first line that is not empty and does not begin with ``#`` has the column names, separated by semicolons,
+    tabs or commas.  With another separator than commas, decimal commas are read too.  Cells may be empty.
 
     Parameters
     ----------
     path
         CSV file, in UTF-8, UTF-16 or Latin-1.
     rename
-        Titles in the file and the names they go under.
+        Names of columns by their titles in the file.
     ignore
-        Titles that are left out.
+        Titles of ignored columns.
 
     Raises
     ------
@@ -89,14 +89,12 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> Ta
     lines = _lines(path)
     number, head = next(lines, (0, ""))
     if not number:
-        raise ValueError(
-            f"{path}: no line of column names; the first line names them, such as time_s,speed_kmh,force_kn"
-        )
+        raise ValueError(f"{path}: no column names; give them in the first line, for example time_s,speed_kmh,force_kn")
     separator = next((mark for mark in SEPARATORS if mark in head), ",")
     titles = [title.strip() for title in _cells(head, separator)]
     while titles and not titles[-1]:
         titles.pop()
-    table = Table(path)
+    table = CsvTable(path)
     try:
         kept = _columns(table, titles, rename, ignore)
     except ValueError as error:
@@ -106,13 +104,13 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> Ta
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield the lines that say something, with their numbers."""
+    """Yield the lines with content and their numbers."""
     try:
         if path.stat().st_size > LARGEST_FILE:
-            raise ValueError(f"{path}: larger than {LARGEST_FILE // 2**20} MB; cut it into the runs it holds")
+            raise ValueError(f"{path}: larger than {LARGEST_FILE // 2**20} MB; split it into single runs")
         raw = path.read_bytes()
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.strerror}); name the CSV file of a recorder") from None
+        raise ValueError(f"{path}: cannot be read ({error.strerror}); give the CSV file of a recorder") from None
     for number, line in enumerate(_text(path, raw).splitlines(), 1):
         if line.strip() and not line.lstrip().startswith("#"):
             yield number, line
@@ -123,7 +121,7 @@ def _text(path: Path, raw: bytes) -> str:
         if raw[:2] in (b"\xff\xfe", b"\xfe\xff"):
             return raw.decode("utf-16")
         if b"\0" in raw:
-            raise ValueError(f"{path}: is no text; name the CSV file of a recorder")
+            raise ValueError(f"{path}: not a text file; give the CSV file of a recorder")
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError:
         return raw.decode("latin-1")
@@ -133,39 +131,39 @@ def _cells(line: str, separator: str) -> list[str]:
     return next(csv.reader([line], delimiter=separator)) if '"' in line else line.split(separator)
 
 
-def _columns(table: Table, titles: list[str], rename: dict[str, str], ignore: frozenset[str]) -> list[int]:
-    """Note what the columns hold; return the places of those that are read."""
+def _columns(table: CsvTable, titles: list[str], rename: dict[str, str], ignore: frozenset[str]) -> list[int]:
+    """Add the columns to the table; return the indices of the columns to read."""
     for option, names in (("--rename", rename), ("--ignore", ignore)):
         for name in names:
             if name not in titles:
-                raise ValueError(f"{option} {name}: there is no such column; the file has {', '.join(titles)}")
+                raise ValueError(f"{option} {name}: no such column; the file has {', '.join(titles)}")
     kept = []
     for place, title in enumerate(titles):
         if title in ignore:
             continue
         if not title:
-            raise ValueError(f"column {place + 1} has no name; name it or take it out")
+            raise ValueError(f"column {place + 1} has no name; name or remove it")
         if title in table.columns:
-            raise ValueError(f"column '{title}' stands there twice")
+            raise ValueError(f"column '{title}' appears twice; rename or remove one")
         column = column_of(title, rename.get(title, title))
         other = table.find(column.quantity, column.unit)
         if other is not None:
             raise ValueError(
-                f"columns '{other.title}' and '{title}' say the same; leave one out with --ignore '{title}'"
+                f"columns '{other.title}' and '{title}' are the same quantity; remove one with --ignore '{title}'"
             )
         table.columns[title] = column
         kept.append(place)
     return kept
 
 
-def _read_rows(table: Table, kept: list[int], lines: Iterator[tuple[int, str]], separator: str, width: int) -> None:
+def _read_rows(table: CsvTable, kept: list[int], lines: Iterator[tuple[int, str]], separator: str, width: int) -> None:
     columns = list(table.columns.values())
     texts: list[list[str]] = [[] for _ in columns]
     numbers: list[int] = []
     for number, line in lines:
         cells = _cells(line, separator)
         if len(cells) != width and not (len(cells) > width and not "".join(cells[width:]).strip()):
-            raise ValueError(f"{table.path}: line {number}: {len(cells)} values for {width} columns")
+            raise ValueError(f"{table.path}: line {number}: {len(cells)} values for {width} columns; correct the line")
         numbers.append(number)
         for entries, place in zip(texts, kept, strict=True):
             entries.append(cells[place].strip())
@@ -178,8 +176,8 @@ def _read_rows(table: Table, kept: list[int], lines: Iterator[tuple[int, str]], 
             table.values[column.title] = _numbers(table, column, entries, separator, marks)
 
 
-def _numbers(table: Table, column: Column, entries: list[str], separator: str, marks: dict[str, str]) -> Array:
-    """Turn the cells of a column into SI; ``marks`` holds the first number of the file with each decimal mark."""
+def _numbers(table: CsvTable, column: Column, entries: list[str], separator: str, marks: dict[str, str]) -> Array:
+    """Convert the cells of a column to SI; ``marks`` has the first number of the file with each decimal mark."""
     values = np.full(len(entries), np.nan)
     decimals = 0
     for row, text in enumerate(entries):
@@ -205,18 +203,18 @@ def _numbers(table: Table, column: Column, entries: list[str], separator: str, m
     return np.asarray(values * column.factor)
 
 
-def _refuse_marks(table: Table, row: int, column: Column, marks: dict[str, str]) -> None:
-    """Refuse a file in which ``1,250`` may mean 1.25 or 1250."""
+def _refuse_marks(table: CsvTable, row: int, column: Column, marks: dict[str, str]) -> None:
+    """Raise an error for a file with two decimal marks: ``1,250`` may be 1.25 or 1250."""
     raise table.wrong(
         row,
         column,
         f"'{marks[','][:30]}' has a comma and '{marks['.'][:30]}' a point; write all numbers with one decimal mark and "
-        "without marks between thousands",
+        "without thousands separators",
     )
 
 
-def _moments(table: Table, column: Column, entries: list[str]) -> Array:
-    """Turn date and time of day into seconds since the first row."""
+def _moments(table: CsvTable, column: Column, entries: list[str]) -> Array:
+    """Convert date and time of day to seconds since the first row."""
     values = np.full(len(entries), np.nan)
     first: datetime | None = None
     for row, text in enumerate(entries):
@@ -226,7 +224,9 @@ def _moments(table: Table, column: Column, entries: list[str]) -> Array:
         try:
             moment = datetime.fromisoformat(plain)
         except ValueError:
-            raise table.wrong(row, column, f"'{text[:30]}' is no moment like 2026-03-01T08:15:30.5") from None
+            raise table.wrong(
+                row, column, f"'{text[:30]}' is not a date and time; write for example 2026-03-01T08:15:30.5"
+            ) from None
         moment = moment if moment.tzinfo is not None else moment.replace(tzinfo=timezone.utc)
         first = first or moment
         values[row] = (moment - first).total_seconds()

@@ -1,4 +1,4 @@
-"""Simulated time of a replay on the wall clock."""
+"""Simulated time of a replay as a function of the wall time."""
 
 from __future__ import annotations
 
@@ -6,21 +6,18 @@ import math
 import time
 from collections.abc import Callable
 
-AS_FAST_AS_POSSIBLE = math.inf
-"""Rate of a replay that waits for nothing but its readers."""
-
 
 class ReplayClock:
-    """Time of the log, that flows with the wall clock times a rate, stands in a pause, and can be set.
+    """Clock of the log time with rate, pause and jump.
 
     Parameters
     ----------
     rate
-        Simulated seconds per second of wall time; infinite: time follows the messages.
+        Simulated seconds per second of wall time; if infinite, the time follows the messages.
     paused
-        Begin with a pause.
+        Start paused.
     steady
-        The wall clock [s].
+        Monotonic wall clock [s].
     """
 
     def __init__(self, rate: float, paused: bool, steady: Callable[[], float] = time.monotonic) -> None:
@@ -37,7 +34,7 @@ class ReplayClock:
 
     @property
     def paused(self) -> bool:
-        """Time stands still."""
+        """Clock is paused."""
         return self._paused
 
     @property
@@ -48,22 +45,22 @@ class ReplayClock:
         return self._place + max(0.0, self._steady() - self._since) * self._rate
 
     def jump(self, place: float, delay: float = 0.0) -> None:
-        """Set the time of the log [s]; it begins to flow after a delay in seconds of wall time."""
+        """Set the time of the log [s]; it is constant for a delay [s of wall time]."""
         self._place = place
         self._since = self._steady() + delay
 
     def reached(self, place: float) -> None:
-        """Tell that the message of a time has gone out; where the wall clock does not lead, time follows it."""
+        """Set the time of the log to that of a sent message [s], in a pause or at an infinite rate."""
         if self._paused or math.isinf(self._rate):
             self._place = place
 
     def set_rate(self, rate: float) -> None:
-        """Change the rate from now on.
+        """Change the rate.
 
         Raises
         ------
         ValueError
-            If it is not above 0.
+            If the rate is not above 0.
         """
         if not rate > 0:
             raise ValueError(f"rate {rate:g}: give a number above 0, 1 for real time")
@@ -71,16 +68,16 @@ class ReplayClock:
         self._rate = rate
 
     def set_paused(self, paused: bool) -> None:
-        """Let time stand still or flow again."""
+        """Pause or resume the clock."""
         self._settle()
         self._paused = paused
 
     def _settle(self) -> None:
-        """Make now the point from which time is counted; a delay under way goes on."""
+        """Restart the time count at the present time; a running delay continues."""
         self._place, self._since = self.now, max(self._since, self._steady())
 
     def until(self, place: float) -> float:
-        """Return the wall time until a time of the log has come [s]; infinite in a pause."""
+        """Return the wall time until a time of the log [s]; infinite in a pause."""
         if self._paused:
             return math.inf
         delay = max(0.0, self._since - self._steady())

@@ -1,43 +1,35 @@
-"""A log as a replay needs it: any moment of it at once, by its index.
+"""Access to the messages of a log from any time on, by its index.
 
-Messages are ordered and timed by their publish times, which are the simulated ones; the index of an MCAP file goes by
-log times, which are those of the wall clock where a graph was recorded.  A moment is therefore found by halving: of
-the chunks that are looked at only the publish times are read, and a file of an hour is entered after some ten of its
-chunks.  A file without an index is read from its beginning instead.
+Messages have the order and the times of their publish times, which are simulated times.  The index of an MCAP file has
+log times, which are wall times in a recorded graph.  A time is therefore found by bisection over the chunks: about ten
+chunks are read in the log of an hour.  A log without an index is read from its beginning.
 """
 
 from __future__ import annotations
 
-import struct
-import zlib
+from collections import deque
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
 import yaml
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
-from mcap.records import Channel, ChunkIndex
+from mcap.records import Channel
 
-from train_ato.record.mcap_writer import MAGIC
-from train_ato.record.reading import Definitions, RawMessage, log_file, stream
-from train_ato.record.records import Damage, chunk_content
+from train_ato.log.bag_layout import published_name
+from train_ato.log.mcap_chunk import chunk_content
+from train_ato.log.mcap_records import HEAD, Damage, Definitions, RawMessage, records, summary_of
+from train_ato.log.reading import log_file, readable, stream
 
 DISORDER_NS = 1_000_000_000
-"""Messages of several nodes stand in a log a little out of the order of their stamps, but never by more than this."""
-_RECORD = struct.Struct("<BQ")
-_FOOTER = struct.Struct("<BQQQI")
-_FOOTER_CONTENT = 20
-_UNREADABLE = (Damage, McapError, struct.error, KeyError, EOFError, IndexError, UnicodeDecodeError, MemoryError)
+"""Largest difference between the order of the messages in a log and the order of their stamps [ns]."""
 
 
 @dataclass(frozen=True)
 class LogTopic:
-    """One topic of a log, and how it is published.
+    """Topic of a log and its quality of service.
 
     Attributes
     ----------
@@ -46,7 +38,7 @@ class LogTopic:
     type, encoding
         Message type and encoding, ``cdr`` for ROS 2.
     latched
-        Late joiners get the last ``depth`` messages.
+        A late subscriber receives the last ``depth`` messages.
     count
         Number of messages in the log.
     """
@@ -61,7 +53,7 @@ class LogTopic:
 
 
 def message_time(message: RawMessage) -> int:
-    """Return when a message counts as sent [ns since 1970]: its publish time, its log time where it has none."""
+    """Return the publish time of a message [ns since 1970], or its log time without one."""
     return message.publish_ns or message.log_ns
 
 
@@ -76,14 +68,14 @@ class ReplayLog:
     Attributes
     ----------
     topics : dict
-        Topics that have messages, by name.
+        Topics with messages, by name.
     begin_ns, end_ns : int
         Publish times of the first and the last message [ns since 1970].
 
     Raises
     ------
     ValueError
-        If there is no log, it is damaged, or it holds no message.
+        If there is no log, it is damaged, or it contains no message.
     """
 
     def __init__(self, run: Path) -> None:
@@ -99,12 +91,20 @@ class ReplayLog:
             raise
 
     def _open(self) -> None:
-        with self._readable():
-            self._chunks = self._indexed_chunks()
+        self._known, self._chunks = Definitions(), []
+        self._counts: Mapping[int, int] = {}
+        with readable(self.path):
+            self._size = self.path.stat().st_size
+            deque(records(self._file, self._size), maxlen=0)  # every checksum: a replay must not end half-way
+            summary = summary_of(self._file, self._size)
+        statistics = None if summary is None else summary.statistics
+        if summary and statistics and statistics.chunk_count == len(summary.chunks):  # the index is complete
+            self._known, self._chunks = summary.known, summary.chunks
+            self._counts = statistics.channel_message_counts
         self._spans: dict[int, tuple[int, int]] = {}
         self.begin_ns, self.end_ns = self._span_of_all()
         if not self.topics:
-            raise ValueError(f"{self.path}: holds no message; nothing can be replayed")
+            raise ValueError(f"{self.path}: contains no message; nothing to replay")
 
     def close(self) -> None:
         """Close the file."""
@@ -122,69 +122,27 @@ class ReplayLog:
         return (self.end_ns - self.begin_ns) * 1e-9
 
     def check_place(self, what: str, place: float) -> None:
-        """Refuse a time [s from the first message] that is not one of the run, with the run's length.
+        """Reject a time outside the run [s from the first message].
 
         Raises
         ------
         ValueError
-            One line that begins with ``what``.
+            One line that begins with ``what`` and gives the length of the run.
         """
         if not 0 <= place <= self.length:
             raise ValueError(f"{what} {place:g}: the run has {self.length:g} s; give 0 to {self.length:g}")
 
-    @contextmanager
-    def _readable(self) -> Iterator[None]:
-        """Turn what the MCAP reader raises on a damaged file into one line."""
-        try:
-            yield
-        except _UNREADABLE as error:
-            reason = str(error) or type(error).__name__
-            raise ValueError(
-                f"{self.path}: damaged or no log: {reason}; `train-ato recover {self.path}` saves what is whole"
-            ) from None
-        except OSError as error:
-            raise ValueError(f"{self.path}: cannot be read ({error.strerror or error})") from None
-
-    def _indexed_chunks(self) -> list[ChunkIndex]:
-        """Return the chunks in the order of the file; none where the index is missing or not that of all messages."""
-        self._known = Definitions()
-        self._counts: Mapping[int, int] = {}
-        self._check_summary()
-        self._file.seek(0)
-        summary = SeekingReader(self._file).get_summary()
-        if summary is None or summary.statistics is None:
-            return []
-        if summary.statistics.chunk_count != len(summary.chunk_indexes):
-            return []
-        self._known = Definitions(summary.schemas, summary.channels)
-        self._counts = summary.statistics.channel_message_counts
-        return sorted(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
-
-    def _check_summary(self) -> None:
-        """Compare the checksum of the summary, where it has one: the reader of ``mcap`` believes its index blindly."""
-        self._size = size = self.path.stat().st_size
-        if size < 2 * len(MAGIC) + _FOOTER.size:
-            raise Damage("it is too short")
-        self._file.seek(size - len(MAGIC) - _FOOTER.size)
-        code, length, begin, _, stored = _FOOTER.unpack(self._file.read(_FOOTER.size))
-        if self._file.read() != MAGIC or code != Opcode.FOOTER or length != _FOOTER_CONTENT:
-            raise Damage("it does not end like an MCAP file")
-        if begin and stored:
-            self._file.seek(begin)
-            if zlib.crc32(self._file.read(size - len(MAGIC) - 4 - begin)) != stored:
-                raise Damage("the checksum of its summary differs")
-
     @cached_property
     def topics(self) -> dict[str, LogTopic]:
-        """Topics that have messages, by name."""
+        """Topics with messages, by name."""
         counts: dict[str, int] = {}
         kinds: dict[str, tuple[Channel, str]] = {}
         if self._chunks:
-            for number, count in self._counts.items():
-                channel = self._known.channels[number]
-                schema = self._known.schemas.get(channel.schema_id)
-                kinds.setdefault(channel.topic, (channel, schema.name if schema else ""))
-                counts[channel.topic] = counts.get(channel.topic, 0) + count
+            with readable(self.path):
+                for number, count in self._counts.items():
+                    channel, schema = self._known.kind(number)
+                    kinds.setdefault(channel.topic, (channel, schema.name))
+                    counts[channel.topic] = counts.get(channel.topic, 0) + count
         else:
             for message in stream(self.path):
                 topic = message.channel.topic
@@ -207,18 +165,17 @@ class ReplayLog:
         return self._spans[place]
 
     def _messages_in(self, place: int) -> Iterator[RawMessage]:
-        """Read the messages of a chunk in their order; its checksum is looked at first."""
-        with self._readable():
+        """Read the messages of a chunk in their order, after a check of its checksum."""
+        with readable(self.path):
             self._file.seek(self._chunks[place].chunk_start_offset)
-            code, length = _RECORD.unpack(self._file.read(_RECORD.size))
+            head = self._file.read(HEAD.size)
+            code, length = HEAD.unpack(head) if len(head) == HEAD.size else (None, 0)
             if code != Opcode.CHUNK or length > self._size:
-                raise Damage("there is no chunk where the index says")
-            data = chunk_content(self._file.read(length))
-        with self._readable():
-            yield from self._known.messages(data)
+                raise Damage("no chunk at the position in the index")
+            yield from self._known.messages(chunk_content(self._file.read(length)))
 
     def _chunk_of(self, moment_ns: int) -> int:
-        """Return the chunk from which a moment is read on."""
+        """Return the first chunk to read for the messages from a time on."""
         low, high = 0, len(self._chunks) - 1
         while low < high:
             middle = (low + high) // 2
@@ -231,19 +188,19 @@ class ReplayLog:
         return low
 
     def _holding(self, topics: Collection[str]) -> Iterator[int]:
-        """Return the chunks that may hold messages of some topics."""
+        """Return the chunks that may contain messages of the topics."""
         numbers = {number for number, channel in self._known.channels.items() if channel.topic in topics}
         for place, chunk in enumerate(self._chunks):
             if not chunk.message_index_offsets or numbers & chunk.message_index_offsets.keys():
                 yield place
 
     def messages(self, topics: Collection[str], from_ns: int) -> Iterator[RawMessage]:
-        """Read the messages of some topics from a publish time on, in the order of the log.
+        """Read the messages of the topics from a publish time on, in the order of the log.
 
         Raises
         ------
         ValueError
-            If a damaged part is met.
+            If a part of the log is damaged.
         """
         for message in self._from(topics, from_ns):
             if message.channel.topic in topics and message_time(message) >= from_ns:
@@ -259,14 +216,14 @@ class ReplayLog:
                 yield from self._messages_in(place)
 
     def standing(self, depths: Mapping[str, int], until_ns: int) -> list[RawMessage]:
-        """Return what a late joiner would have been given at a moment, in the order of the log.
+        """Return the latched messages in force at a time, in the order of the log.
 
         Parameters
         ----------
         depths
-            Latched topics, and how many of their messages are kept.
+            Number of kept messages by latched topic.
         until_ns
-            Publish time up to which they were sent, itself included.
+            Last publish time, included.
         """
         kept: dict[str, list[tuple[int, RawMessage]]] = {name: [] for name in depths}
         for number, message in enumerate(self._until(depths, until_ns)):
@@ -289,7 +246,7 @@ class ReplayLog:
 
 
 def _described(channel: Channel, type_name: str, count: int) -> LogTopic:
-    """Return a topic with the quality of service that stands in its channel."""
+    """Return a topic with the quality of service of its channel."""
     try:
         profiles = yaml.safe_load(channel.metadata.get("offered_qos_profiles", ""))
     except yaml.YAMLError:
@@ -298,9 +255,9 @@ def _described(channel: Channel, type_name: str, count: int) -> LogTopic:
     depth = offered.get("depth")
     return LogTopic(
         channel.topic,
-        channel.topic,
+        published_name(channel.topic),
         type_name,
-        # rosbag2 writes the words, its versions before Iron the numbers of the rmw
+        # rosbag2 writes names; versions before Iron write the numbers of the rmw
         offered.get("durability") in ("transient_local", 1),
         depth if isinstance(depth, int) and depth > 0 else 10,
         channel.message_encoding,

@@ -1,7 +1,7 @@
-"""A law on recorded inputs: what it would have commanded where the recorded one drove.
+"""Commands of a law on the recorded inputs of a run.
 
-The loop is open: measurement, reference and estimate are those of the log whatever the law commands.  With the law
-and the parameters of the run the commands are equal bit for bit; a change of code or gains shows as a difference.
+The loop is open: measurement, reference and estimate come from the log and do not depend on the commands.  With the law
+and the parameters of the run the commands are equal bit for bit; a change of code or gains appears as a difference.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.failure import RunFailed
+from train_ato.errors import RunFailed
 from train_ato.interrupt import interruptible
-from train_ato.nodes.inputs import StepInputs
-from train_ato.outcome import Progress
-from train_ato.record.reading import read_log
-from train_ato.roles.controller import ControllerRole
-from train_ato.roles.trajectories import profile_of
-from train_ato.run_setup import RunSetup
-from train_ato.types import Array, Command, Measurement, Pipe, Reference
-from train_ato.wire import Wire
+from train_ato.log.reading import read_log
+from train_ato.loop.controller import ControllerStage
+from train_ato.loop.result import Progress
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.stamp_synchronizer import StampSynchronizer
+from train_ato.loop.trajectories import profile_of
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.types import Array, Command, Measurement, Pipe, Reference
 
 INPUTS = {
     "ato/profile": "profile",
@@ -32,13 +32,13 @@ INPUTS = {
     "ato/reference": "reference",
     "ato/estimate": "estimate",
 }
-OUTPUTS = ("ato/command", "ato/brake_pipe")
-_TELL_EVERY = 100
+OUTPUTS = ("ato/command", "ato/brake_pipe_command")
+_PROGRESS_TICKS = 100
 
 
 @dataclass(frozen=True)
 class OpenLoop:
-    """Outputs of a law on recorded inputs, and those in the log; k ticks.
+    """Outputs of a law on recorded inputs and outputs in the log; k ticks.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class OpenLoop:
         return self.replayed - self.recorded
 
     def summary(self) -> dict[str, Any]:
-        """Return figures of both outputs and of their difference, and where that is largest; kN, kPa and s."""
+        """Return figures of both outputs and of their difference in kN, kPa and s."""
         difference = self.difference / 1e3
         size = np.abs(difference).max(axis=1)
         pipe = (self.replayed_pipe - self.recorded_pipe) / 1e3
@@ -99,7 +99,7 @@ def _force_figures(force: Array, stamp: NDArray[np.int64]) -> dict[str, float]:
 
 @dataclass
 class _Outputs:
-    """What was commanded, by stamp."""
+    """Commands by stamp."""
 
     force: dict[int, Array] = field(default_factory=dict)
     pipe: dict[int, float] = field(default_factory=dict)
@@ -115,58 +115,59 @@ class _Outputs:
 
 
 def replay_open_loop(setup: RunSetup, run: Path, progress: Callable[[Progress], None] | None = None) -> OpenLoop:
-    """Drive a fresh controller with the recorded inputs of a run.
+    """Run a new controller on the recorded inputs of a run.
 
     Parameters
     ----------
     setup
-        The run's setup, with the law and parameters to try.
+        Setup of the run with the tested law and parameters.
     run
         Run folder or MCAP file.
     progress
-        Takes how far it is.
+        Callback for the progress.
 
     Raises
     ------
     ValueError
-        If the log lacks an input, or a law refuses it.
+        If the log lacks an input, or the law rejects the train.
     RunFailed
         After Ctrl-C.
     """
-    role = ControllerRole(setup)
-    inputs = StepInputs()
+    controller = ControllerStage(setup)
+    inputs = StampSynchronizer()
     recorded, replayed = _Outputs(), _Outputs()
     seen: dict[int, tuple[Measurement, Reference]] = {}
     begin = time.monotonic()
     with interruptible() as interrupt:
-        for topic, _, message in read_log(run, Wire(setup.shape).decode, (*INPUTS, *OUTPUTS)):
+        for topic, _, message in read_log(run, Wire(setup.layout).decode, (*INPUTS, *OUTPUTS)):
             if topic in OUTPUTS:
                 recorded.take(message)
                 continue
-            for profile, complete in inputs.put(INPUTS[topic], message):
-                if profile is not None:
-                    role.set_profile(profile_of(profile))
-                command, pipe, _ = role.step(*complete)
-                seen[command.stamp] = complete[:2]
-                replayed.take(command)
-                if pipe is not None:
-                    replayed.take(pipe)
-                if progress is not None and len(seen) % _TELL_EVERY == 0:
-                    progress(Progress(command.stamp * 1e-9, setup.ticks * setup.tick, time.monotonic() - begin))
+            for step in inputs.put(INPUTS[topic], message):
+                if step.profile is not None:
+                    controller.set_profile(profile_of(step.profile))
+                answer = controller.step(step.measurement, step.reference, step.estimate)
+                stamp = answer.command.stamp
+                seen[stamp] = step.measurement, step.reference
+                replayed.take(answer.command)
+                if answer.brake_pipe_command is not None:
+                    replayed.take(answer.brake_pipe_command)
+                if progress is not None and len(seen) % _PROGRESS_TICKS == 0:
+                    progress(Progress(stamp * 1e-9, setup.ticks * setup.tick, time.monotonic() - begin))
             if interrupt.asked:
-                raise RunFailed("interrupted; nothing is written")
+                raise RunFailed("interrupted; no result is written")
     return _joined(run, seen, recorded, replayed)
 
 
 def _joined(
     run: Path, seen: dict[int, tuple[Measurement, Reference]], recorded: _Outputs, replayed: _Outputs
 ) -> OpenLoop:
-    """Put both outputs side by side, at the stamps that have both; a measured run says no demand of the brake pipe."""
+    """Join both outputs at their common stamps; a measured run has no demand of the brake pipe."""
     pipes = bool(recorded.pipe and replayed.pipe)
     common = [stamp for stamp in seen if stamp in recorded.force and (not pipes or stamp in recorded.pipe)]
     if not common:
         raise ValueError(
-            f"{run}: no stamp has a profile, measurement, reference, estimate and command; nothing to compare"
+            f"{run}: no stamp with profile, measurement, reference, estimate and command; nothing to compare"
         )
     return OpenLoop(
         stamp=np.array(common, dtype=np.int64),

@@ -1,4 +1,4 @@
-"""Figure of a law on recorded inputs: its output beside the recorded one, and the difference."""
+"""Figure of the commands of a law on recorded inputs, the recorded commands and their difference."""
 
 from __future__ import annotations
 
@@ -6,40 +6,38 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from train_ato.figure import COLOURS, LONG_RUN_S
-from train_ato.open_loop import OpenLoop
-from train_ato.types import Array
+from train_ato.apps.replay.open_loop import OpenLoop
+from train_ato.apps.report.run_figure import COLOURS, LONG_RUN_S
+from train_ato.messages.types import Array
 
 _FEW = 4
-"""Up to so many power units are drawn one by one."""
+"""Largest number of power units with a curve each."""
 
 
 def draw_open_loop(result: OpenLoop, title: str, recorded: str, replayed: str, path: Path) -> None:
-    """Draw speed, both force demands, their difference and, where the air brake is used, both brake-pipe demands.
+    """Draw speed, both force demands, their difference and, with an air brake in use, both brake-pipe demands.
 
     Parameters
     ----------
     result
-        What is drawn.
+        Outputs to draw.
     title
-        Stands above the figure.
+        Title of the figure.
     recorded, replayed
-        What the two outputs are called.
+        Names of the two outputs.
     path
-        Figure to write; its suffix says the format.
+        File of the figure; its suffix selects the format.
 
     Raises
     ------
     OSError
-        If it cannot be written.
+        If the file cannot be written.
     """
     pipe = any(demand.size > 0 and np.ptp(demand) > 0 for demand in (result.recorded_pipe, result.replayed_pipe))
     panels = 4 if pipe else 3
     figure = Figure(figsize=(11, 2.6 * panels), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
     axes = figure.subplots(panels, 1, sharex=True)
     long = bool(result.stamp[-1] * 1e-9 > LONG_RUN_S)
     time: Array = result.stamp.astype(np.float64) * (1e-9 / 60 if long else 1e-9)
@@ -47,11 +45,11 @@ def draw_open_loop(result: OpenLoop, title: str, recorded: str, replayed: str, p
     _draw_pair(
         axes[1], time, (result.recorded.sum(axis=1) / 1e3, recorded), (result.replayed.sum(axis=1) / 1e3, replayed)
     )
-    axes[1].set_ylabel("demand of all units in kN")
+    axes[1].set_ylabel("command of all units in kN")
     _draw_difference(axes[2], result, time)
     if pipe:
         _draw_pair(axes[3], time, (result.recorded_pipe / 1e3, recorded), (result.replayed_pipe / 1e3, replayed))
-        axes[3].set_ylabel("brake pipe demand in kPa")
+        axes[3].set_ylabel("brake pipe command in kPa")
     for panel in axes:
         panel.grid(alpha=0.3)
         panel.margins(x=0.01)
@@ -92,7 +90,7 @@ def _draw_difference(panel: Axes, result: OpenLoop, time: Array) -> None:
 
 
 def _legend(panel: Axes, columns: int) -> None:
-    """Name the lines above the panel, where they cover nothing."""
+    """Draw the legend above the panel, clear of the curves."""
     panel.legend(
         loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1, frameon=False, ncols=columns, fontsize="small"
     )

@@ -1,4 +1,4 @@
-"""How a run is published again, and which of its topics."""
+"""Options of a replay and selection of its topics."""
 
 from __future__ import annotations
 
@@ -6,38 +6,38 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
+from train_ato.apps.replay.log import LogTopic
 from train_ato.control.parameters import closest
-from train_ato.replay.log import LogTopic
 
 CLOCK = "/clock"
 
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """How a run is published again.
+    """Options of a replay.
 
     Attributes
     ----------
     rate : float
-        Simulated seconds per second of wall time; infinite: as fast as the readers take it.
+        Simulated seconds per second of wall time; infinite: as fast as the readers receive the messages.
     start_offset : float
-        Time from the first message at which to begin [s]; latched topics from before are sent first.
+        Start after the first message [s]; earlier latched messages are sent first.
     duration : float or None
-        Time of the log to publish [s]; default: to its end.
+        Published time of the log [s]; None: to its end.
     delay : float
-        Wall time to wait before the first message, in every loop [s].
+        Wall time before the first message of every loop [s].
     loop, start_paused : bool
-        Begin again at the end; wait for the service ``resume``.
+        Restart at the end; wait for the service ``resume``.
     clock_hz : float or None
-        Publish ``/clock`` so often per wall second instead of the recorded one.
+        Rate of ``/clock`` [1/s of wall time], which replaces the recorded one.
     topics, exclude : tuple of str
-        Names in the log (with or without the leading slash) that are published, empty: all; that are left out.
+        Names in the log, with or without the leading slash: published topics (empty: all) and excluded topics.
     remap : mapping of str to str
-        Name in the log to the name to publish under.
+        Published name by the name in the log.
     meet_s : float
-        Longest wall time to wait for readers that are there already [s].
+        Longest wall time to wait for existing readers [s].
     acknowledged_s : float
-        Longest wall time to wait at the end until the readers have everything [s].
+        Longest wall time to wait at the end for the confirmation of all messages by the readers [s].
     """
 
     rate: float = 1.0
@@ -54,7 +54,7 @@ class ReplayOptions:
     acknowledged_s: float = 5.0
 
     def check(self) -> None:
-        """Refuse what makes no sense.
+        """Reject invalid values.
 
         Raises
         ------
@@ -76,12 +76,12 @@ class ReplayOptions:
 
 
 def parse_remap(entries: tuple[str, ...]) -> dict[str, str]:
-    """Turn ``a:=b`` texts into a mapping.
+    """Return the mapping of texts ``a:=b``.
 
     Raises
     ------
     ValueError
-        If a text does not have that form, or one topic gets two names.
+        If a text has another form, or a topic has two new names.
     """
     mapping: dict[str, str] = {}
     for entry in entries:
@@ -89,24 +89,24 @@ def parse_remap(entries: tuple[str, ...]) -> dict[str, str]:
         if not (sign and before and after):
             raise ValueError(f"--remap {entry}: write it as from:=to, for example --remap ato/command:=shadow/command")
         if absolute(before) in map(absolute, mapping):
-            raise ValueError(f"--remap {entry}: {before} has another new name already; give it one")
+            raise ValueError(f"--remap {entry}: {before} already has another new name; give one name")
         mapping[before] = after
     return mapping
 
 
 def absolute(name: str) -> str:
-    """Return a topic's name with its leading slash."""
+    """Return the name of a topic with a leading slash."""
     return name if name.startswith("/") else f"/{name}"
 
 
 def chosen_topics(found: Mapping[str, LogTopic], options: ReplayOptions) -> dict[str, LogTopic]:
-    """Return the topics of a log that are published, by their name in the log.
+    """Return the published topics of a log, by their name in the log.
 
     Raises
     ------
     ValueError
-        If a topic that is named is not in the log, with the nearest name; if none is left, or two of different types
-        would be published under one name.
+        If a topic is not in the log (with the nearest name), if no topic remains, or if two topics of different types
+        have the same published name.
     """
     named = (("--topics", options.topics), ("--exclude-topics", options.exclude), ("--remap", tuple(options.remap)))
     for option, names in named:
@@ -120,10 +120,12 @@ def chosen_topics(found: Mapping[str, LogTopic], options: ReplayOptions) -> dict
     if options.clock_hz is not None:
         wanted.discard(CLOCK)
     if not wanted:
-        raise ValueError("--topics, --exclude-topics and --clock leave nothing to publish; name another choice")
+        raise ValueError("--topics, --exclude-topics and --clock leave no topic to publish; select at least one")
     renamed = {absolute(before): after for before, after in options.remap.items()}
     chosen = {
-        name: replace(topic, published_as=renamed.get(name, name)) for name, topic in found.items() if name in wanted
+        name: replace(topic, published_as=renamed.get(name, topic.published_as))
+        for name, topic in found.items()
+        if name in wanted
     }
     _check_names(chosen)
     return chosen

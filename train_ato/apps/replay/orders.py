@@ -1,7 +1,7 @@
-"""How a replay is given orders: services under the names of rosbag2's player, and parameters.
+"""Services and parameters of a replay, with the names of rosbag2's player.
 
-Where the package ``rosbag2_interfaces`` is installed, its types are used and ``ros2 service call`` works as with
-``ros2 bag play``.  It is not among the wheels; without it every service is a ``std_srvs/srv/Trigger``.
+With the package ``rosbag2_interfaces`` the services have its types, and ``ros2 service call`` works as with
+``ros2 bag play``.  The package is not among the wheels; without it every service is a ``std_srvs/srv/Trigger``.
 """
 
 from __future__ import annotations
@@ -9,30 +9,30 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from train_ato.replay.playback import Playback
-from train_ato.replay.rosbag2_services import Rosbag2Services, rosbag2_types
-from train_ato.replay.trigger_services import TriggerServices
+from train_ato.apps.replay.playback import Playback
+from train_ato.apps.replay.rosbag2_services import Rosbag2Services, rosbag2_types
+from train_ato.apps.replay.trigger_services import offer_triggers
 
 PARAMETERS: tuple[tuple[str, float | int, str], ...] = (
     ("rate", 1.0, "simulated seconds per second, .inf for as fast as possible; takes effect at once"),
-    ("seek", 0.0, "where the service seek goes [s from the first message]"),
-    ("burst", 1, "how many messages the service burst sends; 0 is all"),
-    ("start_offset", 0.0, "where the service play begins [s from the first message]"),
-    ("playback_duration", 0.0, "how much of the run the service play plays [s]; 0 is to the end"),
+    ("seek", 0.0, "time of the service seek [s from the first message]"),
+    ("burst", 1, "number of messages of the service burst; 0: all"),
+    ("start_offset", 0.0, "start of the service play [s from the first message]"),
+    ("playback_duration", 0.0, "duration of the service play [s]; 0: to the end"),
 )
 
 
 def offer_services(node: Any, playback: Playback) -> None:
-    """Offer the services of a replay on its node; where they are there, readers have been waited for."""
+    """Create the services of a replay on its node, after the wait for existing readers."""
     types = rosbag2_types()
     if types is None:
-        TriggerServices(node, playback)
+        offer_triggers(node, playback)
     else:
         Rosbag2Services(node, playback, types)
 
 
 class ReplayParameters:
-    """Parameters of the node: the rate, and what services without a request take."""
+    """Parameters of the node: the rate, and the arguments of services without a request."""
 
     def __init__(self, node: Any, playback: Playback) -> None:
         from rcl_interfaces.msg import ParameterDescriptor
@@ -45,7 +45,7 @@ class ReplayParameters:
         node.add_post_set_parameters_callback(self._take_over)
 
     def _refuse(self, parameters: list[Any]) -> Any:
-        """Check parameters without side effects."""
+        """Check new values, without side effects."""
         from rcl_interfaces.msg import SetParametersResult
 
         for parameter in parameters:

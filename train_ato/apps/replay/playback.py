@@ -1,6 +1,6 @@
-"""What a replay does next: the messages of a log at their times, and the orders that change this.
+"""Sequence of a replay: messages of a log at their times, and the service calls that change it.
 
-It knows no ROS: something else sends the messages and lets the orders in.
+This module does not use ROS; an :class:`Outlet` sends the messages and processes the service calls.
 """
 
 from __future__ import annotations
@@ -10,33 +10,33 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from train_ato.record.reading import RawMessage
-from train_ato.replay.clock import ReplayClock
-from train_ato.replay.log import DISORDER_NS, LogTopic, ReplayLog, message_time
-from train_ato.replay.options import ReplayOptions
+from train_ato.apps.replay.clock import ReplayClock
+from train_ato.apps.replay.log import DISORDER_NS, LogTopic, ReplayLog, message_time
+from train_ato.apps.replay.options import ReplayOptions
+from train_ato.log.mcap_records import RawMessage
 
 TURN_S = 0.1
-"""Longest time for which orders are not looked at [s]."""
+"""Longest time between two checks for service calls [s]."""
 BUSY_S = 0.005
-"""The same while messages go out without a wait between them [s]."""
+"""Longest such time while messages are sent without a wait [s]."""
 
 
 class Outlet(Protocol):
-    """Where the messages go."""
+    """Destination of the messages."""
 
     def publish(self, message: RawMessage) -> None:
         """Send a message."""
 
     def ready(self) -> bool:
-        """Tell whether the readers can take another message; may wait a little for them."""
+        """Return True if the readers can receive another message, after a short wait."""
 
     def turn(self, seconds: float, moment_ns: int) -> None:
-        """Let orders in for so long at most; ``moment_ns`` is the time of the log on ``/clock``."""
+        """Process service calls for a time [s] at most; ``moment_ns`` is the time of the log for ``/clock``."""
 
 
 @dataclass(frozen=True)
 class ReplayState:
-    """How far a replay is: time of the log and its length [s]."""
+    """State of a replay: time of the log and its length [s], rate, pause."""
 
     moment: float
     length: float
@@ -45,25 +45,20 @@ class ReplayState:
 
 
 class Playback:
-    """The course of a replay.
+    """Sequence of a replay.
 
-    Times in orders and answers are seconds from the first message of the log.
+    Times in arguments and results are seconds from the first message of the log.
 
     Parameters
     ----------
     log, topics, options
-        What is published, and how; the topics by their name in the log.
+        Log, published topics by their name in the log, and options.
     outlet
-        Takes the messages.
-    asked
-        Tells whether the replay is to end at once.
+        Destination of the messages.
+    interrupted
+        Returns True if the replay must end at once.
     progress
-        Takes the state about ten times a second.
-
-    Raises
-    ------
-    ValueError
-        If the start lies beyond the end of the run.
+        Callback for the state, about ten times a second.
     """
 
     def __init__(
@@ -72,7 +67,7 @@ class Playback:
         topics: Mapping[str, LogTopic],
         options: ReplayOptions,
         outlet: Outlet,
-        asked: Callable[[], bool],
+        interrupted: Callable[[], bool],
         progress: Callable[[ReplayState], None] | None = None,
     ) -> None:
         self._log = log
@@ -80,13 +75,13 @@ class Playback:
         self._depths = {name: topic.depth for name, topic in topics.items() if topic.latched}
         self._options = options
         self._outlet = outlet
-        self._asked = asked
+        self._interrupted = interrupted
         self._progress = progress
         self._clock = ReplayClock(options.rate, options.start_paused)
         self._offset, self._duration = options.start_offset, options.duration
         self._messages: Iterator[RawMessage] = iter(())
         self._next: RawMessage | None = None
-        self._turned = self._told = 0.0
+        self._turned = self._reported = 0.0
         self._damage: ValueError | None = None
         self.stopped = False
 
@@ -97,7 +92,7 @@ class Playback:
 
     @property
     def state(self) -> ReplayState:
-        """How far the replay is."""
+        """State of the replay."""
         moment = min(self._clock.now, self.length)
         return ReplayState(moment, self.length, self._clock.rate, self._clock.paused)
 
@@ -106,12 +101,12 @@ class Playback:
         return (moment_ns - self._log.begin_ns) * 1e-9
 
     def run(self) -> None:
-        """Publish until the end, the order to stop, or Ctrl-C.
+        """Publish until the end, a stop, or Ctrl-C.
 
         Raises
         ------
         ValueError
-            If a damaged part of the log is met.
+            If a part of the log is damaged.
         """
         self._begin()
         self._follow()
@@ -119,7 +114,7 @@ class Playback:
             raise self._damage
 
     def _follow(self) -> None:
-        while not (self._asked() or self.stopped):
+        while not (self._interrupted() or self.stopped):
             if self._next is None:
                 if self._clock.paused:
                     self._turn(TURN_S)
@@ -141,8 +136,8 @@ class Playback:
     def _turn(self, seconds: float) -> None:
         self._outlet.turn(seconds, self._log.begin_ns + round(self.state.moment * 1e9))
         self._turned = time.monotonic()
-        if self._progress is not None and self._turned - self._told > TURN_S:
-            self._told = self._turned
+        if self._progress is not None and self._turned - self._reported > TURN_S:
+            self._reported = self._turned
             self._progress(self.state)
 
     def _moment(self, message: RawMessage) -> float:
@@ -153,7 +148,7 @@ class Playback:
         self._clock.jump(self._offset, self._options.delay)
 
     def _go_to(self, place: float) -> None:
-        """Send the latched messages that stand at a moment and put the one that comes next in line."""
+        """Send the latched messages in force at a time and read the next message."""
         start_ns = self._log.begin_ns + round(place * 1e9)
         try:
             standing = self._log.standing(self._depths, start_ns)
@@ -166,7 +161,7 @@ class Playback:
         self._line_up()
 
     def _from(self, start_ns: int) -> Iterator[RawMessage]:
-        """Read what comes after the latched messages that stand at a moment, up to the last moment that is wanted."""
+        """Read the messages after a start, without the latched messages already sent, to the end of the duration."""
         last_ns = None
         if self._duration is not None:
             last_ns = self._log.begin_ns + round((self._offset + self._duration) * 1e9)
@@ -181,14 +176,14 @@ class Playback:
             yield message
 
     def _send(self) -> None:
-        """Publish the message that is in line."""
+        """Publish the next message."""
         assert self._next is not None
         self._outlet.publish(self._next)
         self._clock.reached(self._moment(self._next))
         self._line_up()
 
     def _line_up(self) -> None:
-        """Read the message that comes next; damage ends the replay, also where an order led to it."""
+        """Read the next message; damage ends the replay."""
         try:
             self._next = next(self._messages, None)
         except ValueError as damage:
@@ -197,23 +192,27 @@ class Playback:
     def _give_up(self, damage: ValueError) -> None:
         self._damage, self._next, self.stopped = damage, None, True
 
-    # Orders, given while the outlet turns.
+    # Commands from the service calls.
 
     def pause(self) -> None:
-        """Let time stand still; nothing is sent from now on."""
+        """Pause the time; no message is sent."""
         self._clock.set_paused(True)
 
     def resume(self) -> None:
-        """Let time flow again."""
+        """Resume the time."""
         self._clock.set_paused(False)
 
+    def toggle_paused(self) -> None:
+        """Pause, or resume after a pause."""
+        self._clock.set_paused(not self._clock.paused)
+
     def set_rate(self, rate: float) -> None:
-        """Change the rate; infinite is as fast as possible.
+        """Change the rate; an infinite rate is as fast as possible.
 
         Raises
         ------
         ValueError
-            If it is not above 0.
+            If the rate is not above 0.
         """
         self._clock.set_rate(rate)
 
@@ -223,50 +222,50 @@ class Playback:
         Raises
         ------
         ValueError
-            Without a pause, or at the end.
+            If the replay is not paused, or at its end.
         """
         if self.burst(1) == 0:
-            raise ValueError("play_next: the end of the run is reached; seek back first")
+            raise ValueError("play_next: end of the run; seek back first")
 
     def burst(self, count: int) -> int:
-        """Send so many messages now, 0 for all that are left, and return how many those were.
+        """Send a number of messages now, 0 for all that remain; return the number of sent messages.
 
         Raises
         ------
         ValueError
-            Without a pause.
+            If the replay is not paused.
         """
         if not self._clock.paused:
             raise ValueError("play_next and burst work in a pause; call pause first")
         sent = 0
-        while self._next is not None and (count == 0 or sent < count) and not (self._asked() or self.stopped):
+        while self._next is not None and (count == 0 or sent < count) and not (self._interrupted() or self.stopped):
             if self._outlet.ready():
                 self._send()
                 sent += 1
         return sent
 
     def seek(self, place: float) -> None:
-        """Go to a moment of the run, forth or back; what is latched there is sent again.
+        """Move to a time of the run; the latched messages in force there are sent again.
 
         Raises
         ------
         ValueError
-            If the run has no such moment.
+            If the time is outside the run.
         """
         self._log.check_place("seek", place)
         self._go_to(place)
         self._clock.jump(place)
 
     def play(self, offset: float, duration: float | None) -> None:
-        """Play again from an offset, for a duration, once the end is reached.
+        """Play again from an offset for a duration, after the end of the replay.
 
         Raises
         ------
         ValueError
-            If messages are left, or the run has no such moment.
+            If the replay has not ended, or the offset is outside the run.
         """
         if self._next is not None:
-            raise ValueError("play: the replay is under way; use seek, or resume after a pause")
+            raise ValueError("play: the replay has not ended; use seek, or resume after a pause")
         self._log.check_place("start offset", offset)
         self._offset, self._duration = offset, duration
         self._begin()

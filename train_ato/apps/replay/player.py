@@ -1,42 +1,36 @@
-"""The node of a replay: publishers as they were recorded, and readers that are waited for."""
+"""Node of a replay: publishers with the recorded quality of service, and waits for their readers."""
 
 from __future__ import annotations
 
 import sys
 import time
 from collections.abc import Callable, Mapping
-from importlib.resources import files
-from pathlib import Path
 from typing import Any
 
-from train_ato.record.reading import RawMessage
-from train_ato.replay.log import LogTopic
-from train_ato.replay.options import CLOCK
+from train_ato.apps.replay.log import LogTopic
+from train_ato.apps.replay.options import CLOCK
+from train_ato.log.mcap_records import RawMessage
 
 NODE = "rosbag2_player"
-"""Name of the node, that of ``ros2 bag play``: scripts that talk to it find the same services."""
+"""Name of the node, that of ``ros2 bag play``, so that scripts find the same services."""
 _QUEUE = 1000
-"""Least queue of a topic that is not latched; nothing that readers have not got falls out of it."""
+"""Least depth of the queue of a topic that is not latched; unconfirmed messages stay in it."""
 _MOST_BYTES = 16 * 2**20
-"""Readers are waited for after so many bytes on a topic, however few messages those are."""
+"""Number of bytes on a topic after which the confirmation of the readers is awaited."""
 _SLICE_S = 0.02
 _STALL_S = 30.0
-"""A reader that does not confirm for so long is not waited for any longer; one that was killed is forgotten before."""
+"""Longest wait for the confirmation of a reader; a killed reader is removed earlier."""
 _QUIET_S = 0.5
-"""No reader has turned up for so long: all that were there are matched."""
+"""Time without a new reader after which all existing readers count as matched."""
+REPLAY_PROFILE = "fastdds_replay.xml"
+"""Profile of Fast DDS with frequent requests for the confirmation of the readers.
 
-
-def middleware_profile() -> Path:
-    """Return the file that makes Fast DDS find readers quickly and ask them often what they have got.
-
-    It is named by ``FASTRTPS_DEFAULT_PROFILES_FILE`` before the first node of a process; without it a reader is asked
-    every 3 s, which a replay at full speed has to wait for.
-    """
-    return Path(str(files("train_ato"))) / "graph" / "fastdds_replay.xml"
+The default period is 3 s, for which a replay at full speed would wait.
+"""
 
 
 class Sender:
-    """A publisher and what went out on it since its readers had everything."""
+    """Publisher with the count of its unconfirmed messages."""
 
     def __init__(self, topic: LogTopic, publisher: Any, depth: int) -> None:
         self.topic = topic
@@ -47,11 +41,11 @@ class Sender:
         self.waited_for = True
 
     def full(self) -> bool:
-        """Tell whether the readers have to be asked before more is sent."""
+        """Return True if the readers must confirm before the next message."""
         return self.waited_for and (self.messages >= self.window or self.bytes >= _MOST_BYTES)
 
     def acknowledged(self, seconds: float) -> bool:
-        """Tell whether the readers have everything, waiting so long at most."""
+        """Return True if the readers confirm all messages within a time [s]."""
         from rclpy.duration import Duration
 
         if self.publisher.wait_for_all_acked(Duration(nanoseconds=max(0, round(seconds * 1e9)))):
@@ -66,16 +60,16 @@ class Player:
     Parameters
     ----------
     executor, context
-        Of the process.
+        Executor and context of the process.
     topics
-        What is published, by the name in the log.
+        Published topics, by their name in the log.
     clock_hz
-        Rate of a ``/clock`` of its own [1/s of wall time]; None: there is none.
+        Rate of the generated ``/clock`` [1/s of wall time]; None: no generated clock.
 
     Raises
     ------
     ValueError
-        If a message type is not installed, no ROS 2 message, or a name is no name of a topic.
+        If a message type is not installed or not of ROS 2, or a topic name is invalid.
     """
 
     def __init__(self, executor: Any, context: Any, topics: Mapping[str, LogTopic], clock_hz: float | None) -> None:
@@ -107,10 +101,12 @@ class Player:
             return Sender(topic, self.node.create_publisher(_class_of(topic), topic.published_as, qos), depth)
         except NameValidationException as error:
             reason = str(error).splitlines()[0]
-            raise ValueError(f"--remap {topic.name}:={topic.published_as}: no name of a topic ({reason})") from None
+            raise ValueError(
+                f"--remap {topic.name}:={topic.published_as}: invalid topic name ({reason}); give another name"
+            ) from None
 
     def publish(self, message: RawMessage) -> None:
-        """Send one recorded message as it is."""
+        """Send the bytes of a recorded message."""
         sender = self._senders[message.channel.topic]
         sender.send(bytes(message.data))
         sender.count += 1
@@ -120,7 +116,7 @@ class Player:
             self._full, self._full_since = sender, time.monotonic()
 
     def ready(self) -> bool:
-        """Tell whether the readers have got enough for another message to be sent; waits a little for them."""
+        """Return True if the queues have space for another message, after a short wait for the readers."""
         if self._full is None or self._full.acknowledged(_SLICE_S):
             self._full = None
             return True
@@ -129,12 +125,12 @@ class Player:
         self._full.waited_for = False
         name, self._full = self._full.topic.published_as, None
         sys.stderr.write(
-            f"train-ato: {name}: a reader does not confirm within {_STALL_S:g} s and is not waited for any longer\n"
+            f"train-ato: {name}: no confirmation by a reader within {_STALL_S:g} s; the replay continues without it\n"
         )
         return True
 
     def turn(self, seconds: float, moment_ns: int) -> None:
-        """Let services be called for so long at most, and publish ``/clock`` when it is due."""
+        """Process service calls for a time [s] at most; publish ``/clock`` when it is due."""
         if self._clock is not None and self._period is not None:
             now = time.monotonic()
             if now >= self._next_clock:
@@ -143,17 +139,17 @@ class Player:
             seconds = min(seconds, max(0.0, self._next_clock - now))
         self._executor.spin_once(timeout_sec=seconds)
 
-    def meet(self, most_s: float, asked: Callable[[], bool]) -> bool:
-        """Wait until readers that are there already are matched: what is sent before is lost to them.
+    def wait_for_readers(self, most_s: float, interrupted: Callable[[], bool]) -> bool:
+        """Wait until the existing readers are matched; they would lose all earlier messages.
 
         Returns
         -------
         bool
-            False when a reader that fits was not matched in time.
+            False if a compatible reader was not matched in time.
         """
         last = time.monotonic() + most_s
         seen, quiet = None, time.monotonic()
-        while not asked():
+        while not interrupted():
             self._executor.spin_once(timeout_sec=_SLICE_S)
             now = time.monotonic()
             found = self._met()
@@ -167,13 +163,13 @@ class Player:
         return True
 
     def _met(self) -> tuple[tuple[tuple[int, int], ...], int]:
-        """Return readers that fit and readers that are matched, for every publisher, and the number of nodes."""
+        """Return the numbers of compatible and of matched readers of every publisher, and the number of nodes."""
         senders = [*self._senders.values(), *([self._clock] if self._clock is not None else [])]
         pairs = tuple((self._fitting(sender), sender.publisher.get_subscription_count()) for sender in senders)
         return pairs, len(self.node.get_node_names_and_namespaces())
 
     def _fitting(self, sender: Sender) -> int:
-        """Count the readers of a topic that this publisher can serve."""
+        """Return the number of readers compatible with a publisher."""
         from rclpy.qos import QoSCompatibility, qos_check_compatible
 
         publisher = sender.publisher
@@ -184,7 +180,7 @@ class Player:
         )
 
     def others(self) -> dict[str, list[str]]:
-        """Return the nodes that publish the same topics, by the name of the topic in the graph."""
+        """Return the other publishers of the same topics, by the name of the topic in the graph."""
         found: dict[str, list[str]] = {}
         for sender in self._senders.values():
             name = sender.publisher.topic_name
@@ -193,30 +189,30 @@ class Player:
             found[sender.publisher.topic_name].remove(NODE)
         return {name: nodes for name, nodes in found.items() if nodes}
 
-    def settle(self, most_s: float, asked: Callable[[], bool]) -> bool:
-        """Wait until the readers have everything; False if they have not in time."""
+    def wait_for_confirmation(self, most_s: float, interrupted: Callable[[], bool]) -> bool:
+        """Wait until the readers confirm all messages; return False if they do not in time."""
         last = time.monotonic() + most_s
         for sender in self._senders.values():
             while not sender.acknowledged(min(_SLICE_S, last - time.monotonic())):
-                if asked() or time.monotonic() >= last:
+                if interrupted() or time.monotonic() >= last:
                     return False
         return True
 
 
 def _class_of(topic: LogTopic) -> Any:
-    """Return the class of a topic's messages."""
-    from train_ato.nodes.shell import message_class
+    """Return the message class of a topic."""
+    from train_ato.ros.nodes.endpoints import message_class
 
     if topic.encoding != "cdr" or topic.type.count("/") != 2:
         raise ValueError(
-            f"{topic.name}: messages of type '{topic.type}' in '{topic.encoding}' are none of ROS 2; leave the topic "
-            "out with --exclude-topics"
+            f"{topic.name}: messages of type '{topic.type}' in '{topic.encoding}' are not ROS 2 messages; exclude the "
+            "topic with --exclude-topics"
         )
     try:
         return message_class(topic.type)
     except (ImportError, AttributeError):
         raise ValueError(
-            f"{topic.name}: messages of type {topic.type} are not installed; install them, or leave the topic out "
+            f"{topic.name}: messages of type {topic.type} are not installed; install them, or exclude the topic "
             "with --exclude-topics"
         ) from None
 

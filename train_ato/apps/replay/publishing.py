@@ -1,4 +1,4 @@
-"""Publishing a recorded run again, with its names, types, quality of service and pace."""
+"""Replay of a recorded run with its names, types, quality of service and pace."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from train_ato.apps.replay.log import ReplayLog
+from train_ato.apps.replay.options import ReplayOptions, chosen_topics
+from train_ato.apps.replay.playback import Playback, ReplayState
 from train_ato.interrupt import interruptible
-from train_ato.replay.log import ReplayLog
-from train_ato.replay.options import ReplayOptions, chosen_topics
-from train_ato.replay.playback import Playback, ReplayState
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """What a replay sent, and how it ended.
+    """Result of a replay.
 
     Attributes
     ----------
     counts : dict
-        Number of messages sent, by their topic in the log.
+        Number of sent messages by topic of the log.
     moment : float
-        Time of the log that was reached [s].
+        Last time of the log [s].
     end : str
         ``end``, ``stopped`` by the service, or ``interrupted`` by Ctrl-C.
     acknowledged : bool
-        The readers have confirmed that they have everything.
+        The readers have confirmed all messages.
     """
 
     counts: dict[str, int]
@@ -36,7 +36,7 @@ class Replayed:
 
 
 Keys = Callable[[Playback], None]
-"""Looks at the keyboard and gives its orders."""
+"""Callback that processes the keys."""
 
 
 def replay(
@@ -47,62 +47,62 @@ def replay(
     progress: Callable[[ReplayState], None] | None = None,
     keys: Keys | None = None,
 ) -> Replayed:
-    """Publish a recorded run again until its end, the service ``stop``, or Ctrl-C.
+    """Publish a recorded run until its end, the service ``stop``, or Ctrl-C.
 
-    Messages go out as the bytes that were recorded, in the order of the log, at their publish times.  Nothing is sent
-    before readers that are there already are matched; latched topics from before the start are sent first.
+    The recorded bytes are sent in the order of the log at their publish times.  The first message is sent after the
+    existing readers are matched; latched messages from before the start are sent first.
 
     Parameters
     ----------
     run
         Run folder or MCAP file.
     options
-        Pace, choice and names.
+        Pace, selection and names.
     domain
         ROS domain; default: that of the environment.
     progress
-        Takes the state about ten times a second.
+        Callback for the state, about ten times a second.
     keys
-        Called as often.
+        Callback for the keys, at the same rate.
 
     Returns
     -------
     Replayed
-        What was sent and how it ended.
+        Sent messages and end of the replay.
 
     Raises
     ------
     ValueError
-        For bad options, topics that are not in the log, message types that are not installed, or a damaged log.
+        For invalid options, topics not in the log, missing message types, or a damaged log.
     """
     options.check()
     with ReplayLog(run) as log, interruptible() as interrupt:
         topics = chosen_topics(log.topics, options)
         log.check_place("--start-offset", options.start_offset)
-        from train_ato.graph.assembly import executor_of
-        from train_ato.replay.orders import ReplayParameters, offer_services
-        from train_ato.replay.player import Player
+        from train_ato.apps.replay.orders import ReplayParameters, offer_services
+        from train_ato.apps.replay.player import Player
+        from train_ato.ros.graph.assembly import executor_of
 
-        def asked() -> bool:
+        def interrupted() -> bool:
             return interrupt.asked
 
-        def told(state: ReplayState) -> None:
+        def report(state: ReplayState) -> None:
             if progress is not None:
                 progress(state)
             if keys is not None:
                 keys(playback)
 
-        # without arguments of its own rclpy reads those of the command line, and renames what is renamed already
+        # an empty list: without arguments rclpy would apply the remappings of the command line a second time
         with executor_of(domain, []) as (context, executor):
             player = Player(executor, context, topics, options.clock_hz)
-            playback = Playback(log, topics, options, player, asked, told)
+            playback = Playback(log, topics, options, player, interrupted, report)
             ReplayParameters(player.node, playback)
-            player.meet(options.meet_s, asked)
+            player.wait_for_readers(options.meet_s, interrupted)
             others = player.others()
             _warn_of_others(others)
             offer_services(player.node, playback)
             playback.run()
-            acknowledged = player.settle(options.acknowledged_s, asked)
+            acknowledged = player.wait_for_confirmation(options.acknowledged_s, interrupted)
             _warn_of_others({topic: nodes for topic, nodes in player.others().items() if topic not in others})
         end = "stopped" if playback.stopped else "interrupted" if interrupt.asked else "end"
         return Replayed(player.counts, playback.state.moment, end, acknowledged)
@@ -111,6 +111,6 @@ def replay(
 def _warn_of_others(others: Mapping[str, Sequence[str]]) -> None:
     for topic, nodes in others.items():
         sys.stderr.write(
-            f"train-ato: {topic}: published on this domain by {', '.join(nodes)} too, readers get both; give --domain, "
-            "--remap or --exclude-topics\n"
+            f"train-ato: {topic}: also published on this domain by {', '.join(nodes)}, readers receive both; give "
+            "--domain, --remap or --exclude-topics\n"
         )

@@ -1,4 +1,4 @@
-"""Services of a replay with the types of rosbag2, as ``ros2 bag play`` has them."""
+"""Services of a replay with the types of rosbag2, as in ``ros2 bag play``."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-from train_ato.replay.playback import Playback
-from train_ato.replay.trigger_services import SERVICES
+from train_ato.apps.replay.playback import Playback
+from train_ato.apps.replay.trigger_services import SERVICES
 
 
 def rosbag2_types() -> Any | None:
-    """Return the service types of rosbag2, None where they are not installed."""
+    """Return the service types of rosbag2, None if they are not installed."""
     try:
         types = import_module("rosbag2_interfaces.srv")
     except ImportError:
@@ -20,19 +20,19 @@ def rosbag2_types() -> Any | None:
 
 
 def type_name(service: str) -> str:
-    """Return the name of a service's type, PlayNext for ``play_next``."""
+    """Return the type name of a service: PlayNext for ``play_next``."""
     return "".join(part.capitalize() for part in service.split("_"))
 
 
 class Rosbag2Services:
-    """Takes the requests of rosbag2.
+    """Handler of the requests of rosbag2.
 
     Parameters
     ----------
     node
-        Node of the replay; the services get its name in front.
+        Node of the replay; its name is the prefix of the services.
     playback
-        Takes the orders.
+        Replay to control.
     types
         Module ``rosbag2_interfaces.srv``.
     """
@@ -52,10 +52,7 @@ class Rosbag2Services:
         return response
 
     def _toggle_paused(self, request: Any, response: Any) -> Any:
-        if self._playback.state.paused:
-            self._playback.resume()
-        else:
-            self._playback.pause()
+        self._playback.toggle_paused()
         return response
 
     def _is_paused(self, request: Any, response: Any) -> Any:
@@ -82,7 +79,7 @@ class Rosbag2Services:
         return response
 
     def _seek(self, request: Any, response: Any) -> Any:
-        """Go to an absolute time of the log, as rosbag2 has it."""
+        """Move to an absolute time of the log, as in rosbag2."""
         response.success = self._done(lambda: self._playback.seek(self._playback.place_of(_nanoseconds(request.time))))
         return response
 

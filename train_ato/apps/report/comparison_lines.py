@@ -1,4 +1,4 @@
-"""What runs side by side need: a colour for each, one line for all units, and the events they have in common."""
+"""Comparison of runs: colours, one line for all power units, and common events."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from train_ato.report.digest import Digest
-from train_ato.report.events import Event
-from train_ato.report.lines import Lines
-from train_ato.report.quantities import RUN_COLOURS
-from train_ato.types import Array
+from train_ato.apps.report.curves import Curves
+from train_ato.apps.report.event import Event
+from train_ato.apps.report.page_data import PageData
+from train_ato.apps.report.quantities import RUN_COLOURS
+from train_ato.messages.types import Array
 
 
 def run_colours(count: int) -> list[str]:
@@ -18,25 +18,25 @@ def run_colours(count: int) -> list[str]:
     return [RUN_COLOURS[index % len(RUN_COLOURS)] for index in range(count)]
 
 
-def common_events(digests: Sequence[Digest]) -> list[Event]:
-    """Return what happens in every run at the same time."""
-    if not digests:
+def common_events(pages: Sequence[PageData]) -> list[Event]:
+    """Return the events that are in every run at the same time."""
+    if not pages:
         return []
 
     def key(event: Event) -> tuple[str, str, int]:
         return event.kind, event.text, round(event.begin)
 
-    shared = set.intersection(*({key(event) for event in digest.events} for digest in digests))
-    return [event for event in digests[0].events if key(event) in shared and event.kind != "limit"]
+    shared = set.intersection(*({key(event) for event in data.events} for data in pages))
+    return [event for event in pages[0].events if key(event) in shared and event.kind != "limit"]
 
 
 def run_dash(index: int) -> str:
-    """Tell runs of one colour apart."""
+    """Return the line style of a run; runs with the same colour differ in it."""
     return ("solid", "dashed", "dotted")[index // len(RUN_COLOURS) % 3]
 
 
-def farthest(lines: Lines | None, column: str) -> Array | None:
-    """Return a column, or of those of all units at every time the value farthest from zero."""
+def largest_magnitude(lines: Curves | None, column: str) -> Array | None:
+    """Return a column; for several power units, the value with the largest magnitude at every time."""
     if lines is None:
         return None
     of_units = [values for name, values in lines.columns.items() if name.partition(":")[0] == column]

@@ -1,4 +1,4 @@
-"""The moment under the cursor: its values in the bar under the title, and its place on the figures over distance."""
+"""Time at the cursor: values in the bar below the title, and place in the figures over distance."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from bokeh.events import MouseLeave, MouseMove
 from bokeh.models import ColumnDataSource, CustomJS, Span
 
-from train_ato.report.quantities import VERMILLION
-from train_ato.report.style import Figure, Linked
+from train_ato.apps.report.quantities import VERMILLION
+from train_ato.apps.report.style import Figure, Linked
 
 _FIND = """
     const nearest = (column, value) => {
@@ -30,7 +30,7 @@ _OVER_TIME = (
         values.push(Number.isFinite(value) ? value.toFixed(digits) : "–");
         if (column === "position_km") place = value;
     }
-    window.trainAto?.tell(time, values);
+    window.trainAto?.show(time, values);
     for (const span of places) { span.location = place; span.visible = place !== null; }
 """
 )
@@ -46,7 +46,7 @@ _OVER_DISTANCE = (
         const value = source.data[column][nearest(source.data.time, time)];
         values.push(Number.isFinite(value) ? value.toFixed(digits) : "–");
     }
-    window.trainAto?.tell(time, values);
+    window.trainAto?.show(time, values);
     for (const span of times) { span.location = time; span.visible = true; }
 """
 )
@@ -54,7 +54,7 @@ _OVER_DISTANCE = (
 
 @dataclass(frozen=True)
 class Reading:
-    """One value of the bar: where it stands, what it is called, its unit and digits."""
+    """One value of the bar: source, column, label, unit and digits."""
 
     source: ColumnDataSource
     column: str
@@ -64,24 +64,24 @@ class Reading:
 
 
 def follow_cursor(linked: Linked, readings: list[Reading]) -> None:
-    """Let every figure tell the bar what lies under the cursor, and the others where that is.
+    """Show the values at the cursor in the bar, and its time or place in the other figures.
 
     Parameters
     ----------
     linked
         The page's figures.
     readings
-        Values of the bar; what a cursor over distance means is found by ``position_km`` among them.
+        Values of the bar; ``position_km`` among them converts between time and distance.
     """
     linked.readings = [(reading.words, reading.unit) for reading in readings]
     if not readings:
         return
     fields = [[reading.source, reading.column, reading.digits] for reading in readings]
     times, places = _spans(linked.figures_over_time), _spans(linked.figures_over_distance)
-    tell = CustomJS(args={"fields": fields, "places": places}, code=_OVER_TIME)
+    show = CustomJS(args={"fields": fields, "places": places}, code=_OVER_TIME)
     hide = CustomJS(args={"spans": [*times, *places]}, code="for (const span of spans) span.visible = false")
     for plot in linked.figures_over_time:
-        plot.js_on_event(MouseMove, tell)
+        plot.js_on_event(MouseMove, show)
         plot.js_on_event(MouseLeave, hide)
     along = next((reading.source for reading in readings if reading.column == "position_km"), None)
     if along is None:
@@ -93,7 +93,7 @@ def follow_cursor(linked: Linked, readings: list[Reading]) -> None:
 
 
 def _spans(figures: list[Figure]) -> list[Span]:
-    """Give every figure a line of its own for a moment that is pointed at elsewhere."""
+    """Add a line for the cursor of another figure to every figure."""
     spans = []
     for plot in figures:
         span = Span(

@@ -1,4 +1,4 @@
-"""Delay from command to effect: as found in the log, as set in the scenario, as the law believes it."""
+"""Delay from command to effect: identified from the log, set in the scenario, assumed by the law."""
 
 from __future__ import annotations
 
@@ -7,47 +7,46 @@ from itertools import accumulate, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.links import LinkSpec
-from train_ato.report.recording import Recording
-from train_ato.report.thin import aligned
-from train_ato.types import Array
+from train_ato.loop.recording import COMMAND, MEASUREMENT, Recording
+from train_ato.loop.series import aligned
+from train_ato.messages.links import LinkSpec
+from train_ato.messages.types import Array
 
 WINDOWS = 80
-"""A run is cut into about so many windows, each at least ``SHORTEST`` and at most ``LONGEST`` [s]."""
-SHORTEST, LONGEST = 5.0, 60.0
+"""Approximate number of time windows; each is ``MIN_WINDOW`` to ``MAX_WINDOW`` [s] long."""
+MIN_WINDOW, MAX_WINDOW = 5.0, 60.0
 CANDIDATES = 120
-"""Number of delays that are tried."""
-UNKNOWN = 5.0
-"""Longest delay that is looked for where the scenario names none [s]."""
-LIVELY = 0.003
-"""A window counts if the force varies in it by this part of the run's range, rms."""
-CUT = 0.02
-"""A window counts if a limit cut the force during less than this part of it."""
-EXPLAINED = 0.8
-"""A delay is given where it explains this part of the force's variation."""
+"""Number of delays that are evaluated."""
+DEFAULT_MAX_DELAY = 5.0
+"""Maximum of the search without a scenario [s]."""
+MIN_VARIATION = 0.003
+"""Minimum rms variation of the force in a window, relative to the range of the run."""
+MAX_SATURATED = 0.02
+"""Maximum fraction of a window with a saturated force."""
+MIN_EXPLAINED = 0.8
+"""Minimum fraction of the variance of the force explained by the delay."""
 
 
 def found_delay(time: Array, demand: Array, applied: Array, longest: float, lag: float = 0.0) -> tuple[Array, Array]:
-    """Find the time by which the applied force follows the demand, window by window.
+    """Identify the delay of the applied force behind the demand [s] in time windows.
 
-    In every window it is the shift of the demand, behind the lag where that is known, that leaves the least squared
-    difference, refined between the ticks by a parabola.  The lag counts as a delay of its time constant, as it does
-    for forces that change slowly.  Windows in which the force hardly changes, or in which no shift explains it (a
-    force at its limit), give none.
+    The delay is the shift of the lagged demand with the least squared difference, refined between the ticks by a
+    parabola.  The lag adds its time constant, the delay of slowly changing forces.  Windows with a nearly constant
+    force, or with a force that no shift explains (saturation), have no result.
 
     Parameters
     ----------
     time, demand, applied : Array, shape (k,)
         Stamps [s], equally spaced; demand and applied force [N].
     longest
-        Longest delay looked for [s].
+        Maximum of the search [s].
     lag
-        Time constant of the actuators [s]; 0 where it is not known.
+        Time constant of the actuators [s]; 0: unknown.
 
     Returns
     -------
     middle, delay : Array, shape (windows,)
-        Middle of every window [s] and the delay [s], NaN where there is none.
+        Middle of every window [s] and the delay [s]; NaN: no result.
     """
     if time.size < 8 or not np.isfinite(demand).any():
         return np.empty(0), np.empty(0)
@@ -57,7 +56,7 @@ def found_delay(time: Array, demand: Array, applied: Array, longest: float, lag:
     step = stride * tick
     demand, applied, time = demand[::stride], applied[::stride], time[::stride]
     shifts = max(2, min(round(longest / step), time.size // 4))
-    width = round(float(np.clip((time[-1] - time[0]) / WINDOWS, SHORTEST, LONGEST)) / step)
+    width = round(float(np.clip((time[-1] - time[0]) / WINDOWS, MIN_WINDOW, MAX_WINDOW)) / step)
     edges = np.arange(shifts, time.size, max(1, width), dtype=np.intp)
     if edges.size < 2:
         return np.empty(0), np.empty(0)
@@ -68,15 +67,15 @@ def found_delay(time: Array, demand: Array, applied: Array, longest: float, lag:
     delay = step * _refined(errors, best)
     varied = _variation(applied[shifts:], edges - shifts, counts)
     low, high = np.nanpercentile(applied, (1, 99))
-    lively = np.sqrt(varied) > LIVELY * (high - low)
-    explained = errors.min(axis=0) / counts < (1 - EXPLAINED) * varied
+    varying = np.sqrt(varied) > MIN_VARIATION * (high - low)
+    explained = errors.min(axis=0) / counts < (1 - MIN_EXPLAINED) * varied
     inside = best < shifts - 1
     middle = (time[edges[:-1]] + time[edges[1:] - 1]) / 2
-    return middle, np.where(lively & explained & inside, lag + delay, np.nan)
+    return middle, np.where(varying & explained & inside, lag + delay, np.nan)
 
 
 def _lagged(values: Array, lag: float, tick: float) -> Array:
-    """Return what a first-order lag makes of values held over each tick."""
+    """Return the output of a first-order lag for values held over each tick."""
     if lag <= 0:
         return values
     gain = 1.0 - float(np.exp(-tick / lag))
@@ -102,7 +101,7 @@ def _variation(values: Array, edges: NDArray[np.intp], counts: Array) -> Array:
 
 
 def _refined(errors: Array, best: NDArray[np.intp]) -> Array:
-    """Return the place of the smallest error between the ticks, by a parabola through three."""
+    """Return the shift of the smallest error between the ticks, from a parabola through three points."""
     inner = np.clip(best, 1, errors.shape[0] - 2)
     windows = np.arange(best.size)
     before, here, after = errors[inner - 1, windows], errors[inner, windows], errors[inner + 1, windows]
@@ -112,20 +111,20 @@ def _refined(errors: Array, best: NDArray[np.intp]) -> Array:
 
 
 def set_delay(link: LinkSpec, lag: float, jumps: list[tuple[float, float, float]], time: Array, demand: Array) -> Array:
-    """Return the delay of the command link at every tick, mean over the units, and the actuators' lag on top [s].
+    """Return the delay of the command link plus the lag of the actuators at every tick [s], mean over the power units.
 
     Parameters
     ----------
     link
-        Delay of the command as in the scenario; jitter counts with its mean.
+        Delay of the command in the scenario; the mean of the jitter is added.
     lag
         Time constant of the actuators, mean over the units [s].
     jumps
-        Time [s], factor and addition [s] of changes made while the train ran.
+        Time [s], factor and addition [s] of the interventions.
     time : Array, shape (k,)
         Stamps [s].
     demand : Array, shape (k, units)
-        A negative demand takes the delay of the brake.
+        A negative demand has the delay of the brake.
     """
     traction, brake = link.per_unit(demand.shape[1], "command")
     delay = np.where(demand < 0, brake, traction).mean(axis=1)
@@ -140,56 +139,58 @@ def set_delay(link: LinkSpec, lag: float, jumps: list[tuple[float, float, float]
     return np.asarray(delay + lag)
 
 
-def believed_delay(recording: Recording) -> tuple[Array, Array] | None:
-    """Return over time the delay and lag that the law reckons with, mean over the units, as its node said [s]."""
-    said = recording.said.get("controller")
-    if said is None:
+def assumed_delay(recording: Recording) -> tuple[Array, Array] | None:
+    """Return time and delay plus lag assumed by the law [s], from its diagnostics, mean over the power units."""
+    controller = recording.diagnostics.get("controller")
+    if controller is None:
         return None
-    lag = said.numbers("lag")
+    lag = controller.numbers("lag")
     times, values = [], []
-    for row, text in enumerate(said.texts("delay")):
+    for row, text in enumerate(controller.texts("delay")):
         if text:
             numbers = [float(part) for part in text.strip("[]").split(",") if part.strip()]
-            times.append(float(said.time[row]))
+            times.append(float(controller.time[row]))
             values.append(float(np.mean(numbers or [0.0])) + (float(lag[row]) if lag is not None else 0.0))
     return (np.array(times), np.array(values)) if times else None
 
 
-def _uncut(recording: Recording, middle: Array, delay: Array) -> tuple[Array, Array]:
-    """Leave out the windows in which a limit cut the force: it follows the limit there, at once, not the demand."""
-    said = recording.said.get("plant")
-    total = said.numbers("saturated") if said is not None else None
-    if said is None or total is None or middle.size < 2:
+def _without_saturation(recording: Recording, middle: Array, delay: Array) -> tuple[Array, Array]:
+    """Remove the windows with saturation: there the force follows its limit without delay, not the demand."""
+    total = recording.reported("plant", "saturated")
+    if total is None or middle.size < 2:
         return middle, delay
     half = float(np.median(np.diff(middle))) / 2
-    cut = np.interp(middle + half, said.time, total) - np.interp(middle - half, said.time, total)
-    return middle, np.where(cut > CUT * 2 * half, np.nan, delay)
+    saturated = np.interp(middle + half, *total) - np.interp(middle - half, *total)
+    return middle, np.where(saturated > MAX_SATURATED * 2 * half, np.nan, delay)
 
 
-def delays(recording: Recording, jumps: list[tuple[float, float, float]]) -> dict[str, tuple[Array, Array]]:
-    """Return what there is of the three delays, each over its own times [s].
+def delays(recording: Recording, jumps: list[tuple[float, float, float]]) -> dict[str, Array]:
+    """Return the available delays at the stamps of the commands [s].
 
     Parameters
     ----------
     recording
         The run.
     jumps
-        Changes of the link's delay while the train ran: time [s], factor, addition [s].
+        Interventions in the delay of the link: time [s], factor, addition [s].
     """
-    command, applied = recording.of("ato/command", "force"), recording.of("train/measurement", "applied")
+    command, applied = recording.of(COMMAND, "force"), recording.of(MEASUREMENT, "applied")
     if command is None or applied is None or command[1].shape[1] == 0:
         return {}
     time, demand = command
     force = aligned(time, applied[0], applied[1])
-    longest, lag, result = UNKNOWN, 0.0, {}
+    longest, lag = DEFAULT_MAX_DELAY, 0.0
+    result: dict[str, Array] = {}
     if recording.setup is not None:
         lag = float(np.mean(recording.setup.plant.lag))
         known = set_delay(recording.setup.links.command, lag, jumps, time, demand)
-        result["delay_set"] = (time, known)
+        result["delay_set"] = known
         longest = 2.0 * float(known.max() - lag) + 1.0
-    found = _uncut(recording, *found_delay(time, demand.sum(axis=1), force.sum(axis=1), longest, lag))
+    found = _without_saturation(recording, *found_delay(time, demand.sum(axis=1), force.sum(axis=1), longest, lag))
     if np.isfinite(found[1]).any():
-        result["delay"] = found
-    if (believed := believed_delay(recording)) is not None:
-        result["delay_believed"] = believed
+        middle, delay = found
+        result["delay"] = delay[np.searchsorted((middle[1:] + middle[:-1]) / 2, time)]
+    if (assumed := assumed_delay(recording)) is not None:
+        row = np.searchsorted(assumed[0], time, side="right") - 1
+        result["delay_assumed"] = np.where(row >= 0, assumed[1][np.maximum(row, 0)], np.nan)
     return result

@@ -1,4 +1,4 @@
-"""Fewer points and smaller numbers with the same picture: peaks are kept, between them much is left out."""
+"""Downsampling for drawing: fewer points and one-byte heat maps; peaks are kept."""
 
 from __future__ import annotations
 
@@ -7,34 +7,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.types import Array
+from train_ato.messages.types import Array
 
 LARGEST_CODE = 127
-"""Codes of a heat map go from minus to plus this."""
+"""Largest magnitude of the codes of a heat map."""
 NO_CODE = -128
 """Code of a cell without a value."""
 GAP = 3.0
-"""A value is held for so many steps; what comes later is a gap."""
+"""Number of steps for which a value is held; a longer pause is a gap."""
 
 
 def kept(columns: list[Array], rows: int) -> NDArray[np.intp]:
-    """Choose rows of a table so that no peak of any column is lost.
+    """Return rows of a table that contain the peaks of every column.
 
-    The table is cut into equal bins of rows; of every bin the rows of each column's smallest and largest value are
-    kept, and the first and the last row of all.
+    The table is divided into equal bins.  The rows of the minimum and maximum of every column in every bin are kept,
+    and the first and the last row.
 
     Parameters
     ----------
     columns
         Columns of one length k; NaN where there is no value.
     rows
-        Most rows to keep, at least ``2 len(columns) + 2``.
+        Maximum number of rows, at least ``2 len(columns) + 2``.
 
     Returns
     -------
     ndarray of intp
-        Numbers of the rows kept, rising; all of them where there are no more than ``rows``.  The rows at the ends of
-        gaps come on top.
+        Increasing row numbers; all rows of a table with at most ``rows``.  Rows at the ends of gaps are added.
     """
     count = columns[0].size if columns else 0
     if count <= rows:
@@ -54,7 +53,7 @@ def kept(columns: list[Array], rows: int) -> NDArray[np.intp]:
 
 
 def _edges_of_gaps(columns: list[Array], chosen: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the rows at which a column's values begin or end, so that gaps stay gaps; none where there are many."""
+    """Return the rows at the ends of gaps, so that gaps stay visible; none if there are many."""
     edges: list[NDArray[np.intp]] = []
     for column in columns:
         changes = np.flatnonzero(np.diff(np.isnan(column).astype(np.int8)))
@@ -65,12 +64,12 @@ def _edges_of_gaps(columns: list[Array], chosen: NDArray[np.intp]) -> NDArray[np
 
 @dataclass(frozen=True)
 class HeatMap:
-    """A picture of many places over time in one byte a cell.
+    """Values of all vehicles over time with one byte per cell.
 
     Attributes
     ----------
     codes : ndarray of int8, shape (places, columns)
-        Value over ``unit``; -128 where there is none.
+        Value over ``unit``; -128: no value.
     unit : float
         Value of one step of the code.
     begin, end : float
@@ -88,25 +87,23 @@ class HeatMap:
         return LARGEST_CODE * self.unit
 
     def scaled(self, largest: float) -> HeatMap:
-        """Return the same picture with another value of the largest code."""
+        """Return the same values on a scale with another value of the largest code."""
         unit = largest / LARGEST_CODE
         codes = np.rint(np.clip(self.codes * (self.unit / unit), -LARGEST_CODE, LARGEST_CODE)).astype(np.int8)
         return HeatMap(np.where(self.codes == NO_CODE, np.int8(NO_CODE), codes), unit, self.begin, self.end)
 
 
-def heat_map(time: Array, values: NDArray[np.floating], columns: int, largest: float | None = None) -> HeatMap:
-    """Make a picture of values over time: of every cell the value farthest from zero.
+def heat_map(time: Array, values: NDArray[np.floating], columns: int) -> HeatMap:
+    """Return a heat map of values over time; a cell has the value with the largest magnitude.
 
     Parameters
     ----------
     time : shape (k,)
-        Times [s], rising.
+        Increasing times [s].
     values : shape (k, places)
         Values.
     columns
-        Most columns of the picture.
-    largest
-        Value of the largest code; default: the largest there is.
+        Maximum number of columns.
     """
     begin, end = float(time[0]), float(time[-1])
     step = (end - begin) / max(1, time.size - 1) or 1.0
@@ -118,7 +115,7 @@ def heat_map(time: Array, values: NDArray[np.floating], columns: int, largest: f
     finite = np.nan_to_num(values, nan=0.0)
     high, low = np.maximum.reduceat(finite, starts, axis=0), np.minimum.reduceat(finite, starts, axis=0)
     extreme = np.where(high >= -low, high, low)
-    top = float(np.abs(extreme).max()) if largest is None else largest
+    top = float(np.abs(extreme).max())
     unit = top / LARGEST_CODE if top > 0 else 1.0
     codes = np.rint(np.clip(extreme.T / unit, -LARGEST_CODE, LARGEST_CODE)).astype(np.int8)
     held = np.searchsorted(column[starts], np.arange(count), side="right") - 1
@@ -129,32 +126,6 @@ def heat_map(time: Array, values: NDArray[np.floating], columns: int, largest: f
 
 
 def _uncovered(time: Array, middles: Array, reach: float) -> NDArray[np.bool_]:
-    """Tell which columns lie in a gap: the last value before their middle is older than a gap is."""
+    """Return a mask of the columns in a gap: the last value before their middle is too old."""
     before = np.maximum(np.searchsorted(time, middles, side="right") - 1, 0)
     return np.asarray(middles - time[before] > GAP * reach)
-
-
-def aligned(time: Array, other: Array, values: Array) -> Array:
-    """Return values at other times: exact where the times agree, else linear between neighbours, NaN in gaps.
-
-    Parameters
-    ----------
-    time : shape (k,)
-        Wanted times [s].
-    other : shape (j,)
-        Times of the values [s], rising.
-    values : shape (j,) or (j, n)
-        Values.
-    """
-    if other.size == time.size and np.array_equal(other, time):
-        return np.asarray(values, dtype=np.float64)
-    if other.size == 0:
-        return np.full((time.size, *values.shape[1:]), np.nan)
-    if values.ndim == 2:
-        return np.column_stack([aligned(time, other, column) for column in values.T])
-    result = np.interp(time, other, values)
-    after = np.clip(np.searchsorted(other, time), 0, other.size - 1)
-    before = np.maximum(after - 1, 0)
-    nearest = np.minimum(np.abs(other[after] - time), np.abs(time - other[before]))
-    usual = float(np.median(np.diff(other))) if other.size > 1 else 0.0
-    return np.where(nearest <= 0.75 * usual + 1e-9, result, np.nan)

@@ -1,4 +1,4 @@
-"""Events over time, for a browser: of one run by kind, of several runs by run."""
+"""Bokeh figures of events over time: one row per kind for one run, one row per run for several."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 from bokeh.models import ColumnDataSource, CustomJS, FixedTicker, HoverTool, LegendItem, Range1d
 
-from train_ato.report.events import KINDS, Event
-from train_ato.report.style import Figure, Linked, legend_above
+from train_ato.apps.report.event import Event
+from train_ato.apps.report.quantities import KINDS
+from train_ato.apps.report.style import Figure, Linked, add_page_legend
 
 
 def event_figure(linked: Linked, events: Sequence[Event]) -> Figure:
-    """Return the events over time, a row for each kind; hiding a kind here hides its marks everywhere."""
+    """Return the events over time, one row per kind; hiding a kind hides its marks in all figures."""
     kinds = [kind for kind in KINDS if any(event.kind == kind for event in events)]
     y_range = Range1d(len(kinds) - 0.4, -0.6)
     plot = linked.over_time("", 76 + 22 * len(kinds), marked=False, y_range=y_range)
@@ -36,12 +37,12 @@ def event_figure(linked: Linked, events: Sequence[Event]) -> Figure:
                     formatters={"@begin": linked.clock(), "@end": linked.clock()},
                 )
             )
-    legend_above(plot, items)
+    add_page_legend(plot, items)
     return plot
 
 
 def run_events_figure(linked: Linked, runs: Sequence[tuple[str, Sequence[Event]]]) -> Figure:
-    """Return the events of several runs, a row for each run, a colour for each kind."""
+    """Return the events of several runs, one row per run, one colour per kind."""
     y_range = Range1d(len(runs) - 0.4, -0.6)
     plot = linked.over_time("", 76 + 24 * len(runs), y_range=y_range)
     plot.yaxis.ticker = FixedTicker(ticks=list(range(len(runs))))
@@ -69,12 +70,12 @@ def run_events_figure(linked: Linked, runs: Sequence[tuple[str, Sequence[Event]]
         tips = [("", "@text"), ("run", "@run"), *_FROM_TO]
         clocks = {"@begin": linked.clock(), "@end": linked.clock()}
         plot.add_tools(HoverTool(renderers=[bars], tooltips=tips, formatters=clocks))
-    legend_above(plot, items)
+    add_page_legend(plot, items)
     return plot
 
 
 def _short(name: str) -> str:
-    """Return a name that fits beside the axis."""
+    """Return a name shortened to the space beside the axis."""
     return name if len(name) <= 11 else f"{name[:10]}…"
 
 

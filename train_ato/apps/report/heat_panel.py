@@ -1,45 +1,34 @@
-"""A picture of all vehicles over time, for a browser."""
+"""Bokeh heat map of all vehicles over time."""
 
 from __future__ import annotations
 
 import numpy as np
 from bokeh.models import AdaptiveTicker, ColorBar, CustomJSHover, HoverTool, LinearColorMapper, Range1d
 
-from train_ato.report.quantities import FONT, INK, buff_to_draft, none_to_full
-from train_ato.report.style import Figure, Linked
-from train_ato.report.thin import LARGEST_CODE, HeatMap
+from train_ato.apps.report.downsample import LARGEST_CODE, HeatMap
+from train_ato.apps.report.quantities import FONT, INK, Heat, buff_to_draft, none_to_full
+from train_ato.apps.report.style import Figure, Linked
 
 MAP_ROW = 2.6
-"""Height of a vehicle in a heat map, in pixels, between :data:`MAP_LEAST` and :data:`MAP_MOST` altogether."""
+"""Height per vehicle [pixels]; the height of the map is :data:`MAP_LEAST` to :data:`MAP_MOST`."""
 MAP_LEAST, MAP_MOST = 150, 340
 NOTHING = "#b9c0c7"
-"""Colour of times of which there is no message."""
+"""Colour of times without messages."""
 
 
-def heat_figure(
-    linked: Linked, picture: HeatMap, what: str, unit: str, rows: str, *, signed: bool, largest: float | None = None
-) -> Figure:
+def heat_figure(linked: Linked, picture: HeatMap, heat: Heat, largest: float | None = None) -> Figure:
     """Return a picture of all vehicles over time, the front of the train on top.
 
-    Parameters
-    ----------
-    picture
-        Codes, values and times.
-    what, unit
-        Words and unit of the value.
-    rows
-        Title of the y axis.
-    signed
-        Draft red and buff blue about white; else from white upwards.
-    largest
-        Value of the strongest colour; default: the largest of this picture.
+    ``largest`` is the value of the strongest colour; default: the largest of this picture.
     """
     picture = picture if largest is None else picture.scaled(largest)
     count = picture.codes.shape[0]
     height = int(np.clip(MAP_ROW * count, MAP_LEAST, MAP_MOST)) + 90
-    plot = linked.over_time(rows, height, tinted=False, y_range=Range1d(count - 0.5, -0.5, bounds=(-0.5, count - 0.5)))
-    colours = buff_to_draft() if signed else none_to_full()
-    low = -LARGEST_CODE if signed else 0
+    plot = linked.over_time(
+        heat.rows, height, tinted=False, y_range=Range1d(count - 0.5, -0.5, bounds=(-0.5, count - 0.5))
+    )
+    colours = buff_to_draft() if heat.signed else none_to_full()
+    low = -LARGEST_CODE if heat.signed else 0
     image = plot.image(
         image=[picture.codes],
         x=picture.begin,
@@ -49,15 +38,15 @@ def heat_figure(
         color_mapper=LinearColorMapper(palette=colours, low=low, high=LARGEST_CODE, low_color=NOTHING),
         level="image",
     )
-    scale = LinearColorMapper(palette=colours, low=-picture.largest if signed else 0.0, high=picture.largest)
-    plot.add_layout(_colour_bar(scale, f"{what} in {unit}{': buff < 0 < draft' if signed else ''}"), "above")
+    scale = LinearColorMapper(palette=colours, low=-picture.largest if heat.signed else 0.0, high=picture.largest)
+    plot.add_layout(_colour_bar(scale, f"{heat.words} in kN{': buff < 0 < draft' if heat.signed else ''}"), "above")
     cell = CustomJSHover(args={"unit": picture.unit}, code="return value < -127 ? '–' : (value * unit).toFixed(1)")
     plot.add_tools(
         HoverTool(
             tooltips=[
                 ("time", "$x{custom}"),
-                (rows, "$y{custom}"),
-                (what, f"@image{{custom}} {unit}"),
+                (heat.rows, "$y{custom}"),
+                (heat.words, "@image{custom} kN"),
             ],
             formatters={
                 "$x": linked.clock(),

@@ -1,7 +1,7 @@
-// What the bar under the title says of the moment under the cursor.
+// Values at the cursor in the bar below the title.
 window.trainAto = (() => {
   const bar = document.querySelector(".readings");
-  if (!bar) return { tell: () => undefined };
+  if (!bar) return { show: () => undefined };
   const hours = bar.dataset.hours === "1", moment = bar.querySelector(".moment");
   const cells = [...bar.querySelectorAll(".reading b")];
   const two = (n) => String(n).padStart(2, "0");
@@ -11,7 +11,7 @@ window.trainAto = (() => {
     return sign + (hours ? h + ":" + two(m) : String(60 * h + m)) + ":" + s.padStart(4, "0");
   };
   return {
-    tell: (time, values) => {
+    show: (time, values) => {
       moment.textContent = "at " + clock(time);
       values.forEach((text, index) => { if (cells[index]) cells[index].textContent = text.replace("-", "−"); });
     },

@@ -1,4 +1,4 @@
-"""A page of figures as one HTML file that needs no network: text, tables, figures and the library that draws them."""
+"""Page as one HTML file without network access: text, tables, figures and the Bokeh library."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from train_ato.report.style import Figure
+from train_ato.apps.report.style import Figure
 
 HERE = Path(__file__).parent
 
 
 @dataclass(frozen=True)
 class Placed:
-    """A figure on the page with its heading and a line that says what it shows."""
+    """Figure on the page with heading and caption."""
 
     figure: Figure
     heading: str
@@ -21,8 +21,8 @@ class Placed:
 
 
 @dataclass(frozen=True)
-class Section:
-    """Figures under one title; ``anchor`` is what the navigation jumps to."""
+class PageSection:
+    """Figures under one title; ``anchor`` is the target of the navigation."""
 
     anchor: str
     title: str
@@ -30,25 +30,25 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Page:
-    """Everything that a page says besides its figures.
+class ReportPage:
+    """Text and tables of a page.
 
     Attributes
     ----------
     title, subtitle
         Of the page.
     warnings
-        What a reader must know first: interrupted, failed.
+        Lines at the top, for example on a failed run.
     runs
-        Names of the runs, one column of the tables each; colours where there are several.
+        Name and colour of every run, one column of the tables each; no colour for a single run.
     facts
         Title and one text per run.
     groups
-        Groups of the summary: title, and rows with one text per run.
+        Groups of the summary: title and rows with one text per run.
     events
-        Per run: time as text, colour, kind, what happened.
+        Per run: time as text, colour, kind, description.
     left_out
-        Figures that are not there, and why.
+        Figures without data, and the reason.
     """
 
     title: str
@@ -64,7 +64,7 @@ class Page:
     version: str = ""
 
 
-def render(page: Page, sections: list[Section]) -> str:
+def render(page: ReportPage, sections: list[PageSection]) -> str:
     """Return the HTML of a page."""
     from bokeh.document import Document
     from bokeh.embed import components
@@ -74,7 +74,7 @@ def render(page: Page, sections: list[Section]) -> str:
 
     figures = [placed.figure for section in sections for placed in section.placed]
     document = Document()
-    with document.models.freeze():  # otherwise every figure added makes Bokeh look through all of them again
+    with document.models.freeze():  # otherwise Bokeh searches all figures again for every added one
         for figure in figures:
             document.add_root(figure)
     script, places = components(tuple(figures)) if figures else ("", ())

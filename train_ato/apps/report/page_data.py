@@ -1,4 +1,4 @@
-"""A run reduced to what a page holds: a few thousand points a figure, pictures of a byte a cell, its events."""
+"""Data of a page: a few thousand points per figure, one-byte heat maps, events."""
 
 from __future__ import annotations
 
@@ -7,61 +7,61 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.report.events import Event
-from train_ato.report.happened import events_of
-from train_ato.report.lines import KMH, LINES, MAPS, LeftOut, Lines
-from train_ato.report.log_summary import completed_summary
-from train_ato.report.recording import Recording
-from train_ato.report.thin import HeatMap, heat_map, kept
-from train_ato.report.track_shape import TrackShape, track_shape
-from train_ato.report.words import WAYS
-from train_ato.types import Array
+from train_ato.apps.report.curves import KMH, Curves, NotAvailable, curves_of
+from train_ato.apps.report.downsample import HeatMap, heat_map, kept
+from train_ato.apps.report.event import Event
+from train_ato.apps.report.events import detect_events
+from train_ato.apps.report.maps import MAPS
+from train_ato.apps.report.quantities import NO_LINES
+from train_ato.apps.report.track_shape import TrackShape, track_shape
+from train_ato.apps.report.words import MODES
+from train_ato.loop.recording import Recording
+from train_ato.loop.result import completed_summary
+from train_ato.messages.types import Array
 
 CELLS = 40_000
-"""Numbers of one figure of one run, times included."""
+"""Numbers in one figure of one run, with the times."""
 MAP_CELLS = 260_000
 """Cells of one heat map."""
 LEAST_COLUMNS, MOST_COLUMNS = 400, 6000
-"""Columns of a heat map, however many vehicles there are."""
+"""Limits of the columns of a heat map."""
 LEAST_ROWS, PROFILE_ROWS = 600, 3000
 MEASURED = ("measured_file", "measured_columns", "measured_resampled", "measured_profile", "measured_command",
             "measured_reference", "measured_notes")  # fmt: skip
-"""What the summary of a measured run says of its origin."""
-MEASURES = ("position_km", "envelope_high", "envelope_low")
-"""Columns that go along smoothly with others: no point is kept for them."""
+"""Keys of the summary of a measured run with its origin."""
 
 
 @dataclass(frozen=True)
-class Digest:
-    """One run, ready to be drawn.
+class PageData:
+    """Data of one run for drawing.
 
     Attributes
     ----------
     label
-        What the run is called on the page.
+        Name of the run on the page.
     summary
-        Its figures.
+        Figures of ``summary.json``.
     facts
-        Words about train, line and way of running, by title.
-    lines, maps
+        Texts on train, line and mode, by title.
+    curves, maps
         Figures by name; heat maps in kN.
     profiles
-        Place [km] and speed [km/h] of every profile, in the order in which they were planned.
+        Place [km] and speed [km/h] of every profile, in the order of planning.
     limits
         Place [km] and speed limit [km/h] of the line as steps.
     subtitle
-        What the scenario is about.
+        Summary of the scenario.
     remarks
-        What a reader must know before the figures.
+        Warnings on missing or measured data.
     left_out
-        Figures that the run cannot fill, and why.
+        Figures without data, and the reason.
     """
 
     label: str
     summary: dict[str, Any]
     facts: dict[str, str]
     span: tuple[float, float]
-    lines: dict[str, Lines]
+    curves: dict[str, Curves]
     maps: dict[str, HeatMap]
     events: list[Event]
     profiles: list[tuple[Array, Array]]
@@ -72,42 +72,37 @@ class Digest:
     left_out: dict[str, str] = field(default_factory=dict)
 
 
-def digest(recording: Recording, label: str = "", share: float = 1.0) -> Digest:
-    """Reduce a run.
+def page_data(recording: Recording, label: str = "", share: float = 1.0) -> PageData:
+    """Return the data of a page from a recording.
 
     Parameters
     ----------
     recording
         The run.
     label
-        What it is called; default: the name of its folder.
+        Name on the page; default: the name of its folder.
     share
-        Part of a page that the run may take, see :func:`share_of`.
+        Fraction of the page for this run, see :func:`share_of`.
     """
     recording = replace(recording, summary=completed_summary(recording))
-    lines: dict[str, Lines] = {}
+    found, left_out = curves_of(recording)
+    curves = {name: downsampled(lines, round(share * CELLS)) for name, lines in found.items()}
     maps: dict[str, HeatMap] = {}
-    left_out: dict[str, str] = {}
-    for name, make in LINES.items():
-        try:
-            lines[name] = thinned(make(recording), round(share * CELLS))
-        except LeftOut as reason:
-            left_out[name] = str(reason)
     for name, gather in MAPS.items():
         try:
             time, values = gather(recording)
             maps[name] = heat_map(time, values, columns_for(values.shape[1], share))
-        except LeftOut as reason:
+        except NotAvailable as reason:
             left_out[name] = str(reason)
-    return Digest(
+    return PageData(
         label or recording.name,
         recording.summary,
-        facts_of(recording),
+        fact_texts(recording),
         recording.span,
-        lines,
+        curves,
         maps,
-        events_of(recording),
-        [_over_distance(plan.position, plan.speed) for plan in recording.profiles],
+        detect_events(recording),
+        [_over_distance(plan.position, plan.velocity) for plan in recording.profiles],
         _steps(recording),
         _track(recording),
         recording.setup.scenario.summary if recording.setup is not None else "",
@@ -116,36 +111,36 @@ def digest(recording: Recording, label: str = "", share: float = 1.0) -> Digest:
     )
 
 
-def empty_digest(label: str, summary: dict[str, Any], reason: str) -> Digest:
-    """Return a run of which nothing was recorded: a column in the tables and no line."""
-    return Digest(label, summary, {}, (0.0, 0.0), {}, {}, [], [], None, None, remarks=[f"{label}: {reason}"])
+def empty_page_data(label: str, summary: dict[str, Any], reason: str) -> PageData:
+    """Return the data of a run without recording: a column in the tables and no curves."""
+    return PageData(label, summary, {}, (0.0, 0.0), {}, {}, [], [], None, None, remarks=[f"{label}: {reason}"])
 
 
 def share_of(runs: int) -> float:
-    """Return what part of a page's numbers each of so many runs may have, so that the page grows slowly with them."""
+    """Return the fraction of a page's numbers for each run; the page grows slowly with the number of runs."""
     return 1.0 if runs == 1 else 2.0 / (runs + 1.0)
 
 
 def columns_for(places: int, share: float) -> int:
-    """Return the most columns of a heat map of so many vehicles."""
+    """Return the maximum number of columns of a heat map."""
     return round(float(np.clip(share * MAP_CELLS / max(1, places), LEAST_COLUMNS, MOST_COLUMNS)))
 
 
 def remarks_of(recording: Recording) -> list[str]:
-    """Return what a reader must know of a recording that is no whole run of ours."""
+    """Return warnings on missing or measured data."""
     remarks = []
     if recording.setup is None:
-        remarks.append(f"Without scenario: no train, line or envelope is known ({recording.setup_missing})")
+        remarks.append(f"No scenario: train, line and envelope are missing ({recording.setup_missing})")
     if recording.measured_only:
-        remarks.append("The log holds no truth of the vehicles: speeds and positions are those measured.")
+        remarks.append("The log has no true vehicle states; speeds and positions are measured values.")
     return remarks
 
 
-def thinned(lines: Lines, cells: int) -> Lines:
-    """Return lines with at most about so many numbers altogether, peaks kept."""
+def downsampled(lines: Curves, cells: int) -> Curves:
+    """Return curves reduced to about ``cells`` numbers; peaks are kept."""
     rows = max(LEAST_ROWS, cells // (1 + len(lines.columns)))
-    chosen = kept([values for name, values in lines.columns.items() if name not in MEASURES], rows)
-    return Lines(lines.time[chosen], {name: values[chosen] for name, values in lines.columns.items()})
+    chosen = kept([values for name, values in lines.columns.items() if name not in NO_LINES], rows)
+    return Curves(lines.time[chosen], {name: values[chosen] for name, values in lines.columns.items()})
 
 
 def _over_distance(position: Array, speed: Array) -> tuple[Array, Array]:
@@ -154,7 +149,7 @@ def _over_distance(position: Array, speed: Array) -> tuple[Array, Array]:
 
 
 def run_reach(recording: Recording) -> tuple[float, float] | None:
-    """Return the first and the last place that matter [m]: those run, and those planned."""
+    """Return the first and the last place of the run and of its profiles [m]."""
     places = [plan.position for plan in recording.profiles if plan.position.size]
     motion = recording.motion
     if motion is not None and "position" in motion:
@@ -166,11 +161,11 @@ def run_reach(recording: Recording) -> tuple[float, float] | None:
 
 
 def _steps(recording: Recording) -> tuple[Array, Array] | None:
-    """Return the speed limits within reach as corners of a line."""
+    """Return the speed limits within reach as corners of a step line."""
     reach = run_reach(recording)
-    if recording.limits is None or reach is None:
+    if recording.limits is None or not recording.limits.position.size or reach is None:
         return None
-    places, speeds = recording.limits
+    places, speeds = recording.limits.position, recording.limits.velocity
     inside = (places > reach[0]) & (places < reach[1])
     first = max(0, int(np.searchsorted(places, reach[0], side="right")) - 1)
     corners = np.concatenate(([max(reach[0], float(places[first]))], places[inside], [reach[1]]))
@@ -186,14 +181,15 @@ def _track(recording: Recording) -> TrackShape | None:
     return None if shape.is_plain else shape
 
 
-def facts_of(recording: Recording) -> dict[str, str]:
-    """Return what a reader wants to know of a run before its figures."""
+def fact_texts(recording: Recording) -> dict[str, str]:
+    """Return train, line, law, seed and mode of a run as texts."""
     summary, setup = recording.summary, recording.setup
     facts: dict[str, str] = {}
     if setup is not None:
-        consist, units = setup.consist, setup.shape.n_units
-        vehicles = f"{setup.shape.n_vehicles} vehicle{'s' if setup.shape.n_vehicles > 1 else ''}"
-        size = f"{vehicles}, {units} driven, {consist.mass / 1e3:.0f} t, {consist.length:.0f} m"
+        consist, units = setup.consist, setup.layout.n_units
+        vehicles = f"{setup.layout.n_vehicles} vehicle{'s' if setup.layout.n_vehicles > 1 else ''}"
+        powered = f"{units} power unit{'s' if units != 1 else ''}"
+        size = f"{vehicles}, {powered}, {consist.mass / 1e3:.0f} t, {consist.length:.0f} m"
         facts["train"] = f"{consist.name} ({size})"
         facts["line"] = setup.line.name
         facts["law"] = setup.controller
@@ -205,8 +201,8 @@ def facts_of(recording: Recording) -> dict[str, str]:
         if key in summary:
             facts[{"controller": "law"}.get(key, key)] = str(summary[key])
     facts |= {key.replace("_", " "): str(summary[key]) for key in MEASURED if summary.get(key)}
-    way = "a measured run" if "measured_file" in summary else str(summary.get("way") or "not recorded")
-    facts["run as"] = WAYS.get(way, way)
+    mode = "measured run" if "measured_file" in summary else str(summary.get("mode") or "not recorded")
+    facts["mode"] = MODES.get(mode, mode)
     facts["run"] = str(recording.path)
     if "version" in summary:
         facts["version"] = f"train_ato {summary['version']}"

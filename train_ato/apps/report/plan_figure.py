@@ -6,17 +6,16 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from plant_sim.track import Track
-from train_ato.plan.line_tables import LineForce
-from train_ato.plan.planner import Plan
-from train_ato.types import Array
+from train_ato.messages.types import Array
+from train_ato.profile.planner.line_tables import LineForce
+from train_ato.profile.planner.planner import Plan
 
 __all__ = ["draw_plan"]
 
-LIMIT, PROFILE, FORCE, ENVELOPE, GRADE, FELT = "#d1495b", "#1b6ca8", "#2e8b57", "#9a9a9a", "#c98a1b", "#4b4b4b"
+LIMIT, PROFILE, FORCE, ENVELOPE, GRADE, DARK = "#d1495b", "#1b6ca8", "#2e8b57", "#9a9a9a", "#c98a1b", "#4b4b4b"
 SHORT_LINE_KM = 1.0
 """Below this length the axis is in metres."""
 
@@ -30,7 +29,6 @@ def draw_plan(plan: Plan, path: Path) -> None:
         If the file cannot be written.
     """
     figure = Figure(figsize=(11, 8.5), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
     speed, force, grade = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 1.4))
     span = plan.arrivals[-1][0] - plan.arrivals[0][0]
     scale, unit = (1e-3, "km") if span >= SHORT_LINE_KM * 1e3 else (1.0, "m")
@@ -53,10 +51,10 @@ def draw_plan(plan: Plan, path: Path) -> None:
 
 
 def _draw_speed(panel: Axes, plan: Plan, place: Array, scale: float) -> None:
-    panel.step(place, 3.6 * plan.limit, where="post", color=LIMIT, lw=1.2, label="limit over the whole train")
+    panel.step(place, 3.6 * plan.limit, where="post", color=LIMIT, lw=1.2, label="speed limit over the train length")
     panel.plot(place, 3.6 * plan.profile.velocity, color=PROFILE, lw=1.6, label="profile")
     for at, _, _ in plan.arrivals:
-        panel.axvline(at * scale, color=FELT, lw=0.8, ls=":")
+        panel.axvline(at * scale, color=DARK, lw=0.8, ls=":")
     panel.set_ylabel("speed in km/h")
     panel.set_ylim(bottom=0)
     panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize="small")
@@ -65,11 +63,11 @@ def _draw_speed(panel: Axes, plan: Plan, place: Array, scale: float) -> None:
 def _draw_force(panel: Axes, plan: Plan, place: Array) -> None:
     traction, electric, air = plan.train.forces_at(plan.profile.velocity)
     keep = 1.0 - plan.settings.force_margin
-    panel.plot(place, keep * traction / 1e3, color=ENVELOPE, lw=1.0, label="envelopes less their margin")
+    panel.plot(place, keep * traction / 1e3, color=ENVELOPE, lw=1.0, label="envelopes minus force margin")
     panel.plot(place, -keep * (electric + air) / 1e3, color=ENVELOPE, lw=1.0)
     if np.any(air > 0):
-        panel.plot(place, -keep * electric / 1e3, color=ENVELOPE, lw=1.0, ls="--", label="of it electric")
-    panel.plot(place, plan.force / 1e3, color=FORCE, lw=1.2, label="own force")
+        panel.plot(place, -keep * electric / 1e3, color=ENVELOPE, lw=1.0, ls="--", label="electric part")
+    panel.plot(place, plan.force / 1e3, color=FORCE, lw=1.2, label="force of the train")
     panel.set_ylabel("force in kN")
     panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize="small")
 
@@ -81,10 +79,16 @@ def _draw_grade(panel: Axes, plan: Plan, scale: float) -> None:
     index = np.floor(local).astype(int) + 1
     inside = (front >= track.breaks[0]) & (front < track.breaks[-1])
     panel.step(
-        front * scale, 1e3 * np.where(inside, track.grade[index], 0.0), color=GRADE, lw=0.8, label="at the front"
+        front * scale, 1e3 * np.where(inside, track.grade[index], 0.0), color=GRADE, lw=0.8, label="grade at the front"
     )
-    felt = LineForce(plan.line, plan.train, plan.settings.grade_over_length).at(front)
+    mean_force = LineForce(plan.line, plan.train, plan.settings.grade_over_length).at(front)
     weight = plan.train.mass * plan.train.gravity
-    panel.plot(front * scale, 1e3 * felt / weight, color=FELT, lw=1.2, label="train's mean, with curves and tunnels")
+    panel.plot(
+        front * scale,
+        1e3 * mean_force / weight,
+        color=DARK,
+        lw=1.2,
+        label="mean over the train, with curves and tunnels",
+    )
     panel.set_ylabel("grade in ‰")
     panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, frameon=False, fontsize="small")

@@ -1,8 +1,9 @@
-"""Parts of figures for print, in one style: sheets, lines with their events, heat maps, grades, legends."""
+"""Parts of figures for print: sheets, lines with events, heat maps, grades, legends."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import io
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -10,35 +11,37 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 
-from train_ato.report.digest import Digest
-from train_ato.report.events import KINDS, Event
-from train_ato.report.lines import Lines
-from train_ato.report.quantities import (
+from train_ato.apps.report.curves import Curves
+from train_ato.apps.report.downsample import NO_CODE, HeatMap
+from train_ato.apps.report.event import Event
+from train_ato.apps.report.page_data import PageData
+from train_ato.apps.report.quantities import (
     AXES,
     FAINT,
+    FILLED,
     FROM_ZERO,
     GREY,
+    HEAT,
     INK,
-    OF_ONE,
+    KINDS,
+    PANELS,
     PURPLE,
     QUANTITIES,
-    RUN_COLOURS,
+    Heat,
     buff_to_draft,
     none_to_full,
+    traces_of,
 )
-from train_ato.report.thin import NO_CODE, HeatMap
 
 WIDTH = 6.7
 """Width of a figure [inch]: a text column of 170 mm."""
-FORMATS = ("png", "svg")
 DPI, SCREEN_DPI = 300, 150
-"""Dots per inch in print and on a screen."""
+"""Resolution for print and screen [dots per inch]."""
 HEIGHT = 1.75
 """Height of a panel [inch]."""
 STYLE: dict[str, Any] = {
@@ -67,29 +70,39 @@ STYLE: dict[str, Any] = {
     "axes.unicode_minus": True,
 }
 """One style for every figure."""
+LOW = {"pipe": 0.6, "shoe_force": 0.6}
+"""Panels that are lower than the others where there are many."""
 DASHES = {"solid": "-", "dashed": (0, (5, 2)), "dotted": (0, (1.2, 1.4))}
-SKIPPED = ("position_km", "envelope_high", "envelope_low")
 
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Draw in the common style."""
+    """Apply the common style."""
     with mpl.rc_context(STYLE):
         yield
 
 
-def sheet(panels: int, heights: Sequence[float] | None = None, *, shared: bool = True) -> tuple[Figure, list[Axes]]:
-    """Return an empty figure with panels below each other; heights in units of :data:`HEIGHT`."""
+class NotebookFigure(Figure):
+    """Figure in the common style with a display in notebooks."""
+
+    def _repr_png_(self) -> bytes:
+        picture = io.BytesIO()
+        with styled():
+            self.savefig(picture, format="png", dpi=SCREEN_DPI)
+        return picture.getvalue()
+
+
+def sheet(panels: int, heights: Sequence[float] | None = None) -> tuple[Figure, list[Axes]]:
+    """Return an empty figure with stacked panels; heights in units of :data:`HEIGHT`."""
     ratios = list(heights) if heights is not None else [1.0] * panels
     ratios = [1.35] if ratios == [1.0] else ratios
-    figure = Figure(figsize=(WIDTH, HEIGHT * sum(ratios) + 0.75), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots(panels, 1, sharex=shared, squeeze=False, gridspec_kw={"height_ratios": ratios})[:, 0]
+    figure = NotebookFigure(figsize=(WIDTH, HEIGHT * sum(ratios) + 0.75), layout="constrained")
+    axes = figure.subplots(panels, 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": ratios})[:, 0]
     return figure, list(axes)
 
 
 def clock_axis(axes: Axes, end: float) -> None:
-    """Give a time axis in seconds ticks at whole minutes and labels as clocks show them."""
+    """Set ticks and clock labels of a time axis [s]."""
     hours = end >= 3600.0
     low, high = axes.get_xlim()
     step = next((step for step in CLOCK_STEPS if (high - low) / step <= 9), CLOCK_STEPS[-1])
@@ -99,7 +112,7 @@ def clock_axis(axes: Axes, end: float) -> None:
 
 
 CLOCK_STEPS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400)
-"""Distances of ticks on a time axis [s]."""
+"""Permitted distances of ticks on a time axis [s]."""
 
 
 def _clock(value: float, hours: bool) -> str:
@@ -109,8 +122,8 @@ def _clock(value: float, hours: bool) -> str:
     return f"{sign}{int(minutes) // 60}:{int(minutes) % 60:02d}:{tail}" if hours else f"{sign}{int(minutes)}:{tail}"
 
 
-def legend_above(axes: Axes, extra: Sequence[Any] = ()) -> None:
-    """Put the legend above the frame, where it covers nothing."""
+def add_print_legend(axes: Axes, extra: Sequence[Any] = ()) -> None:
+    """Add the legend above the frame."""
     handles, labels = axes.get_legend_handles_labels()
     handles, labels = [*handles, *extra], [*labels, *(entry.get_label() for entry in extra)]
     if handles:
@@ -125,7 +138,7 @@ LEGEND: dict[str, Any] = {
 
 
 def _columns(labels: Sequence[str]) -> int:
-    """Return how many columns of a legend fit into the width, by the usual width of a letter [inch]."""
+    """Return the number of legend columns for the width, from the mean width of a letter [inch]."""
     widths = [0.40 + 0.062 * len(label) for label in labels]
     for columns in range(len(labels), 1, -1):
         rows = -(-len(labels) // columns)
@@ -135,7 +148,7 @@ def _columns(labels: Sequence[str]) -> int:
 
 
 def event_legend(figure: Figure, events: Sequence[Event]) -> None:
-    """Say below the figure what the marks of its events mean."""
+    """Add a legend of the event marks below the figure."""
     kinds = [kind for kind in KINDS if any(event.kind == kind for event in events)]
     if kinds:
         key = [Patch(facecolor=KINDS[kind].colour, alpha=0.6, label=KINDS[kind].words) for kind in kinds]
@@ -143,27 +156,57 @@ def event_legend(figure: Figure, events: Sequence[Event]) -> None:
         figure.legend(handles=key, loc="outside lower center", ncols=columns, **LEGEND)
 
 
-def draw_lines(axes: Axes, lines: Lines, axis: str, events: Sequence[Event] = (), *, over: str = "time") -> None:
-    """Draw the lines of one figure, in their words and colours, and the events behind them."""
+def over_time(
+    curves: Mapping[str, Curves],
+    panels: Sequence[str],
+    events: Sequence[Event],
+    end: float,
+    title: str,
+    heat: tuple[str, HeatMap] | None = None,
+) -> Figure | None:
+    """Return stacked panels over time below a heat map; None without data.
+
+    Parameters
+    ----------
+    curves
+        Curves by panel.
+    panels
+        Keys of :data:`train_ato.apps.report.quantities.PANELS`; those without curves are left out.
+    end
+        Last time [s].
+    heat
+        Name and picture of the heat map.
+    """
+    present = [name for name in panels if name in curves]
+    heights = [1.5] * (heat is not None) + [LOW.get(name, 1.0) if len(present) > 3 else 1.0 for name in present]
+    if not heights:
+        return None
+    figure, axes = sheet(len(heights), heights)
+    if heat is not None:
+        draw_map(figure, axes[0], heat[1], HEAT[heat[0]])
+    for panel, name in zip(axes[len(axes) - len(present) :], present, strict=True):
+        draw_lines(panel, curves[name], PANELS[name][0], events)
+        add_print_legend(panel)
+    clock_axis(axes[-1], end)
+    event_legend(figure, events)
+    figure.suptitle(title, fontsize=8.5)
+    return figure
+
+
+def draw_lines(axes: Axes, lines: Curves, axis: str, events: Sequence[Event] = (), *, over: str = "time") -> None:
+    """Draw the lines of one figure with labels and colours, and the events behind them."""
     x = lines.time if over == "time" else lines.columns[over]
     if over == "time":
         mark_events(axes, events)
     if "envelope_high" in lines.columns:
         low, high = lines.columns["envelope_low"], lines.columns["envelope_high"]
         axes.fill_between(x, low, high, color=GREY, alpha=0.16, lw=0, label="envelope (nominal)")
-    order = {name: place for place, name in enumerate(QUANTITIES)}
-    columns = [column for column in lines.columns if column.partition(":")[0] in order and column not in SKIPPED]
-    for column in sorted(columns, key=lambda column: order[column.partition(":")[0]]):
-        name, _, unit = column.partition(":")
-        look = QUANTITIES[name]
-        colour = RUN_COLOURS[int(unit) % len(RUN_COLOURS)] if unit else look.colour
-        dash = DASHES["dashed" if unit and name == "truth" else look.dash]
-        words = f"{look.words.removesuffix(OF_ONE)}, unit {unit}" if unit else look.words
-        values = lines.columns[column]
-        if name in ("draft", "buff"):
-            axes.fill_between(x, 0.0, values, color=colour, alpha=0.2, lw=0)
-        width = 0.62 * look.width
-        axes.plot(x, values, color=colour, lw=width, ls=dash, alpha=0.65 if look.width > 2.5 else 1.0, label=words)
+    for trace in traces_of(lines.columns):
+        look, values = trace.look, lines.columns[trace.column]
+        if trace.column in FILLED:
+            axes.fill_between(x, 0.0, values, color=look.colour, alpha=0.2, lw=0)
+        dash, alpha = DASHES[look.dash], 0.65 if look.width > 2.5 else 1.0
+        axes.plot(x, values, color=look.colour, lw=0.62 * look.width, ls=dash, alpha=alpha, label=look.words)
     axes.set_ylabel(_wrapped(AXES.get(axis, axis)))
     axes.margins(x=0.01, y=0.08)
     if axis in FROM_ZERO:
@@ -171,12 +214,12 @@ def draw_lines(axes: Axes, lines: Lines, axis: str, events: Sequence[Event] = ()
 
 
 def _wrapped(title: str) -> str:
-    """Break a long title before what stands in brackets."""
+    """Break a long title before its bracket."""
     return title.replace(" (", "\n(") if len(title) > 24 else title
 
 
 def mark_events(axes: Axes, events: Sequence[Event]) -> None:
-    """Mark moments by lines and stretches by tinted grounds."""
+    """Mark events without duration by lines, others by tinted bands."""
     for event in events:
         colour = KINDS[event.kind].colour
         if event.end is None:
@@ -185,25 +228,25 @@ def mark_events(axes: Axes, events: Sequence[Event]) -> None:
             axes.axvspan(event.begin, event.end, color=colour, alpha=0.15, lw=0, zorder=0.5)
 
 
-def draw_map(figure: Figure, axes: Axes, picture: HeatMap, title: str, rows: str, *, signed: bool) -> None:
+def draw_map(figure: Figure, axes: Axes, picture: HeatMap, heat: Heat) -> None:
     """Draw a picture of all vehicles over time, the front of the train on top."""
     count = picture.codes.shape[0]
     values = np.where(picture.codes == NO_CODE, np.nan, picture.codes * picture.unit)
-    colours = ListedColormap(buff_to_draft(255) if signed else none_to_full(255))
+    colours = ListedColormap(buff_to_draft(255) if heat.signed else none_to_full(255))
     image = axes.imshow(
-        values, aspect="auto", cmap=colours, vmin=-picture.largest if signed else 0.0, vmax=picture.largest,
+        values, aspect="auto", cmap=colours, vmin=-picture.largest if heat.signed else 0.0, vmax=picture.largest,
         extent=(picture.begin, picture.end, count - 0.5, -0.5), interpolation="nearest",
     )  # fmt: skip
     axes.grid(visible=False)
-    axes.set_ylabel(rows)
+    axes.set_ylabel(heat.rows)
     bar = figure.colorbar(image, ax=axes, pad=0.01, aspect=22)
-    bar.set_label(title)
+    bar.set_label(f"{heat.words} in kN{' (draft > 0)' if heat.signed else ''}")
     bar.outline.set_linewidth(0.5)
 
 
-def draw_track(axes: Axes, digest: Digest) -> None:
-    """Draw grade and curves over distance, and the height on an axis of its own."""
-    shape = digest.track
+def draw_track(axes: Axes, data: PageData) -> None:
+    """Draw grade and curves over distance, and the height on a second axis."""
+    shape = data.track
     assert shape is not None
     axes.fill_between(shape.place, 0.0, shape.grade, step="post", color=GREY, alpha=0.5, lw=0, label="grade")
     low = min(0.0, float(shape.grade.min()))
@@ -217,9 +260,10 @@ def draw_track(axes: Axes, digest: Digest) -> None:
     (line,) = side.plot(shape.place, shape.height, color=look.colour, lw=1.0, label=f"{look.words} (right)")
     side.grid(visible=False)
     side.set_ylabel("height in m")
-    legend_above(axes, [line])
+    add_print_legend(axes, [line])
 
 
-def save(figure: Figure, path: Path, dpi: int = DPI) -> None:
-    """Write a figure; equal figures give equal files."""
+@styled()
+def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
+    """Write a figure in the common style, without date; equal figures result in equal files."""
     figure.savefig(path, dpi=dpi, metadata={"Date": None} if path.suffix == ".svg" else {"Software": None})

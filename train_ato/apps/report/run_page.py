@@ -1,4 +1,4 @@
-"""The figures of one run, in the order in which an engineer looks at them."""
+"""Figures of the page of one run, in their order."""
 
 from __future__ import annotations
 
@@ -6,40 +6,35 @@ from dataclasses import dataclass
 
 from bokeh.models import ColumnDataSource
 
-from train_ato.report.cursor import Reading, follow_cursor
-from train_ato.report.digest import Digest
-from train_ato.report.event_panels import event_figure
-from train_ato.report.heat_panel import heat_figure
-from train_ato.report.page import Placed, Section
-from train_ato.report.panels import distance_figure, line_figure, source_of, traces_of
-from train_ato.report.quantities import QUANTITIES
-from train_ato.report.style import HEIGHT, Figure, Linked
-from train_ato.report.track_panel import track_figure
-
-HIDDEN = ("position_km", "envelope_high", "envelope_low")
-"""Columns that are no lines of their own."""
+from train_ato.apps.report.cursor import Reading, follow_cursor
+from train_ato.apps.report.event_panels import event_figure
+from train_ato.apps.report.heat_panel import heat_figure
+from train_ato.apps.report.page import PageSection, Placed
+from train_ato.apps.report.page_data import PageData
+from train_ato.apps.report.panels import distance_figure, line_figure, source_of
+from train_ato.apps.report.quantities import HEAT, PANELS, traces_of
+from train_ato.apps.report.style import HEIGHT, Figure, Linked
+from train_ato.apps.report.track_panel import track_figure
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """One figure: its name among the lines or maps, y axis, heading, a line that says what it shows, height."""
+class FigureSpec:
+    """One figure: name of its curves or map, heading, caption, height."""
 
     name: str
-    axis: str
     heading: str
     caption: str = ""
     height: int = HEIGHT
 
 
-FIGURES: tuple[tuple[str, str, tuple[Wanted, ...]], ...] = (
+FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
     (
         "tracking",
         "Tracking",
         (
-            Wanted("speed", "speed", "Speed", "Of vehicle 0's centre; the limit is the lowest under the train.", 280),
-            Wanted("speed_error", "speed_error", "Speed error", "Train minus reference at the same stamp.", 200),
-            Wanted(
-                "position_error",
+            FigureSpec("speed", "Speed", "Vehicle 0; the speed limit is that over the train length.", 280),
+            FigureSpec("speed_error", "Speed error", "Train minus reference at the same stamp.", 200),
+            FigureSpec(
                 "position_error",
                 "Position error",
                 "Train minus reference at the same stamp; > 0 is ahead of the profile.",
@@ -51,54 +46,50 @@ FIGURES: tuple[tuple[str, str, tuple[Wanted, ...]], ...] = (
         "forces",
         "Forces",
         (
-            Wanted(
+            FigureSpec(
                 "forces",
-                "force",
-                "Demand and applied force",
-                "All power units together; the demand as sent, the force after delay, lag and limit.",
+                "Command and applied force",
+                "Sum of all power units: command as sent, force after delay, lag and saturation.",
                 250,
             ),
-            Wanted("unit_forces", "applied force in kN", "Applied force of every power unit"),
+            FigureSpec("unit_forces", "Applied force of every power unit"),
         ),
     ),
     (
         "couplers",
         "Couplers",
         (
-            Wanted(
+            FigureSpec(
                 "couplers",
-                "",
                 "Force along the train",
-                "Front of the train on top. Of every cell the force farthest from zero, so that no peak is lost.",
+                "Front of the train on top. Each cell shows the force with the largest magnitude, so no peak is lost.",
             ),
-            Wanted("coupler_extremes", "coupler", "Extremes", "At every tick the largest of all couplers.", 240),
+            FigureSpec("coupler_extremes", "Extremes", "Largest values of all couplers at every tick.", 240),
         ),
     ),
     (
         "air-brake",
         "Air brake",
         (
-            Wanted("pipe", "pressure", "Brake pipe", "Absolute pressure at the head.", 200),
-            Wanted("shoes", "", "Shoe force along the train", "Retarding force of every vehicle's air brake."),
-            Wanted("shoe_force", "shoe_force", "Shoe force of the whole train", "", 180),
+            FigureSpec("pipe", "Brake pipe", "Absolute pressure at the head.", 200),
+            FigureSpec("shoes", "Shoe force along the train", "Brake force of the air brake of every vehicle."),
+            FigureSpec("shoe_force", "Shoe force of the whole train", "", 180),
         ),
     ),
     (
         "disturbance",
         "Disturbance and delay",
         (
-            Wanted(
-                "disturbance",
+            FigureSpec(
                 "disturbance",
                 "Disturbance: estimate and truth",
-                "The estimate lumps everything that the model does not explain; the truth is the outside force alone.",
+                "The estimate contains all effects missing in the nominal model; the truth is the external force only.",
             ),
-            Wanted(
-                "delay",
+            FigureSpec(
                 "delay",
                 "Delay from command to effect",
-                "Found by shifting the demand until it explains the applied force, window by window; the lag counts "
-                "with its time constant. Gaps: the force hardly changed, or was at its limit.",
+                "Identified in time windows: the shift of the command that fits the applied force best; the lag adds "
+                "its time constant. Gaps: the force was nearly constant or saturated.",
                 190,
             ),
         ),
@@ -107,11 +98,10 @@ FIGURES: tuple[tuple[str, str, tuple[Wanted, ...]], ...] = (
         "energy",
         "Energy",
         (
-            Wanted(
-                "energy",
+            FigureSpec(
                 "energy",
                 "Work done on the train since the start",
-                "Positive drives it. Traction, electric brake and all resistances together are the kinetic energy.",
+                "> 0 accelerates the train. The sum of all parts is the kinetic energy.",
                 260,
             ),
         ),
@@ -126,83 +116,72 @@ READINGS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("coupler_extremes", ("draft", "buff")),
     ("pipe", ("pipe",)),
 )
-"""What the bar under the title says of the moment under the cursor."""
+"""Columns in the bar with the values at the cursor."""
 SHORT = {
-    "position_km": ("km", "", 3),
+    "position_km": ("position", "km", 3),
     "speed": ("speed", "km/h", 1),
     "measured_speed": ("speed", "km/h", 1),
     "profile": ("profile", "km/h", 1),
-    "limit": ("limit", "km/h", 0),
-    "speed_error": ("error", "km/h", 2),
-    "position_error": ("error", "m", 2),
-    "demand": ("demand", "kN", 0),
-    "applied": ("applied", "kN", 0),
+    "limit": ("speed limit", "km/h", 0),
+    "speed_error": ("speed error", "km/h", 2),
+    "position_error": ("position error", "m", 2),
+    "demand": ("command", "kN", 0),
+    "applied": ("applied force", "kN", 0),
     "draft": ("draft", "kN", 0),
     "buff": ("buff", "kN", 0),
     "pipe": ("brake pipe", "kPa", 0),
 }
-"""Its words, units and digits."""
+"""Labels, units and digits in the bar."""
 
 
-def run_sections(digest: Digest) -> tuple[list[Section], Linked]:
-    """Return the figures of a run, those without material left out, and what ties them together."""
-    linked = Linked(*digest.span, digest.events)
-    sources = {name: source_of(lines.time, lines.columns) for name, lines in digest.lines.items()}
-    sections = [*_over_distance(linked, digest, sources)]
-    if digest.events:
-        figure = event_figure(linked, digest.events)
-        caption = "Marked on every figure over time; click on a kind to hide it."
-        sections.append(Section("events", "Events", [Placed(figure, "", caption)]))
+def run_sections(data: PageData) -> tuple[list[PageSection], Linked]:
+    """Return the figures of a run and their shared axes; figures without data are omitted."""
+    linked = Linked(*data.span, data.events)
+    sources = {name: source_of(lines.time, lines.columns) for name, lines in data.curves.items()}
+    sections = [*_over_distance(linked, data, sources)]
+    if data.events:
+        figure = event_figure(linked, data.events)
+        caption = "Marked in every figure over time; click on a kind to hide its marks."
+        sections.append(PageSection("events", "Events", [Placed(figure, "", caption)]))
     for anchor, title, entries in FIGURES:
         placed = []
         for wanted in entries:
-            figure = _figure(linked, digest, sources, wanted)
+            figure = _figure(linked, data, sources, wanted)
             if figure is not None:
                 placed.append(Placed(figure, wanted.heading, wanted.caption))
         if placed:
-            sections.append(Section(anchor, title, placed))
+            sections.append(PageSection(anchor, title, placed))
     follow_cursor(linked, _readings(sources))
     return sections, linked
 
 
-def _figure(linked: Linked, digest: Digest, sources: dict[str, ColumnDataSource], wanted: Wanted) -> Figure | None:
+def _figure(linked: Linked, data: PageData, sources: dict[str, ColumnDataSource], wanted: FigureSpec) -> Figure | None:
     name = wanted.name
-    if name == "couplers" and name in digest.maps:
-        rows = "coupler behind vehicle"
-        return heat_figure(linked, digest.maps[name], "coupler force", "kN", rows, signed=True)
-    if name == "shoes" and name in digest.maps:
-        return heat_figure(linked, digest.maps[name], "shoe force", "kN", "vehicle", signed=False)
+    if name in data.maps:
+        return heat_figure(linked, data.maps[name], HEAT[name])
     if name not in sources:
         return None
-    columns = [column for column in sources[name].data if column not in HIDDEN]
-    return line_figure(linked, wanted.axis, [(sources[name], traces_of(_in_order(columns)))], wanted.height)
+    return line_figure(linked, PANELS[name][0], [(sources[name], traces_of(sources[name].data))], wanted.height)
 
 
-def _in_order(columns: list[str]) -> list[str]:
-    """Put the columns in the order of the quantities: what comes later lies above."""
-    order = {name: place for place, name in enumerate(QUANTITIES)}
-    known = [column for column in columns if column.partition(":")[0] in order]
-    return sorted(known, key=lambda column: order[column.partition(":")[0]])
-
-
-def _over_distance(linked: Linked, digest: Digest, sources: dict[str, ColumnDataSource]) -> list[Section]:
+def _over_distance(linked: Linked, data: PageData, sources: dict[str, ColumnDataSource]) -> list[PageSection]:
     speed = sources.get("speed")
     if speed is None or "position_km" not in speed.data:
         return []
-    place = digest.lines["speed"].columns["position_km"]
-    ends = [place, *(profile[0] for profile in digest.profiles)]
+    place = data.curves["speed"].columns["position_km"]
+    ends = [place, *(profile[0] for profile in data.profiles)]
     linked.set_places(min(float(p.min()) for p in ends), max(float(p.max()) for p in ends))
     columns = [column for column in ("speed", "measured_speed") if column in speed.data]
     placed = [
         Placed(
-            distance_figure(linked, [(speed, traces_of(columns))], digest.profiles, digest.limits),
+            distance_figure(linked, [(speed, traces_of(columns))], data.profiles, data.limits),
             "Speed over distance",
-            "The whole profile is drawn, also where it was not driven.",
+            "The profile is complete, also beyond the distance of the run.",
         )
     ]
-    if digest.track is not None:
-        placed.append(Placed(track_figure(linked, digest.track), "Grade and curves", ""))
-    return [Section("line", "Along the line", placed)]
+    if data.track is not None:
+        placed.append(Placed(track_figure(linked, data.track), "Grade and curves", ""))
+    return [PageSection("line", "Along the line", placed)]
 
 
 def _readings(sources: dict[str, ColumnDataSource]) -> list[Reading]:

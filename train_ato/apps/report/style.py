@@ -1,4 +1,4 @@
-"""The look of the figures in a browser, and what ties them together: one time, one cursor, the marks of events."""
+"""Style of the Bokeh figures, and their shared time axis, cursor and event marks."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure as bokeh_figure
 
-from train_ato.report.events import KINDS, Event
-from train_ato.report.quantities import AXES, FAINT, FONT, INK
+from train_ato.apps.report.event import Event
+from train_ato.apps.report.quantities import AXES, FAINT, FONT, INK, KINDS
 
 Figure = Any
-"""A Bokeh figure; its classes are made at run time."""
+"""A Bokeh figure; its classes are created at run time."""
 
 LEFT, RIGHT = 92, 64
-"""Room beside every frame in pixels, the same everywhere: equal times stand above each other."""
+"""Margins of every frame [pixels]; they are equal, so equal times are above each other."""
 SECOND_AXIS = 32
-"""More room on the right of figures over distance, one of which has a second axis there."""
+"""Additional right margin of figures over distance, for a second axis [pixels]."""
 HEIGHT = 230
 CURSOR = {"line_color": INK, "line_width": 1, "line_alpha": 0.75, "line_dash": "dotted"}
 _CLOCK = """
@@ -49,27 +49,27 @@ _CLOCK = """
 
 
 class Linked:
-    """What the figures of one page share.
+    """Shared axes, cursor and events of the figures of one page.
 
     Parameters
     ----------
     begin, end
         Times at the edges [s].
     events
-        Marked on every figure over time.
+        Events to mark in every figure over time.
 
     Attributes
     ----------
     time, place : Range1d
         Time [s] and place [km] in view.
     marks
-        Moments and stretches of every kind of event that there is.
+        Tables of the events without and with a duration, by kind.
     marked
-        What marks them in the figures, by kind.
+        Renderers of the marks, by kind.
     figures_over_time, figures_over_distance
-        All figures made.
+        All figures.
     readings
-        Words and units of the values that the page tells of the moment under the cursor.
+        Labels and units of the values at the cursor.
     """
 
     def __init__(self, begin: float, end: float, events: list[Event] | None = None) -> None:
@@ -97,7 +97,7 @@ class Linked:
     ) -> Figure:
         """Return an empty figure over time; ``axis`` names the title of its y axis, or is that title.
 
-        Where colours mean values, ``tinted=False`` marks the ends of stretches and leaves their ground as it is.
+        ``tinted=False`` marks only the ends of an event and does not change the colours of a heat map.
         """
         plot = _plain(axis, height, x_range=self.time, **options)
         plot.xaxis.axis_label = self.time_words
@@ -119,11 +119,11 @@ class Linked:
         return plot
 
     def clock(self, digits: int = 1) -> CustomJSHover:
-        """Return what writes a time in a hover."""
+        """Return the time format of a tooltip."""
         return CustomJSHover(args={"hours": self.hours, "digits": digits}, code=_CLOCK)
 
     def _mark(self, plot: Figure, tinted: bool) -> None:
-        """Mark the events: moments as lines, stretches as tinted grounds."""
+        """Mark events without duration by lines, others by tinted bands."""
         for kind, (moments, stretches) in self.marks.items():
             colour = KINDS[kind].colour
             drawn = self.marked[kind]
@@ -140,7 +140,7 @@ class Linked:
 
 
 def _sources(events: list[Event]) -> dict[str, tuple[ColumnDataSource, ColumnDataSource]]:
-    """Return moments and stretches of every kind that there are."""
+    """Return tables of the events without and with a duration, by kind."""
     result = {}
     for kind in KINDS:
         of_kind = [event for event in events if event.kind == kind]
@@ -161,7 +161,7 @@ def _sources(events: list[Event]) -> dict[str, tuple[ColumnDataSource, ColumnDat
 
 
 def _plain(axis: str, height: int, **options: Any) -> Figure:
-    """Return a figure with the common look."""
+    """Return a figure in the common style."""
     zoom = BoxZoomTool(dimensions="width")
     plot = bokeh_figure(
         height=height,
@@ -194,7 +194,7 @@ def _plain(axis: str, height: int, **options: Any) -> Figure:
 
 
 def style_axis(axis: Any) -> None:
-    """Give an axis the common look."""
+    """Apply the common style to an axis."""
     axis.axis_label_text_font = axis.major_label_text_font = FONT
     axis.axis_label_text_font_style = "normal"
     axis.axis_label_text_font_size = axis.major_label_text_font_size = "12px"
@@ -203,11 +203,8 @@ def style_axis(axis: Any) -> None:
     axis.minor_tick_line_color = None
 
 
-def legend_above(plot: Figure, items: list[Any], glyph: int = 14) -> None:
-    """Put a legend above the frame, where it covers nothing; a click on an entry hides its line.
-
-    ``glyph`` is the height of the samples in pixels.
-    """
+def add_page_legend(plot: Figure, items: list[Any]) -> None:
+    """Add a legend above the frame; a click on an entry hides its line."""
     columns = _columns([item.label.value for item in items])
     plot.height += LEGEND_ROW * (math.ceil(len(items) / columns) - 1)
     legend = Legend(
@@ -220,9 +217,9 @@ def legend_above(plot: Figure, items: list[Any], glyph: int = 14) -> None:
         label_text_font=FONT,
         label_text_font_size="12px",
         label_text_color=INK,
-        glyph_width=max(24, glyph),
+        glyph_width=24,
         label_height=14,
-        glyph_height=glyph,
+        glyph_height=14,
         padding=2,
         margin=2,
         spacing=14,
@@ -232,7 +229,7 @@ def legend_above(plot: Figure, items: list[Any], glyph: int = 14) -> None:
 
 
 def _columns(labels: list[str]) -> int:
-    """Return how many entries of a legend stand beside each other: all, or what the usual width holds."""
+    """Return the number of legend columns: all entries, or as many as the usual width holds."""
     widest = max((len(label) for label in labels), default=0)
     if sum(54.0 + LETTER * len(label) for label in labels) < LEGEND_WIDTH:
         return max(1, len(labels))
@@ -240,16 +237,16 @@ def _columns(labels: list[str]) -> int:
 
 
 LEGEND_WIDTH, LETTER, LEGEND_ROW, LEGEND_GAP = 1000.0, 6.2, 28, 3
-"""Room for a legend, usual width of a letter, height of a row, and room between legend and frame, in pixels."""
+"""Width of a legend, mean width of a letter, height of a row, gap between legend and frame [pixels]."""
 
 
 def number(digits: int) -> CustomJSHover:
-    """Return what writes a number in a hover; a dash where there is none."""
+    """Return the number format of a tooltip; a dash without a value."""
     return CustomJSHover(code=f"return Number.isFinite(value) ? value.toFixed({digits}) : '–'")
 
 
 def time_formatter(*, hours: bool) -> CustomJSTickFormatter:
-    """Return what writes the times at an axis, with as many digits as their distance asks for."""
+    """Return the time format of an axis, with decimals according to the tick distance."""
     code = """
         const gap = ticks.length > 1 ? ticks[1] - ticks[0] : 1;
         const digits = gap >= 1 ? 0 : Math.min(3, Math.ceil(-Math.log10(gap))), value = tick;"""
@@ -269,4 +266,4 @@ def time_ticker() -> CompositeTicker:
     )
 
 
-__all__ = ["CURSOR", "Figure", "Linked", "legend_above", "number", "style_axis", "time_formatter", "time_ticker"]
+__all__ = ["CURSOR", "Figure", "Linked", "add_page_legend", "number", "style_axis", "time_formatter", "time_ticker"]

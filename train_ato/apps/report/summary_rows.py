@@ -1,4 +1,4 @@
-"""The summary in plain words: which figures, in which order, with which unit, and what they mean."""
+"""Rows of the summary table: order, labels, units and meanings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Row:
-    """One figure of the summary: its key in ``summary.json``, words, unit, digits behind the point, and meaning."""
+    """One row of the summary: key in ``summary.json``, label, unit, decimals and meaning."""
 
     key: str
     words: str
@@ -22,19 +22,25 @@ GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
     (
         "Tracking",
         (
-            Row("speed_rmse_kmh", "speed error, rms", "km/h", 3, "over the scored part; mean over the driven vehicles"),
-            Row("speed_error_max_kmh", "speed error, largest", "km/h", 3, "over the scored part; worst driven vehicle"),
-            Row("position_rmse_m", "position error, rms", "m", 2, "over the scored part"),
-            Row("position_error_max_m", "position error, largest", "m", 2, "over the scored part"),
-            Row("stop_error_m", "stop error", "m", 3, "front minus target once the train stands; > 0 is too far"),
-            Row("overspeed_max_kmh", "overspeed, largest", "km/h", 2, "over the limit that holds for the whole train"),
+            Row("speed_rmse_kmh", "speed error, rms", "km/h", 3, "over the evaluation; mean of the power units"),
+            Row(
+                "speed_error_max_kmh",
+                "speed error, largest",
+                "km/h",
+                3,
+                "over the evaluation; largest of the power units",
+            ),
+            Row("position_rmse_m", "position error, rms", "m", 2, "over the evaluation"),
+            Row("position_error_max_m", "position error, largest", "m", 2, "over the evaluation"),
+            Row("stop_error_m", "stop error", "m", 3, "front minus target at standstill; > 0: overshoot"),
+            Row("overspeed_max_kmh", "overspeed, largest", "km/h", 2, "above the lowest limit under the train"),
         ),
     ),
     (
         "Forces in the train",
         (
-            Row("coupler_draft_max_kn", "coupler draft, largest", "kN", 0, "over every coupler and every plant step"),
-            Row("coupler_buff_max_kn", "coupler buff, largest", "kN", 0, "over every coupler and every plant step"),
+            Row("coupler_draft_max_kn", "coupler draft, largest", "kN", 0, "over all couplers and all plant steps"),
+            Row("coupler_buff_max_kn", "coupler buff, largest", "kN", 0, "over all couplers and all plant steps"),
             Row("acceleration_max", "acceleration of vehicle 0, largest", "m/s²", 3, "differences over 0.1 s"),
             Row("jerk_max", "jerk of vehicle 0, largest", "m/s³", 2, "differences over 0.1 s"),
         ),
@@ -42,18 +48,24 @@ GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
     (
         "Command",
         (
-            Row("command_variation_kn_per_s", "variation of the demand", "kN/s", 1, "sum of its changes over the time"),
-            Row("saturated_s", "time at a force limit", "s", 1, "demand cut by it; demand kept to it is not counted"),
-            Row("held_steps", "steps with the last command repeated", "", 0, "no new command had come in time"),
-            Row("unsound_measurements", "measurements that were not used", "", 0, "not finite, or no train moves so"),
-            Row("replans", "profiles planned anew", "", 0, "because force was missing"),
+            Row("command_variation_kn_per_s", "variation of the command", "kN/s", 1, "sum of its changes, per second"),
+            Row(
+                "saturated_s",
+                "time at a force limit",
+                "s",
+                1,
+                "command above the limit; a command at the limit is not counted",
+            ),
+            Row("held_steps", "steps with the last command repeated", "", 0, "no new command arrived in time"),
+            Row("unsound_measurements", "invalid measurements", "", 0, "not finite or physically impossible; not used"),
+            Row("replans", "re-planned profiles", "", 0, "after a shortfall of the force"),
         ),
     ),
     (
         "Energy",
         (
             Row("energy_traction_kwh", "traction", "kWh", 1, "work of the traction forces"),
-            Row("energy_regenerated_kwh", "regenerated", "kWh", 1, "work taken by the electric brake"),
+            Row("energy_regenerated_kwh", "regenerated", "kWh", 1, "work of the electric brake"),
         ),
     ),
     (
@@ -63,7 +75,7 @@ GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
             Row("wall_s", "wall time", "s", 1, ""),
             Row("real_time_factor", "simulated over wall time", "", 0, ""),
             Row("step_time_us_median", "controller step, median", "µs", 0, "wall time of one step of the law"),
-            Row("step_time_us_p99", "controller step, 99 of 100 below", "µs", 0, "wall time of one step of the law"),
+            Row("step_time_us_p99", "controller step, 99th percentile", "µs", 0, "wall time of one step of the law"),
         ),
     ),
 )
@@ -71,25 +83,25 @@ GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
 
 
 FINER = 3
-"""Digits that a value smaller than its last one gets at most besides."""
+"""Maximum number of additional decimals of a small value."""
 NOT_STANDING = "stop_error_m"
-"""A dash is worth a line here: the train did not stand at the end."""
+"""Row that is also shown without a value: the train did not stop."""
 
 
 def shown(row: Row, summary: dict[str, Any]) -> str:
-    """Return the value of a row as it is read; a dash where a run has none."""
+    """Return the value of a row as text; a dash without a value."""
     value = summary.get(row.key)
     if value is None or isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         return "–"
     digits = row.digits
-    if 0 < abs(value) < 10.0**-digits:  # a small value is worth more digits than a nought
+    if 0 < abs(value) < 10.0**-digits:  # otherwise a small value would be shown as 0
         digits = min(digits + FINER, 1 - math.floor(math.log10(abs(value))))
     text = f"{value:.{digits}f}"
     return text.replace("-", "−") if float(text) != 0 else f"{0:.{row.digits}f}"
 
 
 def filled_groups(summaries: list[dict[str, Any]]) -> list[tuple[str, list[tuple[Row, list[str]]]]]:
-    """Return the groups with one text per run; rows and groups that no run has are left out."""
+    """Return the groups with one text per run; rows and groups without values are omitted."""
     groups = []
     for title, rows in GROUPS:
         filled = [(row, [shown(row, summary) for summary in summaries]) for row in rows]

@@ -1,18 +1,18 @@
-"""Grade, height, curves and tunnels over distance, for a browser."""
+"""Bokeh figure of grade, height, curves and tunnels over distance."""
 
 from __future__ import annotations
 
 import numpy as np
 from bokeh.models import ColumnDataSource, HoverTool, LegendItem, LinearAxis, Range1d
 
-from train_ato.report.quantities import GREY, INK, PURPLE, QUANTITIES
-from train_ato.report.style import Figure, Linked, legend_above, style_axis
-from train_ato.report.track_shape import TrackShape
+from train_ato.apps.report.quantities import GREY, INK, PURPLE, QUANTITIES
+from train_ato.apps.report.style import Figure, Linked, add_page_legend, style_axis
+from train_ato.apps.report.track_shape import TrackShape
 
 
-def track_figure(linked: Linked, shape: TrackShape, height: int = 200) -> Figure:
+def track_figure(linked: Linked, shape: TrackShape) -> Figure:
     """Return grade, height and curves over distance."""
-    plot = linked.over_distance("grade", height)
+    plot = linked.over_distance("grade", 200)
     steps = ColumnDataSource(
         {
             "left": shape.place[:-1],
@@ -37,7 +37,7 @@ def track_figure(linked: Linked, shape: TrackShape, height: int = 200) -> Figure
     heights = plot.line(shape.place, shape.height, line_color=look.colour, line_width=1.8, y_range_name="height")
     items = [
         LegendItem(label="grade (left)", renderers=[bars]),
-        LegendItem(label="height over the begin (right)", renderers=[heights]),
+        LegendItem(label="height above the start (right)", renderers=[heights]),
     ]
     plot.add_tools(
         HoverTool(
@@ -47,7 +47,7 @@ def track_figure(linked: Linked, shape: TrackShape, height: int = 200) -> Figure
                 ("from", "@left{0.000} km"),
                 ("to", "@right{0.000} km"),
                 ("grade", "@grade{0.0} ‰"),
-                ("height at the begin", "@height{0.0} m"),
+                ("height at its start", "@height{0.0} m"),
             ],
             point_policy="follow_mouse",
         )
@@ -55,7 +55,7 @@ def track_figure(linked: Linked, shape: TrackShape, height: int = 200) -> Figure
     strips = _curves(plot, shape)
     items += strips
     plot.y_range.renderers = [bars, *(item.renderers[0] for item in strips)]
-    legend_above(plot, items)
+    add_page_legend(plot, items)
     return plot
 
 

@@ -1,4 +1,4 @@
-"""Grade, height and curves of a line along the part that a train ran."""
+"""Grade, height, curves and tunnels of the part of a line used by a run."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ import numpy as np
 
 from plant_sim.line import Line
 from plant_sim.track import Track
-from train_ato.types import Array
+from train_ato.messages.types import Array
 
 
 @dataclass(frozen=True)
 class TrackShape:
-    """A line between two places.
+    """Part of a line between two places.
 
     Attributes
     ----------
     place, grade : Array, shape (m,)
-        Steps: from a place [km] on the grade [‰], > 0 uphill; the last entry ends the last step.
+        Step function: places [km], grade from there on [‰], > 0 uphill; the last entry is the end.
     height : Array, shape (m,)
-        Height over the first place [m].
+        Height above the first place [m].
     curves : list of (begin km, end km, radius m)
     tunnels : list of (begin km, end km)
     """
@@ -33,12 +33,12 @@ class TrackShape:
 
     @property
     def is_plain(self) -> bool:
-        """Whether there is nothing to draw: level and straight."""
+        """True for a level, straight line without tunnels."""
         return not (np.any(self.grade) or self.curves or self.tunnels)
 
 
 def track_shape(line: Line, begin: float, end: float) -> TrackShape:
-    """Return a line between two places [m]."""
+    """Return the part of a line between two places [m]."""
     track = Track(line)
     inside = track.breaks[(track.breaks > begin) & (track.breaks < end)]
     changes = np.diff(track.grade[np.searchsorted(track.breaks, inside, side="right")], prepend=np.nan) != 0

@@ -1,4 +1,4 @@
-"""What lies ahead: speed of the profile, limits, the stop and the grades over the place, the train in it."""
+"""Figures of the line ahead: profile, speed limits, stop, grades and train over the place."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ import numpy as np
 from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
-from train_ato.view.facts import KMH, Facts, Profile
-from train_ato.view.style import DOWNHILL, LIMIT, PROFILE, SOFT, STOP, TEXT, TRAIN, UPHILL
+from train_ato.apps.view.facts import KMH, Facts, ProfileCurve
+from train_ato.apps.view.style import DOWNHILL, LIMIT, PROFILE, SOFT, STOP, TEXT, TRAIN, UPHILL
 
 MOST_KNOTS = 4000
 FAR = 1e4
-"""How far the first and the last step of limit and grade are drawn beyond the line [km]."""
+"""Place to which the last step of limit and grade is drawn [km]."""
 
 
 class Ahead:
-    """The two figures and the sources that change when the profile does.
+    """Figures of speed and grade over the place.
 
     Attributes
     ----------
     figures
         Speed over the place, and grade over the place.
     span : Range1d
-        Places in view [km]; the page moves it with the train.
+        Range of the places in view [km]; it moves with the train in the browser.
     """
 
     def __init__(self, now: ColumnDataSource, strip: ColumnDataSource, facts: Facts, tools: dict[str, Any]) -> None:
@@ -50,14 +50,14 @@ class Ahead:
         self.show_limits(facts)
 
     def show_limits(self, facts: Facts) -> None:
-        """Draw the limits."""
+        """Draw the speed limits."""
         if facts.limit_places.size:
             places = np.concatenate((facts.limit_places / 1e3, [FAR]))
             speeds = np.concatenate((facts.limit_speeds, facts.limit_speeds[-1:])) * KMH
             self._limit.data = {"place": places, "speed": speeds}
 
-    def show_profile(self, profile: Profile, facts: Facts, scale: float) -> None:
-        """Draw a profile over the place of the train's front; it may be thinned, the stop is kept."""
+    def show_profile(self, profile: ProfileCurve, facts: Facts, scale: float) -> None:
+        """Draw a profile over the place of the front of the train, downsampled; the last knot is kept."""
         chosen = np.unique(np.linspace(0, profile.time.size - 1, min(profile.time.size, MOST_KNOTS)).astype(int))
         self._profile.data = {
             "place": (profile.position[chosen] + facts.nose) / 1e3,
@@ -69,7 +69,7 @@ class Ahead:
 
 
 def _grade(span: Range1d, facts: Facts, now: ColumnDataSource, tools: dict[str, Any]) -> Any:
-    """Return the grades under the speed; empty where the line is not known."""
+    """Return the figure of the grades; empty for an unknown line."""
     begins = facts.grade_places / 1e3
     ends = np.concatenate((begins[1:], [FAR])) if begins.size else begins
     grades = facts.grades

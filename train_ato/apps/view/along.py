@@ -1,4 +1,4 @@
-"""Forces along the train: every coupler in draft or in buff, and the air brake of every vehicle under it."""
+"""Figures of the coupler and brake-shoe forces along the train."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ import numpy as np
 from bokeh.models import BasicTicker, BasicTickFormatter, ColumnDataSource, LinearColorMapper, Range1d
 from bokeh.plotting import figure
 
-from train_ato.view.facts import Facts
-from train_ato.view.feed import LEAST_REACH, LEAST_SHOE
-from train_ato.view.style import BUFF, DRAFT, SHOE, SOFT
+from train_ato.apps.view.facts import Facts
+from train_ato.apps.view.feed import LEAST_REACH, LEAST_SHOE
+from train_ato.apps.view.style import BUFF, DRAFT, SHOE, SOFT
 
 
 class Along:
-    """The figures along the train.
+    """Coupler and shoe forces of every vehicle.
 
     Attributes
     ----------
     source
         One row for each vehicle: ``vehicle``, ``coupler`` (kN, of the coupler behind it) and ``shoe`` (kN).
     figures
-        Coupler force, and shoe force where there is an air brake; the front of the train is on the right.
+        Coupler force and, with an air brake, shoe force; the front of the train is on the right.
     reach, shoe_reach : Range1d
-        Of the forces; the page widens them when one goes beyond.
+        Ranges of the force axes; the page widens them for larger forces.
     """
 
     def __init__(self, facts: Facts, tools: dict[str, Any]) -> None:
-        n = facts.shape.n_vehicles
+        n = facts.layout.n_vehicles
         zeros = np.zeros(n, dtype=np.float32)
         self.source = ColumnDataSource({"vehicle": np.arange(n), "coupler": zeros, "shoe": zeros})
         self._count = n
@@ -45,11 +45,11 @@ class Along:
         coupler.yaxis.ticker.desired_num_ticks = 5
         coupler.xgrid.visible = False
         self.figures = [coupler]
-        if facts.shape.air_brake:
+        if facts.layout.air_brake:
             coupler.xaxis.visible = False
             self.figures.append(self._shoes(span, tools))
         self.figures[-1].xaxis.ticker = BasicTicker(min_interval=1, num_minor_ticks=0)
-        self.figures[-1].xaxis.axis_label = "vehicle, the front on the right"
+        self.figures[-1].xaxis.axis_label = "vehicle (front of the train on the right)"
 
     def _shoes(self, span: Range1d, tools: dict[str, Any]) -> Any:
         plot = figure(x_range=span, y_range=self.shoe_reach, y_axis_label="shoes kN", name="shoes", **tools)
@@ -59,6 +59,6 @@ class Along:
         return plot
 
     def show(self, along: dict[str, Any]) -> None:
-        """Show the forces of one moment."""
+        """Show the forces of a snapshot."""
         whole = slice(0, self._count)
         self.source.patch({"coupler": [(whole, along["coupler"])], "shoe": [(whole, along["shoe"])]})

@@ -1,6 +1,6 @@
-"""Acting on the nodes of a running graph, without ever waiting for them: requests go out, answers come back as calls.
+"""Parameters and services of the nodes of a running graph, without blocking: answers arrive as callbacks.
 
-Everything here runs in the thread that turns the executor; other threads hand their requests over by :meth:`ask`.
+All ROS calls run in the thread of the executor; other threads queue their requests by :meth:`Controls.submit`.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool, Trigger
 
-from train_ato.view.tuning import Tunable, coerced, from_descriptor
+from train_ato.apps.view.tuning import Tunable, coerced, from_descriptor
 
 NODES = ("controller", "plant")
 TRIGGERS = ("step", "stop", "gust", "delay_jump")
 SWITCHES = ("pause", "emergency_brake")
 
 Answer = Callable[[bool, str], None]
-"""Takes whether it was done, and what the node said."""
+"""Callback for success and message of a node."""
 
 
 class Controls:
@@ -31,11 +31,11 @@ class Controls:
     Attributes
     ----------
     tunables : dict
-        Parameters by node and name, kept up to date by the nodes' own events.
+        Parameters by node and name, updated by parameter events.
     number : int
-        Rises with every change of one.
+        Number of changes so far.
     over : bool
-        The run is gone: nothing is asked of nodes that came after it.
+        The run has ended; a later run on the domain receives no request.
     """
 
     def __init__(self, node: Any, wake: Callable[[], None]) -> None:
@@ -52,21 +52,21 @@ class Controls:
 
     @property
     def ready(self) -> bool:
-        """Whether the parameters of both nodes are known."""
+        """Parameters of both nodes have arrived."""
         return all(self.tunables.values())
 
-    def ask(self, request: Callable[[], None]) -> None:
-        """Let the executor's thread do something."""
+    def submit(self, request: Callable[[], None]) -> None:
+        """Queue a request for the executor's thread."""
         self._requests.append(request)
         self._wake()
 
     def serve(self) -> None:
-        """Do what other threads asked for; called by the executor's thread."""
+        """Run the queued requests; called by the executor's thread."""
         while self._requests:
             self._requests.popleft()()
 
     def learn(self) -> None:
-        """Ask the nodes that are there for their parameters."""
+        """Request the parameters of the discovered nodes."""
         for name, client in self._clients.items():
             if not self.tunables[name] and client.services_are_ready():
                 client.list_parameters().add_done_callback(lambda future, name=name: self._listed(name, future))
@@ -95,13 +95,13 @@ class Controls:
                 self.number += 1
 
     def set_parameter(self, node: str, name: str, value: Any, answer: Answer) -> None:
-        """Set a parameter from any thread; a refusal comes back with its reason."""
+        """Set a parameter, from any thread; a rejection has its reason as the message."""
 
         def request() -> None:
             tunable = self.tunables[node].get(name)
             client = self._clients[node]
             if self.over or tunable is None or not client.services_are_ready():
-                answer(False, self._why(node))
+                answer(False, self._reason(node))
                 return
             change = client.set_parameters([Parameter(name, value=coerced(tunable, value))])
             change.add_done_callback(lambda future: done(future.result().results[0]))
@@ -109,28 +109,30 @@ class Controls:
         def done(result: Any) -> None:
             answer(bool(result.successful), f"{name} = {value}" if result.successful else str(result.reason))
 
-        self.ask(request)
+        self.submit(request)
 
     def call(self, service: str, answer: Answer, data: bool | None = None) -> None:
-        """Call a service of the plant from any thread."""
+        """Call a service of the plant, from any thread."""
 
         def request() -> None:
             client = self._services[service]
             if self.over or not client.service_is_ready():
-                answer(False, self._why("the plant"))
+                answer(False, self._reason("the plant"))
                 return
-            asked = Trigger.Request() if data is None else SetBool.Request(data=data)
-            client.call_async(asked).add_done_callback(lambda future: done(future.result()))
+            message = Trigger.Request() if data is None else SetBool.Request(data=data)
+            client.call_async(message).add_done_callback(lambda future: done(future.result()))
 
         def done(response: Any) -> None:
             answer(bool(response.success), str(response.message))
 
-        self.ask(request)
+        self.submit(request)
 
-    def _why(self, whose: str) -> str:
-        return "the run is over; start the view again" if self.over else f"{whose} does not answer: is the run over?"
+    def _reason(self, name: str) -> str:
+        return (
+            "the run has ended; restart the view" if self.over else f"no response from {name}; the run may have ended"
+        )
 
     def value(self, node: str, name: str, default: Any = None) -> Any:
-        """Return a parameter as it is now."""
+        """Return the present value of a parameter."""
         found = self.tunables[node].get(name)
         return default if found is None else found.value

@@ -1,4 +1,4 @@
-"""The speed dial: needle, speed of the profile as a ring, the limit as a hook, and the force inside its envelope."""
+"""Speed dial with needle, profile ring and limit mark; bar of the total force within its envelope."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any
 from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
-from train_ato.view.moment import DIAL_BEGIN, DIAL_SWEEP, angle
-from train_ato.view.style import APPLIED, DEMAND, EDGE, FAINT, LIMIT, PANE, PROFILE, SOFT, TEXT
+from train_ato.apps.view.snapshot import DIAL_BEGIN, DIAL_SWEEP, angle
+from train_ato.apps.view.style import APPLIED, DEMAND, EDGE, FAINT, LIMIT, PANE, PROFILE, SOFT, TEXT
 
 SIZE = 270
 DIAL_END = DIAL_BEGIN - DIAL_SWEEP
 
 
 def dial(now: ColumnDataSource, ticks: ColumnDataSource) -> Any:
-    """Return the dial, bound to the row of the moment and to the ticks of its scale."""
+    """Return the speed dial, bound to the row of the snapshot and to the ticks of its scale."""
     plot = figure(
         frame_width=SIZE,
         frame_height=round(SIZE * 0.9),
@@ -69,7 +69,7 @@ def dial(now: ColumnDataSource, ticks: ColumnDataSource) -> Any:
 
 
 def tick_columns(scale: float) -> dict[str, list[Any]]:
-    """Return the ticks and numbers of a dial that ends at so many km/h."""
+    """Return the ticks and numbers of a dial up to ``scale`` [km/h]."""
     step = next(step for step in (10, 20, 50, 100) if scale / step <= 10)
     minor = step // 2 if step > 10 else step / 2
     columns: dict[str, list[Any]] = {name: [] for name in ("x0", "y0", "x1", "y1", "width", "x", "y", "text")}
@@ -88,7 +88,7 @@ def tick_columns(scale: float) -> dict[str, list[Any]]:
 
 
 def force_bar(now: ColumnDataSource, most: float, least: float) -> Any:
-    """Return the force of all units between the most electric brake and the most traction."""
+    """Return the bar of the force of all power units, from the largest brake to the largest traction force [N]."""
     known = math.isfinite(most) and math.isfinite(least)
     reach = (1.08 * least / 1e3, 1.08 * most / 1e3) if known and most > least else (-1000.0, 1000.0)
     plot = figure(

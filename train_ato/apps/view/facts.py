@@ -1,4 +1,4 @@
-"""What is known of a run before its first message: sizes of the train, speed limits, grades, force envelopes."""
+"""Constant data of a run: layout of the train, speed limits, grades, force envelopes."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from plant_sim.track import Track
-from train_ato.run_setup import RunSetup
-from train_ato.shape import Shape
-from train_ato.types import Array
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.layout import TrainLayout
+from train_ato.messages.types import Array
 
 KMH = 3.6
 SCALES = (40, 60, 80, 100, 120, 160, 200, 250, 300, 350, 400, 500)
 """Ends of the speed dial [km/h]."""
 ROOM = 1.12
-"""The dial reaches beyond the highest speed by this factor."""
+"""Ratio of the end of the dial to the highest profile speed, at least."""
 
 
 @dataclass(frozen=True)
-class Profile:
+class ProfileCurve:
     """Knots of the profile in force: time [s], position of vehicle 0's centre [m], speed [m/s]."""
 
     time: Array
@@ -28,28 +28,28 @@ class Profile:
 
     @property
     def end(self) -> float:
-        """Where vehicle 0's centre is at its end [m]."""
+        """Last position of vehicle 0's centre [m]."""
         return float(self.position[-1])
 
 
 @dataclass(frozen=True)
 class Facts:
-    """What does not change while a train runs.
+    """Constant data of a run.
 
     Attributes
     ----------
     title
-        Name of the scenario, or what stands for it.
+        Name of the scenario or of the run.
     shape
-        Sizes of the train.
+        Layout of the train.
     duration
-        Simulated time of the whole run [s]; 0 where it is not known.
+        Simulated time of the whole run [s]; 0 if unknown.
     rear
         Distance of every vehicle's centre behind vehicle 0's [m], shape (n,).
     nose
         Front of the train before vehicle 0's centre [m].
     length
-        Of the train [m].
+        Length of the train [m].
     limit_places, limit_speeds
         Steps of the speed limit [m, m/s].
     grade_places, grades
@@ -61,7 +61,7 @@ class Facts:
     """
 
     title: str
-    shape: Shape
+    layout: TrainLayout
     duration: float = 0.0
     rear: Array = field(default_factory=lambda: np.zeros(0))
     nose: float = 0.0
@@ -76,7 +76,7 @@ class Facts:
     subtitle: str = ""
 
     def limit_now(self, front: float) -> float:
-        """Return the lowest limit between the rear and the front of the train [m/s]; infinite where there is none."""
+        """Return the lowest limit between the rear and the front of the train [m/s]; infinite without limits."""
         if not self.limit_places.size:
             return float("inf")
         first = max(0, int(np.searchsorted(self.limit_places, front - self.length, side="right")) - 1)
@@ -84,7 +84,7 @@ class Facts:
         return float(self.limit_speeds[first:last].min(initial=np.inf))
 
     def next_lower_limit(self, front: float) -> tuple[float, float] | None:
-        """Return place [m] and speed [m/s] of the next limit ahead that is lower than the one in force there."""
+        """Return place [m] and speed [m/s] of the next limit ahead below the present one."""
         now = self.limit_now(front)
         ahead = np.flatnonzero((self.limit_places > front) & (self.limit_speeds < now))
         return (float(self.limit_places[ahead[0]]), float(self.limit_speeds[ahead[0]])) if ahead.size else None
@@ -95,8 +95,8 @@ class Facts:
             return float("nan"), float("nan")
         return float(np.interp(speed, self.speeds, self.least)), float(np.interp(speed, self.speeds, self.most))
 
-    def scale(self, profile: Profile | None) -> int:
-        """Return the end of the speed dial [km/h]: room for the limits and for the profile."""
+    def scale(self, profile: ProfileCurve | None) -> int:
+        """Return the end of the speed dial [km/h], above the limits and the profile."""
         fastest = KMH * float(self.limit_speeds.max(initial=0.0))
         if profile is not None:
             fastest = max(fastest, ROOM * KMH * float(np.abs(profile.velocity).max(initial=0.0)))
@@ -104,7 +104,7 @@ class Facts:
 
 
 def facts_of(setup: RunSetup) -> Facts:
-    """Return what a scenario says of its run."""
+    """Return the constant data of a scenario."""
     consist, line, scenario = setup.consist, setup.line, setup.scenario
     track = Track(line)
     places = np.concatenate(([line.begin], track.breaks[(track.breaks > line.begin) & (track.breaks < line.end)]))
@@ -114,12 +114,12 @@ def facts_of(setup: RunSetup) -> Facts:
     speeds: Array = np.linspace(0.0, fastest, 200)
     least, most = (
         np.array([side.sum() for side in sides])
-        for sides in zip(*(setup.model.force_limits(np.full(setup.shape.n_units, v)) for v in speeds), strict=True)
+        for sides in zip(*(setup.model.force_limits(np.full(setup.layout.n_units, v)) for v in speeds), strict=True)
     )
     names = f"observer {scenario.observer}, compensation {scenario.compensation}, seed {scenario.seed}"
     return Facts(
         title=scenario.name,
-        shape=setup.shape,
+        layout=setup.layout,
         duration=setup.ticks * setup.tick,
         rear=np.array(consist.offsets, dtype=np.float64),
         nose=consist.vehicles[0].length / 2,

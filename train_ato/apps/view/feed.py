@@ -1,4 +1,4 @@
-"""Where a page gets its figures from: the same for a live graph and for a recorded run."""
+"""Common data source of the pages for a live graph and a recorded run."""
 
 from __future__ import annotations
 
@@ -6,31 +6,31 @@ import threading
 from dataclasses import dataclass
 from typing import Any
 
-from train_ato.types import Array
-from train_ato.view.facts import Facts, Profile
-from train_ato.view.moment import Moment, along, now, strip_row, where
-from train_ato.view.strip import Strip
+from train_ato.apps.view.facts import Facts, ProfileCurve
+from train_ato.apps.view.snapshot import Snapshot, along, now, strip_row, where
+from train_ato.apps.view.strip import Strip
+from train_ato.messages.types import Array
 
 FRAMES_PER_SECOND = 20
 LEAST_REACH, LEAST_SHOE = 100.0, 10.0
-"""The axes of the forces along the train reach at least so far [kN]."""
+"""Least ends of the force axes along the train [kN]: couplers, shoes."""
 ROOM = 1.25
 
 
 @dataclass(frozen=True)
 class Frame:
-    """What a page shows at one moment; made once, sent to every browser.
+    """Data of one snapshot for the page; built once for all browsers.
 
     Attributes
     ----------
     number
-        Rises with every new frame.
+        Number of the frame, increasing.
     now, where, along
-        Columns of the driver's display and of place and time (one row each), and of the force strip along the train.
+        Columns of the driver's display and of place and time (one row each), and of the forces along the train.
     """
 
     number: int
-    moment: Moment
+    moment: Snapshot
     now: dict[str, list[Any]]
     where: dict[str, list[float]]
     along: dict[str, Array]
@@ -38,7 +38,7 @@ class Frame:
 
 @dataclass(frozen=True)
 class Mark:
-    """Something that happened: when [s], in a word or two for the strip, and in a sentence."""
+    """Event of a run: time [s], label of the strip charts, description."""
 
     time: float
     label: str
@@ -46,33 +46,33 @@ class Mark:
 
 
 class Feed:
-    """Figures of one run for any number of pages.
+    """Data of one run for any number of pages.
 
     Parameters
     ----------
     facts
-        What is known before the first message.
+        Constant data of the run.
 
     Attributes
     ----------
     live : bool
-        The train runs now and can be acted on.
+        The train runs now and accepts requests.
     facts : Facts
-    profile : Profile or None
-        The one in force; ``profile_number`` rises when it is another one.
+    profile : ProfileCurve or None
+        Profile in force; ``profile_number`` increases with every new one.
     frame : Frame or None
-        The newest one.
+        Newest frame.
     strip : Strip
-        Take its lock, :attr:`lock`, to read it.
+        Rows of the strip charts; :attr:`lock` protects them.
     marks : list of Mark
-        What happened so far, or in a recorded run all of it.
+        Events so far, or all events of a recorded run.
     """
 
     live = False
 
     def __init__(self, facts: Facts) -> None:
         self.facts = facts
-        self.profile: Profile | None = None
+        self.profile: ProfileCurve | None = None
         self.profile_number = 0
         self.frame: Frame | None = None
         self.strip = Strip()
@@ -81,14 +81,14 @@ class Feed:
         self.scale = facts.scale(None)
         self._reach = (LEAST_REACH, LEAST_SHOE)
 
-    def take_profile(self, profile: Profile) -> None:
-        """Take the profile that is in force from now on."""
+    def take_profile(self, profile: ProfileCurve) -> None:
+        """Replace the profile in force."""
         self.profile = profile
         self.scale = self.facts.scale(profile)
         self.profile_number += 1
 
-    def show(self, moment: Moment, *, kept: bool = True) -> None:
-        """Make the frame of a moment, and keep its row for the strip charts."""
+    def show(self, moment: Snapshot, *, kept: bool = True) -> None:
+        """Build the frame of a snapshot; ``kept`` adds its row to the strip charts."""
         number = 1 if self.frame is None else self.frame.number + 1
         if kept:
             with self.lock:
@@ -100,7 +100,7 @@ class Feed:
         self.frame = Frame(number, moment, row, where(moment, self.facts, self.profile), forces)
 
     def _widen(self, forces: dict[str, Array]) -> None:
-        """Let the axes of the force strip reach as far as the largest force so far, with some room."""
+        """Widen the force axes to the largest force so far, with a margin."""
         coupler, shoe = (float(abs(forces[name]).max(initial=0.0)) for name in ("coupler", "shoe"))
         reach = (
             ROOM * coupler if coupler > self._reach[0] else self._reach[0],
@@ -109,7 +109,7 @@ class Feed:
         self._reach = reach
 
     def advance(self) -> None:
-        """Let time go on, where it does not by itself."""
+        """Advance the time of a recorded run."""
 
     def close(self) -> None:
-        """Let go of what feeds it."""
+        """Release the source of the data."""

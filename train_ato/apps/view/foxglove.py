@@ -1,7 +1,7 @@
-"""A Foxglove WebSocket beside the page: the messages themselves, with the definitions that ROS 2 gives them.
+"""Foxglove WebSocket: the ROS 2 messages of a run with their definitions.
 
-Of a live run they are the newest of every topic, twenty looks a second; of a recorded run all of them, as time goes
-on, and Foxglove's own player moves that time for the page too.
+For a live run the newest messages of every topic are sent 20 times a second; for a recorded run all messages are sent
+in simulated time, and Foxglove's player also controls the time of the page.
 """
 
 from __future__ import annotations
@@ -16,33 +16,33 @@ import foxglove
 from foxglove import Capability, Channel, Context, Schema
 from foxglove.websocket import PlaybackCommand, PlaybackControlRequest, PlaybackState, PlaybackStatus, ServerListener
 
-from train_ato.record.definitions import definition
-from train_ato.record.layout import log_name, table_name
-from train_ato.record.reading import RawMessage
-from train_ato.replay.log import ReplayLog, message_time
-from train_ato.topics import BY_NAME, EPOCH_NS
-from train_ato.view.feed import FRAMES_PER_SECOND, Feed
-from train_ato.view.live import LiveFeed
-from train_ato.view.reader import Copied
-from train_ato.view.recorded import RecordedFeed
+from train_ato.apps.replay.log import ReplayLog, message_time
+from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed
+from train_ato.apps.view.live import LiveFeed
+from train_ato.apps.view.reader import Copied
+from train_ato.apps.view.recorded import RecordedFeed
+from train_ato.log.bag_layout import log_name, table_name
+from train_ato.log.definitions import definition
+from train_ato.log.mcap_records import RawMessage
+from train_ato.messages.topics import BY_NAME, EPOCH_NS, topics_of
 
 LOOPBACK = "127.0.0.1"
 MOST_AT_ONCE = 20_000
-"""Messages of a recorded run that are sent between two looks; a longer way is jumped over."""
+"""Messages of a recorded run sent in one period; the rest of a longer interval is skipped."""
 
 
 Send = Callable[[str, int, bytes], None]
-"""Takes a message: topic of the table, ns since 1970, bytes."""
+"""Callback for a message: topic of the table, ns since 1970, bytes."""
 
 
 class Source(Protocol):
-    """Where the messages come from."""
+    """Source of the messages."""
 
     def poll(self, send: Send | None) -> int | None:
-        """Hand out what is new, if somebody wants it; return the time that it is now [ns since 1970]."""
+        """Pass new messages to ``send`` if given; return the present time [ns since 1970], None if unknown."""
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close the source."""
 
 
 class FoxgloveServer:
@@ -51,27 +51,27 @@ class FoxgloveServer:
     Parameters
     ----------
     feed
-        What the page shows.
+        Feed of the page.
     port
-        To listen at on this machine; 0 is a free one.
+        Port on this machine; 0 selects a free one.
 
     Attributes
     ----------
     url : str
-        What Foxglove connects to.
+        Address for Foxglove.
     listener
-        Takes what Foxglove asks for.
+        Handler of the requests of Foxglove.
 
     Raises
     ------
     ValueError
-        If the port cannot be had.
+        If the port is not available.
     """
 
     def __init__(self, feed: Feed, port: int) -> None:
-        # Channels close when the last hold on their context is gone.
+        # Channels close with the last reference to their context.
         self._context = context = Context()
-        topics = [topic for topic in feed.facts.shape.topics if topic.recorded]
+        topics = [topic for topic in topics_of(feed.facts.layout) if topic.recorded]
         self._channels = {topic.name: _channel(topic.name, context) for topic in topics}
         self._latched = {topic.name for topic in topics if topic.latched}
         self._kept: dict[str, tuple[bytes, int]] = {}
@@ -97,9 +97,11 @@ class FoxgloveServer:
                 context=context,
                 playback_time_range=span,
             )
-        except Exception as error:  # the library raises what its Rust side says
+        except Exception as error:  # the exception type is that of the Rust library
             self._source.close()
-            raise ValueError(f"--foxglove {port}: {' '.join(str(error).split())}; name another port, or 0") from None
+            raise ValueError(
+                f"--foxglove {port}: {' '.join(str(error).split())}; give another port, or 0 for a free one"
+            ) from None
         self.url = f"ws://{LOOPBACK}:{self._server.port}"
         self._thread = threading.Thread(target=self._run, name="foxglove", daemon=True)
         self._thread.start()
@@ -119,18 +121,14 @@ class FoxgloveServer:
         self._channels[topic].log(data, log_time=moment_ns)
 
     def greet(self, topic: str) -> None:
-        """Send a late subscriber the latched message of a topic."""
+        """Send the latched message of a topic again for a late subscriber."""
         name = table_name(topic)
         if name in self._kept:
             data, moment_ns = self._kept[name]
             self._channels[name].log(data, log_time=moment_ns)
 
-    def tell(self, state: PlaybackState) -> None:
-        """Tell Foxglove's player that somebody else moved the time."""
-        self._server.broadcast_playback_state(state)
-
     def close(self) -> None:
-        """End the thread and the server."""
+        """Stop the thread and the server."""
         self._stopping.set()
         self._thread.join(timeout=2.0)
         self._source.close()
@@ -140,7 +138,7 @@ class FoxgloveServer:
 
 
 class _Listener(ServerListener):
-    """What Foxglove asks for."""
+    """Handler of subscriptions and of the player's requests."""
 
     def __init__(self, server: FoxgloveServer, feed: Feed) -> None:
         self._server = server
@@ -150,48 +148,48 @@ class _Listener(ServerListener):
         self._server.greet(channel.topic)
 
     def on_playback_control_request(self, playback_control_request: PlaybackControlRequest) -> PlaybackState | None:
-        """Play, pause or go to a moment as its player was told to."""
-        asked, feed = playback_control_request, self._feed
+        """Play, pause or seek as requested by the player."""
+        request, feed = playback_control_request, self._feed
         if not isinstance(feed, RecordedFeed):
             return None
-        if asked.seek_time is not None:
-            feed.seek((asked.seek_time - EPOCH_NS) * 1e-9)
-        feed.speed = asked.playback_speed
-        feed.set_playing(asked.playback_command == PlaybackCommand.Play)
+        if request.seek_time is not None:
+            feed.seek((request.seek_time - EPOCH_NS) * 1e-9)
+        feed.speed = request.playback_speed
+        feed.set_playing(request.playback_command == PlaybackCommand.Play)
         return PlaybackState(
             status=PlaybackStatus.Playing if feed.playing else PlaybackStatus.Paused,
             current_time=EPOCH_NS + round(feed.time * 1e9),
             playback_speed=feed.speed,
-            did_seek=asked.seek_time is not None,
-            request_id=asked.request_id,
+            did_seek=request.seek_time is not None,
+            request_id=request.request_id,
         )
 
 
 class _Newest:
-    """Messages of a live run, read by the thread of the feed."""
+    """Messages of a live run, from the thread of the feed."""
 
     def __init__(self, feed: LiveFeed) -> None:
         self._feed = feed
-        self._tap: deque[Copied] | None = None
+        self._copies: deque[Copied] | None = None
 
     def poll(self, send: Send | None) -> int | None:
         if send is None:
             self.close()
-        elif self._tap is None:
-            self._tap = self._feed.tap()
-        while self._tap and send is not None:
-            send(*self._tap.popleft())
+        elif self._copies is None:
+            self._copies = self._feed.subscribe()
+        while self._copies and send is not None:
+            send(*self._copies.popleft())
         frame = self._feed.frame
         return None if frame is None else EPOCH_NS + round(frame.moment.time * 1e9)
 
     def close(self) -> None:
-        if self._tap is not None:
-            self._feed.untap(self._tap)
-            self._tap = None
+        if self._copies is not None:
+            self._feed.unsubscribe(self._copies)
+            self._copies = None
 
 
 class _Played:
-    """Messages of a recorded run, as the feed's time goes on."""
+    """Messages of a recorded run up to the time of the feed."""
 
     def __init__(self, feed: RecordedFeed, topics: list[str]) -> None:
         self._feed = feed
@@ -223,7 +221,7 @@ class _Played:
         return now
 
     def _enter(self, now: int, send: Send) -> None:
-        """Go on from another moment; latched topics are told as they stood there."""
+        """Continue from another time; send the latched messages in force there."""
         for message in self._log.standing(self._depths, now):
             send(str(self._names[message.channel.topic]), message_time(message), bytes(message.data))
         tick = round(self._feed.tick * 1e9)
@@ -243,7 +241,7 @@ def _channel(topic: str, context: Context) -> Channel:
 
 @contextlib.contextmanager
 def serve_foxglove(feed: Feed, port: int) -> Iterator[FoxgloveServer]:
-    """Serve a feed to Foxglove while the context lasts."""
+    """Serve a feed to Foxglove within the context."""
     server = FoxgloveServer(feed, port)
     try:
         yield server

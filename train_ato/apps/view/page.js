@@ -1,4 +1,4 @@
-// Moves what is in view with the train: place in the figures ahead, time in the strip charts.
+// Moves the ranges in view with the train: places of the figures ahead, times of the strip charts.
 const kilometres = views[view.active], seconds = windows[window_.active];
 const place = where.data.place[0], time = where.data.time[0];
 place_range.setv({start: place - 0.16 * kilometres, end: place + 0.84 * kilometres});

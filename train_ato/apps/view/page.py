@@ -1,4 +1,4 @@
-"""One page in one browser: the figures, what ties them together, and twenty times a second what is new."""
+"""Page of one browser: the figures, their links, and an update 20 times a second."""
 
 from __future__ import annotations
 
@@ -14,44 +14,44 @@ from bokeh.models import ColumnDataSource, CustomJS, RadioButtonGroup
 from bokeh.themes import Theme
 from jinja2 import Template
 
-from train_ato.view.ahead import Ahead
-from train_ato.view.along import Along
-from train_ato.view.dial import dial, force_bar, tick_columns
-from train_ato.view.feed import FRAMES_PER_SECOND, Feed
-from train_ato.view.strips import Strips
-from train_ato.view.style import THEME, WIDGETS
+from train_ato.apps.view.ahead import Ahead
+from train_ato.apps.view.along import Along
+from train_ato.apps.view.dial import dial, force_bar, tick_columns
+from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed
+from train_ato.apps.view.strips import Strips
+from train_ato.apps.view.style import THEME, WIDGETS
 
 if TYPE_CHECKING:
-    from train_ato.view.live import LiveFeed
-    from train_ato.view.recorded import RecordedFeed
+    from train_ato.apps.view.live import LiveFeed
+    from train_ato.apps.view.recorded import RecordedFeed
 
 VIEWS_KM = (1, 2, 4, 8)
 WINDOWS_S = (60, 180, 600)
-"""Choices of the place ahead that is in view, and of the time that the strip charts show."""
+"""Choices of the length of line in view [km] and of the time span of the strip charts [s]."""
 UNDER_WAY = 2
-"""Frames that a browser may be behind; a slow one, or a hidden one, gets fewer and never an old one."""
+"""Frames sent but not yet drawn; a slow or hidden browser receives fewer frames, never an old one."""
 _TOOLS: dict[str, Any] = {"tools": "", "toolbar_location": None, "sizing_mode": "stretch_both"}
 WHERE = ("place", "rear", "stop", "speed", "time")
-"""What the figures over time and over place follow; they move by pixels, so they are drawn less often."""
+"""Columns for the figures over time and place, which are drawn less often because they move slowly."""
 WHERE_S = 0.14
-"""Wall time from one drawing of them to the next."""
+"""Wall time between two such drawings."""
 _EMPTY = {
     **dict.fromkeys(("speed_angle", "profile_angle", "limit_angle"), 3.927),
     **dict.fromkeys(("applied", "demand", "most", "least", "limited"), 0.0),
     "needle": "#f2f5f7",
     "speed_text": "–",
 }
-"""The row of the moment before there is one."""
+"""Row of the display before the first frame."""
 
 
 class Drawn(DataModel):  # type: ignore[misc]
-    """What the browser says back: the newest frame that it has drawn."""
+    """Number of the newest frame drawn by the browser."""
 
     number = Int(default=0)
 
 
-class Page:
-    """Fills a Bokeh document and keeps it up to date.
+class ViewPage:
+    """Content of a Bokeh document, updated from a feed.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class Page:
         self._answer = ColumnDataSource({"text": [""], "done": [1]}, name="answer")
         self._ticks = ColumnDataSource(tick_columns(feed.scale))
         self._scale = feed.scale
-        self._several = feed.facts.shape.n_vehicles > 1
+        self._several = feed.facts.layout.n_vehicles > 1
         self._strips = Strips(self._where, self._several, feed.facts.duration >= 3600.0, _TOOLS)
         self._ahead = Ahead(self._where, self._strips.source, feed.facts, _TOOLS)
         self._along = Along(feed.facts, _TOOLS)
@@ -84,17 +84,17 @@ class Page:
         document.add_periodic_callback(self.update, 500 // FRAMES_PER_SECOND)
 
     def _controls(self) -> Any:
-        """Return what stands at the side and in the bar: only what is needed is loaded."""
+        """Return the widgets of the panel and the bar; only the needed module is imported."""
         if self._feed.live:
-            from train_ato.view.panel import Panel
+            from train_ato.apps.view.panel import Panel
 
             return Panel(cast("LiveFeed", self._feed), self._say)
-        from train_ato.view.playback import Playback
+        from train_ato.apps.view.playback import PlaybackControls
 
-        return Playback(cast("RecordedFeed", self._feed))
+        return PlaybackControls(cast("RecordedFeed", self._feed))
 
     def _fill(self) -> None:
-        """Put the figures into the document and tie them together in the browser."""
+        """Add the figures to the document and link them in the browser."""
         document, facts = self._document, self._feed.facts
         most = float(facts.most.max()) if facts.most.size else float("nan")
         least = float(facts.least.min()) if facts.least.size else float("nan")
@@ -145,7 +145,7 @@ class Page:
             live=self._feed.live,
             style=_asset("page.css"),
             several=self._several,
-            air_brake=facts.shape.air_brake,
+            air_brake=facts.layout.air_brake,
         )
 
     def _forget_window(self) -> None:
@@ -153,7 +153,7 @@ class Page:
         self._where_due = True
 
     def _say(self, done: bool, text: str) -> None:
-        """Show what a node answered, from any thread."""
+        """Show the answer of a node, from any thread."""
 
         def show() -> None:
             self._answer.data = {"text": [text], "done": [int(done)]}
@@ -161,7 +161,7 @@ class Page:
         self._document.add_next_tick_callback(show)
 
     def update(self) -> None:
-        """Send what is new; looked for twice as often as it comes, so that none is missed."""
+        """Send new data; the period is half that of the frames, so that no frame is missed."""
         feed = self._feed
         feed.advance()
         if self._profile_number != feed.profile_number:
@@ -196,7 +196,7 @@ class Page:
             self._ahead.show_profile(feed.profile, feed.facts, feed.scale)
 
     def _show_strip(self, at: float) -> None:
-        """Stream the newest rows of a live run; of a recorded one send the part around the time when it is left."""
+        """Stream the newest rows of a live run; for a recorded run send the part around the time if it is new."""
         feed = self._feed
         if not feed.live:
             width = WINDOWS_S[self._window_choice.active]
@@ -216,4 +216,4 @@ class Page:
 
 
 def _asset(name: str) -> str:
-    return (files("train_ato") / "view" / name).read_text(encoding="utf-8")
+    return (files("train_ato") / "apps" / "view" / name).read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What a person does to a running train: choose the law, set its parameters, disturb it, stop it."""
+"""Widgets of a running train: law, parameters, disturbances, emergency brake, pace, end of the run."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any
 
 from bokeh.models import Button, Checkbox, Column, CustomJSTickFormatter, Div, Row, Select, Slider, Spinner
 
-from train_ato.view.live import LiveFeed
-from train_ato.view.style import SOFT, WIDGETS
-from train_ato.view.tuning import Tunable, slider_scale
+from train_ato.apps.view.live import LiveFeed
+from train_ato.apps.view.style import SOFT, WIDGETS
+from train_ato.apps.view.tuning import Tunable, slider_scale
 
 WIDTH = 292
 PACES = {
@@ -20,22 +20,22 @@ PACES = {
     "10 ×": 10.0,
     "20 ×": 20.0,
     "50 ×": 50.0,
-    "as fast as it goes": 0.0,
+    "as fast as possible": 0.0,
 }
-"""Pace of the simulation by its name."""
+"""Pace of the simulation by name; 0 is as fast as possible."""
 SHORT = "return String(Number(tick.toPrecision(6)))"
-"""Writes a number as short as it is."""
+"""Number format with up to six digits and no trailing zeros."""
 
 
 class Panel:
-    """Widgets of one browser; what others change shows here too.
+    """Widgets of one browser; they follow changes by other browsers and nodes.
 
     Parameters
     ----------
     feed
         The running graph.
     say
-        Takes what a node answered and whether it was done, in the document's own turn.
+        Callback for success and message of a node.
     """
 
     def __init__(self, feed: LiveFeed, say: Callable[[bool, str], None]) -> None:
@@ -46,7 +46,7 @@ class Panel:
         self._shown_law = ""
         self._following = False
         sheets = {"stylesheets": [WIDGETS]}
-        self._law = Select(title="control law (ROS parameter controller)", options=[], width=WIDTH, **sheets)
+        self._law = Select(title="control law", options=[], width=WIDTH, **sheets)
         self._law.on_change("value", lambda attr, old, law: self._set("controller", "controller", law))
         self._parameters = Column(children=[], width=WIDTH, name="parameters")
         self._brake = Button(label="EMERGENCY BRAKE", button_type="danger", width=WIDTH, height=44, **sheets)
@@ -54,14 +54,14 @@ class Panel:
         self.column = Column(
             children=[
                 self._brake, _heading("law"), self._law, self._parameters,
-                _heading("disturb"), *self._disturbances(),
+                _heading("interventions"), *self._disturbances(),
             ],
             width=WIDTH,
             name="panel",
         )  # fmt: skip
         self._pause = Button(label="pause", width=84, name="pause", **sheets)
         self._pause.on_click(lambda: self._feed.controls.call("pause", self._say, not self._feed.paused))
-        self._step = Button(label="step", width=64, name="step", **sheets)
+        self._step = Button(label="tick", width=64, name="step", **sheets)
         self._step.on_click(lambda: self._feed.controls.call("step", self._say))
         self._pace = Select(options=[*PACES], value="1 ×", width=150, name="pace", **sheets)
         self._pace.on_change("value", self._pace_chosen)
@@ -70,15 +70,15 @@ class Panel:
         self.bar = Row(children=[self._pause, self._step, self._pace, stop], name="bar")
 
     def _disturbances(self) -> list[Any]:
-        """Return the widgets of gusts and delay jumps; how strong they are stands in the plant's parameters."""
+        """Return the widgets of gusts and delay jumps; their sizes are parameters of the plant."""
         gust = Button(label="gust", width=92, name="gust", stylesheets=[WIDGETS])
         gust.on_click(lambda: self._feed.controls.call("gust", self._say))
         jump = Button(label="delay jump", width=92, name="delay_jump", stylesheets=[WIDGETS])
         jump.on_click(lambda: self._feed.controls.call("delay_jump", self._say))
-        force = self._spinner("gust.acceleration", "m/s²", -1.0, 1.0, 0.005)
-        duration = self._spinner("gust.duration", "s", 0.5, 3600.0, 1.0)
-        add = self._spinner("delay_jump.add", "s more", -60.0, 60.0, 0.1)
-        factor = self._spinner("delay_jump.factor", "times", 0.0, 1000.0, 0.1)
+        force = self._spinner("gust.acceleration", "acceleration [m/s²]", -1.0, 1.0, 0.005)
+        duration = self._spinner("gust.duration", "duration [s]", 0.5, 3600.0, 1.0)
+        add = self._spinner("delay_jump.add", "added delay [s]", -60.0, 60.0, 0.1)
+        factor = self._spinner("delay_jump.factor", "delay factor", 0.0, 1000.0, 0.1)
         return [Row(children=[gust, force, duration]), Row(children=[jump, add, factor])]
 
     def _spinner(self, name: str, title: str, low: float, high: float, step: float) -> Any:
@@ -90,12 +90,12 @@ class Panel:
         return spinner
 
     def _set(self, node: str, name: str, value: Any) -> None:
-        """Ask the node to take a value, unless the widget only follows it."""
+        """Set a parameter of a node, unless the widget follows the node."""
         if not self._following and value is not None and value != self._feed.controls.value(node, name):
             self._feed.controls.set_parameter(node, name, value, self._answered)
 
     def _answered(self, done: bool, text: str) -> None:
-        """Say it; a widget whose value was refused goes back to what the node has."""
+        """Show an answer; after a rejection the widget returns to the value of the node."""
         if not done:
             self._number = -1
         self._say(done, text)
@@ -109,7 +109,7 @@ class Panel:
             self._set("plant", "pace", PACES[name])
 
     def update(self) -> None:
-        """Follow what the nodes say; cheap when nothing changed."""
+        """Update the widgets after a change in the nodes."""
         frame = self._feed.frame
         applied = frame is not None and frame.moment.state == "emergency brake"
         label = "release the emergency brake" if applied else "EMERGENCY BRAKE"
@@ -150,16 +150,19 @@ class Panel:
         self._pace.value = name
 
     def _show_parameters(self, known: dict[str, Tunable]) -> None:
-        """Put the parameters of the law in charge into the panel."""
+        """Show the parameters of the active law."""
         mine = [tunable for name, tunable in known.items() if name.startswith(f"{self._shown_law}.")]
         plants = self._feed.controls.tunables["plant"]
         self._widgets = {name: found for name, found in self._widgets.items() if name in plants}
         self._parameters.children = [self._widget(tunable) for tunable in mine]
 
     def _widget(self, tunable: Tunable) -> Any:
-        """Return the widget that suits a parameter; its meaning is shown on hovering."""
+        """Return the widget for a parameter."""
         name = tunable.name
-        options: dict[str, Any] = {"stylesheets": [WIDGETS], "name": name, "disabled": tunable.read_only}
+        options: dict[str, Any] = {
+            "stylesheets": [WIDGETS], "name": name, "disabled": tunable.read_only,
+            "html_attributes": {"title": tunable.meaning},
+        }  # fmt: skip
         if tunable.choices:
             words = list(tunable.choices)
             widget = Select(title=tunable.title, options=words, value=tunable.value, width=WIDTH, **options)
@@ -173,7 +176,7 @@ class Panel:
         return widget
 
     def _number_widgets(self, tunable: Tunable, options: dict[str, Any]) -> Any:
-        """Return a slider over a sensible part of the range, and a field that takes all of it."""
+        """Return a slider over a part of the range and an input field for the whole range."""
         name, scale = tunable.name, slider_scale(tunable)
         slider = Slider(
             title=tunable.title, start=scale.low, end=scale.high, step=scale.step, value=tunable.value,

@@ -1,4 +1,4 @@
-"""Playing a recorded run back: play and pause, pace, a slider over the whole run, what happened in it."""
+"""Widgets of a recorded run: play, pause, pace, time slider, events, figures of the summary."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ import html
 
 from bokeh.models import Button, Column, CustomJS, Div, MultiSelect, Row, Select, Slider
 
-from train_ato.report.log_summary import completed_summary
-from train_ato.report.summary_rows import filled_groups
-from train_ato.report.writing import clock as short_clock
-from train_ato.view.moment import clock
-from train_ato.view.recorded import RecordedFeed
-from train_ato.view.style import WIDGETS
+from train_ato.apps.report.summary_rows import filled_groups
+from train_ato.apps.report.writing import short_clock
+from train_ato.apps.view.recorded import RecordedFeed
+from train_ato.apps.view.snapshot import full_clock
+from train_ato.apps.view.style import WIDGETS
+from train_ato.loop.result import completed_summary
 
 WIDTH = 292
 SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, "20 ×": 20.0, "50 ×": 50.0, "100 ×": 100.0}
-NAMES = {"controller": "law", "observer": "observer", "compensation": "compensation", "status": "ended"}
+NAMES = {"controller": "law", "observer": "observer", "compensation": "compensation", "status": "status"}
 FIGURES = ("Tracking", "Forces in the train", "Energy")
-"""Names and groups of figures of the summary that stand beside a recorded run."""
+"""Names and groups of figures of the summary shown beside a recorded run."""
 
 
-class Playback:
-    """Widgets of one browser; time is the same in all of them."""
+class PlaybackControls:
+    """Widgets of one browser; the time is common to all browsers."""
 
     def __init__(self, feed: RecordedFeed) -> None:
         self._feed = feed
@@ -41,14 +41,14 @@ class Playback:
             sizing_mode="stretch_width", name="time", **sheets,
         )  # fmt: skip
         self._slider.on_change("value", self._dragged)
-        self._end = Div(text=f"of {clock(end)}", styles={"color": "#8da2b5", "padding-top": "6px"}, width=90)
+        self._end = Div(text=f"of {full_clock(end)}", styles={"color": "#8da2b5", "padding-top": "6px"}, width=90)
         self.bar = Row(
             children=[self._play, back, on, self._speed, self._slider, self._end],
             sizing_mode="stretch_width",
             name="bar",
         )
         self._events = MultiSelect(
-            title=f"what happened ({len(feed.marks)}); choose one to go there",
+            title=f"events ({len(feed.marks)}); select one to show it",
             visible=bool(feed.marks),
             options=[(str(number), f"{short_clock(mark.time)}  {mark.text}") for number, mark in enumerate(feed.marks)],
             value=[],
@@ -59,7 +59,7 @@ class Playback:
         )
         self._events.on_change("value", self._chosen)
         self.column = Column(children=[Div(text=_summary(feed), width=WIDTH), self._events], width=WIDTH, name="panel")
-        # A slider that is dragged must not be pulled back by the time that goes on meanwhile.
+        # The running time must not move a slider during a drag.
         self._slider.js_on_change("value", CustomJS(code="window.trainAtoDragged = Date.now()"))
 
     def _toggle(self) -> None:
@@ -78,7 +78,7 @@ class Playback:
             self._feed.seek(self._feed.marks[int(chosen[0])].time)
 
     def update(self) -> None:
-        """Follow the feed."""
+        """Update the widgets from the feed."""
         label = "pause" if self._feed.playing else "play"
         if self._play.label != label:
             self._play.label = label
@@ -93,9 +93,9 @@ class Playback:
 def _summary(feed: RecordedFeed) -> str:
     """Return the figures of the run as a table."""
     summary = completed_summary(feed.recording)
-    told = [(words, str(summary[key])) for key, words in NAMES.items() if summary.get(key) is not None]
+    entries = [(words, str(summary[key])) for key, words in NAMES.items() if summary.get(key) is not None]
     for title, figures in filled_groups([summary]):
         if title in FIGURES:
-            told += [(row.words, f"{texts[0]} {row.unit}") for row, texts in figures if texts[0] != "–"]
-    rows = "".join(f"<tr><td>{words}</td><td>{html.escape(text)}</td></tr>" for words, text in told)
+            entries += [(row.words, f"{texts[0]} {row.unit}") for row, texts in figures if texts[0] != "–"]
+    rows = "".join(f"<tr><td>{words}</td><td>{html.escape(text)}</td></tr>" for words, text in entries)
     return f"<table style='width:100%;font-size:12px;line-height:1.6;white-space:nowrap'>{rows}</table>"

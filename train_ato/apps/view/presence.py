@@ -1,30 +1,30 @@
-"""Whether the run that a page shows is still there, and whether it says anything."""
+"""Detection of the end and of the silence of the run on a page."""
 
 from __future__ import annotations
 
 from typing import Any
 
 LOOK_S = 0.5
-"""Wall time from one look at the graph to the next."""
+"""Wall time between two checks of the graph."""
 SILENT_S = 2.0
-"""Wall time without a new tick after which a run that is neither paused nor over counts as silent."""
+"""Wall time without a new tick after which a run that is not paused or finished counts as silent."""
 PAUSES = 3.0
-"""A slow run counts as silent after so many times its last pause between two ticks, if that is longer."""
-TOPIC = "train/cars"
+"""Multiple of the last time between two ticks after which a slow run counts as silent, if that is longer."""
+TOPIC = "train/vehicles"
 
 
 class Presence:
-    """Knows the plant that was met by its publisher: another run on the same domain has another one.
+    """Monitor of the plant's publisher; another run on the same domain has a different publisher.
 
     Parameters
     ----------
     node
-        rclpy node that sees the graph.
+        rclpy node in the graph.
 
     Attributes
     ----------
     gone : bool
-        The plant that was met is no longer there, or another one is there beside it.
+        The first publisher has disappeared, or a second one exists.
     """
 
     def __init__(self, node: Any) -> None:
@@ -35,7 +35,7 @@ class Presence:
         self.gone = False
 
     def look(self, now: float, *, news: bool) -> None:
-        """Take note of a moment of wall time [s], and whether a new tick was seen at it."""
+        """Check the graph at a wall time [s]; ``news`` means a new tick at this time."""
         if news:
             self._pause = now - self._news if self._news > float("-inf") else 0.0
             self._news = now
@@ -46,5 +46,5 @@ class Presence:
             self.gone = found != self._met
 
     def silent(self, now: float) -> bool:
-        """Whether no tick came for longer than the run's pace explains."""
+        """Return True if no tick came for longer than the pace of the run explains."""
         return now - self._news > max(SILENT_S, PAUSES * self._pause) > 0.0

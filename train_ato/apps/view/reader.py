@@ -1,6 +1,6 @@
-"""Newest messages of a running graph, taken out of short queues a few times a second.
+"""Newest messages of a running graph, read from short queues 20 times a second.
 
-Whatever the pace of the run, a look costs the same: queues hold a few messages, readers are best effort so that no
+The cost does not depend on the pace of the run: queues hold a few messages, readers are best effort so that no
 publisher waits for them, and only the messages of one stamp are decoded.
 """
 
@@ -13,22 +13,33 @@ from typing import Any
 import numpy as np
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from train_ato.cdr import stamp_of, typestore
-from train_ato.nodes.shell import message_class
-from train_ato.shape import Shape
-from train_ato.topics import BY_NAME, EPOCH_NS
-from train_ato.types import Diagnostic, Trajectory
-from train_ato.view.moment import Moment
-from train_ato.wire import Wire
-from train_ato.wire_variable import decode_diagnostic, decode_trajectory
+from train_ato.apps.view.snapshot import Snapshot
+from train_ato.loop.recording import (
+    BRAKE_PIPE,
+    BRAKE_PIPE_COMMAND,
+    BRAKE_SHOES,
+    COMMAND,
+    DIAGNOSTICS,
+    ESTIMATE,
+    LIMITS,
+    MEASUREMENT,
+    PROFILE,
+    REFERENCE,
+    TRUTH,
+)
+from train_ato.messages.codec.cdr import stamp_of, typestore
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topics import BY_NAME, EPOCH_NS, topics_of
+from train_ato.messages.types import Diagnostic, Trajectory
+from train_ato.ros.nodes.endpoints import message_class
 
 DEPTH = 4
 COPIED_DEPTH = 20
-TOGETHER = ("train/cars", "train/measurement", "ato/reference", "ato/command")
-"""Topics that a moment is made of, all of one stamp."""
-BESIDE = ("train/brake_cylinders", "train/brake_pipe", "ato/brake_pipe", "ato/estimate")
-"""Topics whose newest message is good enough."""
-LATCHED = ("ato/profile", "ato/limits")
+TOGETHER = (TRUTH, MEASUREMENT, REFERENCE, COMMAND)
+"""Topics of a snapshot with a common stamp."""
+BESIDE = (BRAKE_SHOES, BRAKE_PIPE, BRAKE_PIPE_COMMAND, ESTIMATE)
+"""Topics of a snapshot with their newest message."""
 
 
 class GraphReader:
@@ -37,35 +48,40 @@ class GraphReader:
     Parameters
     ----------
     node
-        rclpy node that no executor turns.
-    shape
-        Sizes of the train.
+        rclpy node without an executor.
+    layout
+        Layout of the train.
 
     Attributes
     ----------
     diagnostics : list of Diagnostic
-        What the nodes said since the list was last emptied.
+        Diagnostics since the last :meth:`clear`.
     profiles, limits : list of Trajectory
-        What came since, likewise.
+        Profiles and speed limits since then.
     newest : int
-        Stamp of the newest moment [ns], -1 before the first.
+        Stamp of the newest snapshot [ns], -1 before the first.
     """
 
-    def __init__(self, node: Any, shape: Shape) -> None:
-        self._wire = Wire(shape)
-        self._nothing = np.full(shape.n_units, np.nan)
+    def __init__(self, node: Any, layout: TrainLayout) -> None:
+        self._wire = Wire(layout)
+        self._nothing = np.full(layout.n_units, np.nan)
         self._queues: dict[str, deque[tuple[int, bytes]]] = {name: deque(maxlen=DEPTH) for name in TOGETHER}
         self._latest: dict[str, bytes] = {}
         self.diagnostics: list[Diagnostic] = []
         self.profiles: list[Trajectory] = []
         self.limits: list[Trajectory] = []
         self.newest = -1
-        names = [name for name in (*TOGETHER, *BESIDE) if shape.has(BY_NAME[name])]
+        names = [name for name in (*TOGETHER, *BESIDE) if BY_NAME[name].exists(layout)]
         self._takers = {name: taker(node, name, DEPTH, reliable=False) for name in names}
-        self._kept = {name: taker(node, name, 50, reliable=True) for name in (*LATCHED, "/diagnostics")}
+        self._arrived: dict[str, list[Any]] = {
+            DIAGNOSTICS: self.diagnostics,
+            PROFILE: self.profiles,
+            LIMITS: self.limits,
+        }
+        self._kept = {name: taker(node, name, 50, reliable=True) for name in self._arrived}
 
-    def poll(self) -> Moment | None:
-        """Empty the queues; return the newest moment if there is a new one."""
+    def poll(self) -> Snapshot | None:
+        """Read all queues; return the newest snapshot, None if it is not new."""
         for name, take in self._takers.items():
             queue = self._queues.get(name)
             while (found := take()) is not None:
@@ -73,21 +89,18 @@ class GraphReader:
                     self._latest[name] = found[0]
                 else:
                     queue.append((stamp_of(found[0]), found[0]))
-        while (found := self._kept["/diagnostics"]()) is not None:
-            self.diagnostics.append(decode_diagnostic(found[0]))
-        while (found := self._kept["ato/profile"]()) is not None:
-            self.profiles.append(decode_trajectory(found[0]))
-        while (found := self._kept["ato/limits"]()) is not None:
-            self.limits.append(decode_trajectory(found[0]))
+        for name, take in self._kept.items():
+            while (found := take()) is not None:
+                self._arrived[name].append(self._wire.decode(name, found[0]))
         return self._moment()
 
-    def forget(self) -> None:
-        """Empty the lists of what came."""
+    def clear(self) -> None:
+        """Clear the lists of diagnostics, profiles and limits."""
         for entries in (self.diagnostics, self.profiles, self.limits):
             entries.clear()
 
-    def _moment(self) -> Moment | None:
-        """Decode the newest stamp that every topic has; where the run outpaces the looks, the newest of each."""
+    def _moment(self) -> Snapshot | None:
+        """Decode the newest common stamp, or the newest message of each topic if a fast run leaves none in common."""
         if not all(self._queues.values()):
             return None
         common = set.intersection(*({stamp for stamp, _ in queue} for queue in self._queues.values()))
@@ -102,7 +115,7 @@ class GraphReader:
         decode = self._wire.decode
         cars, measured, reference, command = (decode(name, chosen[name]) for name in TOGETHER)
         shoes, pipe, wanted, estimate = (self._beside(name) for name in BESIDE)
-        return Moment(
+        return Snapshot(
             time=stamp * 1e-9,
             position=cars.position,
             velocity=cars.velocity,
@@ -126,14 +139,14 @@ Copied = tuple[str, int, bytes]
 
 
 class Copier:
-    """The newest messages of every recorded topic, as the bytes that came."""
+    """Reader of the serialized messages of all recorded topics."""
 
-    def __init__(self, node: Any, shape: Shape) -> None:
-        topics = [topic for topic in shape.topics if topic.recorded]
+    def __init__(self, node: Any, layout: TrainLayout) -> None:
+        topics = [topic for topic in topics_of(layout) if topic.recorded]
         self._takers = {topic.name: taker(node, topic.name, COPIED_DEPTH, reliable=topic.latched) for topic in topics}
 
     def poll(self) -> list[Copied]:
-        """Return what came since the last look, in the order of the stamps; at most so many of a topic as wait."""
+        """Return the messages since the last call in the order of their stamps, at most a queue of every topic."""
         found = []
         for name, take in self._takers.items():
             while (message := take()) is not None:
@@ -142,7 +155,7 @@ class Copier:
 
 
 def taker(node: Any, name: str, depth: int, *, reliable: bool) -> Any:
-    """Subscribe to the bytes of a topic; return what takes the next message, as (bytes, times), or None."""
+    """Subscribe to a topic; return a function that returns the next serialized message and its times, or None."""
     topic = BY_NAME[name]
     kind = message_class(topic.type)
     profile = QoSProfile(
@@ -158,11 +171,11 @@ def _never(data: bytes) -> None:
     raise AssertionError("the reader's node was given to an executor")
 
 
-def shape_of(cars: bytes, measurement: bytes, *, air_brake: bool, disturbed: bool) -> Shape:
-    """Return the sizes of a train from two messages, for a run whose scenario is not known."""
+def train_layout(cars: bytes, measurement: bytes, *, air_brake: bool, disturbed: bool) -> TrainLayout:
+    """Return the layout of a train from two messages, for a run with an unknown scenario."""
     kind = "sensor_msgs/msg/JointState"
     vehicles = typestore().deserialize_cdr(cars, kind).name
     measured = list(typestore().deserialize_cdr(measurement, kind).name)
     sensors = tuple(int(name.partition("_")[2]) for name in measured if name.startswith("coupler_"))
     units = sum(name.startswith("unit_") for name in measured)
-    return Shape(len(vehicles), units, sensors, air_brake, disturbed)
+    return TrainLayout(len(vehicles), units, sensors, air_brake, disturbed)

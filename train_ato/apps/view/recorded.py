@@ -1,4 +1,4 @@
-"""A feed from a recorded run: every moment of it can be shown, and time runs at the pace that is asked for."""
+"""Feed from a recorded run, with seek, steps and playback at a selected pace."""
 
 from __future__ import annotations
 
@@ -10,23 +10,35 @@ from pathlib import Path
 
 import numpy as np
 
-from train_ato.report.events import Event
-from train_ato.report.happened import events_of
-from train_ato.report.recording import Recording, Samples, read_recording
-from train_ato.shape import Shape
-from train_ato.types import Array
-from train_ato.view.facts import KMH, Facts, Profile, facts_of
-from train_ato.view.feed import FRAMES_PER_SECOND, Feed, Mark
-from train_ato.view.moment import STRIP, Moment
+from train_ato.apps.report.event import Event
+from train_ato.apps.report.events import detect_events
+from train_ato.apps.view.facts import KMH, Facts, ProfileCurve, facts_of
+from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed, Mark
+from train_ato.apps.view.snapshot import STRIP, Snapshot
+from train_ato.log.recorded import open_recording
+from train_ato.loop.recording import (
+    BRAKE_PIPE,
+    BRAKE_PIPE_COMMAND,
+    BRAKE_SHOES,
+    COMMAND,
+    ESTIMATE,
+    MEASUREMENT,
+    REFERENCE,
+    TRUTH,
+    Recording,
+)
+from train_ato.loop.series import TopicSamples, seconds
+from train_ato.messages.layout import TrainLayout
+from train_ato.messages.types import Array
 
 MOST_POINTS = 1500
-"""Points of a strip chart that are sent at once."""
+"""Largest number of points of a strip chart in one message."""
 LABELS = {"limit": "force limit", "air_brake": "air brake"}
-"""Kinds of event as the strip charts call them, where their own name would not do."""
+"""Labels of kinds of event that differ from the name of the kind."""
 
 
 class RecordedFeed(Feed):
-    """Figures of a run folder or a log, played back.
+    """Data of a run folder or a log for playback.
 
     Parameters
     ----------
@@ -39,58 +51,60 @@ class RecordedFeed(Feed):
     speed : float
         Simulated seconds per second of wall time.
     tick : float
-        Period of the run's loop [s].
+        Tick of the run [s].
     time : float
-        Simulated time that is shown [s].
+        Simulated time on the page [s].
     span : tuple of float
         First and last simulated time [s].
 
     Raises
     ------
     ValueError
-        One line: no run, a killed one, a damaged log, or one without the motion of the train.
+        One line: no run, an incomplete run, a damaged log, or a log without the motion of the train.
     """
 
     def __init__(self, run: Path) -> None:
-        self.recording = recording = read_recording(run)
+        self.recording = recording = open_recording(run)
         self._cars = cars = _cars(recording)
-        if "ato/reference" not in recording.topics:
-            raise ValueError(f"{run}: no ato/reference in the log; `train-ato report` shows what there is")
+        if REFERENCE not in recording.topics:
+            raise ValueError(f"{run}: no ato/reference in the log; use `train-ato report` for the recorded topics")
         super().__init__(_facts(recording, cars))
-        self._reference = recording.topics["ato/reference"]
+        self._reference = recording.topics[REFERENCE]
         self.span = (float(self._cars.time[0]), float(self._cars.time[-1]))
         self.tick = float(np.median(np.diff(self._cars.time))) if self._cars.time.size > 1 else 1.0
         self.playing, self.speed, self.time = False, 1.0, self.span[0]
         self._turn = threading.RLock()
         self._looked = time.monotonic()
         self._row = -1
-        self._profiles = [Profile(found.time, found.position, found.speed) for found in recording.profiles]
-        self._planned = np.array([found.at for found in recording.profiles])
+        self._profiles = [
+            ProfileCurve(seconds(found.time), found.position, found.velocity) for found in recording.profiles
+        ]
+        self._planned = np.array([found.stamp * 1e-9 for found in recording.profiles])
         self._table = _table(recording, cars, self.facts)
-        self.marks = [Mark(event.begin, _label(event), event.text) for event in events_of(recording)]
+        self.marks = [Mark(event.begin, _label(event), event.text) for event in detect_events(recording)]
         self.seek(self.span[0])
 
     def seek(self, moment: float) -> None:
-        """Show a moment of the run."""
+        """Show the run at a time [s]."""
         with self._turn:
             self.time = min(max(moment, self.span[0]), self.span[1])
             self._looked = time.monotonic()
             self._show()
 
     def set_playing(self, playing: bool) -> None:
-        """Let time go on from here, from the beginning where it had ended, or let it stand."""
+        """Start or stop playback; at the end it starts again from the beginning."""
         if playing and not self.playing and self.time >= self.span[1]:
             self.seek(self.span[0])
         self.seek(self.time)
         self.playing = playing
 
     def step(self, ticks: int) -> None:
-        """Show the moment so many ticks later, or earlier."""
+        """Move by a number of ticks."""
         row = min(max(self._row + ticks, 0), self._cars.time.size - 1)
         self.seek(float(self._cars.time[row]))
 
     def advance(self) -> None:
-        """Let time go on as far as the wall clock did since the last look; any number of pages may call this."""
+        """Advance the time by the wall time since the last call; any number of pages may call it."""
         with self._turn:
             now = time.monotonic()
             passed = now - self._looked
@@ -114,24 +128,24 @@ class RecordedFeed(Feed):
                 self.take_profile(newest)
         self.show(self._moment(row), kept=False)
 
-    def _moment(self, row: int) -> Moment:
+    def _moment(self, row: int) -> Snapshot:
         cars, at = self._cars, float(self._cars.time[row])
-        nothing = np.full(self.facts.shape.n_units, np.nan)
+        nothing = np.full(self.facts.layout.n_units, np.nan)
         where = _before(self._reference.time, at)
         position, speed, acceleration = (
-            float(self._reference[name][where, 0]) for name in ("position", "speed", "acceleration")
+            float(self._reference[name][where, 0]) for name in ("position", "velocity", "acceleration")
         )
-        shoe, pipe = self._at("train/brake_cylinders", "shoe_force", at), self._at("train/brake_pipe", "pressure", at)
-        wanted = self._at("ato/brake_pipe", "pressure", at)
+        shoe, pipe = self._at(BRAKE_SHOES, "shoe_force", at), self._at(BRAKE_PIPE, "pressure", at)
+        wanted = self._at(BRAKE_PIPE_COMMAND, "pressure", at)
         applied, command, estimate = (
             self._at(topic, name, at)
-            for topic, name in (("train/measurement", "applied"), ("ato/command", "force"), ("ato/estimate", "force"))
+            for topic, name in ((MEASUREMENT, "applied"), (COMMAND, "force"), (ESTIMATE, "force"))
         )
-        return Moment(
+        return Snapshot(
             time=at,
             position=cars["position"][row],
-            velocity=cars["speed"][row],
-            coupler=cars["coupler"][row],
+            velocity=cars["velocity"][row],
+            coupler=cars["coupler_force"][row],
             shoe=shoe,
             applied=nothing if applied is None else applied,
             command=nothing if command is None else command,
@@ -139,8 +153,8 @@ class RecordedFeed(Feed):
             reference=(position, speed, acceleration),
             pipe=math.nan if pipe is None else float(pipe[0]),
             pipe_demand=math.nan if wanted is None else float(wanted[0]),
-            law=self._said("controller", at, "controller"),
-            state=self._said("plant", at),
+            law=self._reported("controller", at, "controller"),
+            state=self._reported("plant", at),
             factor=self.speed if self.playing else math.nan,
         )
 
@@ -148,15 +162,15 @@ class RecordedFeed(Feed):
         found = self.recording.of(topic, name)
         return None if found is None else found[1][_before(found[0], at)]
 
-    def _said(self, node: str, at: float, key: str | None = None) -> str:
-        said = self.recording.said.get(node)
-        if said is None or not said.time.size:
+    def _reported(self, node: str, at: float, key: str | None = None) -> str:
+        series = self.recording.diagnostics.get(node)
+        if series is None:
             return ""
-        row = _before(said.time, at)
-        return said.message[row] if key is None else str(said.texts(key)[row] or "")
+        row = _before(series.time, at)
+        return series.message[row] if key is None else str(series.texts(key)[row] or "")
 
     def part(self, begin: float, end: float) -> dict[str, Array]:
-        """Return the strip charts between two times [s], thinned to what a page can draw; extremes are kept."""
+        """Return the columns of the strip charts between two times [s], downsampled by a constant stride."""
         times = self._table["time"]
         first, last = np.searchsorted(times, (begin, end))
         stride = max(1, math.ceil((last - first) / MOST_POINTS))
@@ -164,59 +178,62 @@ class RecordedFeed(Feed):
 
 
 def _label(event: Event) -> str:
-    """Return a word or two for the strip charts."""
+    """Return the label of an event for the strip charts."""
     if event.kind == "outside":
         return event.text.partition(" ")[0]
     return LABELS.get(event.kind, event.kind)
 
 
 def _before(times: Array, at: float) -> int:
-    """Return the row of the newest sample at a time."""
+    """Return the row of the last sample at or before a time."""
     return max(0, int(np.searchsorted(times, at + 1e-9, side="right")) - 1)
 
 
-def _cars(recording: Recording) -> Samples:
-    """Return the motion of the vehicles; of a measured run only the first one's is known, as the measurement says it.
+def _cars(recording: Recording) -> TopicSamples:
+    """Return the motion of the vehicles; for a measured run that of the first one, from the measurement.
 
     Raises
     ------
     ValueError
-        If the log says neither.
+        If the log has neither.
     """
     cars, measured, setup = (
-        recording.topics.get("train/cars"),
-        recording.topics.get("train/measurement"),
+        recording.topics.get(TRUTH),
+        recording.topics.get(MEASUREMENT),
         recording.setup,
     )
     if cars is not None:
         return cars
-    if setup is None or measured is None or not {"position", "speed"} <= measured.values.keys():
-        raise ValueError(f"{recording.path}: no train/cars in the log; `train-ato report` shows what there is")
+    if setup is None or measured is None or not {"position", "velocity"} <= measured.values.keys():
+        raise ValueError(
+            f"{recording.path}: no train/vehicles in the log; use `train-ato report` for the recorded topics"
+        )
     first = measured["position"][:, :1] + setup.model.offsets[0]
-    values = {"position": first, "speed": measured["speed"][:, :1], "coupler": np.zeros_like(first)}
-    return Samples(measured.time, values)
+    values = {"position": first, "velocity": measured["velocity"][:, :1], "coupler_force": np.zeros_like(first)}
+    return TopicSamples(measured.time, values)
 
 
-def _facts(recording: Recording, cars: Samples) -> Facts:
+def _facts(recording: Recording, cars: TopicSamples) -> Facts:
     if recording.setup is not None:
         facts = facts_of(recording.setup)
-        known = cars["speed"].shape[1]
-        return replace(facts, shape=replace(facts.shape, n_vehicles=known)) if recording.measured_only else facts
-    measured = recording.topics.get("train/measurement")
+        known = cars["velocity"].shape[1]
+        return replace(facts, layout=replace(facts.layout, n_vehicles=known)) if recording.measured_only else facts
+    measured = recording.topics.get(MEASUREMENT)
     units = measured["applied"].shape[1] if measured is not None and "applied" in measured else 0
-    shape = Shape(cars["speed"].shape[1], units, (), "train/brake_pipe" in recording.topics, False)
-    places, speeds = recording.limits or (np.zeros(0), np.zeros(0))
+    layout = TrainLayout(cars["velocity"].shape[1], units, (), BRAKE_PIPE in recording.topics, False)
+    limits = recording.limits
+    places, speeds = (limits.position, limits.velocity) if limits is not None else (np.zeros(0), np.zeros(0))
     span = recording.span
-    return Facts(recording.name, shape, span[1] - span[0], limit_places=places, limit_speeds=speeds)
+    return Facts(recording.name, layout, span[1] - span[0], limit_places=places, limit_speeds=speeds)
 
 
-def _table(recording: Recording, cars: Samples, facts: Facts) -> dict[str, Array]:
-    """Return the strip charts of the whole run, by the names of :data:`train_ato.view.moment.STRIP`."""
-    reference = recording.topics["ato/reference"]
+def _table(recording: Recording, cars: TopicSamples, facts: Facts) -> dict[str, Array]:
+    """Return the columns :data:`train_ato.apps.view.snapshot.STRIP` of the whole run."""
+    reference = recording.topics[REFERENCE]
     at = cars.time
     front = cars["position"][:, 0] + facts.nose
-    speed = KMH * cars["speed"][:, 0]
-    profile = KMH * np.interp(at, reference.time, reference["speed"][:, 0])
+    speed = KMH * cars["velocity"][:, 0]
+    profile = KMH * np.interp(at, reference.time, reference["velocity"][:, 0])
 
     def units(topic: str, name: str) -> Array:
         found = recording.of(topic, name)
@@ -228,12 +245,12 @@ def _table(recording: Recording, cars: Samples, facts: Facts) -> dict[str, Array
         "profile": profile,
         "limit": _limits(facts, front),
         "error": speed - profile,
-        "applied": units("train/measurement", "applied"),
-        "demand": units("ato/command", "force"),
+        "applied": units(MEASUREMENT, "applied"),
+        "demand": units(COMMAND, "force"),
         "most": _envelope(facts, speed, facts.most),
         "least": _envelope(facts, speed, facts.least),
-        "draft": np.maximum(cars["coupler"].max(axis=1), 0.0) / 1e3,
-        "buff": np.minimum(cars["coupler"].min(axis=1), 0.0) / 1e3,
+        "draft": np.maximum(cars["coupler_force"].max(axis=1), 0.0) / 1e3,
+        "buff": np.minimum(cars["coupler_force"].min(axis=1), 0.0) / 1e3,
         "place": front / 1e3,
     }
     return {name: columns[name] for name in STRIP}

@@ -1,4 +1,4 @@
-"""Serving the page: on this machine only unless an address is given, to pages of its own only."""
+"""Web server of the page: on this machine only by default, and only for its own pages."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from bokeh.server.util import bind_sockets
 from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop, PeriodicCallback
 
-from train_ato.view.feed import Feed
-from train_ato.view.page import Page
+from train_ato.apps.view.feed import Feed
+from train_ato.apps.view.page import ViewPage
 
 LOOPBACK = "127.0.0.1"
 ANYWHERE = ("0.0.0.0", "::", "")
@@ -34,28 +34,28 @@ class PageServer:
     Parameters
     ----------
     feed
-        What is shown, in every browser the same.
+        Data of the pages, common to all browsers.
     address, port
-        To listen at; port 0 is a free one.
+        Address and port of the server; port 0 selects a free one.
 
     Attributes
     ----------
     url : str
         Address of the page.
-    pages : list of Page
-        Those that are open.
+    pages : list of ViewPage
+        Open pages.
 
     Raises
     ------
     ValueError
-        If the address or the port cannot be had.
+        If the address or the port is not available.
     """
 
     def __init__(self, feed: Feed, address: str = LOOPBACK, port: int = 0) -> None:
         if not os.environ.get("TRAIN_ATO_DEBUG"):
             for name in ("bokeh", "tornado"):
                 logging.getLogger(name).setLevel(logging.CRITICAL)
-        self.pages: list[Page] = []
+        self.pages: list[ViewPage] = []
         self._feed = feed
         self._asyncio = asyncio.new_event_loop()
         asyncio.set_event_loop(self._asyncio)
@@ -65,7 +65,7 @@ class PageServer:
         except OSError as error:
             self._asyncio.close()
             if error.errno == errno.EADDRINUSE:
-                raise ValueError(f"--port {port}: in use already; name another one, or 0 for a free one") from None
+                raise ValueError(f"--port {port}: already in use; give another port, or 0 for a free one") from None
             raise ValueError(f"--address {address}, --port {port}: {error.strerror or error}") from None
         host = LOOPBACK if address in ANYWHERE else address
         self.url = f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
@@ -82,12 +82,12 @@ class PageServer:
         self._server = BaseServer(self._loop, application, http)
 
     def _fill(self, document: Any) -> None:
-        page = Page(document, self._feed)
+        page = ViewPage(document, self._feed)
         self.pages.append(page)
         document.on_session_destroyed(lambda _: self.pages.remove(page))
 
     def run(self, stopped: Callable[[], bool]) -> None:
-        """Serve until ``stopped``, asked ten times a second, says so."""
+        """Serve until ``stopped``, called ten times a second, returns True."""
         self._server.start()
 
         def look() -> None:
@@ -105,7 +105,7 @@ class PageServer:
             asyncio.set_event_loop(None)
 
     async def _settle(self) -> None:
-        """Let open connections see that the server is gone."""
+        """Close the open connections."""
         others = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
         for task in others:
             task.cancel()
@@ -113,7 +113,7 @@ class PageServer:
 
 
 def _names(address: str) -> list[str]:
-    """Return the names under which a page of this server may be open: others may not talk to it."""
+    """Return the host names accepted as the origin of a WebSocket; all others are rejected."""
     names = {"localhost", LOOPBACK}
     if address in ANYWHERE:
         names |= {socket.gethostname(), socket.getfqdn()}

@@ -1,4 +1,4 @@
-"""One moment of a run, and how it is written for the page: numbers that glyphs are bound to, and texts."""
+"""Snapshot of a run and its numbers and texts for the page."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.types import Array
-from train_ato.view.facts import KMH, Facts, Profile
-from train_ato.view.style import NEEDLE, OVERSPEED
+from train_ato.apps.view.facts import KMH, Facts, ProfileCurve
+from train_ato.apps.view.style import NEEDLE, OVERSPEED
+from train_ato.messages.types import Array
 
 OVER = 1.0
-"""Speed over the limit from which it is shown as an overspeed [km/h]."""
+"""Speed above the limit from which the page shows an overspeed [km/h]."""
 DIAL_BEGIN, DIAL_SWEEP = math.radians(225.0), math.radians(270.0)
-"""Angle of 0 on the speed dial, and what it sweeps clockwise to its end."""
+"""Angle of 0 km/h on the speed dial and its clockwise range [rad]."""
 
 
 @dataclass(frozen=True)
-class Moment:
+class Snapshot:
     """State of train and stack at one stamp; SI, arrays front first.
 
     Attributes
@@ -27,17 +27,17 @@ class Moment:
     time
         Simulated time [s].
     position, velocity, coupler : Array, shape (n,)
-        Truth of every vehicle.
+        Position, speed and force of the coupler behind of every vehicle, true values.
     shoe : Array, shape (n,), or None
-        Shoe force [N], None without an air brake.
+        Shoe force [N]; None without an air brake.
     applied, command, estimate : Array, shape (units,)
-        Forces [N]; NaN where the topic has not come.
+        Forces [N]; NaN without a message.
     reference : tuple of float
-        Position, speed, acceleration of the profile now.
+        Position, speed and acceleration of the profile.
     pipe, pipe_demand
         Brake-pipe pressure at the head and as demanded [Pa]; NaN without an air brake.
     law, state
-        Law in charge; what the plant says of itself.
+        Active law; state of the plant.
     factor
         Simulated seconds per second of wall time.
     """
@@ -65,7 +65,7 @@ class Moment:
 
     @property
     def error(self) -> float:
-        """Speed of vehicle 0 less that of the profile [km/h]."""
+        """Speed of vehicle 0 minus speed of the profile [km/h]."""
         return self.speed - KMH * self.reference[1]
 
 
@@ -73,8 +73,8 @@ STRIP = ("time", "speed", "profile", "limit", "error", "applied", "demand", "mos
 """Columns of the strip charts: s, km/h, kN and km."""
 
 
-def strip_row(moment: Moment, facts: Facts) -> tuple[float, ...]:
-    """Return the values of the strip charts at a moment, in the order of :data:`STRIP`."""
+def strip_row(moment: Snapshot, facts: Facts) -> tuple[float, ...]:
+    """Return the values of a snapshot for the strip charts, in the order of :data:`STRIP`."""
     least, most = facts.envelope(abs(float(moment.velocity[0])))
     limit = facts.limit_now(float(moment.position[0]) + facts.nose)
     return (
@@ -93,15 +93,15 @@ def strip_row(moment: Moment, facts: Facts) -> tuple[float, ...]:
     )
 
 
-def along(moment: Moment) -> dict[str, Array]:
-    """Return the columns of the force strip along the train [kN]: draft, buff (negative) and shoe force."""
+def along(moment: Snapshot) -> dict[str, Array]:
+    """Return the columns of the forces along the train [kN]: coupler (buff is negative) and shoe force."""
     coupler = moment.coupler / 1e3
     shoe = np.zeros_like(coupler) if moment.shoe is None else moment.shoe / 1e3
     return {"coupler": coupler.astype(np.float32), "shoe": shoe.astype(np.float32)}
 
 
-def now(moment: Moment, facts: Facts, profile: Profile | None, scale: float) -> dict[str, list[Any]]:
-    """Return the one row that the driver's display is bound to: speeds in km/h, places in km, texts ready to read."""
+def now(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: float) -> dict[str, list[Any]]:
+    """Return the row of the driver's display: angles [rad], forces [kN] and formatted texts."""
     front = float(moment.position[0]) + facts.nose
     limit = KMH * facts.limit_now(front)
     known = math.isfinite(limit)
@@ -123,7 +123,7 @@ def now(moment: Moment, facts: Facts, profile: Profile | None, scale: float) -> 
         "speed_text": f"{moment.speed:.0f}"
         if abs(moment.speed) >= 9.95
         else f"{moment.speed:.1f}".replace("-0.0", "0.0"),
-        "clock_text": clock(moment.time),
+        "clock_text": full_clock(moment.time),
         "profile_text": f"{KMH * moment.reference[1]:.1f}",
         "limit_text": f"{limit:.0f}" if known else "–",
         "error_text": signed(moment.error, 2),
@@ -136,14 +136,14 @@ def now(moment: Moment, facts: Facts, profile: Profile | None, scale: float) -> 
         "buff_text": _extreme(moment.coupler, -1),
         "pipe_text": f"{moment.pipe / 1e3:.0f}" if math.isfinite(moment.pipe) else "–",
         "shoe_text": "–" if moment.shoe is None else f"{moment.shoe.sum() / 1e3:.0f}",
-        "lag_text": signed(float(moment.position[0]) - moment.reference[0], 1),
+        "position_error_text": signed(float(moment.position[0]) - moment.reference[0], 1),
         "factor_text": f"× {moment.factor:.3g}" if math.isfinite(moment.factor) else "",
     }
     return {name: [value] for name, value in row.items()}
 
 
-def where(moment: Moment, facts: Facts, profile: Profile | None) -> dict[str, list[float]]:
-    """Return the one row that the figures over time and place follow: km, km/h, s."""
+def where(moment: Snapshot, facts: Facts, profile: ProfileCurve | None) -> dict[str, list[float]]:
+    """Return the row for the figures over time and place: km, km/h, s."""
     front = float(moment.position[0]) + facts.nose
     return {
         "place": [front / 1e3],
@@ -155,21 +155,21 @@ def where(moment: Moment, facts: Facts, profile: Profile | None) -> dict[str, li
 
 
 def angle(speed: float, scale: float) -> float:
-    """Return where a speed stands on the dial [rad], both in km/h; at its end for what is beyond.
+    """Return the angle of a speed on the dial [rad], both in km/h; a speed beyond the scale is at its end.
 
-    It stays clear of both ends by a hair, because a ring between equal angles is drawn as a whole one.
+    The angle never reaches an end exactly, because Bokeh draws a ring between equal angles as a full ring.
     """
     return DIAL_BEGIN - DIAL_SWEEP * min(max(speed / scale, 1e-3), 1.0 - 1e-3)
 
 
 def _target(facts: Facts, front: float) -> str:
-    """Return the next lower limit and how far it is."""
+    """Return the next lower limit [km/h] and its distance as text."""
     target = facts.next_lower_limit(front)
     return "–" if target is None else f"{KMH * target[1]:.0f} in {distance(target[0] - front)}"
 
 
 def _extreme(coupler: Array, sign: int) -> str:
-    """Return the largest draft (sign 1) or buff (-1) along the train and behind which vehicle it is."""
+    """Return the largest draft (sign 1) or buff (-1) [kN] and its vehicle as text."""
     if coupler.size < 2:
         return "–"
     place = int((sign * coupler).argmax())
@@ -178,12 +178,12 @@ def _extreme(coupler: Array, sign: int) -> str:
 
 
 def signed(value: float, digits: int) -> str:
-    """Return a number with its sign; what rounds to zero is +0."""
+    """Return a number with its sign; a number that rounds to zero is +0."""
     return f"{round(value, digits) + 0.0:+.{digits}f}"
 
 
 def distance(metres: float) -> str:
-    """Return a distance as a driver reads it."""
+    """Return a distance as text in m or km."""
     if not math.isfinite(metres):
         return "–"
     return (
@@ -195,7 +195,7 @@ def distance(metres: float) -> str:
     )
 
 
-def clock(seconds: float) -> str:
-    """Return a time as h:mm:ss.s."""
+def full_clock(seconds: float) -> str:
+    """Return a time [s] as h:mm:ss.s."""
     tenths = round(seconds * 10)
     return f"{tenths // 36_000}:{tenths // 600 % 60:02d}:{tenths // 10 % 60:02d}.{tenths % 10}"

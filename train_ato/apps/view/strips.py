@@ -1,4 +1,4 @@
-"""The last minutes as strip charts: speed, error, force and coupler forces over the same time."""
+"""Strip charts of speed, speed error, force and coupler forces over the last minutes."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from typing import Any
 from bokeh.models import BasicTickFormatter, ColumnDataSource, DataRange1d, Range1d
 from bokeh.plotting import figure
 
-from train_ato.report.style import time_formatter, time_ticker
-from train_ato.view.feed import Mark
-from train_ato.view.moment import STRIP
-from train_ato.view.style import APPLIED, BUFF, DEMAND, DRAFT, FAINT, LIMIT, MARK, PROFILE, SOFT, TRAIN
+from train_ato.apps.report.style import time_formatter, time_ticker
+from train_ato.apps.view.feed import Mark
+from train_ato.apps.view.snapshot import STRIP
+from train_ato.apps.view.style import APPLIED, BUFF, DEMAND, DRAFT, FAINT, LIMIT, MARK, PROFILE, SOFT, TRAIN
 
 LABEL_STEP, LABEL_LEVELS = 13, 4
-"""Labels of what happened stand on so many levels, so many pixels apart."""
+"""Distance [px] and number of the levels of the event labels."""
 
 
 class Strips:
-    """The charts, and what they are fed from.
+    """Strip charts and their data sources.
 
     Attributes
     ----------
     source
-        Rows of :data:`train_ato.view.moment.STRIP`.
+        Rows of :data:`train_ato.apps.view.snapshot.STRIP`.
     marks
-        What happened: time, label, and how low the label hangs, so that neighbours do not cover each other.
+        Events: time, label, and vertical offset of the label against overlap.
     span : Range1d
-        Times in view [s]; the page moves it.
+        Range of the times in view [s]; it moves in the browser.
     figures
-        From top to bottom.
+        Charts from top to bottom.
     """
 
     def __init__(self, now: ColumnDataSource, several: bool, hours: bool, tools: dict[str, Any]) -> None:
@@ -42,7 +42,7 @@ class Strips:
         speed.line("time", "profile", source=self.source, line_color=PROFILE, line_width=3.2, line_alpha=0.7)
         speed.line("time", "limit", source=self.source, line_color=LIMIT, line_width=1.4, line_dash=[6, 4])
         speed.line("time", "speed", source=self.source, line_color=TRAIN, line_width=1.6)
-        # Labels hang from the frame by a range of their own: the speed's would have to reach down to them.
+        # The labels have their own range: otherwise the range of the speed would include them.
         speed.extra_y_ranges = {"labels": Range1d(0.0, 1.0)}
         speed.text(
             x="time", y=1.0, y_range_name="labels", text="label", source=self.marks, x_offset=4, y_offset="drop",
@@ -67,7 +67,7 @@ class Strips:
             plot.xaxis.visible = False
 
     def show_marks(self, marks: list[Mark]) -> None:
-        """Mark what happened."""
+        """Show the events."""
         self.marks.data = {
             "time": [mark.time for mark in marks],
             "label": [mark.label for mark in marks],

@@ -1,10 +1,10 @@
-"""The look of the live page: a driver's display at night; quantities keep the hues that they have in the report."""
+"""Colours and themes of the page, dark; the quantities have the hues of the report."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from train_ato.report.quantities import FONT, ORANGE, SKY
+from train_ato.apps.report.quantities import FONT, ORANGE, SKY
 
 GROUND, PANE, EDGE = "#0a121c", "#101c29", "#24384b"
 TEXT, SOFT, FAINT = "#e6edf3", "#8da2b5", "#1b2b3b"
@@ -71,4 +71,4 @@ select.bk-input option {{ background: {GROUND}; color: {TEXT}; padding: 3px 2px;
 .noUi-handle::before, .noUi-handle::after {{ display: none; }}
 .bk-switch {{ filter: none; }}
 """
-"""Style sheet of the widgets, which live in shadow roots of their own."""
+"""Style sheet of the widgets; each widget has its own shadow root."""

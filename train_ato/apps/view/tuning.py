@@ -1,4 +1,4 @@
-"""A ROS parameter as a page offers it: a slider over a sensible part of its range, a list of words, a switch."""
+"""ROS parameters as widgets of the page: slider, list of choices, or switch."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from dataclasses import dataclass
 from typing import Any
 
 WIDE = 50.0
-"""A range that is so many times wider than the value is not shown whole."""
+"""Ratio of range to value above which the slider covers a part of the range."""
 REACH = 4.0
-"""The slider then ends at so many times the value."""
+"""Ratio of the end of that part to the value."""
 STEPS = 200
 
 
 @dataclass(frozen=True)
 class Tunable:
-    """One parameter of a running node, as the node describes it.
+    """Parameter of a running node with its descriptor.
 
     Attributes
     ----------
     name
         Full name, for example ``pid.kp``.
     value
-        As it is now.
+        Present value.
     meaning
-        Of the descriptor, the unit in brackets at its end.
+        Description, with the unit in brackets at its end.
     low, high
-        Range; infinite where the descriptor has none.
+        Range; infinite without one in the descriptor.
     choices
-        Allowed words; empty for numbers and switches.
+        Allowed values; empty for numbers and switches.
     """
 
     name: str
@@ -41,14 +41,14 @@ class Tunable:
 
     @property
     def title(self) -> str:
-        """Name without the law, with the unit; a pure number has none."""
+        """Name without the law, with the unit if it has one."""
         _, bracket, unit = self.meaning.rpartition("[")
-        told = bracket and unit.endswith("]") and unit != "1]"
-        return f"{self.name.rpartition('.')[2]}{f' in {unit[:-1]}' if told else ''}"
+        shown = bracket and unit.endswith("]") and unit != "1]"
+        return f"{self.name.rpartition('.')[2]}{f' in {unit[:-1]}' if shown else ''}"
 
     @property
     def whole(self) -> bool:
-        """Whether it takes whole numbers only."""
+        """Type is a whole number."""
         return isinstance(self.value, int) and not isinstance(self.value, bool)
 
 
@@ -62,7 +62,7 @@ class Scale:
 
 
 def slider_scale(tunable: Tunable) -> Scale:
-    """Return the part of a parameter's range that its slider covers: all of it, or that around the value.
+    """Return the part of a parameter's range for its slider: the whole range, or a part around the value.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def _nice(step: float) -> float:
 
 
 def from_descriptor(descriptor: Any, value: Any) -> Tunable:
-    """Return a parameter from its rcl_interfaces descriptor and its value."""
+    """Return a parameter from its rcl_interfaces descriptor and value."""
     low, high = -math.inf, math.inf
     for found in (*descriptor.floating_point_range, *descriptor.integer_range):
         low, high = float(found.from_value), float(found.to_value)
@@ -103,7 +103,7 @@ def from_descriptor(descriptor: Any, value: Any) -> Tunable:
 
 
 def coerced(tunable: Tunable, value: Any) -> Any:
-    """Return a value of a widget as the type that the parameter has."""
+    """Return a value of a widget in the type of the parameter."""
     if isinstance(tunable.value, bool):
         return bool(value)
     if tunable.whole:

@@ -1,57 +1,55 @@
-"""Electric and air brake blended: air is called when the electric brake is nearly used up, and released when it is not.
+"""Blending: the air brake is applied near the limit of the electric brake and released well below it.
 
-The policy looks at the force that the power units really apply, so it works under any law and needs no plan.  It is
-our own rule; paper 000 triggers by place and speed instead.
+The policy uses the measured force of the power units, so it works with any law and needs no plan. The rule is not from
+a paper; paper 000 uses position and speed.
 """
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from plant_sim.units import Pressure, Ratio, SiModel, Speed, Time
-
-if TYPE_CHECKING:
-    from train_ato.model import TrainModel
-
-
-STANDSTILL = 0.05
-"""Speed below which the train stands [m/s]."""
+from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 
 
 class BlendRules(SiModel):
-    """When air joins the electric brake."""
+    """Conditions for the air brake beside the electric brake."""
 
-    reduction: Pressure = Field(50e3, gt=0, description="of an application")
-    call: Ratio = Field(0.9, gt=0, le=1, description="part of the electric brake in use that calls for air ...")
-    call_after: Time = Field(5.0, ge=0, description="... after so long")
-    ease: Ratio = Field(0.35, ge=0, lt=1, description="part of the electric brake in use that releases the air ...")
-    ease_after: Time = Field(5.0, ge=0, description="... after so long")
-    pause: Time = Field(60.0, ge=0, description="from a release to the next application: the reservoirs recharge")
+    reduction: Pressure = Field(50e3, gt=0, description="reduction of the brake pipe of an application")
+    call: Ratio = Field(
+        0.9, gt=0, le=1, description="used part of the electric brake from which the air brake is applied ..."
+    )
+    call_after: Time = Field(5.0, ge=0, description="... after this time")
+    ease: Ratio = Field(
+        0.35, ge=0, lt=1, description="used part of the electric brake up to which the air brake is released ..."
+    )
+    ease_after: Time = Field(5.0, ge=0, description="... after this time")
+    pause: Time = Field(
+        60.0, ge=0, description="minimum time from a release to the next application, for the reservoirs to recharge"
+    )
     never_below: Speed = Field(
-        35 / 3.6, ge=0, description="no release below this speed, but when a train that has stood departs"
+        35 / 3.6, ge=0, description="no release below this speed, except for a departure from standstill"
     )
 
     @model_validator(mode="after")
     def _apart(self) -> BlendRules:
         if self.ease >= self.call:
-            raise ValueError(f"ease {self.ease:g} must lie below call {self.call:g}, or the brake pumps")
+            raise ValueError(f"ease {self.ease:g} must be below call {self.call:g}, or the brake cycles; lower ease")
         return self
 
 
-class Blended:
-    """Applies and releases by the share of the electric brake that is in use.
+class BlendedBrake:
+    """Policy that applies and releases by the used part of the electric brake.
 
     Parameters
     ----------
     charged
         Pressure of the charged brake pipe [Pa].
     rules
-        When to call and when to ease.
+        Conditions of application and release.
     model
-        Gives the electric brake that is there at a speed.
+        The nominal train; its limits give the available electric brake.
     """
 
     def __init__(self, charged: float, rules: BlendRules, model: TrainModel) -> None:
@@ -64,12 +62,12 @@ class Blended:
         self._released_at = -np.inf
 
     def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
-        """Return the pressure demanded, from the force that all units apply now [N], < 0 braking."""
+        """Return the pressure demanded [Pa]; ``applied`` is the measured force of all units [N], < 0 braking."""
         rules = self._rules
-        there = -float(self._model.force_limits(np.full(self._model.n_units, velocity))[0].sum())
-        share = -applied / there if there > 0 else 0.0
+        available = -float(self._model.force_limits(np.full(self._model.n_units, velocity))[0].sum())
+        share = -applied / available if available > 0 else 0.0
         if self._applied:
-            self._stood = self._stood or abs(velocity) < STANDSTILL
+            self._stood = self._stood or abs(velocity) < STANDSTILL_SPEED
             eased = share <= rules.ease and velocity >= rules.never_below
             wanted, after = eased or (self._stood and applied > 0.0), rules.ease_after
         else:

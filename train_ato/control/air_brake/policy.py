@@ -1,7 +1,7 @@
-"""When the air brake is applied and released: by a plan, or by the rules of paper 000, section 1.2.
+"""Policies of the air brake: none, planned events, trigger (paper 000, section 1.2), or blend with the electric brake.
 
-A policy turns time, place and speed into the brake-pipe pressure demanded at the head. It is a function of the
-measurement alone, so that the controller and the observer, each with its own copy, know of the same events.
+A policy computes the brake-pipe pressure demanded at the head from time, position, speed and measured force. It
+depends on the measurement only, so that the copies in the controller and in the observer make the same events.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from pydantic import Field, model_validator
 
 from plant_sim.line import Line
 from plant_sim.units import Length, Pressure, SiModel, Slope, Speed, Time
-from train_ato.brake.blending import Blended, BlendRules
+from train_ato.control.air_brake.blending import BlendedBrake, BlendRules
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
 
 class BrakeEvent(SiModel):
-    """From a time, or from a place of vehicle 0's centre, on: the reduction of the brake pipe; 0 releases."""
+    """Reduction of the brake pipe from a time or a position of vehicle 0's centre on; 0 releases."""
 
     time: Time | None = Field(None, ge=0)
     place: Length | None = None
@@ -28,22 +28,22 @@ class BrakeEvent(SiModel):
     @model_validator(mode="after")
     def _one(self) -> BrakeEvent:
         if (self.time is None) == (self.place is None):
-            raise ValueError("give exactly one of time and place")
+            raise ValueError("a brake event has exactly one of time and place; give one")
         return self
 
 
 class TriggerRules(SiModel):
-    """Rules of paper 000, section 1.2: apply before long falls, release when slow enough."""
+    """Rules of paper 000, section 1.2: application before long falling grades, release at a lower speed."""
 
-    reduction: Pressure = Field(50e3, gt=0, description="of an application")
-    above: Speed = Field(60 / 3.6, ge=0, description="no application below this speed")
-    ahead: Length = Field(2500.0, gt=0, description="stretch of line that is looked at")
-    segments: int = Field(4, ge=1, description="so many steep segments in it")
-    steeper: Slope = Field(-8e-3, lt=0, description="a segment is steep below this grade")
-    longer: Length = Field(500.0, ge=0, description="so much of the segment inside the stretch")
-    pause: Time = Field(160.0, ge=0, description="least time between two applications")
-    drop: Speed = Field(10 / 3.6, ge=0, description="release so much below the speed at the application")
-    margin: Speed = Field(0.5 / 3.6, ge=0, description="a release does not wait for the last bit of it")
+    reduction: Pressure = Field(50e3, gt=0, description="reduction of the brake pipe of an application")
+    min_speed: Speed = Field(60 / 3.6, ge=0, description="no application below this speed")
+    lookahead: Length = Field(2500.0, gt=0, description="length of line ahead that is searched for steep segments")
+    segments: int = Field(4, ge=1, description="minimum number of steep segments in it")
+    grade_below: Slope = Field(-8e-3, lt=0, description="a segment is steep below this grade")
+    min_length: Length = Field(500.0, ge=0, description="minimum length of a segment inside the searched length")
+    pause: Time = Field(160.0, ge=0, description="minimum time between two applications")
+    release_drop: Speed = Field(10 / 3.6, ge=0, description="release at this amount below the speed of the application")
+    release_margin: Speed = Field(0.5 / 3.6, ge=0, description="tolerance of the release speed")
     never_below: Speed = Field(35 / 3.6, ge=0, description="no release below this speed")
 
 
@@ -58,21 +58,21 @@ class BrakeSpec(SiModel):
     @model_validator(mode="after")
     def _fits(self) -> BrakeSpec:
         if self.policy == "planned" and not self.events:
-            raise ValueError("policy planned needs events: a list of {time or place, reduction}")
+            raise ValueError("policy planned needs events; give a list of {time or place, reduction}")
         if self.policy != "planned" and self.events:
-            raise ValueError(f"events are there but the policy is {self.policy}; set policy: planned or leave them out")
+            raise ValueError(f"events need policy planned, here {self.policy}; set policy: planned or remove them")
         return self
 
     @property
     def deepest(self) -> float:
-        """Deepest reduction of the brake pipe that the policy makes [Pa]."""
+        """Largest reduction of the brake pipe by the policy [Pa]."""
         if self.policy == "planned":
             return max(event.reduction for event in self.events)
         return {"none": 0.0, "trigger": self.trigger.reduction, "blend": self.blend.reduction}[self.policy]
 
 
 class BrakePolicy(Protocol):
-    """Decides the brake-pipe pressure."""
+    """Policy of the air brake."""
 
     def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
         """Return the pressure demanded [Pa, absolute].
@@ -80,23 +80,23 @@ class BrakePolicy(Protocol):
         Parameters
         ----------
         t, position, velocity, applied
-            Time [s], vehicle 0's centre [m], speed [m/s], force that all power units apply now [N].
+            Time [s], position of vehicle 0's centre [m], speed [m/s], measured force of all power units [N].
         """
 
 
-class Charged:
-    """The air brake stays released."""
+class ReleasedBrake:
+    """Policy without application of the air brake."""
 
     def __init__(self, charged: float) -> None:
         self._charged = charged
 
     def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
-        """Return the charged pressure."""
+        """Return the charged pressure [Pa]."""
         return self._charged
 
 
-class Planned:
-    """Events at fixed times or places, in the order in which they are listed."""
+class PlannedBrake:
+    """Policy with events at fixed times or positions, in the order of the list."""
 
     def __init__(self, charged: float, events: tuple[BrakeEvent, ...]) -> None:
         self._charged = charged
@@ -105,7 +105,7 @@ class Planned:
         self._pressure = charged
 
     def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
-        """Return the pressure after every event that is due."""
+        """Return the pressure of the last event that is due [Pa]."""
         while self._next < len(self._events):
             event = self._events[self._next]
             due = t >= event.time if event.time is not None else position >= (event.place or 0.0)
@@ -116,8 +116,8 @@ class Planned:
         return self._pressure
 
 
-class Triggered:
-    """Paper 000's rules; V_set is the speed at the application."""
+class TriggeredBrake:
+    """Policy of paper 000, section 1.2; V_set is the speed at the application."""
 
     def __init__(self, charged: float, rules: TriggerRules, line: Line) -> None:
         self._charged = charged
@@ -126,53 +126,53 @@ class Triggered:
         self._steep = [
             (begin, end)
             for grade, begin, end in zip(line.grades, places, places[1:], strict=False)
-            if grade.grade < rules.steeper and end - begin > rules.longer
+            if grade.grade < rules.grade_below and end - begin > rules.min_length
         ]
         self._applied_at: float | None = None
         self._release_below: float | None = None
 
     def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
-        """Return the pressure the rules demand."""
+        """Return the pressure demanded by the rules [Pa]."""
         rules = self._rules
         if self._release_below is not None:
             if rules.never_below <= velocity <= self._release_below:
                 self._release_below = None
         elif self._may_apply(t, velocity) and self._falls_ahead(position):
             self._applied_at = t
-            self._release_below = velocity - rules.drop + rules.margin
+            self._release_below = velocity - rules.release_drop + rules.release_margin
         return self._charged if self._release_below is None else self._charged - rules.reduction
 
     def _may_apply(self, t: float, velocity: float) -> bool:
         rested = self._applied_at is None or t - self._applied_at >= self._rules.pause
-        return rested and velocity > self._rules.above
+        return rested and velocity > self._rules.min_speed
 
     def _falls_ahead(self, position: float) -> bool:
-        horizon = position + self._rules.ahead
+        horizon = position + self._rules.lookahead
         inside = (min(end, horizon) - max(begin, position) for begin, end in self._steep)
-        return sum(length > self._rules.longer for length in inside) >= self._rules.segments
+        return sum(length > self._rules.min_length for length in inside) >= self._rules.segments
 
 
 def make_brake_policy(spec: BrakeSpec, model: TrainModel, line: Line) -> BrakePolicy:
-    """Return a fresh policy.
+    """Return a new policy.
 
     Raises
     ------
     ValueError
-        If the train has no air brake to apply.
+        If the train has no air brake, or a reduction exceeds the charged pressure.
     """
     brake = model.consist.air_brake
     if brake is None:
         if spec.policy != "none":
             raise ValueError(f"brake.policy: {spec.policy}: the consist has no air_brake; set policy: none")
-        return Charged(0.0)
+        return ReleasedBrake(0.0)
     if spec.policy == "planned":
         if spec.deepest > brake.charged:
             raise ValueError(
-                f"brake.events: a reduction of {spec.deepest:g} Pa exceeds the charged {brake.charged:g} Pa"
+                f"brake.events: a reduction of {spec.deepest:g} Pa exceeds the charged {brake.charged:g} Pa; lower it"
             )
-        return Planned(brake.charged, spec.events)
+        return PlannedBrake(brake.charged, spec.events)
     if spec.policy == "trigger":
-        return Triggered(brake.charged, spec.trigger, line)
+        return TriggeredBrake(brake.charged, spec.trigger, line)
     if spec.policy == "blend":
-        return Blended(brake.charged, spec.blend, model)
-    return Charged(brake.charged)
+        return BlendedBrake(brake.charged, spec.blend, model)
+    return ReleasedBrake(brake.charged)

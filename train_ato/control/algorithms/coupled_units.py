@@ -1,4 +1,4 @@
-"""A train whose every vehicle is driven and joined to the next by a linear spring: exact motion over a short time."""
+"""Exact motion over a short time of driven vehicles coupled by linear springs."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim.gears import LinearGear
-from train_ato.types import Array
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
-    from train_ato.compensate.contract import Situation
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
 
-def exponential(matrix: Array) -> Array:
-    """Return the matrix exponential, by scaling, a Taylor series to rounding, and squaring."""
+def matrix_exponential(matrix: Array) -> Array:
+    """Return the exponential of a square matrix, by scaling, a Taylor series to rounding, and squaring."""
     norm = float(np.abs(matrix).sum(axis=1).max())
     halvings = max(0, int(np.ceil(np.log2(norm))) + 4) if norm > 0 else 0
     small = matrix / 2.0**halvings
@@ -29,8 +28,8 @@ def exponential(matrix: Array) -> Array:
     return total
 
 
-class Chain:
-    """Units joined by linear springs.
+class CoupledUnits:
+    """Power units coupled by linear springs, one in every vehicle.
 
     Parameters
     ----------
@@ -47,11 +46,11 @@ class Chain:
         vehicles, gears = model.consist.vehicles, model.consist.gears
         if len(vehicles) != model.n_units:
             raise ValueError(
-                f"a chain of units needs every vehicle driven, here {model.n_units} of {len(vehicles)} are"
+                f"a chain of units needs every vehicle driven, here {model.n_units} of {len(vehicles)}; choose rigid"
             )
         springs = [gear for gear in gears if isinstance(gear, LinearGear) and gear.slack == 0.0]
         if len(springs) != len(gears):
-            raise ValueError("a chain of units needs linear draft gears without slack")
+            raise ValueError("a chain of units needs linear draft gears without slack; choose rigid")
         n = self.n = model.n_units
         self.mass: Array = np.array([vehicle.mass * vehicle.rotating_mass_factor for vehicle in vehicles])
         self.weight: Array = self.mass / self.mass.sum()
@@ -69,39 +68,46 @@ class Chain:
         self._steps: dict[float, Array] = {}
 
     def step_matrix(self, h: float) -> Array:
-        """Return the map of (place, speed, force) to (place, speed) after ``h`` seconds, force held, shape (2n, 3n)."""
+        """Return the map of position, speed and constant force to position and speed ``h`` s later, shape (2n, 3n)."""
         found = self._steps.get(h)
         if found is None:
             if len(self._steps) > 64:
                 self._steps.clear()
-            found = self._steps[h] = exponential(self._rates * h)[: 2 * self.n]
+            found = self._steps[h] = matrix_exponential(self._rates * h)[: 2 * self.n]
         return found
 
     def predict(
-        self, now: Situation, due: Array, h: float, keep: float, lasting: float, forces: Array
+        self,
+        position: Array,
+        velocity: Array,
+        applied: Array,
+        due: Array,
+        h: float,
+        decay: float,
+        lasting: float,
+        forces: Array,
     ) -> tuple[Array, Array, Array]:
-        """Return position, speed and applied force of every unit after the commands that are due.
+        """Return position [m], speed [m/s] and applied force [N] of every unit after the commands that are due.
 
         Parameters
         ----------
-        now
-            The measured state.
+        position, velocity, applied : Array, shape (units,)
+            Measured position [m], speed [m/s] and acting force [N].
         due : Array, shape (count, units)
             Commands due in every sub-interval [N].
         h
             Length of a sub-interval [s].
-        keep, lasting
-            Part of the applied force that is left at the end of a sub-interval, and its mean over it.
+        decay, lasting
+            Part of a deviation of the applied force that remains at the end of a sub-interval, and its mean over it.
         forces : Array, shape (count, units)
-            All other outside forces on every unit, > 0 forward [N].
+            Other outside forces on every unit [N], > 0 forward.
         """
         n, step = self.n, self.step_matrix(h)
-        place = now.position + self._offsets
+        place = position + self._offsets
         origin = float(place[0])
-        state = np.concatenate((place - origin, now.velocity, np.zeros(n)))
-        applied = now.applied
+        state = np.concatenate((place - origin, velocity, np.zeros(n)))
         for command, force in zip(due, forces, strict=True):
             state[2 * n :] = command + (applied - command) * lasting + force
             state[: 2 * n] = step @ state
-            applied = command + (applied - command) * keep
+            applied = command + (applied - command) * decay
         return state[:n] + origin - self._offsets, state[n : 2 * n].copy(), np.asarray(applied)

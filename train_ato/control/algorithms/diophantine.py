@@ -1,18 +1,23 @@
-"""Diophantine recursion of generalised predictive control, paper 004, eqs. (13), (14), and the model it works on."""
+"""Diophantine recursion of generalised predictive control, paper 004, eqs. (13), (14), and its model."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from train_ato.control.parts.chain import exponential
-from train_ato.types import Array
+from train_ato.control.algorithms.coupled_units import matrix_exponential
+from train_ato.messages.types import Array
 
 
 def sampled_actuator(delay: float, lag: float, period: float) -> tuple[Array, Array]:
-    """Return A(z⁻¹) and B(z⁻¹) of command acceleration to speed, paper 004, eqs. (4), (5).
+    """Return A(z⁻¹) and B(z⁻¹) from command acceleration to speed, paper 004, eqs. (4), (5).
 
-    G(s) = exp(-T s)/((tau s + 1) s) (the print's (2) has a minus too many), the delay by first-order Padé, sampled with
-    a zero-order hold: a bilinear transform would give feed-through, which (5) does not have.
+    G(s) = exp(-T s)/((tau s + 1) s) (the printed (2) has a wrong minus), the delay by first-order Padé, sampled with a
+    zero-order hold; a bilinear transform would give a feed-through, which (5) does not have.
+
+    Parameters
+    ----------
+    delay, lag, period
+        Delay T, lag tau and sampling period [s].
 
     Returns
     -------
@@ -27,7 +32,7 @@ def sampled_actuator(delay: float, lag: float, period: float) -> tuple[Array, Ar
     rates[0] = [-pole, 0.0, 0.0, 1.0]
     rates[1] = [2.0 * pole * fast, -fast, 0.0, -fast]
     rates[2] = [0.0, 1.0, 0.0, 0.0]
-    step = exponential(rates * period)
+    step = matrix_exponential(rates * period)
     transition, drive = step[:3, :3], step[:3, 3]
     a = np.poly(np.array([np.exp(-pole * period), np.exp(-fast * period), 1.0]))
     response, state = [], drive
@@ -51,7 +56,7 @@ def diophantine(a: Array, horizon: int) -> tuple[Array, Array]:
     Returns
     -------
     e : Array, shape (horizon,)
-        Coefficients that all E_j share: E_j = e[0] + ... + e[j-1] z^-(j-1).
+        Coefficients common to all E_j: E_j = e[0] + ... + e[j-1] z^-(j-1).
     f : Array, shape (horizon, n)
         Row j - 1 holds F_j.
     """
@@ -73,7 +78,7 @@ def response_and_past(e: Array, b: Array, horizon: int) -> tuple[Array, Array]:
     Returns
     -------
     g : Array, shape (horizon,)
-        Coefficients that all G_j share: the answer to a command's impulse.
+        Coefficients common to all G_j: the impulse response.
     h : Array, shape (horizon, len(b) - 1)
         Row j - 1 holds H_j, which multiplies u(k-1), u(k-2), ...
     """

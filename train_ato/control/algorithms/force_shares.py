@@ -1,4 +1,4 @@
-"""Mean over the power units, weighted by the part of the total force that each one takes."""
+"""Mean over the power units, weighted by their shares of the total force."""
 
 from __future__ import annotations
 
@@ -7,6 +7,6 @@ from operator import mul
 
 
 def mean_over_units(share: Sequence[float], values: Sequence[float]) -> float:
-    """Return sum share_i value_i; the shares sum to 1 (:attr:`train_ato.model.TrainModel.share`)."""
+    """Return sum share_i value_i; the shares sum to 1 (:attr:`train_ato.control.train_model.TrainModel.share`)."""
     total: float = sum(map(mul, share, values))
     return total

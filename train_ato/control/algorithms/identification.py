@@ -1,20 +1,19 @@
-"""What paper 004 learns while the train runs: the model's parameters, and what the model leaves."""
+"""Online identification of paper 004: parameters of the model, and a network for the residual."""
 
 from __future__ import annotations
 
-import math
 from operator import mul
 
 import numpy as np
 
-from train_ato.types import Array
+from train_ato.messages.types import Array
 
-REACH = 0.5
-"""Identified parameters stay within this part of the nominal ones' norm."""
+MAX_DEVIATION = 0.5
+"""Largest deviation of the identified parameters, over the norm of the nominal ones."""
 
 
 class Increments:
-    """Recursive identification, eqs. (8)-(11), with the integrator kept: A = (1 - z⁻¹) A'.
+    """Recursive identification, eqs. (8)-(11), with a fixed integrator: A = (1 - z⁻¹) A'.
 
     Parameters
     ----------
@@ -28,11 +27,11 @@ class Increments:
         inner = np.array([1.0, 1.0 + a[1], 1.0 + a[1] + a[2]])
         self._nominal = np.concatenate((inner[1:], b))
         self._a, self._b = np.array(a), np.array(b)
-        self._scale = REACH * float(np.linalg.norm(self._nominal[2:]))
+        self._scale = MAX_DEVIATION * float(np.linalg.norm(self._nominal[2:]))
         self.reset()
 
     def reset(self) -> None:
-        """Go back to the nominal parameters."""
+        """Return to the nominal parameters."""
         self.theta = self._nominal.copy()
         self._drift = np.zeros(3)
         self._present: tuple[list[float], list[float]] | None = None
@@ -45,7 +44,13 @@ class Increments:
         return a, self.theta[2:]
 
     def miss(self, speeds: list[float], sent: list[float]) -> float:
-        """Return the newest speed minus what the model says of it [m/s]; lists are newest first, four long."""
+        """Return the newest speed minus its prediction by the model [m/s].
+
+        Parameters
+        ----------
+        speeds, sent
+            Last four speeds [m/s] and commands [m/s²], newest first.
+        """
         if self._present is None:
             now_a, now_b = self.polynomials()
             self._present = now_a.tolist(), now_b.tolist()
@@ -55,13 +60,23 @@ class Increments:
         return v0 - (-a1 * v1 - a2 * v2 - a3 * v3) - driven
 
     def learn(self, speeds: list[float], sent: list[float], error: float, absolute: bool) -> None:
-        """Move the parameters by x e/(1 + x'x): on increments of the speed, or on the speed itself."""
+        """Move the parameters by x e/(1 + x'x).
+
+        Parameters
+        ----------
+        speeds, sent
+            Last four speeds [m/s] and commands [m/s²], newest first.
+        error
+            Prediction error e [m/s].
+        absolute
+            x contains the speeds themselves instead of their increments.
+        """
         self._present = None
         _, v1, v2, v3 = speeds
         if absolute:
             x = np.array([-v1, -v2, -v3, *sent[:3]])
             move = x * (error / (1.0 + float(x @ x)))
-            self._drift = np.clip(self._drift + move[:3], -REACH, REACH)
+            self._drift = np.clip(self._drift + move[:3], -MAX_DEVIATION, MAX_DEVIATION)
             self.theta[2:] += move[3:]
         else:
             x = np.array([-(v1 - v2), -(v2 - v3), *sent[:3]])
@@ -72,13 +87,13 @@ class Increments:
             self.theta = self._nominal + off * (self._scale / size)
 
 
-class Residual:
-    """Back-propagation network for what the model leaves: xi = W s(V z + mu2) + mu1, s the logistic function.
+class ResidualNetwork:
+    """Back-propagation network for the residual of the model: xi = W s(V z + mu2) + mu1, s the logistic function.
 
     Parameters
     ----------
     hidden
-        Neurons.
+        Number of hidden neurons.
     """
 
     def __init__(self, hidden: int) -> None:
@@ -87,7 +102,7 @@ class Residual:
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was learnt; the first layer starts from fixed, different weights."""
+        """Return to the initial weights: fixed and different ones in the first layer, 0 elsewhere."""
         self._v = self._start.copy()
         self._mu2: Array = np.zeros(self._hidden)
         self._w: Array = np.zeros(self._hidden)
@@ -96,14 +111,14 @@ class Residual:
         self._s: Array = np.full(self._hidden, 0.5)
 
     def estimate(self, speeds: list[float], sent: list[float]) -> float:
-        """Return xi for the coming sample [m/s] from the last three speeds [m/s] and commands [m/s²]."""
+        """Return xi for the next sample [m/s] from the last three speeds [m/s] and commands [m/s²]."""
         self._z = np.array([*(speed / 100.0 for speed in speeds), *sent])
         reach = _bounded(self._v @ self._z + self._mu2, 30.0)
         self._s = 1.0 / (1.0 + np.exp(-reach))
         return self._output()
 
     def learn(self, left: float, rate: float) -> None:
-        """Move all weights down the gradient of (left - xi)² for the sample that xi was estimated for."""
+        """Move all weights down the gradient of (left - xi)², ``left`` the measured residual of the last xi [m/s]."""
         error = rate * min(max(left - self._output(), -1.0), 1.0)
         back = error * self._w * self._s * (1.0 - self._s)
         self._mu1 = min(max(self._mu1 + error, -10.0), 10.0)
@@ -112,11 +127,10 @@ class Residual:
         self._mu2 = _bounded(self._mu2 + back, 10.0)
 
     def _output(self) -> float:
-        value = float(self._w @ self._s) + self._mu1
-        return value if math.isfinite(value) else 0.0
+        return float(self._w @ self._s) + self._mu1
 
 
 def _bounded(fresh: Array, bound: float) -> Array:
-    """Clip an array in place and return it: for arrays of six, three times as fast as numpy's clip."""
+    """Clip an array in place and return it; three times as fast as ``numpy.clip`` for six entries."""
     np.maximum(fresh, -bound, out=fresh)
     return np.minimum(fresh, bound, out=fresh)

@@ -1,11 +1,11 @@
-"""A quantity and the constant that its known rate misses, observed in discrete time with both poles at exp(-omega Tc).
+"""Discrete observer of a quantity and of the unknown part of its rate, both poles at exp(-omega Tc).
 
-With r the rate that is known and d the one that is not, y measured::
+With y measured, r the known part of its rate and d the unknown part::
 
     y- = y_k-1 + Tc (r + d_k-1),   e = y_k - y-
     y_k = y- + (1 - b²) e,   d_k = d_k-1 + (1 - b)²/Tc e,   b = exp(-omega Tc)
 
-A constant d is found without offset, and what is left of it falls like (1 + k (1 - b)) b^k whatever omega Tc is.
+A constant d is found without offset; the error falls like (1 + k (1 - b)) b^k for any omega Tc.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 
-class TwoPoles:
+class LuenbergerObserver:
     """Observer of one quantity.
 
     Parameters
@@ -25,32 +25,32 @@ class TwoPoles:
 
     Attributes
     ----------
-    missing : float
+    unknown_rate : float
         Estimate of d, in the unit of the quantity per second.
     """
 
     def __init__(self, omega: float, period: float) -> None:
         pole = math.exp(-omega * period)
         self._period = period
-        self._gain, self._missing_gain = 1.0 - pole * pole, (1.0 - pole) ** 2 / period
+        self._gain, self._rate_gain = 1.0 - pole * pole, (1.0 - pole) ** 2 / period
         self.reset()
 
     def reset(self) -> None:
-        """Begin with the next sample, with nothing missing."""
-        self.missing = 0.0
+        """Restart at the next sample with an unknown rate of 0."""
+        self.unknown_rate = 0.0
         self.restart()
 
     def restart(self) -> None:
-        """Begin with the next sample, keeping what was found missing."""
+        """Restart at the next sample with the present unknown rate."""
         self._value: float | None = None
 
     def step(self, measured: float, known: float) -> float:
-        """Take a sample and the known mean rate over the time since the last one; return :attr:`missing`."""
+        """Return :attr:`unknown_rate` for a sample and the known mean rate since the previous sample."""
         if self._value is None:
             self._value = measured
-            return self.missing
-        predicted = self._value + self._period * (known + self.missing)
+            return self.unknown_rate
+        predicted = self._value + self._period * (known + self.unknown_rate)
         miss = measured - predicted
         self._value = predicted + self._gain * miss
-        self.missing += self._missing_gain * miss
-        return self.missing
+        self.unknown_rate += self._rate_gain * miss
+        return self.unknown_rate

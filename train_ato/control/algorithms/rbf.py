@@ -1,4 +1,4 @@
-"""Gaussian radial-basis-function network: a hidden layer of bells, a linear output."""
+"""Gaussian radial-basis-function network: hidden layer of Gaussian functions, linear output."""
 
 from __future__ import annotations
 
@@ -6,21 +6,21 @@ import math
 from collections.abc import Sequence
 from operator import mul
 
-CENTRES = (-1.0, -0.5, 0.0, 0.5, 1.0)
-"""The five centres that papers 000 and 001 use, up to a scale."""
+RBF_CENTERS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""The five centres of papers 000 and 001, up to a scale."""
 
 
-def bells(inputs: Sequence[float], centres: Sequence[float], width: float) -> list[float]:
-    """Return h_j = exp(-|x - c_j|²/(2 b²)) with c_j the point whose coordinates are all ``centres[j]``.
+def activations(inputs: Sequence[float], centres: Sequence[float], width: float) -> list[float]:
+    """Return the outputs of the hidden layer, h_j = exp(-|x - c_j|²/(2 b²)).
 
     Parameters
     ----------
     inputs
-        x, any number of coordinates.
+        Point x, any number of coordinates.
     centres
-        One number per bell.
+        Centres; all coordinates of c_j are ``centres[j]``.
     width
-        b > 0.
+        Width b > 0.
     """
     scale, exp = -0.5 / (width * width), math.exp
     if len(inputs) == 1:
@@ -33,16 +33,16 @@ def bells(inputs: Sequence[float], centres: Sequence[float], width: float) -> li
 
 
 class Weights:
-    """Weights of the output layer, bounded, learning by steps with or without momentum.
+    """Bounded weights of the output layer, with learning by steps with or without momentum.
 
     Parameters
     ----------
     start
-        Weights at the start.
+        Initial weights.
     bound
-        Largest magnitude of a weight; learning can never take one beyond it.
+        Largest magnitude of a weight.
     momentum
-        alpha in w(l) = w(l-1) + dw + alpha (w(l-1) - w(l-2)).
+        Factor alpha in w(l) = w(l-1) + dw + alpha (w(l-1) - w(l-2)).
     """
 
     def __init__(self, start: Sequence[float], bound: float, momentum: float = 0.0) -> None:
@@ -52,17 +52,17 @@ class Weights:
         self.reset()
 
     def reset(self) -> None:
-        """Go back to the weights of the start."""
+        """Return to the initial weights."""
         self.values = list(self._start)
         self._moved = [0.0] * len(self._start)
 
     def output(self, hidden: Sequence[float]) -> float:
-        """Return W'h."""
+        """Return the output W'h."""
         total: float = sum(map(mul, self.values, hidden))
         return total
 
     def learn(self, rate: float, hidden: Sequence[float]) -> None:
-        """Move every weight by ``rate h_j`` and the momentum of the last move."""
+        """Move every weight by ``rate h_j`` plus the momentum of its last step."""
         bound, momentum, values = self._bound, self._momentum, self.values
         least = -bound
         if not momentum:

@@ -11,7 +11,7 @@ def sign(value: float) -> float:
 
 
 def saturation(value: float, width: float) -> float:
-    """Return the sign, linear within a boundary layer of ``width``; a width of 0 is the bare sign."""
+    """Return the sign, linear within a boundary layer of ``width``; the sign itself for a width of 0."""
     if width <= 0.0:
         return sign(value)
     return min(max(value / width, -1.0), 1.0)
@@ -30,16 +30,16 @@ def adaptive_gain(error: float, kappa: float) -> float:
 
 
 class IntegralSurface:
-    """S = e' + l1 e + l2 int e (paper 000, eq. 19) of one unit.
+    """Surface S = e' + l1 e + l2 int e of one unit: paper 000, eq. (19).
 
     Parameters
     ----------
     l1, l2
-        1/s, 1/s².
+        Weights [1/s, 1/s²].
     period
-        Sampling period [s]; the integral is summed by the trapezoid.
+        Sampling period [s]; the integral is a trapezoidal sum.
     limit
-        Clamp of the integral [m s].
+        Largest magnitude of the integral [m s].
     """
 
     def __init__(self, l1: float, l2: float, period: float, limit: float) -> None:
@@ -49,16 +49,16 @@ class IntegralSurface:
         self._before: float | None = None
 
     def reset(self) -> None:
-        """Empty the integral."""
+        """Set the integral to 0."""
         self._integral = 0.0
         self._before = None
 
-    def missed(self) -> None:
-        """Do not integrate across a gap."""
+    def on_missed_sample(self) -> None:
+        """Handle a missed sample: the integral does not bridge the gap."""
         self._before = None
 
     def step(self, error: float, rate: float, hold: bool) -> float:
-        """Return S [m/s]; with ``hold`` the integral stays (the force is at its limit)."""
+        """Return S [m/s] for an error [m] and its rate [m/s]; ``hold`` freezes the integral."""
         if not hold and self._before is not None:
             total = self._integral + 0.5 * (error + self._before) * self._period
             self._integral = min(max(total, -self._limit), self._limit)

@@ -1,4 +1,4 @@
-"""A copy of the whole nominal train, with ideal actuators, for compensations that let one run ahead."""
+"""Simulated copy of the nominal train with ideal actuators, for compensations that run it ahead of the real one."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train
 
 if TYPE_CHECKING:
-    from train_ato.compensate.rigid import ProfileLike
-    from train_ato.model import TrainModel
+    from train_ato.control.compensation.rigid import ProfileLike
+    from train_ato.control.train_model import TrainModel
 
 
 def nominal_copy(model: TrainModel, profile: ProfileLike, t: float, period: float, step: float) -> Train:
-    """Return the model's train on its profile.
+    """Return a train on the profile, couplers unstretched, with ideal actuators.
 
     Parameters
     ----------
     model
         The nominal train and line.
     profile
-        Where it is and how fast.
+        Profile that gives position and speed.
     t
-        Time at which it is there [s].
+        Time of the initial state on the profile [s].
     period
-        Of its commands [s].
+        Period of the commands [s].
     step
-        Integration step that is wanted [s]; the nearest that divides the period and is not much shorter.
+        Smallest integration step [s]; the step used is the next longer one that divides the period.
     """
     place, speed, _, _ = profile.at(t)
     tick_ns = round(period * 1e9)

@@ -1,18 +1,19 @@
-"""Preview: the feed-forward is that of the time the command will act; the state stays as measured.
+"""Preview: feed-forward of the time at which the command takes effect; the state stays as measured.
 
-The profile is known ahead, so what the train will need when the command arrives is known too. Free, and the greatest
-part of what can be gained.
+The profile ahead gives the force that the train will need when the command arrives. This costs almost no computation.
+On the metro train it removes most of the speed error; on the heavy-haul train with `pid` it does not reduce the error,
+because F is the force of a rigid train, without the waves in the couplers (`twin` includes them).
 
 Through a delay tau and a first-order lag Ta, exactly::
 
     u_ff(t) = F(t + tau) + Ta F'(t + tau)
 
 with F the force of the nominal train along the profile: the exact form of the inverse that paper 001 approximates by
-Padé (per unit mass a_ff = v_d'(t + sigma) + tau v_d''(t + sigma) + w). A unit whose delay depends on the sign of the
-command uses the delay of the sign its feed-forward has.
+Padé (per unit mass a_ff = v_d'(t + sigma) + tau v_d''(t + sigma) + w). If the delay of a unit depends on the sign of
+the command, the delay for the sign of its feed-forward is used.
 
-Needs: any law, any train; delay and lag of the model. Laws that bring their own equivalent control (`funnel`, `gpc`)
-take nothing of it but the reference ahead.
+Needs: any law, any train; delay and lag of the model. Laws with an equivalent control of their own (`funnel`, `gpc`)
+use only the reference ahead.
 """
 
 from __future__ import annotations
@@ -22,26 +23,26 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from train_ato.compensate.contract import Situation, View
-from train_ato.compensate.none import NoCompensation
-from train_ato.control.contract import parameter
-from train_ato.control.parts.shares import mean_over_units
-from train_ato.types import Array
+from train_ato.control.algorithms.force_shares import mean_over_units
+from train_ato.control.compensation.base import CompensationBase
+from train_ato.control.compensation.contract import CompensationInput
+from train_ato.control.contract import LawInput, parameter
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)
 class PreviewParameters:
-    """Parameters of :class:`Preview`."""
+    """Parameters of :class:`PreviewFeedforward`."""
 
-    lag: bool = parameter(True, "", 0, 1, "lead through the actuators' lag as well as the delay")
-    delay_factor: float = parameter(1.0, "1", 0.0, 10.0, "look ahead by so many times the model's delay")
+    lag: bool = parameter(True, "", 0, 1, "compensate the lag of the actuators as well as the delay")
+    delay_factor: float = parameter(1.0, "1", 0.0, 10.0, "factor on the delay of the model")
 
 
-class Preview(NoCompensation):
-    """Feed-forward of the time the command will act, through delay and lag."""
+class PreviewFeedforward(CompensationBase):
+    """Feed-forward of the time at which the command takes effect, through delay and lag."""
 
     Parameters: ClassVar[type] = PreviewParameters
 
@@ -52,17 +53,25 @@ class Preview(NoCompensation):
         self.backward = [factor * delay for delay in model.delay_brake.tolist()]
         self.lag = model.lag if parameters.lag else 0.0
 
-    def see(self, now: Situation) -> View:
-        """Return the measured state with the feed-forward of the acting time."""
-        self.shoes.tell(now.t, now.pressure)
-        acting_time = now.t + self.mean_delay(now.under_way)
-        _, speed, acceleration, jerk = self.rigid.profile.at(acting_time)
-        feedforward = self.led(now.t, self.shoes.at(acting_time, speed).total)
-        shoes = self.shoes.at(now.t, now.reference[1])
-        return self.as_measured(now, acting_time, acceleration, jerk, feedforward, shoes)
+    def step(self, inputs: CompensationInput) -> LawInput:
+        """Return the measured state with the feed-forward of the time of effect."""
+        t = inputs.t
+        self.shoes.demand(t, inputs.pressure)
+        effect = t + self.mean_delay(inputs.commands_in_flight)
+        speed = self.rigid.profile.at(effect)[1]
+        feedforward = self.feedforward(t, self.shoes.at(effect, speed).total)
+        return self.law_input(inputs, effect, feedforward, self.shoes.at(t, inputs.reference.velocity))
 
-    def led(self, t: float, shoes: float) -> Array:
-        """Return the feed-forward of every unit for commands sent at ``t`` [N], with a shoe force when they act."""
+    def feedforward(self, t: float, shoes: float) -> Array:
+        """Return the feed-forward of every unit [N], shape (units,).
+
+        Parameters
+        ----------
+        t
+            Time at which the commands are sent [s].
+        shoes
+            Shoe force of the train at the time of effect [N].
+        """
         wanted: list[float] = []
         before: tuple[float, float] | None = None
         force = 0.0
@@ -75,11 +84,11 @@ class Preview(NoCompensation):
             wanted.append(force * share)
         return np.array(wanted)
 
-    def mean_delay(self, under_way: Array) -> float:
-        """Return the units' mean delay by the sign of the last command sent [s]."""
-        if self.forward == self.backward or under_way.shape[0] == 0:
+    def mean_delay(self, commands_in_flight: Array) -> float:
+        """Return the mean delay of the units [s], by the signs of the last command sent."""
+        if self.forward == self.backward or commands_in_flight.shape[0] == 0:
             delays = self.forward
         else:
-            last = under_way[-1].tolist()
+            last = commands_in_flight[-1].tolist()
             delays = [b if u < 0 else f for f, b, u in zip(self.forward, self.backward, last, strict=True)]
         return mean_over_units(self._share, delays)

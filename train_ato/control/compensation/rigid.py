@@ -1,27 +1,25 @@
-"""Force that makes the nominal train, taken as rigid, follow the profile: worked out once for the whole profile."""
+"""Force of the rigid nominal train along the profile, computed once per profile."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from train_ato.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+from train_ato.control.train_model import TrainModel, interpolated
+from train_ato.messages.types import Array
 
 
 class ProfileLike(Protocol):
-    """What is needed of a speed profile: knots at the tick and the value at any time."""
+    """Interface of a speed profile: evenly spaced knots and values at any time."""
 
     @property
     def time(self) -> Array:
-        """Knots [s], evenly spaced."""
+        """Times of the knots [s], evenly spaced."""
 
     @property
     def position(self) -> Array:
-        """Of vehicle 0's centre [m]."""
+        """Position of vehicle 0's centre [m]."""
 
     @property
     def velocity(self) -> Array:
@@ -32,10 +30,10 @@ class ProfileLike(Protocol):
         """Acceleration [m/s²]."""
 
     def at(self, t: float) -> tuple[float, float, float, float]:
-        """Return position, velocity, acceleration, jerk."""
+        """Return position, speed, acceleration and jerk at a time [m, m/s, m/s², m/s³]."""
 
     def window(self, t: float, count: int, period: float) -> tuple[Array, Array, Array]:
-        """Return position, velocity, acceleration at ``count`` times from ``t`` on."""
+        """Return position, speed and acceleration at ``count`` times from ``t`` on, each of shape (count,)."""
 
 
 class RigidForce:
@@ -51,7 +49,7 @@ class RigidForce:
     Attributes
     ----------
     inertial, resisting : list of float
-        M a and running plus line resistance at the profile's knots [N].
+        Inertial force M a, and running plus line resistance, at the knots of the profile [N].
     """
 
     def __init__(self, model: TrainModel, profile: ProfileLike) -> None:
@@ -59,38 +57,28 @@ class RigidForce:
         self.profile = profile
         places, speeds = profile.position.tolist(), profile.velocity.tolist()
         self.inertial: list[float] = (model.inertia * profile.acceleration).tolist()
-        self.resisting = [
-            model.running_resistance(speed) + model.line_force(place)
-            for place, speed in zip(places, speeds, strict=True)
-        ]
+        self.resisting = [model.resisting_force(place, speed) for place, speed in zip(places, speeds, strict=True)]
         self._total: list[float] = np.add(self.inertial, self.resisting).tolist()
         self._begin = float(profile.time[0])
-        self._last = len(self._total) - 1
-        self._spacing = float(profile.time[-1] - profile.time[0]) / self._last if self._last else 1.0
+        last = len(self._total) - 1
+        self._spacing = float(profile.time[-1] - profile.time[0]) / last if last else 1.0
 
     def total(self, t: float) -> float:
-        """Return the force at ``t`` [N]."""
+        """Return the total force at a time [s] in N."""
         return self._between(self._total, t)
 
     def resistance(self, t: float) -> float:
-        """Return running and line resistance at ``t`` [N]."""
+        """Return running and line resistance at a time [s] in N."""
         return self._between(self.resisting, t)
 
     def slope(self, t: float) -> float:
-        """Return the rate of :meth:`total` at ``t`` [N/s], over the knots beside it."""
+        """Return the central difference quotient of :meth:`total` at a time [s] in N/s."""
         h = 0.5 * self._spacing
         return (self.total(t + h) - self.total(t - h)) / self._spacing
 
     def ahead(self, t: float, lag: float) -> float:
-        """Return the demand that gives :meth:`total` at ``t`` through a first-order lag [N]: F + lag F'."""
+        """Return the demand F + lag F' that gives :meth:`total` at a time [s] through a first-order lag [s], in N."""
         return self.total(t) if lag <= 0.0 else self.total(t) + lag * self.slope(t)
 
     def _between(self, table: list[float], t: float) -> float:
-        place = (t - self._begin) / self._spacing
-        if place <= 0.0:
-            return table[0]
-        if place >= self._last:
-            return table[self._last]
-        index = int(place)
-        low = table[index]
-        return low + (place - index) * (table[index + 1] - low)
+        return interpolated(table, (t - self._begin) / self._spacing)

@@ -1,17 +1,18 @@
-"""Prediction by a copy of the whole nominal train: any law, printed ones too, on a train that answers at once.
+"""Prediction by a simulated copy of the whole nominal train (Smith predictor of the multi-mass train).
 
-Shows a law the train it was written for: one that answers at once.
+The law controls a train without delay. This is the train for which the published laws were written.
 
 The copy runs T = tau + Ta ahead of the real train, with ideal actuators and the same brake policy, and is driven by the
-commands that are sent. The law sees the copy, put right by what the real train is off from where the copy was T ago
-(a Smith predictor of the full multi-mass train; one of the rigid train does not help a long one)::
+commands sent. The law receives the state of the copy, corrected by the difference between the real train and the copy
+T ago::
 
-    x_seen = x_copy(t + T) + x(t) - x_copy(t)       the same for v;  coupler and shoe forces are the copy's
+    x_law = x_copy(t + T) + x(t) - x_copy(t)        the same for v;  coupler and shoe forces are those of the copy
 
-The lag is taken as so much more delay. The mismatch of train and model acts undamped for T: on daqin_heavy_haul `smc`
-has an RMSE of .009 km/h nominally and .15 with moderate mismatch, where `twin` with `pid` has .005 and .07.
+The lag counts as additional delay. The mismatch between train and model acts undamped for T: on daqin_heavy_haul `smc`
+has an RMSE of .009 km/h nominally and .15 with moderate mismatch; `twin` with `pid` has .005 and .07. A Smith
+predictor of the rigid train does not improve the control of a long train.
 
-Needs: the model's consist and line whole, since all its vehicles are simulated; any law (`gpc` with ``delay: none``).
+Needs: consist and line of the model, since all vehicles are simulated; any law (`gpc` with ``delay: none``).
 """
 
 from __future__ import annotations
@@ -23,28 +24,28 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from plant_sim.train import Train
-from train_ato.compensate.contract import Situation, View
-from train_ato.compensate.copy import nominal_copy
-from train_ato.compensate.none import NoCompensation
-from train_ato.control.contract import parameter
-from train_ato.types import Array
+from train_ato.control.air_brake.shoes import ShoeForces
+from train_ato.control.compensation.base import CompensationBase, UnitState
+from train_ato.control.compensation.contract import CompensationInput
+from train_ato.control.compensation.nominal_train import nominal_copy
+from train_ato.control.compensation.preview import PreviewParameters
+from train_ato.control.contract import LawInput, parameter
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
-    from train_ato.brake.policy import BrakePolicy
-    from train_ato.model import TrainModel
+    from train_ato.control.air_brake.policy import BrakePolicy
+    from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)
-class TrainPredictorParameters:
+class TrainPredictorParameters(PreviewParameters):
     """Parameters of :class:`TrainPredictor`."""
 
-    lag: bool = parameter(True, "", 0, 1, "predict over the actuators' lag as well as the delay")
-    delay_factor: float = parameter(1.0, "1", 0.0, 10.0, "predict over so many times the model's delay")
     step: float = parameter(0.005, "s", 1e-4, 0.1, "integration step of the copy")
 
 
-class TrainPredictor(NoCompensation):
-    """State and coupler forces predicted by a copy of the whole nominal train."""
+class TrainPredictor(CompensationBase):
+    """State and coupler forces predicted by a simulated copy of the nominal train."""
 
     Parameters: ClassVar[type] = TrainPredictorParameters
     predicts: ClassVar[bool] = True
@@ -61,54 +62,45 @@ class TrainPredictor(NoCompensation):
         self._start = self._t = 0.0
 
     def set_brake_policy(self, policy: BrakePolicy) -> None:
-        """Take the policy that the copy's own air brake follows."""
+        """Set the policy for the air brake of the copy."""
         self._policy = policy if self.model.consist.air_brake is not None else None
 
     def reset(self) -> None:
-        """Begin anew with the next step."""
+        """Discard the copy; the next step starts a new one."""
         super().reset()
         self._copy = None
         self._past.clear()
 
-    def sent(self, force: Array) -> None:
-        """Take note of the command of this step."""
+    def on_command_sent(self, force: Array) -> None:
+        """Store the command of this step [N], shape (units,)."""
         self._sent = force
 
-    def see(self, now: Situation) -> View:
-        """Return the train as it will be when the command has its effect."""
+    def step(self, inputs: CompensationInput) -> LawInput:
+        """Return the predicted state of the time of effect."""
+        t = inputs.t
         if self._copy is None:
-            self._begin(now.t)
+            self._begin(t)
             self._remember()
-        for _ in range(round((now.t - self._t) / self.period)):
+        for _ in range(round((t - self._t) / self.period)):
             self._advance()
             self._remember()
-        self._t = now.t
+        self._t = t
         copy = self._copy
         assert copy is not None
-        units = list(self.model.units)
-        position, velocity = self._past[-1]
-        then_position, then_velocity = self._past[0]
-        place, speed, acceleration, jerk = self.rigid.profile.at(now.t + self._lead)
-        shoes = copy.shoe_force
-        return View(
-            position=position + now.position - then_position,
-            velocity=velocity + now.velocity - then_velocity,
-            applied=copy.applied,
-            reference_position=place - self._offsets,
-            reference_velocity=speed * self._one,
-            reference_acceleration=acceleration * self._one,
-            acting_time=now.t + self._lead,
-            lead=0.0,
-            acting_acceleration=acceleration,
-            acting_jerk=jerk,
-            feedforward=self.shared(self.rigid.total(now.t + self._lead) + float(shoes.sum())),
-            shoe_force=shoes[units],
-            train_shoe_force=float(shoes.sum()),
-            coupler_force=copy.coupler_force[list(self.model.sensors)],
+        (position, velocity), (then_position, then_velocity) = self._past[-1], self._past[0]
+        measured = inputs.measurement
+        state = UnitState(
+            position + measured.position - then_position, velocity + measured.velocity - then_velocity, copy.applied
         )
+        forces = copy.shoe_force
+        shoes = ShoeForces(float(forces.sum()), forces[list(self.model.units)])
+        effect = t + self._lead
+        feedforward = self.shared(self.rigid.total(effect) + shoes.total)
+        couplers = copy.coupler_force[list(self.model.sensors)]
+        return self.law_input(inputs, effect, feedforward, shoes, state, couplers)
 
     def _begin(self, t: float) -> None:
-        """Make the copy as the real train is to be now, and let it run ahead without a command."""
+        """Start the copy at the reference state and advance it by the lead without a command."""
         self._copy = nominal_copy(self.model, self.rigid.profile, t, self.period, self.parameters.step)
         self._start = self._t = t
         self._sent = np.zeros(self.model.n_units)

@@ -1,1 +1,1 @@
-"""One file per law."""
+"""Control laws, one per file."""

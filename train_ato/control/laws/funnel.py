@@ -1,10 +1,11 @@
-"""Dynamic-surface funnel control with input delay and saturation, paper 003, eqs. (6)-(28), for the train as a whole.
+"""Dynamic-surface funnel control with input delay and saturation, paper 003, eqs. (6)-(28), for the whole train.
 
-The errors of position and speed are kept inside boundaries that narrow with time and widen while the force is at its
-limit; the gain rises towards the boundary. A delay state takes the input delay out of the speed error, a network finds
-the resistance.
+Boundaries (funnels) limit the errors of position and speed; they narrow with time and widen while the force is at its
+limit, and the gain rises towards the boundary. A delay state removes the input delay from the speed error, and a
+network estimates the resistance.
 
-m the train's inertia, s and v its mean position and speed (by the units' shares), the force split over the units::
+m the inertia of the train, s and v its mean position and speed (weighted by the shares of the units), the force split
+over the units::
 
     e1 = s - s_d,  e2 = v - alpha1 - h,  alpha_bar = -k1 e1 + v_d                                (6), (12), (20)
     k_i = k_i0/(1 - e_i²/phi_i²)                                                                  (12), (23)
@@ -16,23 +17,24 @@ m the train's inertia, s and v its mean position and speed (by the units' shares
 
 ``variant: corrected``:
 
-1. lam_h in 1/s: the print's lambda = 5 inside (...)/m leaks with 24 hours, e1 -> h/k1, and Theorem 1 does not hold.
-   Keep lam_h tau <= 0.5.
-2. e²/phi² is clipped at 0.5: outside the funnel the print's k_i turn negative, which is its "kilometres of error".
-3. beta2 = 1e-4 (3 cm/s): the print's funnel of 9e-5 m/s no sampled loop can hold.
-4. alpha1' = a_d - k1 (v - v_d) in place of the 5 ms filter (13), which turns 0.1 m of noise into MN/s.
-5. h runs on sat(u), here the force sent and the force measured; learning (in m/s², with the minus sign lost in
-   (27), (28)) holds while the force is at a limit.
+1. lam_h in 1/s: lambda = 5 inside (...)/m in the paper gives a leak of 24 hours, e1 -> h/k1, and Theorem 1 does not
+   hold. Choose lam_h tau <= 0.5.
+2. e²/phi² is clipped at 0.5: outside the funnel the printed k_i become negative, the cause of "kilometres of error".
+3. beta2 = 1e-4 (3 cm/s): no sampled loop stays inside the funnel of 9e-5 m/s of the paper.
+4. alpha1' = a_d - k1 (v - v_d) in place of the 5 ms filter (13), which converts 0.1 m of noise into MN/s.
+5. h uses sat(u), here the force sent and the force measured. Learning (in m/s², with the minus sign that (27), (28)
+   lack) is held while the force is at a limit.
 
 ``variant: printed`` keeps (13) with Mh' = gamma_M |z| (19), sigma(t) = .001 exp(-.001 t) + .0001, the leak, k_i0 = 1,
-beta2 = 3e-7, runs h on the unlimited u, now and a delay ago, and learns on at a limit; the sign of (27), (28) is
-repaired and e²/phi² clipped in it as well, unless ``outside: printed`` lets the gains turn negative. Its dynamic funnel
-equals fixed gains k1 = k2 = 1 to four digits once a saturation has been (phi2 grows like e^t and never comes back).
-``funnel: prescribed`` narrows without regard to saturation, the paper's comparison; ``fixed`` holds the boundaries.
+beta2 = 3e-7, uses the unlimited u for h, now and a delay ago, and learns at a limit; the sign of (27), (28) is
+corrected and e²/phi² clipped as well, unless ``outside_funnel: printed`` allows negative gains. After a saturation its
+dynamic funnel equals fixed gains k1 = k2 = 1 to four digits (phi2 grows like e^t and does not return).
+``funnel: prescribed`` narrows without regard to saturation, the comparison of the paper; ``fixed`` keeps the boundaries
+constant.
 
-Needs: any train; several units are steered as one. Inertia and shares, for ``resistance: model`` the nominal resistance
-and line as well. The delay state replaces a predictor (with one, set ``delay_state: false``). No feed-forward:
-compensations that give only that are refused.
+Needs: any train; several units are controlled as one. Inertia and shares; for ``resistance: model`` also the nominal
+resistance and line. The delay state replaces a predictor (with one, set ``delay_state: false``). It uses no
+feed-forward: compensations that give only a feed-forward are rejected.
 """
 
 from __future__ import annotations
@@ -43,17 +45,19 @@ from dataclasses import dataclass
 from operator import sub
 from typing import TYPE_CHECKING, ClassVar
 
+from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.rbf import Weights, activations
 from train_ato.control.contract import LawInput, parameter
-from train_ato.control.parts.guard import GuardedLaw
-from train_ato.control.parts.rbf import Weights, bells
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
 P1, A1, A2, BETA1, PRINTED_BETA2 = 1.05, 0.0035, 0.0034, 6e-4, 3e-7
+"""Constants of the funnels (7), (8): 1, 1/s, 1/s, m/s, m/s²; values of paper 003."""
 IOTA, GAMMA_M, PRINTED_LEAK = 0.005, 0.5, 5.0
-WIDEST = 1e4
-"""Cap of the funnels [m, m/s]."""
+"""Time constant of the filter (13) [s], rate of its bound (19), and lambda of (21): values of paper 003."""
+MAX_FUNNEL = 1e4
+"""Largest width of the funnels [m, m/s]."""
 FILTER_STEP = 1e-3
 """Step of the printed filter (13) within a sample [s]."""
 
@@ -62,30 +66,42 @@ FILTER_STEP = 1e-3
 class FunnelParameters:
     """Parameters of :class:`Funnel`."""
 
-    variant: str = parameter("corrected", "", 0, 0, "corrected, or as printed", choices=("corrected", "printed"))
+    variant: str = parameter(
+        "corrected", "", 0, 0, "corrected, or as printed in the paper", choices=("corrected", "printed")
+    )
     funnel: str = parameter(
-        "dynamic", "", 0, 0, "funnels widen in saturation, narrow all the same, or stand still",
+        "dynamic", "", 0, 0, "funnels widen in saturation, narrow regardless, or are constant",
         choices=("dynamic", "prescribed", "fixed"),
     )  # fmt: skip
     resistance: str = parameter(
         "network", "", 0, 0, "f from the network, from the model, or both", choices=("network", "model", "both")
     )
-    k10: float = parameter(0.3, "1/s", 0.0, 100.0, "gain on the position error; print 1, taken by variant printed")
-    k20: float = parameter(0.7, "1/s", 0.0, 100.0, "gain on the speed error; print 1, taken by variant printed")
-    lam_h: float = parameter(5.0, "1/s", 0.0, 1e3, "leak of the delay state; .5/tau where the delay is uncertain")
-    delay_state: bool = parameter(True, "", 0, 1, "keep h; not needed under a predictor")
+    k10: float = parameter(0.3, "1/s", 0.0, 100.0, "gain on the position error; 1 in variant printed")
+    k20: float = parameter(0.7, "1/s", 0.0, 100.0, "gain on the speed error; 1 in variant printed")
+    lam_h: float = parameter(5.0, "1/s", 0.0, 1e3, "leak of the delay state; .5/tau for an uncertain delay")
+    delay_state: bool = parameter(True, "", 0, 1, "use the delay state h; not needed with a predictor")
     beta2: float = parameter(1e-4, "m/s²", 0.0, 1.0, "floor of the speed funnel times a2, corrected variant")
-    phi1: float = parameter(0.5, "m", 1e-6, WIDEST, "position funnel at the start")
-    phi2: float = parameter(0.1, "m/s", 1e-6, WIDEST, "speed funnel at the start")
-    outside: str = parameter(
-        "clip", "", 0, 0, "outside the funnel clip e²/phi², or let k_i turn negative", choices=("clip", "printed")
-    )
+    phi1: float = parameter(0.5, "m", 1e-6, MAX_FUNNEL, "initial position funnel")
+    phi2: float = parameter(0.1, "m/s", 1e-6, MAX_FUNNEL, "initial speed funnel")
+    outside_funnel: str = parameter(
+        "clip", "", 0, 0, "outside the funnel: clip e²/phi², or negative k_i as printed",
+        choices=("clip", "printed"), formerly="outside",
+    )  # fmt: skip
     clip: float = parameter(0.5, "1", 0.0, 0.999, "largest e²/phi²")
-    delta: float = parameter(1e-3, "m/s", 1e-9, 10.0, "floor of |e2| in (8)")
+    delta: float = parameter(1e-3, "m/s", 1e-9, 10.0, "smallest |e2| in (8)")
     gamma_w: float = parameter(0.05, "1/s²", 0.0, 100.0, "learning rate of the network")
-    gamma_eps: float = parameter(0.3, "1/s²", 0.0, 100.0, "learning rate of its offset")
-    bells: int = parameter(11, "1", 1, 101, "bells of the network")
-    fastest: float = parameter(100.0, "m/s", 1.0, 200.0, "speed of the last bell; the width is their distance")
+    bias_rate: float = parameter(
+        0.3, "1/s²", 0.0, 100.0, "gamma_eps, learning rate of the bias of the network", formerly="gamma_eps"
+    )
+    rbf_centers: int = parameter(11, "1", 1, 101, "number of centres of the network", formerly="bells")
+    max_speed: float = parameter(
+        100.0,
+        "m/s",
+        1.0,
+        200.0,
+        "speed of the last centre; the width is the distance of the centres",
+        formerly="fastest",
+    )
     weight_limit: float = parameter(2.0, "m/s²", 0.0, 100.0, "largest magnitude of a weight")
 
 
@@ -93,7 +109,7 @@ class Funnel(GuardedLaw):
     """Dynamic-surface funnel control with a delay state and a network (paper 003)."""
 
     Parameters: ClassVar[type] = FunnelParameters
-    leaves_feedforward = "this law brings its own equivalent control: choose pid, rbf_switching_smc or smc for it"
+    uses_feedforward = False
 
     def __init__(self, parameters: FunnelParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
@@ -102,36 +118,36 @@ class Funnel(GuardedLaw):
         self._k10, self._k20, self._beta2 = (1.0, 1.0, PRINTED_BETA2) if self._printed else (p.k10, p.k20, p.beta2)
         leak = PRINTED_LEAK / model.inertia if self._printed else p.lam_h
         self._leak = leak
-        self._keep = math.exp(-leak * period)
+        self._decay = math.exp(-leak * period)
         self._charge = -math.expm1(-leak * period) / leak if leak > 0.0 else period
-        self._width = p.fastest / max(1, p.bells - 1)
-        self._clip, self._flips = float(p.clip), p.outside == "printed"
+        self._width = p.max_speed / max(1, p.rbf_centers - 1)
+        self._clip, self._negative_gains = float(p.clip), p.outside_funnel == "printed"
         self._narrow = math.exp(-A2 * period)
-        self._centres = [index * self._width for index in range(p.bells)]
-        self._weights = Weights([0.0] * p.bells, p.weight_limit)
-        self.forget()
+        self._centres = [index * self._width for index in range(p.rbf_centers)]
+        self._weights = Weights([0.0] * p.rbf_centers, p.weight_limit)
+        self.clear_state()
 
-    def forget(self) -> None:
-        """Close the funnels, empty the delay state and the network."""
+    def clear_state(self) -> None:
+        """Reset funnels, delay state and network."""
         self._weights.reset()
-        self._offset = 0.0
+        self._bias = 0.0
         self.phi1, self.phi2 = self.parameters.phi1, self.parameters.phi2
         self._h, self._bound, self._t = 0.0, 0.0, 0.0
         self._alpha: float | None = None
         self._wanted: float | None = None
-        self._beyond: deque[float] = deque(maxlen=1 + round(float(self.model.delay.mean()) / self.period))
+        self._excess: deque[float] = deque(maxlen=1 + round(float(self.model.delay.mean()) / self.period))
 
-    def missed(self) -> None:
-        """Start the filter anew at the next sample."""
+    def on_missed_sample(self) -> None:
+        """Handle a missed sample: the filter restarts at the next one."""
         self._alpha = None
 
     def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force wanted [N]."""
+        """Return the force demand of every unit [N]."""
         mass = self.model.inertia
         place_error = self.mean(list(map(sub, inputs.position.tolist(), inputs.reference_position.tolist())))
         speed, target = self.mean(inputs.velocity.tolist()), self.mean(inputs.reference_velocity.tolist())
         pull = self.mean(inputs.reference_acceleration.tolist())
-        self._remember(inputs)
+        self._advance_delay_state(inputs)
         k1 = self._gain(self._k10, place_error, self.phi1)
         alpha, rate = self._surface(target - k1 * place_error, pull - k1 * (speed - target))
         error = speed - alpha - self._h
@@ -142,28 +158,28 @@ class Funnel(GuardedLaw):
         self._wanted = wanted
         return [wanted * share for share in self.share]
 
-    def _remember(self, inputs: LawInput) -> None:
-        """Move the delay state (21) over the sample that ends here."""
+    def _advance_delay_state(self, inputs: LawInput) -> None:
+        """Integrate the delay state (21) over the last sample."""
         if self._wanted is None or not self.parameters.delay_state:
             return
-        sent, acting = sum(self._held), sum(inputs.applied.tolist())
+        sent, acting = sum(self._last_force), sum(inputs.applied.tolist())
         if self._printed:
-            self._beyond.append(self._wanted - sent)
-            sent, acting = self._wanted, acting + self._beyond[0]
+            self._excess.append(self._wanted - sent)
+            sent, acting = self._wanted, acting + self._excess[0]
         missing = (acting - sent) / self.model.inertia
-        self._h = self._keep * self._h + self._charge * missing
+        self._h = self._decay * self._h + self._charge * missing
 
     def _gain(self, gain: float, error: float, boundary: float) -> float:
         inside = (error / boundary) ** 2
-        if self._flips:
+        if self._negative_gains:
             return gain / (1.0 - inside) if abs(1.0 - inside) > 1e-9 else gain * 1e9
         return gain / (1.0 - min(inside, self._clip))
 
     def _surface(self, aim: float, slope: float) -> tuple[float, float]:
-        """Return alpha1 and its derivative: those of the aim, or of the printed filter (13), (19).
+        """Return alpha1 [m/s] and its derivative [m/s²]: those of the aim, or of the printed filter (13), (19).
 
-        The filter is faster than most samples; its derivative is the mean over the sample, because at the sample's end
-        it has settled and its own is 0.  After a gap it begins settled, with the aim's slope.
+        The filter is faster than most samples. Its derivative is the mean over the sample, because the filter settles
+        within the sample. After a gap the filter starts settled, with the slope of the aim.
         """
         if not self._printed:
             return aim, slope
@@ -176,31 +192,30 @@ class Funnel(GuardedLaw):
             z = self._alpha - aim
             sigma = 1e-3 * math.exp(-1e-3 * self._t) + 1e-4
             rate = -z / IOTA - self._bound**2 * z / math.sqrt((self._bound * z) ** 2 + sigma * sigma)
-            self._bound = min(self._bound + h * GAMMA_M * abs(z), WIDEST)
+            self._bound = min(self._bound + h * GAMMA_M * abs(z), MAX_FUNNEL)
             self._alpha += h * rate
             self._t += h
         return self._alpha, slope if fresh else (self._alpha - before) / self.period
 
     def _resistance(self, inputs: LawInput, speed: float, error: float) -> float:
-        """Return f_hat [N] and learn."""
+        """Return f_hat [N] and update the weights."""
         p = self.parameters
         model = self.model
         force = 0.0
         if p.resistance != "network":
-            place = float(inputs.position[0] + model.offsets[0])
-            force = model.running_resistance(speed) + model.line_force(place) + inputs.train_shoe_force
+            force = model.resisting_force(model.front(inputs.position), speed, inputs.train_shoe_force)
         if p.resistance == "model":
             return force
-        hidden = bells((speed,), self._centres, self._width)
-        found = self._weights.output(hidden) + self._offset
-        if self._printed or not any(self.cut):
+        hidden = activations((speed,), self._centres, self._width)
+        found = self._weights.output(hidden) + self._bias
+        if self._printed or not any(self.saturated):
             self._weights.learn(-p.gamma_w * error * self.period, hidden)
-            offset = self._offset - p.gamma_eps * error * self.period
-            self._offset = min(max(offset, -p.weight_limit), p.weight_limit)
+            bias = self._bias - p.bias_rate * error * self.period
+            self._bias = min(max(bias, -p.weight_limit), p.weight_limit)
         return force + model.inertia * found
 
     def _widen(self, wanted: float, error: float, inputs: LawInput) -> None:
-        """Move the funnels (7), (8) over the coming sample."""
+        """Integrate the funnels (7), (8) over the next sample."""
         if self.parameters.funnel == "fixed":
             return
         h, beta2, before = self.period, self._beta2, self.phi2
@@ -208,9 +223,9 @@ class Funnel(GuardedLaw):
         wide = (before - rest) * self._narrow + rest
         low, high = sum(inputs.force_min.tolist()), sum(inputs.force_max.tolist())
         if not low <= wanted <= high and self.parameters.funnel == "dynamic":
-            cut = abs(wanted - min(max(wanted, low), high)) / self.model.inertia
-            grow = cut / max(abs(error), self.parameters.delta)
+            excess = abs(wanted - min(max(wanted, low), high)) / self.model.inertia
+            grow = excess / max(abs(error), self.parameters.delta)
             wide *= math.exp(min(grow * h, 20.0))
-        self.phi2 = min(wide, WIDEST)
+        self.phi2 = min(wide, MAX_FUNNEL)
         slope = P1 * before - A1 * self.phi1 + BETA1 - P1 * beta2 / A2
-        self.phi1 = min(max(self.phi1 + h * slope, BETA1 / A1), WIDEST)
+        self.phi1 = min(max(self.phi1 + h * slope, BETA1 / A1), MAX_FUNNEL)

@@ -1,7 +1,7 @@
-"""Nonlinear generalised predictive control, paper 004, eqs. (4)-(22): one loop for the train's mean speed, or per unit.
+"""Nonlinear generalised predictive control, paper 004, eqs. (4)-(22): one loop for the mean speed, or one per unit.
 
-Predicts the speed over a few long samples, chooses the commands that bring it nearest to the reference there, and sends
-the first. Model and unexplained rest are learnt while the train runs.
+The law predicts the speed over a few long samples, computes the commands with the smallest deviation from the reference
+there, and sends the first. The parameters of the model and its residual are identified online.
 
 Per loop, v speed, u command acceleration (force over inertia), every ``sampling`` seconds::
 
@@ -13,85 +13,101 @@ Per loop, v speed, u command acceleration (force over inertia), every ``sampling
     theta += mu x e/(1 + x'x),  e = v - v_hat,  mu = 1 if |e| > 2 Delta, else 0                   (10), (11)
     xi_hat = W s(V z + mu2) + mu1, z the last three v and u, by back-propagation on the residual
 
-Corrections and what decides everything:
+Corrections and properties:
 
-* (10) prints e = w - v_hat, which diverges.
-* N = 3, Nu = 2 do not see beyond the delay at a short sampling: with 1.2 s of delay a pole is outside the unit circle
-  at 0.4 s and less whatever lam is, with 1.1 s at 0.3 s; ``sampling`` 1.2 s works. In between the command is held.
+* e = w - v_hat, as printed in (10), diverges.
+* With a short sampling the horizons N = 3, Nu = 2 are shorter than the delay: with 1.2 s of delay a pole is outside the
+  unit circle at 0.4 s and less for any lam, with 1.1 s at 0.3 s; ``sampling`` 1.2 s works. In between the command is
+  held.
 * Identification on increments of v, A = (1 - z⁻¹) A': the projection on v itself only moves the pole at 1.
-* xi takes the resistance, grades and couplers: the network acts as a slow integrator; the raw residual destabilises.
-* ``modelled: true`` adds the force that the nominal resistance, grades and air brake need; u and xi are of the rest.
-* ``beyond: zero`` is the print's u = 0 after Nu; ``hold`` holds the last one.
-* Independent laws on coupled units (``loops: unit``) fight over the couplers and are unstable on a coupled train.
-* Nominal A, B by Padé and zero-order hold from the model's delay, one set for traction and one for braking.
-* Predicts through its own delay model: run it with compensation `none`; under `predictor` set ``delay: none``.
+* xi contains resistance, grades and couplers: the network acts as a slow integrator; the raw residual destabilises.
+* ``resistance_feedforward: true`` adds the force for the nominal resistance, grades and air brake; u and xi are then
+  without it.
+* ``beyond_horizon: zero`` is u = 0 after Nu as in the paper; ``hold`` repeats the last command.
+* Independent laws on coupled units (``structure: unit``) act against each other through the couplers and are unstable
+  on a coupled train.
+* Nominal A, B by Padé and zero-order hold from the delay of the model, one set for traction and one for braking.
+* The law contains its own delay model: use compensation `none`; with `predictor` set ``delay: none``.
 
-Needs: any train; delay and lag of the model, and the reference ahead (it asks for the preview itself). It predicts over
-the delay on its own: under `predictor` and `train_predictor` it is refused unless ``delay: none``. No feed-forward:
-compensations that give only that are refused. Meant for trains that answer as one mass; on a long one with a horizon of
-20 s, one command held over it, and ``modelled: true`` (`daqin_heavy_haul:tuned`).
+Needs: any train; delay and lag of the model, and the reference ahead. The law predicts over the delay by itself:
+`predictor` and `train_predictor` are rejected unless ``delay: none``. It uses no feed-forward: compensations that give
+only a feed-forward are rejected. It suits trains that move as one mass; a long train needs a horizon of 20 s, one
+command over it, and ``resistance_feedforward: true`` (`daqin_heavy_haul:tuned`).
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from train_ato.control.algorithms.diophantine import sampled_actuator
+from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.identification import Increments, ResidualNetwork
+from train_ato.control.algorithms.predictive_law import LinearLaw, linear_law
 from train_ato.control.contract import LawInput, parameter
-from train_ato.control.parts.diophantine import diophantine, response_and_past, sampled_actuator
-from train_ato.control.parts.guard import GuardedLaw
-from train_ato.control.parts.identification import Increments, Residual
-from train_ato.types import Array
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
-SLOWEST = 0.1
-"""Below this speed nothing is learnt: friction holds the train [m/s]."""
+MIN_LEARNING_SPEED = 0.1
+"""Speed up to which nothing is learnt, because friction holds the train [m/s]."""
 
 
 @dataclass(frozen=True)
 class GpcParameters:
     """Parameters of :class:`Gpc`."""
 
-    sampling: float = parameter(1.2, "s", 0.0, 10.0, "sampling of the law, rounded to its period; 0: the period")
+    sampling: float = parameter(
+        1.2, "s", 0.0, 10.0, "sampling period, rounded to a multiple of the control period; 0: the control period"
+    )
     n: int = parameter(3, "1", 1, 200, "N, prediction horizon")
     nu: int = parameter(2, "1", 1, 200, "Nu, control horizon")
-    lam: float = parameter(0.1, "s²", 0.0, 1e6, "lambda, weight of the command")
-    beyond: str = parameter("zero", "", 0, 0, "command beyond the control horizon", choices=("zero", "hold"))
-    loops: str = parameter("mean", "", 0, 0, "one loop on the mean speed, or one per unit", choices=("mean", "unit"))
-    delay: str = parameter("model", "", 0, 0, "delay in the law's model", choices=("model", "none"))
+    command_weight: float = parameter(0.1, "s²", 0.0, 1e6, "lam, weight of the command", formerly="lam")
+    beyond_horizon: str = parameter(
+        "zero", "", 0, 0, "command beyond the control horizon", choices=("zero", "hold"), formerly="beyond"
+    )
+    structure: str = parameter(
+        "mean", "", 0, 0, "one loop on the mean speed, or one per unit", choices=("mean", "unit"), formerly="loops"
+    )
+    delay: str = parameter("model", "", 0, 0, "delay in the model of the law", choices=("model", "none"))
     identify: str = parameter(
         "increments", "", 0, 0, "recursive identification", choices=("none", "increments", "absolute")
     )
-    dead_zone: float = parameter(0.02, "m/s", 0.0, 10.0, "Delta, largest error that is taken for noise")
-    unmodelled: bool = parameter(True, "", 0, 1, "estimate xi by the network")
-    modelled: bool = parameter(False, "", 0, 1, "add the force that the nominal resistance needs; the print does not")
-    rate: float = parameter(0.15, "1", 0.0, 1.0, "learning rate of the network, per sample")
+    dead_zone: float = parameter(0.02, "m/s", 0.0, 10.0, "Delta, largest error that counts as noise")
+    use_network: bool = parameter(True, "", 0, 1, "estimate xi by the network", formerly="unmodelled")
+    resistance_feedforward: bool = parameter(
+        False, "", 0, 1, "add the force for the nominal resistance; false in the paper", formerly="modelled"
+    )
+    learning_rate: float = parameter(0.15, "1", 0.0, 1.0, "learning rate of the network, per sample", formerly="rate")
     hidden: int = parameter(6, "1", 1, 50, "hidden neurons of the network")
-    position: float = parameter(0.0, "1/s", 0.0, 1.0, "gain on the position error, added to the reference; print 0")
+    position_gain: float = parameter(
+        0.0, "1/s", 0.0, 1.0, "gain on the position error, added to the reference; 0 in the paper", formerly="position"
+    )
 
 
 class Gpc(GuardedLaw):
     """Generalised predictive control with identification and a back-propagation network (paper 004)."""
 
     Parameters: ClassVar[type] = GpcParameters
-    leaves_feedforward = "this law brings its own equivalent control: choose pid, rbf_switching_smc or smc for it"
+    uses_feedforward = False
 
     def __init__(self, parameters: GpcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         p = parameters
         if p.nu > p.n:
-            raise ValueError(f"nu {p.nu} is longer than n {p.n}; the control horizon lies inside the prediction's")
+            raise ValueError(
+                f"nu {p.nu} is longer than n {p.n}; the control horizon cannot exceed the prediction horizon"
+            )
         if p.delay == "model":
-            self.predicts_delay = "this law predicts over the delay itself: set gpc.delay: none"
+            self.predicts_delay, self.delay_hint = True, "delay: none"
         self._every = max(1, round(p.sampling / period))
         self._sampling = self._every * period
         self.horizon = math.ceil(p.n * self._every) + 1
-        self._single = p.loops == "mean"
+        self._single = p.structure == "mean"
         forward, backward, lag = model.delay.tolist(), model.delay_brake.tolist(), model.lag
         if p.delay == "none":
             forward, backward = [0.0] * self.n, [0.0] * self.n
@@ -99,18 +115,18 @@ class Gpc(GuardedLaw):
             forward, backward = [self.mean(forward)], [self.mean(backward)]
         self._mass = [model.inertia] if self._single else (model.inertia * model.share).tolist()
         self._loops = [Loop(p, a, b, lag, self._sampling) for a, b in zip(forward, backward, strict=True)]
-        self.forget()
+        self.clear_state()
 
-    def forget(self) -> None:
-        """Forget identified parameters, the network and the past."""
+    def clear_state(self) -> None:
+        """Clear identified parameters, network and past samples."""
         for loop in self._loops:
             loop.reset()
         self._count = 0
         self._wanted = [0.0] * self.n
         self._resisting = 0.0
 
-    def missed(self) -> None:
-        """Keep the samples' grid; where one falls into the gap the model's own prediction stands for it."""
+    def on_missed_sample(self) -> None:
+        """Handle a missed sample: the grid of samples continues, with the prediction of the model as measurement."""
         if self._count % self._every == 0:
             sent = [sum(self._sent())] if self._single else self._sent()
             for loop, force, mass in zip(self._loops, sent, self._mass, strict=True):
@@ -118,62 +134,62 @@ class Gpc(GuardedLaw):
         self._count += 1
 
     def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force wanted [N]; between samples the last one, but for the resistance."""
+        """Return the force demand of every unit [N]; constant between samples, except for the resistance."""
         if self._count % self._every == 0:
             self._wanted = self._sample(inputs)
         self._count += 1
-        if not self.parameters.modelled:
+        if not self.parameters.resistance_feedforward:
             return self._wanted
         self._resisting = self._resistance(inputs)
         return [force + self._resisting * share for force, share in zip(self._wanted, self.share, strict=True)]
 
     def _sent(self) -> list[float]:
-        """Return the last command without what was added for the resistance [N]."""
-        if not self.parameters.modelled:
-            return self._held
-        return [force - self._resisting * share for force, share in zip(self._held, self.share, strict=True)]
+        """Return the last command without the resistance feed-forward [N]."""
+        if not self.parameters.resistance_feedforward:
+            return self._last_force
+        return [force - self._resisting * share for force, share in zip(self._last_force, self.share, strict=True)]
 
     def _resistance(self, inputs: LawInput) -> float:
-        """Return what holds the nominal train back where it is to be when the command acts [N]."""
-        lead = inputs.lead if 0.0 <= inputs.lead < 100.0 else 0.0
+        """Return the resisting force of the nominal train on the reference at the time of effect [N]."""
         speed = float(inputs.reference_velocity[0])
-        place = float(inputs.reference_position[0] + self.model.offsets[0]) + speed * lead
-        speed += float(inputs.reference_acceleration[0]) * lead
-        return self.model.running_resistance(speed) + self.model.line_force(place) + inputs.train_shoe_force
+        place = self.model.front(inputs.reference_position) + speed * inputs.delay_to_effect
+        speed += float(inputs.reference_acceleration[0]) * inputs.delay_to_effect
+        return self.model.resisting_force(place, speed, inputs.train_shoe_force)
 
     def _sample(self, inputs: LawInput) -> list[float]:
-        """Return the force wanted until the next sample, without what is added for the resistance [N]."""
+        """Return the force demand until the next sample, without the resistance feed-forward [N]."""
         speeds: list[float] = inputs.velocity.tolist()
         errors: list[float] = (inputs.position - inputs.reference_position).tolist()
-        sent, cut = self._sent(), any(self.cut)
+        sent, saturated = self._sent(), any(self.saturated)
         if self._single:
             speeds, errors, sent = [self.mean(speeds)], [self.mean(errors)], [sum(sent)]
         ahead = self._ahead(inputs)
-        pushes = [
-            loop.step(speed, force / mass, ahead - self.parameters.position * error, cut)
+        accelerations = [
+            loop.step(speed, force / mass, ahead - self.parameters.position_gain * error, saturated)
             for loop, speed, force, mass, error in zip(self._loops, speeds, sent, self._mass, errors, strict=True)
         ]
         disturbance = inputs.disturbance.tolist()
         if self._single:
-            total = pushes[0] * self._mass[0] - sum(disturbance)
+            total = accelerations[0] * self._mass[0] - sum(disturbance)
             return [total * share for share in self.share]
-        return [push * mass - force for push, mass, force in zip(pushes, self._mass, disturbance, strict=True)]
+        return [
+            wanted * mass - force for wanted, mass, force in zip(accelerations, self._mass, disturbance, strict=True)
+        ]
 
     def _ahead(self, inputs: LawInput) -> Array:
-        """Return the reference speed at the coming samples, shape (N,)."""
+        """Return the reference speed at the next samples [m/s], shape (N,)."""
         preview: list[float] = inputs.preview.velocity.tolist()
         found = np.empty(self.parameters.n)
         now, pull = float(inputs.reference_velocity[0]), float(inputs.reference_acceleration[0])
         for j in range(self.parameters.n):
             later = (j + 1) * self._sampling
-            place = (later - inputs.lead) / self.period
-            value = _between(preview, place) if -0.5 <= place <= len(preview) - 0.5 else now + pull * later
-            found[j] = value if abs(value) < 1e3 else now
+            place = (later - inputs.delay_to_effect) / self.period
+            found[j] = _between(preview, place) if -0.5 <= place <= len(preview) - 0.5 else now + pull * later
         return found
 
 
 def _between(values: list[float], place: float) -> float:
-    """Return the value at a place between two entries, at an entry exactly."""
+    """Return the linear interpolation of a list at a place, exact at its entries."""
     index = round(place)
     if abs(place - index) < 1e-6 or not 0 < place < len(values) - 1:
         return values[index]
@@ -182,28 +198,28 @@ def _between(values: list[float], place: float) -> float:
 
 
 class Loop:
-    """One predictive loop: model, identification, network and past of one speed.
+    """Predictive loop of one speed: model, identification, network and past samples.
 
     Parameters
     ----------
     parameters
-        Of the law.
+        Parameters of the law.
     forward, backward
-        Delay in traction and braking [s].
+        Delay in traction and in braking [s].
     lag
-        s.
+        Lag of the actuator [s].
     sampling
-        s.
+        Sampling period [s].
     """
 
     def __init__(self, parameters: GpcParameters, forward: float, backward: float, lag: float, sampling: float) -> None:
-        self._p = parameters
+        self._parameters = parameters
         self._models = [Increments(*sampled_actuator(delay, lag, sampling)) for delay in (forward, backward)]
-        self._residual = Residual(parameters.hidden)
+        self._residual = ResidualNetwork(parameters.hidden)
         self.reset()
 
     def reset(self) -> None:
-        """Go back to the nominal model and an empty past."""
+        """Return to the nominal model and clear the past samples."""
         for model in self._models:
             model.reset()
         self._residual.reset()
@@ -212,31 +228,31 @@ class Loop:
         self._sent: list[float] = []
         self._xi = 0.0
 
-    def step(self, speed: float, sent: float, ahead: Array, cut: bool) -> float:
+    def step(self, speed: float, sent: float, ahead: Array, saturated: bool) -> float:
         """Return the command acceleration [m/s²].
 
         Parameters
         ----------
         speed
-            m/s.
+            Measured speed [m/s].
         sent
-            Acceleration that the last command asked for, as sent [m/s²].
+            Last command as sent [m/s²].
         ahead : Array, shape (N,)
-            Reference speed at the coming samples [m/s].
-        cut
+            Reference speed at the next samples [m/s].
+        saturated
             The last command was at a limit: nothing is learnt.
         """
         self._remember(speed, sent)
         side = int(self._sent[0] < 0.0)
-        if not cut and abs(speed) > SLOWEST:
+        if not saturated and abs(speed) > MIN_LEARNING_SPEED:
             self._learn(side)
         law = self._law(side)
         v, u = np.array(self._speeds[:3]), np.array(self._sent[:2])
         wanted = law.scale * (law.tracking @ ahead) - law.feedback @ v - law.past @ u
-        return float(wanted) - self._xi * law.unmodelled
+        return float(wanted) - self._xi * law.residual
 
     def coast(self, sent: float) -> None:
-        """Take a sample without a measurement: the speed is what the model says, and nothing is learnt."""
+        """Add a sample without measurement: the speed is the prediction of the model, and nothing is learnt."""
         if self._speeds:
             commands = [sent, *self._sent[:3]]
             model = self._models[int(sent < 0.0)]
@@ -247,10 +263,10 @@ class Loop:
         self._sent = [sent, *self._sent[:3]] if self._sent else [0.0] * 4
 
     def _learn(self, side: int) -> None:
-        p, model = self._p, self._models[side]
+        p, model = self._parameters, self._models[side]
         left = model.miss(self._speeds, self._sent)
-        if p.unmodelled:
-            self._residual.learn(left, p.rate)
+        if p.use_network:
+            self._residual.learn(left, p.learning_rate)
             self._xi = self._residual.estimate(self._speeds[:3], self._sent[:3])
         if p.identify != "none":
             one_sided = all((u < 0.0) == (side == 1) for u in self._sent[:3])
@@ -260,41 +276,9 @@ class Loop:
                 self._laws[side] = None
 
     def _law(self, side: int) -> LinearLaw:
-        """Return the law of the present model, worked out anew when the model changed."""
+        """Return the linear law of the present model, computed again after a change of the model."""
         found = self._laws[side]
         if found is None:
             a, b = self._models[side].polynomials()
-            found = self._laws[side] = linear_law(a, b, self._p)
+            found = self._laws[side] = linear_law(a, b, self._parameters)
         return found
-
-
-class LinearLaw(NamedTuple):
-    """First command of (18): u = scale P w - Fc v - (Hc - 1) u - Lc xi."""
-
-    tracking: Array
-    feedback: Array
-    past: Array
-    unmodelled: float
-    scale: float
-
-
-def linear_law(a: Array, b: Array, p: GpcParameters) -> LinearLaw:
-    """Return the law for A(z⁻¹), B(z⁻¹): Fc = sum P_j F_j, Hc = 1 + z⁻¹ sum P_j H_j, Lc = sum P_j E_j(1), (19)."""
-    e, f = diophantine(a, p.n)
-    g, h = response_and_past(e, b, p.n)
-    rows = first_row(g, p)
-    feedback, past = rows @ f, rows @ h
-    scale = (a.sum() * (1.0 + past.sum()) / b.sum() + feedback.sum()) / rows.sum()
-    return LinearLaw(rows, feedback, past, float(rows @ np.cumsum(e)), float(scale))
-
-
-def first_row(g: Array, p: GpcParameters) -> Array:
-    """Return the first row of (G'QG + lam)⁻¹ G'Q, shape (N,)."""
-    matrix = np.zeros((p.n, p.nu))
-    for column in range(p.nu):
-        matrix[column:, column] = g[: p.n - column]
-    if p.beyond == "hold":
-        for row in range(p.nu, p.n):
-            matrix[row, p.nu - 1] = g[: row - p.nu + 2].sum()
-    gain = np.linalg.solve(matrix.T @ matrix + p.lam * np.eye(p.nu), matrix.T)
-    return np.asarray(gain[0])

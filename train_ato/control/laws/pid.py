@@ -1,29 +1,29 @@
 """PID with feed-forward, the baseline of papers 000 (section 3.1), 001 (eq. 15) and 004.
 
-Feed-forward does the work, three gains correct what is left of the speed error. It is the baseline that every other law
-is compared with: most of what the papers' laws gain over their own PID is the preview that theirs lacks.
+The feed-forward supplies most of the force, three gains correct the remaining speed error. Every other law is compared
+with this one: in papers 001, 003 and 004 most of the improvement of the law over its PID comes from the preview, which
+that PID does not have.
 
-Law, per unit, e = v - v_d (papers 001 and 004 write it with the other sign)::
+Law, per unit, e = v - v_d (with the opposite sign in papers 001 and 004)::
 
     u = u_ff - K (kp e + ki I + kd de/dt) - d_hat
-    I = int e dt, clamped to +-integral_limit; or, as default, the measured position error, clamped likewise
+    I = the measured position error (default), or int e dt; both clamped to +-integral_limit
     de/dt through a first-order filter of time constant derivative_time
 
 ``K`` is the unit's share of the train's inertia (``gains: per_mass``; kp in 1/s, ki in 1/s², kd dimensionless) or its
-share of 1 (``gains: force``; kp in N/(m/s), ki in N/m, kd in N s²/m). Paper 000 prints the second with 1e7, 1, 1: its
-error is then the force divided by 1e7.  ``u_ff`` makes the nominal train follow the reference at the time the command
-acts; the papers' own PID has none (``feedforward: false``).
+share of 1 (``gains: force``; kp in N/(m/s), ki in N/m, kd in N s²/m). Paper 000 prints the second form with 1e7, 1, 1;
+its error is then the force divided by 1e7. With ``u_ff`` the nominal train follows the reference at the time at which
+the command takes effect; the PID of the papers has no feed-forward (``feedforward: false``).
 
-The defaults suit a long train: above its first mode the locomotive feels the wave impedance of the couplers, about
-1e6 N s/m, not the train's mass, and K kp must stay below it.
+The defaults suit a long train. Above its first mode the locomotive does not move the mass of the train but a wave in
+the couplers, with a ratio of force to speed (wave impedance) of about 1e6 N s/m; K kp must be below it.
 
 ``filter_time`` smooths e in the first and third term only.
 
-Anti-windup: the integral holds while the unit is at a limit and the error drives it further.
+Anti-windup: the integral is held while the unit is at a limit and the error would increase it.
 
-Needs: any train. Of the model it takes inertia and shares, of the loop the feed-forward (``feedforward: true``), the
-estimate and the measured state; no coupler sensor. ``feedforward: false`` is refused under compensations that give
-nothing else (`pade`, `twin`).
+Needs: any train; inertia and shares of the model, measured state, and by default the feed-forward and the estimate; no
+coupler sensor. ``feedforward: false`` is rejected with compensations that give only a feed-forward (`pade`, `twin`).
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from dataclasses import dataclass
 from operator import sub
 from typing import TYPE_CHECKING, ClassVar
 
+from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.contract import LawInput, parameter
-from train_ato.control.parts.guard import GuardedLaw
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)
@@ -45,24 +45,29 @@ class PidParameters:
     """Parameters of :class:`Pid`."""
 
     gains: str = parameter(
-        "per_mass", "", 0, 0, "kp, ki, kd multiply the train's inertia, or are forces", choices=("per_mass", "force")
+        "per_mass",
+        "",
+        0,
+        0,
+        "kp, ki, kd are multiplied by the inertia of the train, or are forces",
+        choices=("per_mass", "force"),
     )
     kp: float = parameter(0.05, "1/s or N/(m/s)", 0.0, 1e9, "gain on the speed error")
     ki: float = parameter(0.001, "1/s² or N/m", 0.0, 1e9, "gain on the integral of the speed error")
-    kd: float = parameter(0.0, "1 or N s²/m", 0.0, 1e9, "gain on the rate of the speed error")
+    kd: float = parameter(0.0, "1 or N s²/m", 0.0, 1e9, "gain on the derivative of the speed error")
     integral: str = parameter(
         "position",
         "",
         0,
         0,
-        "take the measured position error as integral, or sum the speed error",
+        "integral: the measured position error, or the sum of the speed error",
         choices=("position", "speed"),
     )
-    integral_limit: float = parameter(20.0, "m", 0.0, 1e6, "clamp of the integral")
-    filter_time: float = parameter(0.0, "s", 0.0, 60.0, "low-pass filter of the speed error, against noise")
-    derivative_time: float = parameter(0.1, "s", 0.0, 60.0, "filter of the error's rate")
-    feedforward: bool = parameter(True, "", 0, 1, "add the force that the nominal train needs")
-    disturbance: bool = parameter(True, "", 0, 1, "take the observer's estimate off")
+    integral_limit: float = parameter(20.0, "m", 0.0, 1e6, "largest magnitude of the integral")
+    filter_time: float = parameter(0.0, "s", 0.0, 60.0, "time constant of the low-pass filter of the speed error")
+    derivative_time: float = parameter(0.1, "s", 0.0, 60.0, "time constant of the filter of the derivative")
+    feedforward: bool = parameter(True, "", 0, 1, "add the feed-forward force of the nominal train")
+    disturbance: bool = parameter(True, "", 0, 1, "subtract the estimate of the observer")
 
 
 class Pid(GuardedLaw):
@@ -75,34 +80,35 @@ class Pid(GuardedLaw):
         scale = model.inertia if parameters.gains == "per_mass" else 1.0
         gains = (parameters.kp, parameters.ki, parameters.kd)
         self._gains = [tuple(scale * share * gain for gain in gains) for share in model.share.tolist()]
-        self._keep = math.exp(-period / parameters.derivative_time) if parameters.derivative_time > 0 else 0.0
-        self._smooth = math.exp(-period / parameters.filter_time) if parameters.filter_time > 0 else 0.0
-        if not parameters.feedforward:
-            self.leaves_feedforward = "this law is told to leave it: set pid.feedforward: true"
+        self._derivative_decay = (
+            math.exp(-period / parameters.derivative_time) if parameters.derivative_time > 0 else 0.0
+        )
+        self._filter_decay = math.exp(-period / parameters.filter_time) if parameters.filter_time > 0 else 0.0
+        self.uses_feedforward, self.feedforward_hint = parameters.feedforward, "feedforward: true"
         self._of_position = parameters.integral == "position"
-        self._led, self._told = parameters.feedforward, parameters.disturbance
-        self._nothing = [0.0] * self.n
-        self.forget()
+        self._uses_estimate = parameters.disturbance
+        self._zeros = [0.0] * self.n
+        self.clear_state()
 
-    def forget(self) -> None:
-        """Empty the integrals and the derivative filter."""
+    def clear_state(self) -> None:
+        """Clear the integrals and the filters."""
         self._integral = [0.0] * self.n
         self._rate = [0.0] * self.n
         self._before: list[float] | None = None
         self._filtered: list[float] | None = None
 
-    def missed(self) -> None:
-        """Leave the gap out of the difference quotient."""
+    def on_missed_sample(self) -> None:
+        """Handle a missed sample: the difference quotient restarts."""
         self._before = None
 
     def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force wanted [N]."""
+        """Return the force demand of every unit [N]."""
         errors = list(map(sub, inputs.velocity.tolist(), inputs.reference_velocity.tolist()))
-        if self._smooth:
+        if self._filter_decay:
             errors = self._filter(errors)
         integrals = self._distances(inputs) if self._of_position else self._summed(errors)
-        known = inputs.feedforward.tolist() if self._led else self._nothing
-        disturbance = inputs.disturbance.tolist() if self._told else self._nothing
+        known = inputs.feedforward.tolist() if self.uses_feedforward else self._zeros
+        disturbance = inputs.disturbance.tolist() if self._uses_estimate else self._zeros
         wanted = []
         for unit, (kp, ki, kd) in enumerate(self._gains):
             error = errors[unit]
@@ -114,14 +120,14 @@ class Pid(GuardedLaw):
         return wanted
 
     def _filter(self, errors: list[float]) -> list[float]:
-        keep, before = self._smooth, errors if self._filtered is None else self._filtered
-        self._filtered = [now + keep * (old - now) for now, old in zip(errors, before, strict=True)]
+        decay, before = self._filter_decay, errors if self._filtered is None else self._filtered
+        self._filtered = [now + decay * (old - now) for now, old in zip(errors, before, strict=True)]
         return self._filtered
 
     def _derivative(self, unit: int, error: float) -> float:
         if self._before is not None:
             raw = (error - self._before[unit]) / self.period
-            self._rate[unit] = self._keep * self._rate[unit] + (1.0 - self._keep) * raw
+            self._rate[unit] = self._derivative_decay * self._rate[unit] + (1.0 - self._derivative_decay) * raw
         return self._rate[unit]
 
     def _distances(self, inputs: LawInput) -> list[float]:
@@ -131,10 +137,10 @@ class Pid(GuardedLaw):
         return [error if -limit <= error <= limit else math.copysign(limit, error) for error in errors]
 
     def _summed(self, errors: list[float]) -> list[float]:
-        """Return the summed speed errors, clamped; a unit at a limit holds its own while that drives it further [m]."""
+        """Return the clamped sums of the speed errors [m]; at a limit a sum is held if the error would increase it."""
         limit: float = self.parameters.integral_limit
         for unit, error in enumerate(errors):
-            if not (self.cut[unit] and (self._held[unit] > 0) == (error < 0)):
+            if not (self.saturated[unit] and (self._last_force[unit] > 0) == (error < 0)):
                 total = self._integral[unit] + error * self.period
                 self._integral[unit] = min(max(total, -limit), limit)
         return self._integral

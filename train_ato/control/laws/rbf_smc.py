@@ -1,6 +1,6 @@
-"""Sliding mode with an RBF network for the unmodelled part, paper 000, eqs. (23)-(29), (35).
+"""Sliding mode with an RBF network for the error of the model, paper 000, eqs. (23)-(29), (35).
 
-A small network learns from the surface what f_hat leaves out, and is added to it.
+A small network learns the error of f_hat from the surface; its output is added to f_hat.
 
 The law of :mod:`train_ato.control.laws.smc` with delta_hat added to f_hat::
 
@@ -8,12 +8,13 @@ The law of :mod:`train_ato.control.laws.smc` with delta_hat added to f_hat::
     delta_hat = W'h(chi),   chi = [e, e'],   h_j = exp(-|chi - c_j|²/(2 b²)),   c_j = .01 (-1 -.5 0 .5 1)  (25), (26)
     W' = +gamma S h                                                                                        (28)
 
-Corrections and additions: network inputs are clipped to the outermost centres (b = 0.005 makes the network blind beyond
-0.1 km/h, and bells that learn apart from each other give delta_hat a slope over e that excites the loop; the print is
-``clip: false``); weights are bounded and held while the force is at a limit or the measurement is not sound. Without
-the linear reaching term ``ks`` the pair S, W is an undamped oscillator of 55 s and the network makes tracking worse.
+Corrections and additions: network inputs are clipped to the outermost centres (with b = 0.005 the network has no
+response beyond 0.1 km/h, and centres that learn independently give delta_hat a slope over e that excites the loop;
+``clip: false`` in the paper). Weights are bounded, and held while the force is at a limit or the measurement is not
+valid. Without the linear reaching term ``ks`` the pair S, W is an undamped oscillator of 55 s, and the network makes
+the tracking worse.
 
-Needs: what `smc` needs.
+Needs: the same as `smc`.
 """
 
 from __future__ import annotations
@@ -21,49 +22,49 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from train_ato.control.algorithms.rbf import RBF_CENTERS, Weights, activations
 from train_ato.control.contract import parameter
 from train_ato.control.laws.smc import Smc, SmcParameters
-from train_ato.control.parts.rbf import CENTRES, Weights, bells
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)
 class RbfSmcParameters(SmcParameters):
-    """Parameters of :class:`RbfSmc`: those of `smc` and the network's."""
+    """Parameters of :class:`RbfSmc`: those of `smc` and of the network."""
 
     gamma: float = parameter(0.01, "1/s", 0.0, 100.0, "learning rate of the weights")
-    spread: float = parameter(0.01, "m, m/s", 1e-6, 100.0, "outermost centre of the five bells")
-    width: float = parameter(0.005, "m, m/s", 1e-6, 100.0, "b, width of a bell")
-    clip: bool = parameter(True, "", 0, 1, "clip the inputs to the outermost centres; the print does not")
+    spread: float = parameter(0.01, "m, m/s", 1e-6, 100.0, "outermost of the five centres")
+    width: float = parameter(0.005, "m, m/s", 1e-6, 100.0, "b, width of the Gaussian functions")
+    clip: bool = parameter(True, "", 0, 1, "clip the inputs to the outermost centres; false in the paper")
     weight_limit: float = parameter(1.0, "m/s²", 0.0, 1e3, "largest magnitude of a weight")
 
 
 class RbfSmc(Smc):
-    """Sliding mode with a 2-5-1 RBF network for the model's error (paper 000)."""
+    """Sliding mode with a 2-5-1 RBF network for the error of the model (paper 000)."""
 
     Parameters: ClassVar[type] = RbfSmcParameters
 
     def __init__(self, parameters: RbfSmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        self._centres = [parameters.spread * centre for centre in CENTRES]
-        self._weights = [Weights([0.0] * len(CENTRES), parameters.weight_limit) for _ in range(self.n)]
+        self._centres = [parameters.spread * centre for centre in RBF_CENTERS]
+        self._weights = [Weights([0.0] * len(RBF_CENTERS), parameters.weight_limit) for _ in range(self.n)]
 
-    def forget(self) -> None:
-        """Empty the integrals and the networks."""
-        super().forget()
+    def clear_state(self) -> None:
+        """Clear the integrals and the networks."""
+        super().clear_state()
         for weights in self._weights:
             weights.reset()
 
     def learnt(self, unit: int, error: float, rate: float, surface: float) -> float:
-        """Return delta_hat [m/s²], then learn."""
+        """Return delta_hat [m/s²] and update the weights."""
         p = self.parameters
         if p.clip:
             reach = p.spread
             error, rate = min(max(error, -reach), reach), min(max(rate, -reach), reach)
-        hidden = bells((error, rate), self._centres, p.width)
+        hidden = activations((error, rate), self._centres, p.width)
         found = self._weights[unit].output(hidden)
-        if not self.cut[unit]:
+        if not self.saturated[unit]:
             self._weights[unit].learn(p.gamma * surface * self.period, hidden)
         return found

@@ -1,9 +1,9 @@
-"""Sliding mode whose switching term is learnt by an RBF network, paper 001, eqs. (6)-(14).
+"""Sliding mode with a switching term learnt by an RBF network, paper 001, eqs. (6)-(14).
 
-A sliding mode switches by the full gain at every crossing of its surface, which a train feels as chattering. Here the
-jump is learnt by a network as a smooth function of the surface.
+A sliding mode switches by its full gain at every crossing of the surface, which causes chattering. Here a network
+learns the switching term as a smooth function of the surface.
 
-Per unit, e = x - x_d, s = c e + e' (7), everything as acceleration; M is the unit's share of the train's inertia::
+Per unit, e = x - x_d, s = c e + e' (7), all terms as accelerations, M the unit's share of the inertia of the train::
 
     u = u_eq + M u_n - d_hat                                                                            (12)
     u_eq = u_ff - M c e'                                        u_ff: v_d', resistance, delay and lag    (9)
@@ -11,22 +11,22 @@ Per unit, e = x - x_d, s = c e + e' (7), everything as acceleration; M is the un
     w_j(0) = -0.9 k_w r_j;  dw_j = -eta Tc s (ds/du) h_j;  w(l) = w(l-1) + dw + alpha (w(l-1) - w(l-2))  (13)
     e''_hat = sum v_j b_j(u(l-1), e''(l-1), e''(l-2)),  dv_j = +eta_v (e'' - e''_hat) b_j                (14)
 
-``switching: sign`` is (9) itself, -k_w sgn(s); ``tanh`` its usable form -k_w tanh(s/phi).
+``switching: sign`` is (9), -k_w sgn(s); ``tanh`` is the smooth form -k_w tanh(s/phi).
 
 Corrections:
 
-* The print uses measured derivatives and its own a_s' in u_eq: unstable. Here u_eq is the feed-forward that the
-  compensation makes from the *reference* (`pade`: the paper's eq. (5) corrected; `preview`: exact).
-* k = -269 is read as kN on 192 t: k_w = 1.40 m/s².
-* The print lost the minus sign, h_j and b_j, and takes E = e''²/2 as objective and e'' as input, which drifts by
-  tens of metres; here E = s²/2. ``objective: printed_acceleration`` is the literal one, kept to show that.
-* eta = 0.6 per sample is an integrator of 0.6/Tc: here it is a rate times Tc.
-* q is clipped, or the network had no authority exactly when the error is large; weights are bounded and held while the
+* The paper uses measured derivatives and its own a_s' in u_eq, which is unstable. Here u_eq is the feed-forward that
+  the compensation computes from the *reference* (`pade`: eq. (5) corrected; `preview`: exact).
+* k = -269 is interpreted as kN on 192 t: k_w = 1.40 m/s².
+* The printed equations lack the minus sign, h_j and b_j, and use E = e''²/2 as objective and e'' as input, which drifts
+  by tens of metres; here E = s²/2. ``objective: printed_acceleration`` is the printed form, to reproduce the drift.
+* eta = 0.6 per sample is an integrator of 0.6/Tc; here eta is a rate, multiplied by Tc.
+* q is clipped, because the network would have no response to large errors. Weights are bounded, and held while the
   force is at a limit.
-* The identification network's job is the sign of ds/du alone. Through a delay its samples do not belong together, so
-  its verdict counts only while it has explained e'' for a while; otherwise the physical sign (+) stands.
+* The identification network supplies only the sign of ds/du. With a delay its inputs and outputs do not correspond, so
+  its sign is used only while it has explained e'' for some time; otherwise the physical sign (+) is used.
 
-Needs: any train: the feed-forward of a compensation (with lag and delay `preview`, `pade`, `twin` or `predictor`),
+Needs: any train; the feed-forward of a compensation (with lag and delay `preview`, `pade`, `twin` or `predictor`),
 inertia and shares; no coupler sensor.
 """
 
@@ -36,16 +36,16 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.rbf import RBF_CENTERS, Weights, activations
+from train_ato.control.algorithms.sliding import sign
 from train_ato.control.contract import LawInput, parameter
-from train_ato.control.parts.guard import GuardedLaw
-from train_ato.control.parts.rbf import CENTRES, Weights, bells
-from train_ato.control.parts.sliding import sign
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
-START = -0.9
-"""w_j(0) over k_w r_j."""
+INITIAL_WEIGHT = -0.9
+"""Initial weight w_j(0) over k_w r_j."""
 
 
 @dataclass(frozen=True)
@@ -54,22 +54,22 @@ class RbfSwitchingSmcParameters:
 
     c: float = parameter(0.4, "1/s", 0.0, 100.0, "weight of the position error in the surface")
     k_w: float = parameter(1.40, "m/s²", 0.0, 100.0, "switching gain")
-    phi: float = parameter(2.0, "m/s", 1e-6, 1e3, "surface at which the network's input saturates")
+    phi: float = parameter(2.0, "m/s", 1e-6, 1e3, "surface from which the input of the network is clipped")
     switching: str = parameter(
-        "rbf", "", 0, 0, "switching term: learnt, smooth, or the bare relay", choices=("rbf", "tanh", "sign")
+        "rbf", "", 0, 0, "switching term: learnt, smooth, or a relay", choices=("rbf", "tanh", "sign")
     )
     objective: str = parameter(
         "surface",
         "",
         0,
         0,
-        "what learning minimises; printed_acceleration drifts away",
+        "objective of the learning; printed_acceleration drifts",
         choices=("surface", "printed_acceleration"),
     )
-    width: float = parameter(0.5, "1", 1e-3, 100.0, "d, width of a bell of RBFC")
-    eta: float = parameter(0.05, "1/s²", 0.0, 1e3, "learning rate of RBFC, times Tc a sample")
+    width: float = parameter(0.5, "1", 1e-3, 100.0, "d, width of the Gaussian functions of RBFC")
+    eta: float = parameter(0.05, "1/s²", 0.0, 1e3, "learning rate of RBFC; times Tc per sample")
     alpha: float = parameter(0.05, "1", 0.0, 0.99, "momentum of both networks")
-    identify: bool = parameter(True, "", 0, 1, "let RBFI tell the sign of ds/du")
+    identify: bool = parameter(True, "", 0, 1, "take the sign of ds/du from RBFI")
     eta_v: float = parameter(0.05, "1", 0.0, 1.0, "learning rate of RBFI, per sample")
     weight_limit: float = parameter(3.0, "m/s²", 0.0, 1e3, "largest magnitude of a weight")
 
@@ -83,14 +83,14 @@ class RbfSwitchingSmc(GuardedLaw):
         super().__init__(parameters, model, period)
         self._mass = (model.inertia * model.share).tolist()
         p = parameters
-        start = [START * p.k_w * centre for centre in CENTRES]
+        start = [INITIAL_WEIGHT * p.k_w * centre for centre in RBF_CENTERS]
         self._control = [Weights(start, p.weight_limit, p.alpha) for _ in range(self.n)]
         self._sensitivity = [Identification(p.eta_v, p.alpha) for _ in range(self.n)]
         self._literal = p.objective == "printed_acceleration"
-        self.forget()
+        self.clear_state()
 
-    def forget(self) -> None:
-        """Go back to the weights of the start."""
+    def clear_state(self) -> None:
+        """Return to the initial weights."""
         for weights in self._control:
             weights.reset()
         for network in self._sensitivity:
@@ -98,26 +98,26 @@ class RbfSwitchingSmc(GuardedLaw):
         self._rates: list[float] | None = None
         self._pull = [0.0] * self.n
 
-    def missed(self) -> None:
-        """Leave the gap out of the difference quotient."""
+    def on_missed_sample(self) -> None:
+        """Handle a missed sample: the difference quotient restarts."""
         self._rates = None
 
     def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force wanted [N]."""
+        """Return the force demand of every unit [N]."""
         errors = (inputs.position - inputs.reference_position).tolist()
         rates: list[float] = (inputs.velocity - inputs.reference_velocity).tolist()
         known, disturbance = inputs.feedforward.tolist(), inputs.disturbance.tolist()
         wanted = []
         for unit, (error, rate) in enumerate(zip(errors, rates, strict=True)):
-            jerked = 0.0 if self._rates is None else (rate - self._rates[unit]) / self.period
-            pull = self._switching(unit, self.parameters.c * error + rate, jerked)
+            error_acceleration = 0.0 if self._rates is None else (rate - self._rates[unit]) / self.period
+            pull = self._switching(unit, self.parameters.c * error + rate, error_acceleration)
             self._pull[unit] = pull
             wanted.append(known[unit] - disturbance[unit] + self._mass[unit] * (pull - self.parameters.c * rate))
         self._rates = rates
         return wanted
 
     def _switching(self, unit: int, surface: float, acceleration: float) -> float:
-        """Return u_n [m/s²] and learn."""
+        """Return u_n [m/s²] and update the weights."""
         p = self.parameters
         if p.switching == "sign":
             return float(-p.k_w * sign(surface))
@@ -125,40 +125,48 @@ class RbfSwitchingSmc(GuardedLaw):
             return float(-p.k_w * math.tanh(surface / p.phi))
         gain = self._sensitivity[unit].step(self._pull[unit], acceleration) if p.identify else 1.0
         aim, push = (acceleration, acceleration) if self._literal else (surface / p.phi, surface)
-        hidden = bells((min(max(aim, -1.0), 1.0),), CENTRES, p.width)
-        if not self.cut[unit]:
+        hidden = activations((min(max(aim, -1.0), 1.0),), RBF_CENTERS, p.width)
+        if not self.saturated[unit]:
             self._control[unit].learn(-p.eta * self.period * push * gain, hidden)
         return self._control[unit].output(hidden)
 
 
 class Identification:
-    """RBFI: predicts e'' from the last command and the last two e''; its slope over the command has a sign."""
+    """Network RBFI: prediction of e'' from the last command and the last two e''; its slope gives the sign of ds/du."""
 
-    TRUSTED = 0.2
-    """Mean part of e'' that is left unexplained below which the network's verdict counts."""
+    MAX_UNEXPLAINED = 0.2
+    """Mean unexplained part of e'' up to which the sign of the network is used."""
 
     def __init__(self, rate: float, momentum: float) -> None:
         self._rate = rate
-        self._weights = Weights([0.5 * centre for centre in CENTRES], 10.0, momentum)
+        self._weights = Weights([0.5 * centre for centre in RBF_CENTERS], 10.0, momentum)
         self.reset()
 
     def reset(self) -> None:
-        """Forget what was learnt."""
+        """Return to the initial weights."""
         self._weights.reset()
         self._before = (0.0, 0.0)
         self._size, self._missing = 0.0, 0.0
 
     def step(self, command: float, acceleration: float) -> float:
-        """Take e'' that followed a command [m/s²] and return the sign of ds/du: +1, or -1 if well established."""
+        """Return the sign of ds/du: +1, or -1 if well established.
+
+        Parameters
+        ----------
+        command
+            Last command [m/s²].
+        acceleration
+            e'' that followed it [m/s²].
+        """
         point = [min(max(value, -1.0), 1.0) for value in (command, *self._before)]
-        hidden = bells(point, CENTRES, 0.5)
+        hidden = activations(point, RBF_CENTERS, 0.5)
         miss = min(max(acceleration, -1.0), 1.0) - self._weights.output(hidden)
         self._weights.learn(self._rate * miss, hidden)
         self._before = (acceleration, self._before[0])
         self._size += 0.01 * (acceleration * acceleration - self._size)
         self._missing += 0.01 * (miss * miss - self._missing)
         slope = sum(
-            w * h * (centre - point[0]) for w, h, centre in zip(self._weights.values, hidden, CENTRES, strict=True)
+            w * h * (centre - point[0]) for w, h, centre in zip(self._weights.values, hidden, RBF_CENTERS, strict=True)
         )
-        explained = self._missing < self.TRUSTED**2 * self._size
+        explained = self._missing < self.MAX_UNEXPLAINED**2 * self._size
         return -1.0 if explained and slope < 0.0 else 1.0

@@ -1,34 +1,35 @@
 """Sliding mode with an adaptive reaching law, paper 000, eqs. (18)-(22).
 
-Draws the train onto a surface of position error, its rate and its integral, on which the error dies out by itself. The
-forces on the locomotive's own vehicle are measured and cancelled, so the law sees a free mass.
+The law drives the state to a surface of position error, its rate and its integral, on which the error decays. The
+forces on the vehicle of the unit are measured and cancelled, which leaves a free mass to control.
 
-Per unit, e = s - s_d, all in m/s² but u::
+Per unit, e = s - s_d, all terms but u in m/s²::
 
     S = e' + l1 e + l2 int e                                                                    (19)
     u = -m [f_hat + d_hat - v_d' + l1 e' + l2 e + xi |S|^alpha sgn S + zeta sgn S + ks S]       (22)
     zeta = kappa tanh(|e|/2)                                                                    (21)
     f_hat = -(FC + W + Fa)/m / (1 + model_error)
 
-``m`` is the mass of the unit's own vehicle, FC what its couplers pull it back with (measured, or from
-the neighbours' states where a linear spring joins two units: (22) needs the force of the first coupler, or 184 t would
-have to hold 10 684 t), W its own resistance and Fa its own air brake.
-``d_hat`` is the observer's force over m.
+``m`` is the mass of the unit's own vehicle, FC the force of its couplers against the motion (measured, or computed from
+the states of both units for a linear spring between two units), W its resistance and Fa its air brake. Without the
+force of the first coupler, (22) would have to balance 10 684 t with the mass of 184 t. ``d_hat`` is the force of the
+observer over m.
 
 Corrections and additions:
 
-* ``model_error`` is the paper's "f uncertain by 1 %".
-* zeta vanishes at e = 0 and |S|^5 is nothing near 0, so S has no restoring term: ``ks`` adds one (0 is the print).
-* the sign has a boundary layer ``phi`` [m/s] (0 is the print).
-* the integral of e is clamped and held while the force is at a limit.
-* ``equivalent: feedforward`` takes the equivalent control from ``LawInput.feedforward`` and the train's inertia in
-  place of the vehicle's: what is left of (22) under lag and delay. With lag and delay T in all, the print is unstable
-  for T > m l1/(M l2), 0.17 s on the 10 684 t train. Under ``twin`` l1 = .07, l2 = .002, ks = .02, kappa = .01, phi = 1
-  are usable there: M (l1 + ks + kappa/phi) must stay near the wave impedance of the couplers, 1e6 N s/m.
+* ``model_error`` is the uncertainty of f of 1 % in the paper.
+* zeta is 0 at e = 0 and |S|^5 is negligible near 0, so S has no restoring term: ``ks`` adds one (0 in the paper).
+* The sign has a boundary layer ``phi`` [m/s] (0 in the paper).
+* The integral of e is clamped, and held while the force is at a limit.
+* ``equivalent: feedforward`` is for trains with lag and delay. It takes the equivalent control from
+  ``LawInput.feedforward`` and uses the inertia of the train instead of that of the vehicle. With a sum T of lag and
+  delay the law of the paper is unstable for T > m l1/(M l2), 0.17 s on the 10 684 t train. Under ``twin``
+  l1 = .07, l2 = .002, ks = .02, kappa = .01, phi = 1 work there: M (l1 + ks + kappa/phi) must be near the wave
+  impedance of the couplers, 1e6 N s/m.
 
-Needs: with ``equivalent: measured`` the force of every coupler beside a power unit: a sensor there, or a linear spring
-without slack between two units; a train without is refused by the coupler's name, and so are compensations that give
-only a feed-forward. With ``equivalent: feedforward`` any train and no sensor.
+Needs: with ``equivalent: measured`` the force of every coupler beside a power unit, from a sensor or from a linear
+spring without slack between two units; the error message names the missing couplers, and compensations that give only a
+feed-forward are rejected. With ``equivalent: feedforward`` any train without sensors.
 """
 
 from __future__ import annotations
@@ -36,29 +37,29 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from train_ato.control.algorithms.couplers import UnitCouplers
+from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.sliding import IntegralSurface, adaptive_gain, saturation, sig
 from train_ato.control.contract import LawInput, parameter
-from train_ato.control.parts.couplers import UnitCouplers
-from train_ato.control.parts.guard import GuardedLaw
-from train_ato.control.parts.sliding import IntegralSurface, adaptive_gain, saturation, sig
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)
 class SmcParameters:
-    """Parameters of :class:`Smc`, the paper's values as defaults but for ``ks``."""
+    """Parameters of :class:`Smc`; the defaults are those of the paper, except ``ks``."""
 
     l1: float = parameter(1.0, "1/s", 0.0, 100.0, "lambda_1, weight of the error in the surface")
-    l2: float = parameter(0.1, "1/s²", 0.0, 100.0, "lambda_2, weight of its integral")
+    l2: float = parameter(0.1, "1/s²", 0.0, 100.0, "lambda_2, weight of the integral of the error")
     xi: float = parameter(0.005, "m/s²", 0.0, 1e3, "gain of the power reaching term")
     alpha: float = parameter(5.0, "1", 0.1, 10.0, "exponent of the power reaching term")
     kappa: float = parameter(0.05, "m/s²", 0.0, 1e3, "gain of the adaptive switching term")
-    ks: float = parameter(0.5, "1/s", 0.0, 100.0, "linear reaching term; 0 is the printed law")
-    phi: float = parameter(0.0, "m/s", 0.0, 100.0, "boundary layer of the sign; 0 is the printed law")
+    ks: float = parameter(0.5, "1/s", 0.0, 100.0, "linear reaching term; 0 in the paper")
+    phi: float = parameter(0.0, "m/s", 0.0, 100.0, "boundary layer of the sign; 0 in the paper")
     model_error: float = parameter(0.01, "1", -0.5, 10.0, "f_hat = f/(1 + model_error)")
-    integral_limit: float = parameter(100.0, "m s", 0.0, 1e6, "clamp of the integral of the position error")
-    anti_windup: bool = parameter(True, "", 0, 1, "hold the integral while the force is cut; the print does not")
+    integral_limit: float = parameter(100.0, "m s", 0.0, 1e6, "largest magnitude of the integral of the position error")
+    anti_windup: bool = parameter(True, "", 0, 1, "hold the integral while the force is at a limit; false in the paper")
     equivalent: str = parameter(
         "measured",
         "",
@@ -77,44 +78,44 @@ class Smc(GuardedLaw):
     def __init__(self, parameters: SmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         self._measured = parameters.equivalent == "measured"
-        if self._measured:
-            self.leaves_feedforward = "this law measures its equivalent control: set its equivalent: feedforward"
+        self.uses_feedforward, self.feedforward_hint = not self._measured, "equivalent: feedforward"
         self._couplers = UnitCouplers(model)
-        if self._measured and self._couplers.missing:
+        if self._measured and self._couplers.unknown:
             raise ValueError(
-                f"needs the force measured at {self._couplers.refusal()}, or {model.unit_mass[0] / 1e3:.0f} t would "
-                f"have to hold {model.mass / 1e3:.0f} t: fit the sensors or set its equivalent: feedforward"
+                f"equivalent: measured needs the force of {self._couplers.unknown_names()}, or a unit of "
+                f"{model.unit_mass[0] / 1e3:.0f} t would have to balance {model.mass / 1e3:.0f} t; fit the sensors or "
+                "set equivalent: feedforward"
             )
         self._mass = model.unit_inertia.tolist() if self._measured else (model.inertia * model.share).tolist()
         p = parameters
         self._surfaces = [IntegralSurface(p.l1, p.l2, period, p.integral_limit) for _ in range(self.n)]
 
-    def forget(self) -> None:
-        """Empty the integrals."""
+    def clear_state(self) -> None:
+        """Clear the integrals."""
         for surface in self._surfaces:
             surface.reset()
 
-    def missed(self) -> None:
-        """Do not integrate across the gap."""
+    def on_missed_sample(self) -> None:
+        """Handle a missed sample: the integrals do not bridge the gap."""
         for surface in self._surfaces:
-            surface.missed()
+            surface.on_missed_sample()
 
     def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force wanted [N]."""
+        """Return the force demand of every unit [N]."""
         errors = (inputs.position - inputs.reference_position).tolist()
         rates = (inputs.velocity - inputs.reference_velocity).tolist()
         equivalent = self.equivalent(inputs)
         disturbance = inputs.disturbance.tolist()
         wanted = []
         for unit, (error, rate) in enumerate(zip(errors, rates, strict=True)):
-            held = self.cut[unit] and self.parameters.anti_windup
-            surface = self._surfaces[unit].step(error, rate, held)
+            hold = self.saturated[unit] and self.parameters.anti_windup
+            surface = self._surfaces[unit].step(error, rate, hold)
             pull = self.reaching(error, rate, surface) + self.learnt(unit, error, rate, surface)
             wanted.append(equivalent[unit] - disturbance[unit] - self._mass[unit] * pull)
         return wanted
 
     def learnt(self, unit: int, error: float, rate: float, surface: float) -> float:
-        """Return delta_hat, what a network adds to f_hat [m/s²]; 0 here."""
+        """Return delta_hat, the correction of f_hat by a network [m/s²]; 0 without one."""
         return 0.0
 
     def reaching(self, error: float, rate: float, surface: float) -> float:
@@ -124,15 +125,12 @@ class Smc(GuardedLaw):
         return float(p.l1 * rate + p.l2 * error + p.ks * surface + p.xi * sig(surface, p.alpha) + switching)
 
     def equivalent(self, inputs: LawInput) -> list[float]:
-        """Return m (v_d' - f_hat) [N], or the feed-forward that takes its place."""
+        """Return m (v_d' - f_hat) of every unit [N], or the feed-forward in its place."""
         if not self._measured:
             known: list[float] = inputs.feedforward.tolist()
             return known
-        own = self.model.own_resistance(inputs.velocity, inputs.position).tolist()
-        shoes = inputs.shoe_force.tolist()
-        pulls = self._couplers.pull(inputs.position.tolist(), inputs.velocity.tolist(), inputs.coupler_force.tolist())
-        trust = 1.0 / (1.0 + self.parameters.model_error)
+        model_factor = 1.0 / (1.0 + self.parameters.model_error)
         return [
-            mass * inputs.acting_acceleration + (pull + resisting + shoe) * trust
-            for mass, pull, resisting, shoe in zip(self._mass, pulls, own, shoes, strict=True)
+            mass * inputs.acceleration_at_effect + forces.total * model_factor
+            for mass, forces in zip(self._mass, self._couplers.opposing(inputs), strict=True)
         ]

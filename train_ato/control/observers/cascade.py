@@ -1,15 +1,15 @@
-"""The cascade of paper 002 for one vehicle: speed offset d1, its derivative, and disturbance d2, sampled realisably.
+"""Sampled cascade of paper 002 for one vehicle: speed offset d1, its derivative, and disturbance d2.
 
 Plant, with d1 unmatched (m/s) and d2 matched (m/s²)::
 
     x' = v + d1,   v' = a + d2                                                           (6)
 
 The paper (7), (11): xh' = vh + phi1, phi1 = k1 sign(x - xh); vh' = a + phi2, phi2 = k2 sign(v - vh);
-d1h' = k3 (phi1 - d1h) - k4 sign(d1h - d1), d2h = LPF(phi2). Its e3 = d1h - d1 contains the unknown d1: here d1 is
-replaced by the filtered phi1. The idea lives in continuous time (10 % after 0.02 s at a 10 µs step, useless at 50 ms);
-two forms for samples:
+d1h' = k3 (phi1 - d1h) - k4 sign(d1h - d1), d2h = LPF(phi2). Its e3 = d1h - d1 contains the unknown d1, which is
+replaced by the filtered phi1 here. The explicit form needs a very short step (10 % error after 0.02 s at 10 µs, useless
+at 50 ms). Two sampled forms:
 
-* :class:`ImplicitCascade`: sign as the projection that brings the error to 0 within one sample if k allows it;
+* :class:`ImplicitCascade`: the sign is the projection that brings the error to 0 within one sample, if k is sufficient;
 * :class:`LevantCascade`: robust exact differentiators of the same signals (d1 and d1' from x - int v, d2 from
   v - int a), best up to 1 ms.
 """
@@ -18,61 +18,82 @@ from __future__ import annotations
 
 import math
 
-from train_ato.control.parts.sliding import saturation, sign
+from train_ato.control.algorithms.sliding import saturation, sign
 
 
-class ImplicitCascade:
-    """(7) with implicit signs.
+class Cascade:
+    """State of one vehicle's cascade; a subclass adds ``step()``.
+
+    Attributes
+    ----------
+    d1, d1_rate, d2 : float
+        Speed offset [m/s], its rate and the disturbance [m/s²].
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self.reset()
+
+    def reset(self) -> None:
+        """Restart at the next sample with estimates of 0."""
+        self._x: float | None = None
+        self._v = 0.0
+        self.d1, self.d1_rate, self.d2 = 0.0, 0.0, 0.0
+
+    def restart(self) -> None:
+        """Restart at the next sample with the present estimates."""
+        self._x = None
+
+    def step(self, x: float, v: float, acceleration: float) -> None:
+        """Update the estimates by position [m], speed [m/s] and mean modelled acceleration of the sample [m/s²]."""
+        raise TypeError(f"{type(self).__name__} has no step()")
+
+
+class ImplicitCascade(Cascade):
+    """Observer (7), (11) with implicit signs.
 
     Parameters
     ----------
     period
         Sampling period [s].
     k1, k2, k3, k4
-        The paper's gains [m/s, m/s², 1/s, m/s²].
+        Gains of the paper [m/s, m/s², 1/s, m/s²].
     filter_time
         Time constant of the low-pass filters [s].
     """
 
     def __init__(self, period: float, k1: float, k2: float, k3: float, k4: float, filter_time: float) -> None:
-        self._period = period
+        super().__init__(period)
         self._k1, self._k2, self._k3, self._k4 = k1, k2, k3, k4
-        self._keep = math.exp(-period / filter_time) if filter_time > 0.0 else 0.0
-        self.reset()
+        self._decay = math.exp(-period / filter_time) if filter_time > 0.0 else 0.0
 
     def reset(self) -> None:
-        """Start at the next sample, without disturbances."""
-        self._x: float | None = None
-        self._v = 0.0
-        self.d1, self.d1_rate, self.d2 = 0.0, 0.0, 0.0
+        """Restart at the next sample with estimates of 0."""
+        super().reset()
         self._offset = 0.0
 
-    def restart(self) -> None:
-        """Start at the next sample, keeping what was found."""
-        self._x = None
-
     def step(self, x: float, v: float, acceleration: float) -> None:
-        """Take position, speed [m, m/s] and the known acceleration over the sample that ends here [m/s²]."""
+        """Update the estimates by position [m], speed [m/s] and mean modelled acceleration of the sample [m/s²]."""
         if self._x is None:
             self._x, self._v = x, v
             return
-        h, keep = self._period, self._keep
+        h, decay = self._period, self._decay
         phi2 = min(max((v - self._v) / h - acceleration, -self._k2), self._k2)
         mean = self._v + 0.5 * h * (acceleration + phi2)
         phi1 = min(max((x - self._x) / h - mean, -self._k1), self._k1)
         self._x += h * (mean + phi1)
         self._v += h * (acceleration + phi2)
-        self._offset = keep * self._offset + (1.0 - keep) * phi1
-        self.d2 = keep * self.d2 + (1.0 - keep) * phi2
+        self._offset = decay * self._offset + (1.0 - decay) * phi1
+        self.d2 = decay * self.d2 + (1.0 - decay) * phi2
         free = self.d1 + h * self._k3 * (phi1 - self.d1)
         found = self._offset + max(0.0, abs(free - self._offset) - h * self._k4) * sign(free - self._offset)
         rate = (found - self.d1) / h
         self.d1 = found
-        self.d1_rate = keep * self.d1_rate + (1.0 - keep) * rate
+        self.d1_rate = decay * self.d1_rate + (1.0 - decay) * rate
 
 
-class LevantCascade:
-    """The same quantities by robust exact differentiators of second and first order.
+class LevantCascade(Cascade):
+    """Robust exact differentiators of second and first order for the same quantities.
 
     Parameters
     ----------
@@ -85,22 +106,11 @@ class LevantCascade:
     """
 
     def __init__(self, period: float, jerk_offset: float, jerk: float) -> None:
-        self._period = period
+        super().__init__(period)
         self._l1, self._l2 = jerk_offset, jerk
-        self.reset()
-
-    def reset(self) -> None:
-        """Start at the next sample, without disturbances."""
-        self._x: float | None = None
-        self._v = 0.0
-        self.d1, self.d1_rate, self.d2 = 0.0, 0.0, 0.0
-
-    def restart(self) -> None:
-        """Start at the next sample, keeping what was found."""
-        self._x = None
 
     def step(self, x: float, v: float, acceleration: float) -> None:
-        """Take position, speed [m, m/s] and the known acceleration over the sample that ends here [m/s²]."""
+        """Update the estimates by position [m], speed [m/s] and mean modelled acceleration of the sample [m/s²]."""
         if self._x is None:
             self._x, self._v, self._measured = x, v, v
             return
@@ -120,6 +130,3 @@ class LevantCascade:
         direction = saturation(miss, self._l2 * h * h)
         self._v += h * 1.5 * math.sqrt(self._l2 * abs(miss)) * direction
         self.d2 += h * 1.1 * self._l2 * direction
-
-
-Cascade = ImplicitCascade | LevantCascade

@@ -1,17 +1,18 @@
-"""Cascaded observer of paper 002, eqs. (6)-(11), in realisable form, for every driven vehicle.
+"""Cascaded observer of paper 002, eqs. (6)-(11), in sampled form, for every driven vehicle.
 
-Two disturbances at once: one that pushes the vehicle (d2), and one that shifts its speed against its position (d1).
+It estimates two disturbances: an acceleration of the vehicle (d2), and an offset between its speed and the rate of its
+position (d1).
 
-Per unit, with the known acceleration a = (u_applied - couplers - resistance - shoes)/m::
+Per unit, with the modelled acceleration a = (u_applied - couplers - resistance - shoes)/m::
 
     x' = v + d1,  v' = a + d2;     estimate = m (d2 + d1')
 
-which is what acts in the direction of the force after the paper's change of variable v~ = v + d1 (12), (35). How the
-signs are sampled stands in :mod:`train_ato.observe.cascade`; ``method: levant`` is best up to 1 ms, `eso` is
-better from 10 ms on. ``unmatched: false`` leaves d1 out (the estimate is then m d2).
+the force after the change of variable v~ = v + d1 of the paper (12), (35). The sampled forms are in
+:mod:`train_ato.control.observers.cascade`; ``method: levant`` is best up to 1 ms, `eso` is better from 10 ms on.
+``unmatched: false`` omits d1 (the estimate is then m d2).
 
-Needs: measured position, speed and acting force; like `ndo` it draws the balance over every unit's vehicle where
-coupler forces are known, else over the train. A fast loop: at 50 ms and more, or with noise on the position, d1' is
+Needs: measured position, speed and force. As in `ndo`, the balance is that of every unit's vehicle if the coupler
+forces are available, otherwise that of the train. A fast loop: from 50 ms on, or with noise on the position, d1' is
 noise.
 """
 
@@ -21,13 +22,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from train_ato.control.contract import parameter
-from train_ato.observe.balance import Balance, State
-from train_ato.observe.cascade import Cascade, ImplicitCascade, LevantCascade
-from train_ato.observe.contract import ObserverInput
-from train_ato.observe.guard import GuardedObserver
+from train_ato.control.observers.cascade import Cascade, ImplicitCascade, LevantCascade
+from train_ato.control.observers.contract import ObserverInput
+from train_ato.control.observers.force_balance import BalanceState, ForceBalance
+from train_ato.control.observers.guard import GuardedObserver
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)
@@ -62,19 +63,19 @@ class Cascaded(GuardedObserver):
 
     def __init__(self, parameters: CascadedParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        self._balance = Balance(model, "auto", 0.0, "cascaded", period)
+        self._balance = ForceBalance(model, "auto", 0.0, "cascaded", period)
         self._unmatched = parameters.unmatched
         self.cascades = [make_cascade(parameters, period) for _ in range(self._balance.count)]
-        self.forget()
+        self.clear_state()
 
-    def forget(self) -> None:
-        """Start anew with the next sample."""
+    def clear_state(self) -> None:
+        """Set the estimates to 0 and restart at the next sample."""
         for cascade in self.cascades:
             cascade.reset()
-        self._before: list[State] | None = None
+        self._before: list[BalanceState] | None = None
 
-    def missed(self) -> None:
-        """Begin again at the next sound sample; what was found is kept."""
+    def on_missed_sample(self) -> None:
+        """Handle a missed sample: restart at the next one with the present estimates."""
         for cascade in self.cascades:
             cascade.restart()
         self._before = None
@@ -84,10 +85,10 @@ class Cascaded(GuardedObserver):
         now = self._balance.known(inputs)
         places = inputs.position.tolist()
         for index, (cascade, state) in enumerate(zip(self.cascades, now, strict=True)):
-            known = 0.0
+            modelled = 0.0
             if self._before is not None:
-                known = self._balance.known_rate(self._before[index], state)
-            cascade.step(places[index], state.speed, known)
+                modelled = self._balance.known_rate(self._before[index], state)
+            cascade.step(places[index], state.speed, modelled)
         self._before = now
         offset = 1.0 if self._unmatched else 0.0
         return self._balance.forces([cascade.d2 + offset * cascade.d1_rate for cascade in self.cascades])

@@ -1,4 +1,4 @@
-"""The contract between the loop and a disturbance observer."""
+"""Contract between the loop and a disturbance observer."""
 
 from __future__ import annotations
 
@@ -7,25 +7,23 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from train_ato.types import Array, Measurement
-
-__all__ = ["Observer", "ObserverInput"]
+from train_ato.messages.types import Array, Measurement
 
 
 @dataclass(frozen=True, slots=True)
 class ObserverInput:
-    """What an observer is given each tick. Arrays are over power units, front first.
+    """Inputs of an observer in one tick. Arrays have one entry per power unit, front first.
 
     Attributes
     ----------
     t : float
         Simulation time of the measurement [s].
     position, velocity, applied : Array
-        Measured position [m], speed [m/s], and the force that acts now, after delay, lag and limit [N].
+        Measured position [m], speed [m/s] and force after delay, lag and limit [N].
     coupler_force : Array
-        Couplers that carry a sensor [N], in the order of ``model.sensors``.
+        Force of the couplers with a sensor [N], in the order of ``model.sensors``.
     shoe_force : Array
-        Air-brake force on every unit's own vehicle as the model predicts it now [N], > 0 retards.
+        Air-brake force on every unit's own vehicle, predicted by the model [N], > 0 retards.
     train_shoe_force : float
         The same on the whole train [N].
     """
@@ -42,7 +40,7 @@ class ObserverInput:
     def of(
         cls, measurement: Measurement, shoe_force: Array | None = None, train_shoe_force: float = 0.0
     ) -> ObserverInput:
-        """Return the input for a measurement; without an air brake the shoe forces are 0."""
+        """Return the input for a measurement; the shoe forces are 0 by default."""
         return cls(
             t=measurement.stamp * 1e-9,
             position=measurement.position,
@@ -57,9 +55,13 @@ class ObserverInput:
 class Observer(Protocol):
     """A disturbance observer.
 
-    ``Parameters`` is a frozen dataclass whose fields were made by
+    ``Parameters`` is a frozen dataclass whose fields are declared by
     :func:`train_ato.control.contract.parameter`. The constructor takes the parameters, the model of the train and the
-    tick [s]; it raises :class:`ValueError` with a reason when the observer makes no sense on that train.
+    tick [s]; it raises :class:`ValueError` with the reason if the observer cannot work on that train. The form with
+    keyword parameters is that of a law (:mod:`train_ato.control.contract`, ``examples/my_observer.py``).
+
+    The loop passes on every measurement, also an invalid one (NaN);
+    :class:`train_ato.control.observers.guard.GuardedObserver` repeats the last estimate then.
     """
 
     Parameters: ClassVar[type]
@@ -67,7 +69,7 @@ class Observer(Protocol):
     def __init__(self, parameters: Any, model: Any, period: float) -> None: ...
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Clear all state."""
 
     def step(self, inputs: ObserverInput) -> Array:
         """Return the disturbance force per power unit [N], > 0 forward, shape (units,), always finite."""

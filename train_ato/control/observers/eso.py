@@ -1,18 +1,19 @@
-"""Extended-state observer in discrete time (ours): speed and disturbance as states, both poles at exp(-omega Tc).
+"""Extended-state observer in discrete time: speed and disturbance as states, both poles at exp(-omega Tc).
 
-Predicts the next speed from the known forces and the disturbance found so far, and corrects both by what the
-measurement is off. Quieter than `ndo` at the same bandwidth, and the one to take from 10 ms on.
+The observer predicts the next speed from the modelled forces and the estimated disturbance, and corrects both by the
+prediction error. It is less noisy than `ndo` at the same bandwidth and preferable from 10 ms on. It is not from a
+paper.
 
-Of what the balance is drawn (every unit's vehicle, or the whole train) and what counts as known is as in
-:mod:`train_ato.observe.ndo`. With the known acceleration a averaged over the sample::
+The scope of the balance (every unit's vehicle, or the whole train) and its forces are those of
+:mod:`train_ato.control.observers.ndo`. With the modelled acceleration a, averaged over the sample::
 
     v- = v_k-1 + Tc (a + d_k-1),   r = v_measured - v-
     v_k = v- + (1 - b²) r,   d_k = d_k-1 + (1 - b)²/Tc r,   b = exp(-omega Tc)
 
-A constant disturbance is found without offset and the error falls like (1 + k (1 - b)) b^k whatever omega Tc is.
-The estimate is the force m d.
+A constant disturbance is found without offset; the error falls like (1 + k (1 - b)) b^k for any omega Tc. The
+estimate is the force m d.
 
-Needs: what `ndo` needs.
+Needs: the same as `ndo`.
 """
 
 from __future__ import annotations
@@ -20,14 +21,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from train_ato.control.algorithms.luenberger import LuenbergerObserver
 from train_ato.control.contract import parameter
-from train_ato.control.parts.two_poles import TwoPoles
-from train_ato.observe.balance import Balance, State, scope
-from train_ato.observe.contract import ObserverInput
-from train_ato.observe.guard import GuardedObserver
+from train_ato.control.observers.contract import ObserverInput
+from train_ato.control.observers.force_balance import BalanceState, ForceBalance, scope
+from train_ato.control.observers.guard import GuardedObserver
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)
@@ -45,18 +46,18 @@ class Eso(GuardedObserver):
 
     def __init__(self, parameters: EsoParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        self._balance = Balance(model, parameters.scope, 0.0, "eso", period)
-        self._vehicles = [TwoPoles(parameters.omega, period) for _ in range(self._balance.count)]
-        self.forget()
+        self._balance = ForceBalance(model, parameters.scope, 0.0, "eso", period)
+        self._vehicles = [LuenbergerObserver(parameters.omega, period) for _ in range(self._balance.count)]
+        self.clear_state()
 
-    def forget(self) -> None:
-        """Start anew with the next sample."""
-        self._before: list[State] | None = None
+    def clear_state(self) -> None:
+        """Set the estimate to 0 and restart at the next sample."""
+        self._before: list[BalanceState] | None = None
         for vehicle in self._vehicles:
             vehicle.reset()
 
-    def missed(self) -> None:
-        """Begin again with the next measured speed; the disturbance is held."""
+    def on_missed_sample(self) -> None:
+        """Handle a missed sample: restart at the next one with the present estimate."""
         self._before = None
         for vehicle in self._vehicles:
             vehicle.restart()

@@ -1,33 +1,33 @@
 """Nonlinear disturbance observer of paper 000, eqs. (30)-(34), sampled exactly.
 
-What the measured acceleration is off from what the known forces explain, low-passed: grades, wind, wrong masses.
+The estimate is the low-pass filtered difference between measured and modelled acceleration: grades, wind, wrong masses.
 
-With p(x) = omega v, (30) is a first-order filter of what the model does not explain::
+With p(x) = omega v, (30) is a first-order filter of the acceleration that the model does not explain::
 
     d' = omega (v' - f - u_applied/m - d)
 
-and with the model held over a sample of Tc::
+and with a constant model over a sample of Tc::
 
     E = exp(-omega Tc);  d_k = E d_{k-1} + (1 - E) [(v_k - v_{k-1})/Tc - f_{k-1} - u_applied/m]
 
-which is stable for any omega (explicit Euler needs omega Tc < 2). The estimate is the force m d. ``u_applied`` is
-what acted over the sample after delay, lag and limit: its mean, from the values measured at both ends. omega = 1000 of
-the paper is a bare difference quotient and dies of 0.01 m/s of speed noise; 20 suffices.  "Lumped": whatever f does not
-explain is in the estimate, a network's delta included.
+which is stable for any omega (explicit Euler needs omega Tc < 2). The estimate is the force m d. ``u_applied`` is the
+mean force over the sample after delay, lag and limit, from the values measured at both ends. omega = 1000 of the paper
+is a difference quotient and fails with 0.01 m/s of speed noise; 20 suffices. The estimate contains all forces that
+are not in f, also the model error delta that the network of ``rbf_smc`` learns.
 
-Over what the balance is drawn:
+Scope of the force balance:
 
-* ``vehicle``: every unit's own vehicle, with the measured forces of its couplers; what `smc` needs.  f_hat is
-  f/(1 + model_error), the law's model, so the part of f that it lacks stands in the estimate beside the disturbance.
-* ``train``: the whole train as one rigid mass, the estimate shared out over the units; what laws with a feed-forward
-  need. On a long train the couplers' waves are then "disturbance": omega at most about .03 1/s with lag and delay.
-* ``auto``: ``vehicle`` where the couplers beside all units have known forces (a sensor, or a linear spring
-  between two units), else ``train``.
+* ``vehicle``: every unit's own vehicle, with the measured forces of its couplers, as required by ``smc``. f_hat
+  is f/(1 + model_error), the model of the law, so the estimate contains the error of f beside the disturbance.
+* ``train``: the whole train as one rigid mass, the estimate split over the units, for laws with a feed-forward.
+  On a long train the estimate contains the waves in the couplers: omega at most about .03 1/s with lag and delay.
+* ``auto``: ``vehicle`` if the forces of all couplers beside units are available (a sensor, or a linear spring between
+  two units), otherwise ``train``.
 
 With an air brake the predicted shoe force is part of the model.
 
-Needs: measured speed and acting force. ``scope: vehicle`` also the force of every coupler beside a power unit, and is
-refused by the coupler's name without; ``auto`` falls back on the whole train.
+Needs: measured speed and force. ``scope: vehicle`` also needs the force of every coupler beside a power unit and names
+the missing couplers in its error message; ``auto`` then uses the whole train.
 """
 
 from __future__ import annotations
@@ -37,41 +37,41 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from train_ato.control.contract import parameter
-from train_ato.observe.balance import Balance, State, scope
-from train_ato.observe.contract import ObserverInput
-from train_ato.observe.guard import GuardedObserver
+from train_ato.control.observers.contract import ObserverInput
+from train_ato.control.observers.force_balance import BalanceState, ForceBalance, scope
+from train_ato.control.observers.guard import GuardedObserver
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
 
 @dataclass(frozen=True)
 class NdoParameters:
     """Parameters of :class:`Ndo`."""
 
-    omega: float = parameter(20.0, "1/s", 0.0, 1e6, "bandwidth; the paper's 1000 is a difference quotient")
+    omega: float = parameter(20.0, "1/s", 0.0, 1e6, "bandwidth; 1000 in the paper is a difference quotient")
     scope: str = scope()
     model_error: float = parameter(0.01, "1", -0.5, 10.0, "f_hat = f/(1 + model_error), vehicle scope only")
 
 
 class Ndo(GuardedObserver):
-    """Nonlinear disturbance observer (paper 000), exactly sampled for any bandwidth."""
+    """Nonlinear disturbance observer (paper 000), sampled exactly for any bandwidth."""
 
     Parameters: ClassVar[type] = NdoParameters
 
     def __init__(self, parameters: NdoParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        self._balance = Balance(model, parameters.scope, parameters.model_error, "ndo", period)
-        self._keep = math.exp(-parameters.omega * period)
-        self.forget()
+        self._balance = ForceBalance(model, parameters.scope, parameters.model_error, "ndo", period)
+        self._decay = math.exp(-parameters.omega * period)
+        self.clear_state()
 
-    def forget(self) -> None:
-        """Set the estimate back to 0."""
+    def clear_state(self) -> None:
+        """Set the estimate to 0."""
         self._filtered = [0.0] * self._balance.count
-        self._before: list[State] | None = None
+        self._before: list[BalanceState] | None = None
 
-    def missed(self) -> None:
-        """Leave the gap out of the difference quotient."""
+    def on_missed_sample(self) -> None:
+        """Handle a missed sample: the difference quotient restarts."""
         self._before = None
 
     def estimate(self, inputs: ObserverInput) -> list[float]:
@@ -79,8 +79,8 @@ class Ndo(GuardedObserver):
         now = self._balance.known(inputs)
         if self._before is not None:
             for index, (state, before) in enumerate(zip(now, self._before, strict=True)):
-                push = self._balance.mean_push(before.push, state.push)
-                unexplained = (state.speed - before.speed) / self.period - push + before.resisting
-                self._filtered[index] = self._keep * self._filtered[index] + (1.0 - self._keep) * unexplained
+                drive = self._balance.mean_drive(before.drive, state.drive)
+                unexplained = (state.speed - before.speed) / self.period - drive + before.resistance
+                self._filtered[index] = self._decay * self._filtered[index] + (1.0 - self._decay) * unexplained
         self._before = now
         return self._balance.forces(self._filtered)

@@ -1,27 +1,22 @@
-"""No observer: the disturbance is taken as 0.
+"""No observer: an estimate of 0.
 
-For laws that bring their own integral action, and as the case that shows what an observer is worth.
+For laws with integral action, and as the reference for the benefit of an observer.
 
 Needs: nothing.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from train_ato.observe.contract import ObserverInput
-from train_ato.types import Array
+from train_ato.control.contract import NoParameters
+from train_ato.control.observers.contract import ObserverInput
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
-
-
-@dataclass(frozen=True)
-class NoParameters:
-    """No parameters."""
+    from train_ato.control.train_model import TrainModel
 
 
 class NoObserver:
@@ -30,11 +25,11 @@ class NoObserver:
     Parameters: ClassVar[type] = NoParameters
 
     def __init__(self, parameters: NoParameters, model: TrainModel, period: float) -> None:
-        self._nothing = np.zeros(model.n_units)
+        self._zero = np.zeros(model.n_units)
 
     def reset(self) -> None:
-        """Nothing to forget."""
+        """Do nothing: there is no state."""
 
     def step(self, inputs: ObserverInput) -> Array:
         """Return 0 N for every unit."""
-        return self._nothing
+        return self._zero

@@ -1,28 +1,27 @@
-"""Tables of a run as files that other tools open: Parquet and CSV, one file for each topic."""
+"""Export of the tables of a run to Parquet and CSV, one file per topic."""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from train_ato.frames.columns import TIME, unit_of
-from train_ato.frames.loading import Frames
-from train_ato.topics import BY_NAME
+from train_ato.log.tables.columns import TIME, unit_of
+from train_ato.log.tables.loading import Frames
+from train_ato.messages.topics import BY_NAME
 from train_ato.version import VERSION
 
 __all__ = ["FORMATS", "Written", "file_names", "write_frames"]
 
 ROWS = 4096
-"""Rows that are written in one step."""
+"""Number of rows per step of writing."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +34,6 @@ class Written:
     columns: int
     size_bytes: int
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return it as plain data."""
-        return asdict(self)
-
 
 def write_frames(
     frames: Frames,
@@ -46,10 +41,10 @@ def write_frames(
     formats: Sequence[str],
     progress: Callable[[float, str], None] = lambda share, text: None,
 ) -> list[Written]:
-    """Write every table that has rows in every format.
+    """Write every table with rows in every format.
 
-    Parquet keeps the index and carries the unit of every column as metadata of its field; CSV has a row of names and
-    numbers as short as they can be written without losing a bit; what a node does not say is empty.
+    Parquet keeps the index, with the unit of every column as metadata of its field; CSV has a row of names and the
+    shortest exact text of numbers; missing values are empty.
 
     Parameters
     ----------
@@ -60,7 +55,7 @@ def write_frames(
     formats
         Keys of :data:`FORMATS`.
     progress
-        Takes the share that is written, 0 to 1, and the topic under way.
+        Receiver of the completed fraction, 0 to 1, and the current topic.
 
     Raises
     ------
@@ -83,7 +78,7 @@ def write_frames(
 
 
 def file_names(topics: Iterable[str]) -> dict[str, str]:
-    """Return a file name without its ending for every topic: ``train/cars`` becomes ``train_cars``."""
+    """Return a file name without its ending for every topic: ``train/vehicles`` becomes ``train_vehicles``."""
     names: dict[str, str] = {}
     for topic in topics:
         stem = name = topic.strip("/").replace("/", "_") or "topic"
@@ -95,7 +90,7 @@ def file_names(topics: Iterable[str]) -> dict[str, str]:
 
 
 def arrow_table(topic: str, frame: pd.DataFrame) -> pa.Table:
-    """Return a table whose fields carry their unit, time first."""
+    """Return a table with units in the metadata of its fields, time first."""
     table = pa.Table.from_pandas(frame, preserve_index=True)
     table = table.select([TIME, *(name for name in table.column_names if name != TIME)])
     ours = topic in BY_NAME
@@ -110,7 +105,7 @@ def arrow_table(topic: str, frame: pd.DataFrame) -> pa.Table:
 def _parquet(table: pa.Table, path: Path) -> Iterable[int]:
     floats = [field.name for field in table.schema if pa.types.is_floating(field.type)]
     texts = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
-    # numbers hardly repeat: dictionaries of them cost time and room, their bytes in streams pack best
+    # numbers seldom repeat, so dictionaries are slow and large; split byte streams compress best
     settings = {"compression": "zstd", "use_dictionary": texts or False, "use_byte_stream_split": floats or False}
     with pa.parquet.ParquetWriter(path, table.schema, **settings) as writer:
         for begin in range(0, table.num_rows, 8 * ROWS):
@@ -133,4 +128,4 @@ def _csv(table: pa.Table, path: Path) -> Iterable[int]:
 
 
 FORMATS: dict[str, Callable[[pa.Table, Path], Iterable[int]]] = {"parquet": _parquet, "csv": _csv}
-"""Writers by the ending of their files; each yields the rows of every step."""
+"""Writers by file extension; each yields the number of rows of every step."""

@@ -1,4 +1,4 @@
-"""A recorded run as tables: one pandas DataFrame for each topic."""
+"""Loading of the tables of a recorded run: one pandas DataFrame per topic."""
 
 from __future__ import annotations
 
@@ -12,27 +12,26 @@ from mcap.records import Channel, Schema
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from plant_sim.input_error import close_match
-from train_ato.cdr import typestore
-from train_ato.frames.messages import diagnostic_table, trajectory_table
-from train_ato.frames.portions import Portion, Reader
-from train_ato.frames.series import Series
-from train_ato.frames.tables import foreign_table, known_part, known_table
-from train_ato.record.layout import table_name
-from train_ato.record.reading import log_file
-from train_ato.topics import BY_NAME, EPOCH_NS
+from train_ato.log.bag_layout import table_name
+from train_ato.log.reading import log_file
+from train_ato.log.tables.portions import Portion, Reader
+from train_ato.log.tables.series import TopicColumns
+from train_ato.log.tables.tables import foreign_table, known_part, known_table
+from train_ato.log.tables.variable_length import diagnostic_table, trajectory_table
+from train_ato.messages.codec.cdr import typestore
+from train_ato.messages.topics import BY_NAME, EPOCH_NS, present_topic
+from train_ato.messages.types import Diagnostic
 
 __all__ = ["Frames", "load"]
 
-_VARIABLE = ("ato/profile", "ato/limits", "/diagnostics")
-
 
 class Frames(dict[str, pd.DataFrame]):
-    """Tables of a run by topic: ``frames["train/cars"]``; a leading slash does no harm.
+    """Tables of a run by topic: ``frames["train/vehicles"]``; a leading slash is optional.
 
     Attributes
     ----------
     left_out : dict
-        Topics of the log that make no table, and why.
+        Topics of the log without a table, with the reason.
     """
 
     def __init__(self) -> None:
@@ -40,7 +39,7 @@ class Frames(dict[str, pd.DataFrame]):
         self.left_out: dict[str, str] = {}
 
     def __missing__(self, name: str) -> pd.DataFrame:
-        for other in (name.lstrip("/"), f"/{name}"):
+        for other in (name.lstrip("/"), f"/{name}", present_topic(name.lstrip("/"))):
             if other in self:
                 return self[other]
         reason = self.left_out.get(name)
@@ -53,52 +52,52 @@ def load(
 ) -> Frames:
     """Return the tables of a recorded run.
 
-    Every table is indexed by simulated time, ``time_s``; the name of a column carries its unit, as in
-    ``car_17_coupler_force_n`` or ``unit_0_speed_m_s``.  ``ato/profile`` and ``ato/limits`` have one row for each knot
-    or step, ``/diagnostics`` one for each message with a column for each key.
+    The index of every table is simulated time, ``time_s``; the names of columns contain the unit, as in
+    ``vehicle_17_coupler_force_n`` or ``unit_0_speed_m_s``.  ``ato/profile`` and ``ato/limits`` have one row per knot
+    or step, ``/diagnostics`` one row per message with a column per key.
 
     Parameters
     ----------
     run
-        Run folder or MCAP file.  Topics that are not of the topic table are read too where their messages are ROS 2
-        ones: over publish time, without units.
+        Run folder or MCAP file.  ROS 2 topics that are not in the topic table are read too, over publish time and
+        without units.
     topics
-        Only these topics, named as in the topic table or in the log; default: all.
+        Topics to read, with the names in the topic table or in the log; default: all.
     progress
-        Takes the share of the log that is read, 0 to 1.
+        Receiver of the fraction of the log that is read, 0 to 1.
 
     Returns
     -------
     Frames
-        A ``dict`` of DataFrames by topic.
+        DataFrames by topic.
 
     Raises
     ------
     ValueError
-        One line: no such log, the log of a killed run (``train-ato recover`` makes it readable), a damaged one, or a
-        topic that is not in it.
+        One line: a missing log, the log of a killed run (``train-ato recover`` makes it readable), a damaged log, or
+        a topic that is not in it.
     """
     path = log_file(Path(run))
     return _Loading(path, topics, progress).run()
 
 
 class _Loading:
-    """One reading of a log."""
+    """State of the loading of a log."""
 
     def __init__(
         self, path: Path, topics: Collection[str] | None, progress: Callable[[float], None] | None = None
     ) -> None:
         if isinstance(topics, str):
             raise ValueError(f"topics: '{topics}' is one name; give a list of names")
-        self._asked = None if topics is None else tuple(topics)
+        self._topics = None if topics is None else tuple(topics)
         self._reader = Reader(path, self._wanted, progress)
         self._path = path
-        self._series: dict[str, Series] = {}
+        self._series: dict[str, TopicColumns] = {}
         self._payloads: dict[str, list[bytes]] = {}
         self._left_out: dict[str, str] = {}
 
     def run(self) -> Frames:
-        """Read the log and make the tables."""
+        """Read the log and return the tables."""
         for portion in self._reader.portions():
             name = portion.channel.topic
             if name not in self._left_out:
@@ -106,7 +105,7 @@ class _Loading:
                     self._take(name, portion)
                 except ValueError as error:
                     self._refuse(name, error)
-        self._check_asked()
+        self._check_topics()
         names = [channel.topic for channel, _ in self._reader.channels]
         frames = Frames()
         for name in dict.fromkeys(names):
@@ -121,7 +120,7 @@ class _Loading:
         return frames
 
     def _wanted(self, channel: Channel, schema: Schema) -> bool:
-        if self._asked is not None and not any(_named(channel.topic, name) for name in self._asked):
+        if self._topics is not None and not any(_named(channel.topic, name) for name in self._topics):
             return False
         if channel.message_encoding != "cdr" or schema.encoding != "ros2msg":
             encodings = f"{channel.message_encoding}, {schema.encoding or 'no schema'}"
@@ -130,33 +129,35 @@ class _Loading:
         return True
 
     def _take(self, name: str, portion: Portion) -> None:
-        """Keep a portion of a topic."""
+        """Add a portion of a topic."""
         known = _known(name, portion.schema)
-        if known in _VARIABLE:
+        if known is not None and BY_NAME[known].of_variable_length:
             self._payloads.setdefault(name, []).extend(map(bytes, portion.payloads))
             return
         if name not in self._series:
             if known is not None:
                 chosen = partial(known_part, known)
-                self._series[name] = Series(typestore(), portion.schema.name, chosen)
+                self._series[name] = TopicColumns(typestore(), portion.schema.name, chosen)
             else:
-                self._series[name] = Series(_types(portion.schema), portion.schema.name)
+                self._series[name] = TopicColumns(_types(portion.schema), portion.schema.name)
         self._series[name].add(portion)
 
     def _table(self, name: str) -> pd.DataFrame | None:
-        """Make the table of a topic, None if it has no message."""
+        """Return the table of a topic, None without messages."""
         known = self._known_name(name)
         if name in self._payloads:
             payloads = self._payloads.pop(name)
-            return diagnostic_table(payloads) if known == "/diagnostics" else trajectory_table(str(known), payloads)
+            if BY_NAME[str(known)].message is Diagnostic:
+                return diagnostic_table(payloads)
+            return trajectory_table(str(known), payloads)
         series = self._series.pop(name, None)
         if series is None or name in self._left_out:
             return None
         return known_table(known, series) if known is not None else foreign_table(series, self._begin())
 
     def _refuse(self, name: str, error: ValueError) -> None:
-        """Leave a topic out, unless it is one of the table or was asked for: those must be readable."""
-        if self._known_name(name) is not None or self._asked is not None:
+        """Omit an unreadable topic; topics of the topic table and requested topics raise ValueError."""
+        if self._known_name(name) is not None or self._topics is not None:
             raise ValueError(f"{self._path}: {name}: {error}") from None
         self._left_out[name] = str(error)
 
@@ -164,46 +165,46 @@ class _Loading:
         return next(_known(name, schema) for channel, schema in self._reader.channels if channel.topic == name)
 
     def _key(self, name: str) -> str:
-        """Return the name of a table: that of the topic table, unless the log holds several trains."""
+        """Return the name of a table: that in the topic table, unless the log has several trains."""
         known = self._known_name(name)
         same = {channel.topic for channel, schema in self._reader.channels if _known(channel.topic, schema) == known}
         return known if known is not None and len(same) == 1 else name
 
     def _begin(self) -> int:
-        """Return time 0: the start of the simulation where the log is one of ours, else its first message."""
+        """Return time 0 [ns since 1970]: the start of the simulation, or the first message of a foreign log."""
         ours = any(_known(channel.topic, schema) for channel, schema in self._reader.channels)
         first = self._reader.first_ns or 0
         return EPOCH_NS if ours and first >= EPOCH_NS else first
 
-    def _check_asked(self) -> None:
+    def _check_topics(self) -> None:
         """Refuse names that are not in the log."""
         names = sorted({channel.topic for channel, _ in self._reader.channels})
-        for asked in self._asked or ():
-            if not any(_named(name, asked) for name in names):
-                match = close_match(asked if asked.startswith("/") else f"/{asked}", names)
-                raise ValueError(f"{self._path}: holds no topic '{asked}'{match} (it has: {', '.join(names)})")
-            if (reason := self._left_out.get(asked)) is not None:
-                raise ValueError(f"{self._path}: {asked}: {reason}")
+        for wanted in self._topics or ():
+            if not any(_named(name, wanted) for name in names):
+                match = close_match(wanted if wanted.startswith("/") else f"/{wanted}", names)
+                raise ValueError(f"{self._path}: holds no topic '{wanted}'{match} (it has: {', '.join(names)})")
+            if (reason := self._left_out.get(wanted)) is not None:
+                raise ValueError(f"{self._path}: {wanted}: {reason}")
 
 
-def _named(name: str, asked: str) -> bool:
-    """Tell whether a topic of the log is meant by a name."""
-    return name == asked or name == f"/{asked}" or table_name(name) == asked.lstrip("/") or table_name(name) == asked
+def _named(name: str, wanted: str) -> bool:
+    """Return True if a requested name is that of a topic of the log."""
+    return name in (wanted, f"/{wanted}") or table_name(name) in (wanted, wanted.lstrip("/"))
 
 
 def _known(name: str, schema: Schema) -> str | None:
-    """Return the topic of the topic table that a topic of the log is, if it has its type."""
+    """Return the name in the topic table of a topic of the log with the same type, else None."""
     found = table_name(name)
     return found if found is not None and BY_NAME[found].type == schema.name else None
 
 
 def _types(schema: Schema) -> Any:
-    """Return a type store with the types that a schema defines.
+    """Return a type store with the types of a schema.
 
     Raises
     ------
     ValueError
-        If the text is no definition.
+        If the text is not a definition.
     """
     store = get_typestore(Stores.EMPTY)
     try:

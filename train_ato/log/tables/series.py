@@ -1,4 +1,4 @@
-"""The messages of one topic as arrays, thousands at a time."""
+"""Arrays from the messages of one topic, thousands at a time."""
 
 from __future__ import annotations
 
@@ -9,29 +9,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.cdr import SECOND
-from train_ato.frames.cdr_layout import Layout, Leaf, Typestore, layout_of, rows_of
-from train_ato.frames.portions import Portion
+from train_ato.log.tables.portions import Portion
+from train_ato.messages.codec.byte_layout import Layout, Leaf, Typestore, layout_of, rows_of
 
-__all__ = ["Group", "Series", "nanoseconds"]
+__all__ = ["Group", "TopicColumns"]
 
 MOST_LAYOUTS = 64
-"""Where messages of one length have more layouts, as texts do, the others are taken apart one by one."""
-
-
-def nanoseconds(times: NDArray[Any]) -> NDArray[np.int64]:
-    """Return stamps or durations (sec, nanosec) in ns."""
-    return np.asarray(times["sec"].astype(np.int64) * SECOND + times["nanosec"])
+"""Maximum number of layouts of messages with one length; further messages, for example with texts, are read singly."""
 
 
 @dataclass
 class Group:
-    """All messages of one layout.
+    """Messages of one layout.
 
     Attributes
     ----------
     leaves
-        Parts that were asked for.
+        Selected parts.
     """
 
     layout: Layout
@@ -40,7 +34,7 @@ class Group:
     _messages: list[NDArray[np.uint8]] = field(default_factory=list)
 
     def add(self, numbers: NDArray[np.int64], messages: NDArray[np.uint8]) -> None:
-        """Take messages of this layout, shape (n, length), and their places in the topic."""
+        """Add messages of this layout, shape (n, length), and their places in the topic."""
         self._numbers.append(numbers)
         self._messages.append(messages)
 
@@ -69,22 +63,22 @@ class Group:
         return out
 
 
-class Series:
-    """Collects the messages of one topic.
+class TopicColumns:
+    """Messages of one topic.
 
     Parameters
     ----------
     types
-        Type store that knows the type.
+        Type store with the type.
     type_name
-        Of the messages.
+        Type of the messages.
     choose
-        Which parts are wanted.
+        Selection of parts.
 
     Attributes
     ----------
     groups : list of Group
-        The messages by layout.
+        Messages by layout.
     """
 
     def __init__(self, types: Typestore, type_name: str, choose: Callable[[Leaf], bool] = lambda leaf: True) -> None:
@@ -101,12 +95,12 @@ class Series:
         return np.array(self._publish, dtype=np.int64)
 
     def add(self, portion: Portion) -> None:
-        """Take a portion of the log.
+        """Add a portion of the log.
 
         Raises
         ------
         ValueError
-            For bytes that are no message of the type.
+            For bytes that are not a message of the type.
         """
         lengths = np.array([len(payload) for payload in portion.payloads])
         for length in np.unique(lengths).tolist():
@@ -117,7 +111,7 @@ class Series:
         self._publish += portion.publish_ns
 
     def _sort(self, numbers: NDArray[np.int64], messages: NDArray[np.uint8]) -> None:
-        """Give messages of one length to the groups of their layouts."""
+        """Add messages of one length to the groups of their layouts."""
         known = self._known.setdefault(messages.shape[1], [])
         for group in known:
             if not numbers.size:
@@ -138,7 +132,7 @@ class Series:
 def _taken(
     group: Group, numbers: NDArray[np.int64], messages: NDArray[np.uint8]
 ) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-    """Give a group what has its layout; return the rest."""
+    """Add the messages with the layout of a group to it; return the rest."""
     fits = group.layout.fits(messages)
     if fits.all():
         group.add(numbers, messages)

@@ -1,4 +1,4 @@
-"""Arrays of one topic as a table with a unit in the name of every column."""
+"""Table of one topic with a unit in the name of every column."""
 
 from __future__ import annotations
 
@@ -10,47 +10,44 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from train_ato.frames.cdr_layout import Layout, Leaf
-from train_ato.frames.columns import TIME, column, has_column
-from train_ato.frames.series import Group, Series, nanoseconds
-from train_ato.topics import EPOCH_NS
-from train_ato.types import Array
+from train_ato.log.tables.columns import TIME, column, has_column
+from train_ato.log.tables.series import Group, TopicColumns
+from train_ato.loop.series import seconds
+from train_ato.messages.codec.byte_layout import Layout, Leaf
+from train_ato.messages.codec.cdr import nanoseconds
+from train_ato.messages.layout import present_name
+from train_ato.messages.topics import EPOCH_NS
 
 __all__ = ["LONGEST_ARRAY", "STAMPS", "foreign_table", "known_part", "known_table"]
 
 STAMPS = ("header.stamp", "clock")
-"""Where the stamp stands in messages of the topic table."""
+"""Paths of the stamp in messages of the topic table."""
 LONGEST_ARRAY = 1000
-"""An array of more numbers, such as an image, makes no columns."""
-
-
-def seconds(moments: NDArray[np.int64]) -> Array:
-    """Return times in s; the same rounding as everywhere in the stack."""
-    return np.asarray(moments * 1e-9, dtype=np.float64)
+"""Maximum length of an array in columns; longer ones, for example images, are refused."""
 
 
 def known_part(topic: str, leaf: Leaf) -> bool:
-    """Tell whether a part of a message of the topic table is needed for its table."""
+    """Return True if the table of a topic needs a part of its messages."""
     if leaf.path in STAMPS:
         return True
     return leaf.dtype is not None and leaf.count != 0 and has_column(topic, leaf.path)
 
 
-def known_table(topic: str, series: Series) -> pd.DataFrame:
+def known_table(topic: str, series: TopicColumns) -> pd.DataFrame:
     """Return the table of a topic of the topic table: float64 columns over simulated time.
 
     Raises
     ------
     ValueError
-        If names and numbers in a message do not fit together.
+        If the numbers of names and values in a message differ.
     """
     parts = [(group.numbers(), _part(topic, group)) for group in series.groups]
     return in_order(_joined(parts))
 
 
 def _part(topic: str, group: Group) -> pd.DataFrame:
-    """Return the table of the messages of one layout; every column lies in one piece."""
-    owners = _owners(group.layout)
+    """Return the table of the messages of one layout, with contiguous columns."""
+    owners = [present_name(owner) for owner in _owners(group.layout)]
     leaves = {leaf.path: leaf for leaf in group.leaves if leaf.dtype is not None}
     stamps = next(nanoseconds(group.values(leaves[path])) for path in STAMPS if path in leaves) - EPOCH_NS
     names = {path: _names(topic, leaf, owners) for path, leaf in leaves.items() if has_column(topic, path)}
@@ -71,17 +68,17 @@ def _part(topic: str, group: Group) -> pd.DataFrame:
 
 
 def _owners(layout: Layout) -> list[str]:
-    """Return the names of a JointState's entries."""
+    """Return the names of the entries of a JointState."""
     return [leaf.text for leaf in layout.leaves if leaf.dtype is None and leaf.path.startswith("name[")]
 
 
 def _names(topic: str, leaf: Leaf, owners: list[str]) -> list[str]:
-    """Return the names of the columns that a part makes."""
+    """Return the names of the columns of a part."""
     if not owners and leaf.count in (None, 1):
-        return [column(topic, leaf.path) or leaf.path]
+        return [column(topic, leaf.path)]
     if leaf.count != len(owners):
         raise ValueError(f"{leaf.path} has {leaf.count} values for {len(owners)} names")
-    return [column(topic, leaf.path, owner) or f"{owner}_{leaf.path}" for owner in owners]
+    return [column(topic, leaf.path, owner) for owner in owners]
 
 
 def _unique(names: list[str]) -> list[str]:
@@ -92,7 +89,7 @@ def _unique(names: list[str]) -> list[str]:
 
 
 def _joined(parts: list[tuple[NDArray[np.int64], pd.DataFrame]]) -> pd.DataFrame:
-    """Put the parts of a topic together in the order of the log."""
+    """Join the parts of a topic in the order of the log."""
     if len(parts) == 1:
         return parts[0][1]
     order = np.argsort(np.concatenate([numbers for numbers, _ in parts]), kind="stable")
@@ -100,27 +97,27 @@ def _joined(parts: list[tuple[NDArray[np.int64], pd.DataFrame]]) -> pd.DataFrame
 
 
 def in_order(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows by rising time."""
+    """Return the rows in the order of time."""
     return table if table.index.is_monotonic_increasing else table.sort_index(kind="stable")
 
 
-def foreign_table(series: Series, begin_ns: int) -> pd.DataFrame:
-    """Return the table of a topic of somebody else: what its messages hold, over publish time.
+def foreign_table(series: TopicColumns, begin_ns: int) -> pd.DataFrame:
+    """Return the table of a topic that is not in the topic table, over publish time.
 
-    Parts of parts are joined by ``_``; arrays are numbered, those of a JointState carry their names; stamps are whole
-    ns.  No units: the message types do not say them.
+    Nested fields are joined by ``_``; entries of arrays are numbered, those of a JointState have their names; stamps
+    are integers [ns].  Columns have no units, because the message types do not define them.
 
     Parameters
     ----------
     series
-        The messages.
+        Messages of the topic.
     begin_ns
         Time 0 of the table [ns since 1970].
 
     Raises
     ------
     ValueError
-        For arrays that are too long for columns.
+        For arrays longer than :data:`LONGEST_ARRAY`.
     """
     publish = series.publish_ns
     found: dict[str, NDArray[Any]] = {}
@@ -157,7 +154,7 @@ def _foreign_columns(group: Group) -> Iterator[tuple[str, NDArray[Any]]]:
 def _scatter(
     found: dict[str, NDArray[Any]], name: str, numbers: NDArray[np.int64], values: NDArray[Any], size: int
 ) -> None:
-    """Put the values of some messages into a column; the others have none or come later."""
+    """Write the values of some messages into a column; the other rows are missing values."""
     text = values.dtype == object
     if name not in found:
         found[name] = np.full(size, None if text else np.nan, dtype=object if text else np.float64)
@@ -168,5 +165,5 @@ def _scatter(
 
 
 def _plain(path: str) -> str:
-    """Return a path as one writes a column: ``pose.position.x`` becomes ``pose_position_x``."""
+    """Return a path as name of a column: ``pose.position.x`` becomes ``pose_position_x``."""
     return path.replace("].", "_").replace("[", "_").replace("]", "").replace(".", "_")

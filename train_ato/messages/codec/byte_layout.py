@@ -1,7 +1,7 @@
-"""Where every number of a message stands in its CDR bytes.
+"""Offsets of the numbers of a message in its CDR bytes.
 
-The layout of one message is found by walking its type's definition along its bytes.  Every other message with the
-same lengths and texts has the same layout, and then thousands are read as one array, whatever their type is.
+The layout of one message follows from the definition of its type and its bytes.  Messages with the same lengths and
+texts have the same layout, so that thousands of messages of any type are read as one array.
 """
 
 from __future__ import annotations
@@ -15,14 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Nodetype
 
-__all__ = ["Layout", "Leaf", "Typestore", "layout_of"]
-
 Typestore = Any
 HEAD = 4
-"""Bytes of the encapsulation; alignment counts behind it."""
+"""Length of the encapsulation [bytes]; alignment is relative to its end."""
 TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 MOST_LEAVES = 20_000
-"""Messages of more parts are refused: a table of so many columns is of no use."""
+"""Maximum number of parts of a message; a table with more columns has no use."""
 _DTYPES = {
     "bool": "?", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
     "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
@@ -31,18 +29,18 @@ _DTYPES = {
 
 @dataclass(frozen=True)
 class Leaf:
-    """One part of a message that is no message itself.
+    """Elementary part of a message: a number, an array of numbers, a text or a time.
 
     Attributes
     ----------
     path
-        Field names as one writes them: ``points[0].positions``, ``name[3]``.
+        Field names: ``points[0].positions``, ``name[3]``.
     dtype
-        Of a number or an array of numbers; None for a text; ``time`` for stamps and durations (i4, u4).
+        Type of a number or of the numbers of an array; None for a text; (i4, u4) for stamps and durations.
     start, count
-        Offset in the message, number of elements; None: a single one.
+        Offset in the message [bytes]; number of elements, None for a single one.
     text
-        Of a text.
+        Content of a text.
     """
 
     path: str
@@ -53,7 +51,7 @@ class Leaf:
 
     @property
     def is_time(self) -> bool:
-        """Whether it is a stamp or a duration."""
+        """True for a stamp or a duration."""
         return self.dtype is not None and self.dtype.names is not None
 
 
@@ -64,15 +62,15 @@ class Layout:
     Attributes
     ----------
     length
-        Of the message [bytes].
+        Length of the message [bytes].
     leaves
-        In the order of the message.
+        Parts in the order of the message.
     fixed : ndarray of uint8, shape (length,)
-        255 for the bytes that make the layout: encapsulation, lengths and texts.
+        255 for the bytes that define the layout: encapsulation, lengths and texts.
     between
-        Stretches of bytes between the numbers: those and the padding.
+        Ranges of bytes between the numbers: those bytes and the padding.
     sample
-        The message it was found in.
+        Message from which the layout was derived.
     """
 
     length: int
@@ -82,7 +80,7 @@ class Layout:
     sample: NDArray[np.uint8]
 
     def fits(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Tell which of so many messages, shape (n, length), have this layout; padding may hold anything."""
+        """Return a mask of the messages, shape (n, length), with this layout; padding is ignored."""
         same = np.ones(len(rows), dtype=np.bool_)
         for begin, end in self.between:
             same &= (rows[:, begin:end] == self.sample[begin:end]).all(axis=1)
@@ -92,7 +90,7 @@ class Layout:
         return same
 
     def read(self, rows: NDArray[np.uint8], leaf: Leaf) -> NDArray[Any]:
-        """Return one part of so many messages as a view: shape (n,), for an array (count, n)."""
+        """Return one part of n messages as a view: shape (n,), for an array (count, n)."""
         assert leaf.dtype is not None
         stride = rows.strides[0]
         if leaf.count is None:
@@ -107,23 +105,25 @@ def layout_of(types: Typestore, type_name: str, data: bytes) -> Layout:
     Parameters
     ----------
     types
-        Type store of ``rosbags`` that knows the type.
+        Type store of ``rosbags`` with the type.
     type_name
-        Such as ``sensor_msgs/msg/JointState``.
+        Message type, for example ``sensor_msgs/msg/JointState``.
     data
         CDR bytes.
 
     Raises
     ------
     ValueError
-        If the bytes are no message of that type.
+        If the bytes are not a message of that type.
     """
+    if len(data) < HEAD or data[0] != 0 or data[1] > 1:
+        raise ValueError(f"not a {type_name} (no CDR)")
     walk = _Walk(types, data)
     try:
         walk.message(type_name, "")
     except (struct.error, KeyError, UnicodeDecodeError) as error:
         raise ValueError(f"not a {type_name} ({type(error).__name__})") from None
-    if len(data) - walk.place >= 8:  # a few bytes of padding at the end are usual
+    if len(data) - walk.place >= 8:  # some writers pad the end
         raise ValueError(f"not a {type_name} ({len(data) - walk.place} bytes too long)")
     edges = np.flatnonzero(np.diff(np.concatenate(([0], ~walk.numbers, [0]))))
     between = tuple(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
@@ -132,11 +132,9 @@ def layout_of(types: Typestore, type_name: str, data: bytes) -> Layout:
 
 
 class _Walk:
-    """A walk along the bytes of one message."""
+    """Derivation of the layout from the bytes of one message."""
 
     def __init__(self, types: Typestore, data: bytes) -> None:
-        if len(data) < HEAD or data[0] != 0 or data[1] > 1:
-            raise ValueError("not CDR")
         self.place = HEAD
         self.leaves: list[Leaf] = []
         self.fixed: NDArray[np.bool_] = np.zeros(len(data), dtype=np.bool_)
@@ -149,7 +147,7 @@ class _Walk:
         self._time = np.dtype([("sec", f"{self._order}i4"), ("nanosec", f"{self._order}u4")])
 
     def message(self, type_name: str, path: str) -> None:
-        """Walk along a message inside the message."""
+        """Add the parts of a nested message."""
         if type_name in TIMES and path:
             self._number(self._time, 4, path, None)
             return
@@ -170,7 +168,7 @@ class _Walk:
                 self._number(dtype, dtype.itemsize, path, count)
                 return
             if count > MOST_LEAVES:
-                raise ValueError(f"{path} has {count} entries, at most {MOST_LEAVES} make a table")
+                raise ValueError(f"{path} has {count} entries, more than the maximum of {MOST_LEAVES}")
             for index in range(count):
                 self._field(element, f"{path}[{index}]")
 
@@ -180,7 +178,7 @@ class _Walk:
             self._number(dtype, dtype.itemsize, path, None)
             return
         if name != "string":
-            raise ValueError(f"{path} is a {name}, which is not read")
+            raise ValueError(f"{path}: type {name} is not supported")
         size = self._count()
         begin, self.place = self.place, self.place + size
         self._check()
@@ -189,7 +187,7 @@ class _Walk:
         self.leaves.append(Leaf(path, None, begin, None, text))
 
     def _number(self, dtype: np.dtype[Any], alignment: int, path: str, count: int | None) -> None:
-        if count != 0:  # an empty array takes no room and aligns nothing
+        if count != 0:  # an empty array has no bytes and no alignment
             self._align(alignment)
         self.leaves.append(Leaf(path, dtype, self.place, count))
         begin, self.place = self.place, self.place + dtype.itemsize * (1 if count is None else count)
@@ -199,7 +197,7 @@ class _Walk:
             raise ValueError(f"more than {MOST_LEAVES} parts in one message")
 
     def _count(self) -> int:
-        """Read a length; lengths make the layout."""
+        """Read a length, a part of the layout."""
         self._align(4)
         (count,) = self._length.unpack_from(self._data, self.place)
         self.fixed[self.place : self.place + 4] = True

@@ -1,22 +1,23 @@
-"""Messages of variable length as bytes: profiles, speed limits and diagnostics.
+"""Codec of messages of variable length: profiles, speed limits and diagnostics.
 
-The usual ones are put together here, the general serialiser is slow on thousands of small parts; whatever does not
-have that layout goes through it.
+The usual layouts are encoded here, because the general serialiser is slow for thousands of small parts; it handles
+all other layouts.
 """
 
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from train_ato.cdr import SECOND, header, typestore
-from train_ato.topics import EPOCH_NS
-from train_ato.types import Array, Diagnostic, Trajectory
+from train_ato.messages.codec.cdr import SECOND, header, packed_stamp, stamp_of, typestore
+from train_ato.messages.topics import BY_NAME
+from train_ato.messages.types import Array, Diagnostic, Trajectory
 
-_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
-_DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+_LENGTH = struct.Struct("<I")
+_HEAD = b"\x00\x01\x00\x00"
 _KNOT = np.dtype(
     [
         ("positions", "<u4"), ("position", "<f8"),
@@ -25,11 +26,13 @@ _KNOT = np.dtype(
         ("efforts", "<u4"), ("second", "<i4"), ("nanosecond", "<u4"),
     ]
 )  # fmt: skip
-"""One point with one position, speed and acceleration, where it starts 4 bytes behind a multiple of 8."""
+"""Point with one position, speed and acceleration; it begins and ends 4 bytes behind a multiple of 8."""
+_NAME = 28
+"""Offset of the joint's name after an empty frame [bytes]."""
 
 
 def encode_trajectory(message: Trajectory) -> bytes:
-    """Return a profile or the speed limits in CDR.
+    """Return the CDR bytes of a profile or of the speed limits.
 
     Raises
     ------
@@ -37,22 +40,51 @@ def encode_trajectory(message: Trajectory) -> bytes:
         If a value is not finite or the columns differ in length.
     """
     _check(message)
-    start = _start_of_points(message)
-    if message.acceleration.size == 0 or len(start) % 8 != 0:
+    if message.acceleration.size == 0:
         return _encode_any(message)
     knots = np.zeros(message.time.size, _KNOT)
     knots["positions"] = knots["velocities"] = knots["accelerations"] = 1
     knots["position"], knots["velocity"] = message.position, message.velocity
     knots["acceleration"] = message.acceleration
     knots["second"], knots["nanosecond"] = message.time // SECOND, message.time % SECOND
-    return start + knots.tobytes()
+    start, points = _start_of_points(message), knots.tobytes()
+    return start + points[:4] + bytes(_gap(start)) + points[4:]
+
+
+def _check(message: Trajectory) -> None:
+    k = message.time.size
+    for field in ("position", "velocity", "acceleration"):
+        column: Array = getattr(message, field)
+        if column.size != k and not (field == "acceleration" and column.size == 0):
+            raise ValueError(f"trajectory '{message.name}': {column.size} values of {field} for {k} knots")
+        if not np.isfinite(column).all():
+            raise ValueError(f"trajectory '{message.name}': {field} is not finite")
+
+
+def decode_trajectory(data: bytes) -> Trajectory:
+    """Return the profile or the speed limits of the bytes.
+
+    Raises
+    ------
+    ValueError
+        If the bytes are not a trajectory of one joint with finite values.
+    """
+    result = _decode_knots(data) or _decode_any(data)
+    _check(result)
+    return result
 
 
 def _start_of_points(message: Trajectory) -> bytes:
-    """Return the message up to and with the number of points; 4 of its bytes are the encapsulation."""
-    empty = typestore().types[_TRAJECTORY](header=header(message.stamp), joint_names=[message.name], points=[])
-    data = bytes(typestore().serialize_cdr(empty, _TRAJECTORY))
-    return data[:-4] + struct.pack("<I", message.time.size)
+    """Return the begin of the message, including the number of points."""
+    out = bytearray(_HEAD + packed_stamp(message.stamp))
+    for part in ("", 1, message.name, message.time.size):  # the frame, one joint, its name, the number of points
+        _append(out, part)
+    return bytes(out)
+
+
+def _gap(start: bytes) -> int:
+    """Return the padding between the length and the value of the first position, aligned to 8 [bytes]."""
+    return len(start) % 8 and 4  # 4 bytes of encapsulation, 4 of the length: 0 modulo 8 leaves no gap
 
 
 def _encode_any(message: Trajectory) -> bytes:
@@ -71,60 +103,39 @@ def _encode_any(message: Trajectory) -> bytes:
         )
         for time, position, velocity, acceleration in zip(*columns, strict=True)
     ]
-    whole = types[_TRAJECTORY](header=header(message.stamp), joint_names=[message.name], points=points)
-    return bytes(typestore().serialize_cdr(whole, _TRAJECTORY))
-
-
-def _check(message: Trajectory) -> None:
-    k = message.time.size
-    for field in ("position", "velocity", "acceleration"):
-        column: Array = getattr(message, field)
-        if column.size != k and not (field == "acceleration" and column.size == 0):
-            raise ValueError(f"trajectory '{message.name}': {column.size} values of {field} for {k} knots")
-        if not np.isfinite(column).all():
-            raise ValueError(f"trajectory '{message.name}': {field} is not finite")
-
-
-def decode_trajectory(data: bytes) -> Trajectory:
-    """Return the profile or the speed limits that the bytes hold.
-
-    Raises
-    ------
-    ValueError
-        If the bytes are no trajectory of one joint with finite values.
-    """
-    result = _decode_knots(data)
-    if result is None:
-        result = _decode_any(data)
-    _check(result)
-    return result
+    kind = "trajectory_msgs/msg/JointTrajectory"
+    whole = types[kind](header=header(message.stamp), joint_names=[message.name], points=points)
+    return bytes(typestore().serialize_cdr(whole, kind))
 
 
 def _decode_knots(data: bytes) -> Trajectory | None:
-    """Read a profile as it is written here; None for any other layout."""
-    count, rest = divmod(len(data) - 40, _KNOT.itemsize)
-    if rest or count < 1 or data[:2] != b"\x00\x01":
+    """Decode a profile with the layout of :func:`encode_trajectory`; None for any other layout."""
+    try:
+        (size,) = _LENGTH.unpack_from(data, _NAME - 4)
+        name = data[_NAME : _NAME + size - 1].decode()
+    except (struct.error, UnicodeDecodeError):
         return None
-    knots = np.frombuffer(data, _KNOT, count, 40)
+    begin = _NAME + size + -size % 4 + 4
+    gap = _gap(data[:begin])
+    count, rest = divmod(len(data) - begin - gap, _KNOT.itemsize)
+    if rest or count < 1 or not size:
+        return None
+    knots = np.frombuffer(data[begin : begin + 4] + data[begin + 4 + gap :], _KNOT, count)
     time = knots["second"].astype(np.int64) * SECOND + knots["nanosecond"]
-    name = data[28:33].decode("ascii", "replace")
-    stamp = int.from_bytes(data[4:8], "little") * SECOND + int.from_bytes(data[8:12], "little") - EPOCH_NS
     columns = (np.array(knots[field]) for field in ("position", "velocity", "acceleration"))
-    found = Trajectory(stamp, name, time, *columns)
+    found = Trajectory(stamp_of(data), name, time, *columns)
     ones = all((knots[field] == 1).all() for field in ("positions", "velocities", "accelerations"))
-    if ones and not knots["efforts"].any() and data[:40] == _start_of_points(found):
-        return found
-    return None
+    return found if ones and not knots["efforts"].any() and data[:begin] == _start_of_points(found) else None
 
 
 def _decode_any(data: bytes) -> Trajectory:
-    message = _deserialise(data, _TRAJECTORY)
+    message = _deserialise(data, "trajectory_msgs/msg/JointTrajectory")
     if len(message.joint_names) != 1:
         raise ValueError(f"trajectory of {len(message.joint_names)} joints where one is due")
     points = message.points
     times = [point.time_from_start.sec * SECOND + point.time_from_start.nanosec for point in points]
     return Trajectory(
-        int(message.header.stamp.sec) * SECOND + int(message.header.stamp.nanosec) - EPOCH_NS,
+        stamp_of(data),
         str(message.joint_names[0]),
         np.array(times, dtype=np.int64),
         _column([point.positions for point in points]),
@@ -137,42 +148,89 @@ def _column(values: list[Array]) -> Array:
     return np.concatenate(values).astype(np.float64) if values else np.zeros(0)
 
 
-def _text(out: bytearray, text: str) -> None:
-    """Append a string; lengths stand at multiples of 4."""
+def _append(out: bytearray, value: str | int) -> None:
+    """Append a length, or a text with its length; lengths are aligned to 4 bytes."""
     out += bytes(-len(out) % 4)
-    raw = text.encode()
-    out += struct.pack("<I", len(raw) + 1) + raw + b"\x00"
+    if isinstance(value, int):
+        out += _LENGTH.pack(value)
+    else:
+        raw = value.encode()
+        out += _LENGTH.pack(len(raw) + 1) + raw + b"\x00"
 
 
 def encode_diagnostic(message: Diagnostic) -> bytes:
-    """Return the state of a node in CDR, filled up to a multiple of 4 bytes as every transport does."""
-    seconds, nanoseconds = divmod(EPOCH_NS + message.stamp, SECOND)
-    out = bytearray(struct.pack("<iII", seconds, nanoseconds, 1) + b"\x00")  # the header's empty frame
-    out += bytes(-len(out) % 4) + struct.pack("<IB", 1, message.level)
+    """Return the CDR bytes of the state of a node, padded to a multiple of 4 bytes as by every transport."""
+    out = bytearray(_HEAD + packed_stamp(message.stamp))
+    _append(out, "")  # the header's frame
+    _append(out, 1)
+    out += bytes((message.level,))
     for text in (message.node, message.message, ""):
-        _text(out, text)
-    out += bytes(-len(out) % 4) + struct.pack("<I", len(message.values))
+        _append(out, text)
+    _append(out, len(message.values))
     for key, value in message.values.items():
-        _text(out, key)
-        _text(out, value)
-    return b"\x00\x01\x00\x00" + bytes(out) + bytes(-len(out) % 4)
+        _append(out, key)
+        _append(out, value)
+    return bytes(out) + bytes(-len(out) % 4)
 
 
 def decode_diagnostic(data: bytes) -> Diagnostic:
-    """Return the state of a node that the bytes hold.
+    """Return the state of a node of the bytes; the name is "" for the states of no or several nodes.
 
     Raises
     ------
     ValueError
-        If the bytes are no diagnostics of one node.
+        If the bytes are not diagnostics.
     """
-    message = _deserialise(data, _DIAGNOSTICS)
-    if len(message.status) != 1:
-        raise ValueError(f"/diagnostics: {len(message.status)} nodes in one message where one is due")
+    if data[:2] != _HEAD[:2] or data[12:17] != b"\x01\x00\x00\x00\x00" or data[20:24] != b"\x01\x00\x00\x00":
+        return _decode_any_diagnostic(data)
+    try:
+        (node, message, _), place = _texts(data, 25, 3)
+        place += -place % 4
+        (count,) = _LENGTH.unpack_from(data, place)
+        pairs, _ = _texts(data, place + 4, 2 * count)
+    except (struct.error, UnicodeDecodeError):
+        return _decode_any_diagnostic(data)
+    return Diagnostic(stamp_of(data), node, data[24], message, dict(zip(pairs[::2], pairs[1::2], strict=True)))
+
+
+def _decode_any_diagnostic(data: bytes) -> Diagnostic:
+    """Decode diagnostics of any byte order and frame."""
+    message = _deserialise(data, "diagnostic_msgs/msg/DiagnosticArray")
+    if len(message.status) != 1:  # from another program; nodes of the graph send one status
+        return Diagnostic(stamp_of(data), "", 0, "", {})
     status = message.status[0]
     values = {str(pair.key): str(pair.value) for pair in status.values}
-    stamp = int(message.header.stamp.sec) * SECOND + int(message.header.stamp.nanosec) - EPOCH_NS
-    return Diagnostic(stamp, str(status.name), int(status.level), str(status.message), values)
+    return Diagnostic(stamp_of(data), str(status.name), int(status.level), str(status.message), values)
+
+
+def _texts(data: bytes, place: int, count: int) -> tuple[list[str], int]:
+    """Return ``count`` consecutive texts and the offset of their end."""
+    texts, last = [], len(data)
+    for _ in range(count):
+        place += -place % 4
+        (size,) = _LENGTH.unpack_from(data, place)
+        end = place + 4 + size
+        if not size or end > last:
+            raise struct.error("text beyond the end")
+        texts.append(data[place + 4 : end - 1].decode())
+        place = end
+    return texts, place
+
+
+_NODES = tuple(role.value for role in BY_NAME["/diagnostics"].publishers)
+_NAMED = tuple(struct.pack("<I", len(name) + 1) + name.encode() + b"\x00" for name in _NODES)
+_ONE = struct.pack("<I", 1)
+
+
+def of_a_node(data: bytes) -> bool:
+    """Return True for diagnostics of a node of the graph, False for those of another program."""
+    written_here = data[:2] == b"\x00\x01" and data[12:17] == _ONE + b"\x00" and data[20:24] == _ONE
+    if written_here and data.startswith(_NAMED, 28):
+        return True
+    try:
+        return decode_diagnostic(data).node in _NODES
+    except ValueError:
+        return False
 
 
 def _deserialise(data: bytes, type_name: str) -> Any:
@@ -180,3 +238,10 @@ def _deserialise(data: bytes, type_name: str) -> Any:
         return typestore().deserialize_cdr(data, type_name)
     except Exception as error:
         raise ValueError(f"not a {type_name} ({type(error).__name__})") from None
+
+
+VARIABLE: dict[type, tuple[Callable[[Any], bytes], Callable[[bytes], Any]]] = {
+    Trajectory: (encode_trajectory, decode_trajectory),
+    Diagnostic: (encode_diagnostic, decode_diagnostic),
+}
+"""Encoder and decoder by the dataclass of the messages."""

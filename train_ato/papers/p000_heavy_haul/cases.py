@@ -1,6 +1,6 @@
 """Runs of the heavy-haul train for paper 000: its own setting, and one with lag 0.4 s and delay 0.8 s.
 
-Every case is over the driver's 2674 s, at a tick of 0.05 s (PID of the print: 0.01 s), unless its figures show sooner.
+Every case has the 2674 s of the driver's run and a tick of 0.05 s (printed PID: 0.01 s), unless a shorter run suffices.
 """
 
 from __future__ import annotations
@@ -8,16 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from train_ato.reproduce.claims import Case
-
-__all__ = ["CASES", "DURATION", "IDEAL_LAWS", "LAGGED_LAWS", "LAGGED_TRAINS", "LIMIT_DELAYS", "PERIOD"]
+from train_ato.papers.claims import Case
 
 DURATION = 2674
 """Length of the driver's run [s]."""
 PERIOD = 0.05
 """Tick of the tables [s]."""
 SHORT = 600
-"""Start from rest to 70 km/h: enough to show that a loop is unstable [s]."""
+"""Start from rest to 70 km/h, sufficient for the detection of an unstable loop [s]."""
 
 Choice = dict[str, Any]
 
@@ -39,12 +37,12 @@ PRINTED_PID = {
     "filter_time": 0.0,
 }
 PRINTED = {"ks": 0.0, "anti_windup": False}
-"""The reaching law of the print has no linear term, and its integral runs on while the force is at a limit."""
+"""The printed reaching law has no linear term, and its integral has no anti-windup."""
 PRINTED_NETWORK = {**PRINTED, "clip": False}
-"""The network of the print is blind outside its bells."""
+"""The printed network has no output outside its basis functions."""
 
 IDEAL_LAWS: dict[str, tuple[str, Choice]] = {
-    "pid": ("PID (Tc .01)", _law("pid", PRINTED_PID) | {"tick": 0.01}),
+    "pid": ("PID (Tc 0.01)", _law("pid", PRINTED_PID) | {"tick": 0.01}),
     "smc": ("SMC", _law("smc", PRINTED)),
     "smc_ndo": ("SMC + NDO 1000", _law("smc", PRINTED, 1000.0)),
     "rbf": ("RBFNN-SMC", _law("rbf_smc", PRINTED_NETWORK)),
@@ -53,16 +51,16 @@ IDEAL_LAWS: dict[str, tuple[str, Choice]] = {
     "rbf_ks": ("RBFNN + ks", _law("rbf_smc", {})),
     "rbf_ks_ndo": ("RBFNN + ks + NDO 20", _law("rbf_smc", {}, 20.0)),
 }
-"""Key to label and choice, in the order of the table; run undisturbed and with (40)."""
+"""Label and choice by key, in the order of the table; run undisturbed and with (40)."""
 
 TUNED = ("twin_smc", "twin_smc_ndo")
-"""Laws that run with the scenario's own gains for lag and delay."""
+"""Laws with the gains of the scenario for lag and delay."""
 PREDICTED = {"compensation": "train_predictor"}
 
 LAGGED_LAWS: dict[str, tuple[str, Choice]] = {
     "twin_pid": ("twin + PID", {}),
     "twin_smc": ("twin + SMC", _law("smc", {})),
-    "twin_smc_ndo": ("twin + SMC + NDO .01", _law("smc", {}, 0.01, "train")),
+    "twin_smc_ndo": ("twin + SMC + NDO 0.01", _law("smc", {}, 0.01, "train")),
     "predicted": ("printed SMC on a full-train prediction", _law("smc", PRINTED) | PREDICTED),
 }
 LAGGED_TRAINS: dict[str, tuple[str, str]] = {
@@ -71,10 +69,10 @@ LAGGED_TRAINS: dict[str, tuple[str, str]] = {
     "mismatch": ("+ mismatch", "+disturbed+mismatch"),
     "strong": ("+ strong mismatch", "+disturbed+strong_mismatch"),
 }
-"""Key to label and variants: the mismatches come on top of the disturbance."""
+"""Label and variants by key; the mismatches are in addition to the disturbance."""
 
 LIMIT_DELAYS = (0.05, 0.1, 0.15, 0.2, 0.4)
-"""Pure delays on both sides of the printed law's limit of 0.17 s [s]."""
+"""Pure delays below and above the limit of the printed law, 0.17 s [s]."""
 
 
 def _ideal(choice: Choice, variants: str = "", **more: Any) -> Case:

@@ -1,31 +1,29 @@
-"""The figures of paper 000 from our runs, numbered as there, and two for lag and delay."""
+"""Figures of paper 000, with its numbers, and two for lag and delay."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
-from train_ato.reproduce.claims import Results
-from train_ato.reproduce.drawing import Series, inset, panels, save, trace
-from train_ato.reproduce.heavy_haul_cases import LAGGED_TRAINS, LIMIT_DELAYS, PERIOD, PRINTED_NETWORK
-from train_ato.reproduce.heavy_haul_series import (
+from train_ato.papers.checks import recording
+from train_ato.papers.claims import Results
+from train_ato.papers.drawing import Series, inset, panels, save_png, trace
+from train_ato.papers.p000_heavy_haul.cases import LAGGED_TRAINS, LIMIT_DELAYS, PERIOD, PRINTED_NETWORK
+from train_ato.papers.p000_heavy_haul.series import (
     LOCOMOTIVE,
     disturbance_40,
+    locomotive_speed_error,
     network_estimate,
-    speed_error,
     unexplained,
 )
-from train_ato.reproduce.judges import history
-
-__all__ = ["draw"]
 
 LAWS = {"pid": "PID", "smc": "SMC", "rbf": "RBFNN-SMC", "rbf_ndo": "RBFNN-SMC + NDO"}
 ZOOM = (1302.0, 1312.0)
-"""The first application of the air brake is felt [s]."""
+"""Start of the effect of the first air-brake application [s]."""
 
 
 def draw(results: Results, folder: Path) -> list[Path]:
-    """Draw everything; returns the files."""
+    """Draw the figures of paper 000 into a folder; return the files."""
     return [
         _tracking(results, folder, "", "5-6"),
         _tracking(results, folder, " disturbed", "11-12"),
@@ -39,8 +37,8 @@ def draw(results: Results, folder: Path) -> list[Path]:
 
 
 def _errors(results: Results, suffix: str) -> list[Series]:
-    runs = {label: history(results[f"{key}{suffix}"]) for key, label in LAWS.items()}
-    return [(label, run.time, speed_error(run)) for label, run in runs.items()]
+    runs = {label: recording(results[f"{key}{suffix}"]) for key, label in LAWS.items()}
+    return [(label, run.time, locomotive_speed_error(run)) for label, run in runs.items()]
 
 
 def _tracking(results: Results, folder: Path, suffix: str, number: str) -> Path:
@@ -48,9 +46,9 @@ def _tracking(results: Results, folder: Path, suffix: str, number: str) -> Path:
     figure, (speed, error) = panels(
         2, f"Paper 000, figures {number}: speed tracking, ideal actuator, {name}", height=3.6
     )
-    reference = history(results[f"smc{suffix}"])
+    reference = recording(results[f"smc{suffix}"])
     driver: Series = ("driver's run", reference.time, 3.6 * reference.reference_velocity)
-    runs = {label: history(results[f"{key}{suffix}"]) for key, label in LAWS.items()}
+    runs = {label: recording(results[f"{key}{suffix}"]) for key, label in LAWS.items()}
     lines: list[Series] = [(label, run.time, 3.6 * run.front_velocity) for label, run in runs.items()]
     trace(speed, lines, "speed in km/h", reference=driver)
     speed.legend(loc="lower right", ncols=5, fontsize="small")
@@ -59,31 +57,31 @@ def _tracking(results: Results, folder: Path, suffix: str, number: str) -> Path:
     trace(error, errors, "speed error v - v_d in km/h")
     error.axhspan(-0.15, 0.15, color="0.5", alpha=0.12, lw=0)
     error.set_xlabel("time in min (grey: +-0.15 km/h)")
-    return save(figure, folder, f"paper000_tracking{suffix.replace(' ', '_')}.png")
+    return save_png(figure, folder, f"paper000_tracking{suffix.replace(' ', '_')}.png")
 
 
 def _network(results: Results, folder: Path) -> Path:
-    figure, axes = panels(4, "Paper 000, figures 7-8: what the network estimates of delta = f - f_hat", height=2.3)
+    figure, axes = panels(4, "Paper 000, figures 7-8: network estimate of delta = f - f_hat", height=2.3)
     settings = (
         ("rbf", "as printed", RbfSmcParameters(**PRINTED_NETWORK)),  # type: ignore[arg-type]
         ("rbf_ks", "with ks S, clipped inputs", RbfSmcParameters()),
     )
     for row, (key, label, parameters) in enumerate(settings):
-        run = history(results[key])
+        run = recording(results[key])
         truth = unexplained(run, PERIOD, 0.01)
         found = network_estimate(run, parameters, PERIOD)
         trace(axes[2 * row], [("truth", run.time, truth), (label, run.time, found)], "delta in m/s²")
         trace(axes[2 * row + 1], [("error of the estimate", run.time, found - truth)], "error in m/s²", color="#d1495b")
         axes[2 * row + 1].axhspan(-5e-5, 5e-5, color="0.3", alpha=0.5, lw=0)
     axes[-1].set_xlabel("time in min (dark band: +-5e-5 m/s²)")
-    return save(figure, folder, "paper000_network.png")
+    return save_png(figure, folder, "paper000_network.png")
 
 
 def _force(results: Results, folder: Path) -> Path:
     figure, (force, detail) = panels(
         2, "Paper 000, figure 9: control force of the locomotive", height=3.4, shared=False
     )
-    runs = {label: history(results[key]) for key, label in LAWS.items()}
+    runs = {label: recording(results[key]) for key, label in LAWS.items()}
     lines: list[Series] = [(label, run.time, run.command[:, 0] / 1e3) for label, run in runs.items()]
     trace(force, lines, "force in kN")
     force.set_xlabel("time in min")
@@ -97,27 +95,29 @@ def _force(results: Results, folder: Path) -> Path:
         minutes=False,
     )
     detail.set_xlabel("time in s: the air brake is applied")
-    return save(figure, folder, "paper000_force.png")
+    return save_png(figure, folder, "paper000_force.png")
 
 
 def _couplers(results: Results, folder: Path) -> Path:
     figure, axes = panels(2, "Paper 000, figure 10: coupler forces, draft > 0", height=3.2)
-    titles = (("rbf_ndo", "RBFNN-SMC + NDO, ideal"), ("twin_pid disturbed", "twin + PID, lag .4 s, delay .8 s, (40)"))
+    titles = (("rbf_ndo", "RBFNN-SMC + NDO, ideal"), ("twin_pid disturbed", "twin + PID, lag 0.4 s, delay 0.8 s, (40)"))
     for panel, (key, title) in zip(axes, titles, strict=True):
-        run = history(results[key])
-        panel.fill_between(run.time / 60, run.coupler_low / 1e3, run.coupler_high / 1e3, color="0.6", alpha=0.35, lw=0)
+        run = recording(results[key])
+        panel.fill_between(
+            run.time / 60, run.coupler_buff_max / 1e3, run.coupler_draft_max / 1e3, color="0.6", alpha=0.35, lw=0
+        )
         names = ("behind the locomotive", "middle of the train", "before the last wagon")
-        lines = [(name, run.time, run.coupler_some[:, column] / 1e3) for column, name in enumerate(names)]
+        lines = [(name, run.time, run.coupler_samples[:, column] / 1e3) for column, name in enumerate(names)]
         trace(panel, lines, "coupler force in kN")
         panel.set_title(title + " (grey: all couplers)", fontsize="medium")
     axes[-1].set_xlabel("time in min")
-    return save(figure, folder, "paper000_couplers.png")
+    return save_png(figure, folder, "paper000_couplers.png")
 
 
 def _observer(results: Results, folder: Path) -> Path:
     figure, (whole, detail) = panels(2, "Paper 000: NDO against the truth, disturbance (40)", height=3.2, shared=False)
-    run = history(results["rbf_ndo disturbed"])
-    slow = history(results["rbf_ks_ndo disturbed"])
+    run = recording(results["rbf_ndo disturbed"])
+    slow = recording(results["rbf_ks_ndo disturbed"])
     truth = unexplained(run, PERIOD, 0.01, disturbance_40(run, PERIOD))
     lines: list[Series] = [
         ("truth", run.time, truth),
@@ -129,27 +129,27 @@ def _observer(results: Results, folder: Path) -> Path:
     part = (run.time >= 600) & (run.time <= 620)
     trace(detail, [(label, time[part], d[part]) for label, time, d in lines], "d in m/s²", minutes=False)
     detail.set_xlabel("time in s")
-    return save(figure, folder, "paper000_observer.png")
+    return save_png(figure, folder, "paper000_observer.png")
 
 
 def _limit(results: Results, folder: Path) -> Path:
     figure, (error, force) = panels(2, "Paper 000: printed SMC with a pure delay, stable below 0.17 s", height=3.2)
-    runs = {f"{delay:g} s": history(results[f"smc delay {delay}"]) for delay in LIMIT_DELAYS}
-    trace(error, [(name, run.time, speed_error(run)) for name, run in runs.items()], "speed error in km/h")
+    runs = {f"{delay:g} s": recording(results[f"smc delay {delay}"]) for delay in LIMIT_DELAYS}
+    trace(error, [(name, run.time, locomotive_speed_error(run)) for name, run in runs.items()], "speed error in km/h")
     trace(force, [(name, run.time, run.applied[:, 0] / 1e3) for name, run in runs.items()], "applied force in kN")
     force.set_xlabel("time in s")
-    return save(figure, folder, "paper000_delay_limit.png")
+    return save_png(figure, folder, "paper000_delay_limit.png")
 
 
 def _twin(results: Results, folder: Path) -> Path:
     title = "Paper 000's train with lag 0.4 s and delay 0.8 s: twin + PID"
     figure, (speed, error, force) = panels(3, title, height=3.0)
-    runs = {label: history(results[f"twin_pid {key}"]) for key, (label, _) in LAGGED_TRAINS.items()}
+    runs = {label: recording(results[f"twin_pid {key}"]) for key, (label, _) in LAGGED_TRAINS.items()}
     first = next(iter(runs.values()))
     lines: list[Series] = [(label, run.time, 3.6 * run.front_velocity) for label, run in runs.items()]
     trace(speed, lines, "speed in km/h", reference=("driver's run", first.time, 3.6 * first.reference_velocity))
     speed.legend(loc="lower right", ncols=5, fontsize="small")
-    trace(error, [(label, run.time, speed_error(run)) for label, run in runs.items()], "speed error in km/h")
+    trace(error, [(label, run.time, locomotive_speed_error(run)) for label, run in runs.items()], "speed error in km/h")
     trace(force, [(label, run.time, run.applied[:, 0] / 1e3) for label, run in runs.items()], "applied force in kN")
     force.set_xlabel("time in min")
-    return save(figure, folder, "paper000_twin.png")
+    return save_png(figure, folder, "paper000_twin.png")

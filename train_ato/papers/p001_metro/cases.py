@@ -1,8 +1,8 @@
 """Runs of the metro train for paper 001: its own setting, and one with lag 0.4 s and delay 0.3 s.
 
-Gains of our own parts were chosen on `disturbed` and on the same with a true lag of 0.45 s and delay of 0.4 s; the
-mismatch, the slower actuator and the delay of 1 s are held out.  The PIDs' gains are an independent
-optimisation's.
+The gains of the laws of this project were chosen on `disturbed` and on the same with a true lag of 0.45 s and delay of
+0.4 s; the mismatch, the slower actuator and the delay of 1 s are held out.  The PID gains are from an independent
+optimisation.
 """
 
 from __future__ import annotations
@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from train_ato.reproduce.claims import Case
-
-__all__ = ["CASES", "INERTIA", "LAWS", "SWEEP", "TRAINS"]
+from train_ato.papers.claims import Case
 
 INERTIA = 192_170.0
-"""Mass with rotating parts [kg]."""
+"""Mass including rotating masses [kg]."""
 SWEEP = (0.2, 0.5, 0.75)
 """Delays between those of the table [s]."""
 
@@ -31,7 +29,7 @@ PID_PREVIEW = {"kp": 1.16, "ki": 0.43, "integral": "speed"}
 RBF = {"phi": 3.0, "eta": 0.03}
 TANH = {"switching": "tanh", "phi": 1.2}
 LITERAL = {"objective": "printed_acceleration", "eta": 0.6 / 0.05, "weight_limit": 1000.0}
-"""eta = 0.6 per sample of 0.05 s, weights without a bound."""
+"""eta = 0.6 per sample of 0.05 s, weights without bound."""
 ESO: Choice = {"observer": "eso", "observers": {"eso": {"omega": 3.0}}}
 SWITCHING = "rbf_switching_smc"
 
@@ -43,15 +41,15 @@ LAWS: dict[str, tuple[str, Choice]] = {
     "rbf_predictor": ("RBF + preview + predictor (+ ESO)", _law(SWITCHING, "predictor", RBF)),
     "tanh_predictor": ("tanh + preview + predictor (+ ESO)", _law(SWITCHING, "predictor", TANH)),
 }
-"""Key to label and choice, in the order of the table."""
+"""Label and choice by key, in the order of the table."""
 TRAINS: dict[str, tuple[str, str]] = {
     "nominal": ("nominal, no disturbance", ""),
     "disturbed": ("disturbed, noise", ":disturbed"),
-    "mismatch": ("gain .9, resistance x10", ":mismatch"),
-    "slower": ("true lag .5, delay .45", ":slower"),
+    "mismatch": ("gain 0.9, resistance x10", ":mismatch"),
+    "slower": ("true lag 0.5, delay 0.45", ":slower"),
     "long_delay": ("delay 1.0, gains of 0.3", ":long_delay"),
 }
-"""Key to label and variant, the rows of the table."""
+"""Label and variant by key, the rows of the table."""
 
 
 def _run(choice: Choice, variant: str, **more: Any) -> Case:

@@ -1,4 +1,4 @@
-"""The figures of paper 001 from our runs, numbered as there, and some for lag, delay and disturbance."""
+"""Figures of paper 001, with its numbers, and further ones for lag, delay and disturbance."""
 
 from __future__ import annotations
 
@@ -7,17 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from train_ato.reproduce.claims import Results
-from train_ato.reproduce.drawing import Series, inset, panels, save, trace
-from train_ato.reproduce.judges import history
-from train_ato.reproduce.metro_cases import INERTIA
-from train_ato.reproduce.metro_judges import truth_and_estimate
-
-__all__ = ["draw"]
+from train_ato.messages.types import Array
+from train_ato.papers.checks import recording
+from train_ato.papers.claims import Result, Results
+from train_ato.papers.drawing import Series, inset, panels, save_png, trace
+from train_ato.papers.p001_metro.cases import INERTIA
 
 
 def draw(results: Results, folder: Path) -> list[Path]:
-    """Draw everything; returns the files."""
+    """Draw the figures of paper 001 into a folder; return the files."""
     return [
         _tracking(results, folder),
         _chattering(results, folder),
@@ -28,13 +26,15 @@ def draw(results: Results, folder: Path) -> list[Path]:
 
 
 def _errors(results: Results, named: Mapping[str, str]) -> list[Series]:
-    runs = {label: history(results[key]) for key, label in named.items()}
+    runs = {label: recording(results[key]) for key, label in named.items()}
     return [(label, run.time, run.front_velocity - run.reference_velocity) for label, run in runs.items()]
 
 
 def _tracking(results: Results, folder: Path) -> Path:
     figure, (speed, ideal, lagged) = panels(3, "Paper 001, figures 4-7: speed tracking and its error", height=3.0)
-    runs = {label: history(results[f"ideal {key}"]) for key, label in (("pid", "PID"), ("rbf", "SMC with RBF network"))}
+    runs = {
+        label: recording(results[f"ideal {key}"]) for key, label in (("pid", "PID"), ("rbf", "SMC with RBF network"))
+    }
     first = next(iter(runs.values()))
     profile: Series = ("profile", first.time, 3.6 * first.reference_velocity)
     lines: list[Series] = [(label, run.time, 3.6 * run.front_velocity) for label, run in runs.items()]
@@ -48,9 +48,9 @@ def _tracking(results: Results, folder: Path) -> Path:
         "rbf nominal": "RBF + preview",
         "tanh_predictor nominal": "tanh + predictor",
     }
-    trace(lagged, _errors(results, named), "v - v_d in m/s\nlag .4 s, delay .3 s")
+    trace(lagged, _errors(results, named), "v - v_d in m/s\nlag 0.4 s, delay 0.3 s")
     lagged.set_xlabel("time in s")
-    return save(figure, folder, "paper001_tracking.png")
+    return save_png(figure, folder, "paper001_tracking.png")
 
 
 def _chattering(results: Results, folder: Path) -> Path:
@@ -60,24 +60,24 @@ def _chattering(results: Results, folder: Path) -> Path:
     for panel, (begin, end) in zip(axes[:2], ((0.0, 445.0), (20.0, 30.0)), strict=True):
         lines: list[Series] = []
         for key, label in (("ideal sign", "sgn(s)"), ("ideal rbf", "RBF network")):
-            run = history(results[key])
+            run = recording(results[key])
             part = (run.time >= begin) & (run.time <= end)
             lines.append((label, run.time[part], run.command[part, 0] / INERTIA))
         trace(panel, lines, "ideal: u/M in m/s²", minutes=False)
-    run = history(results["sign nominal"])
-    smooth = history(results["tanh nominal"])
+    run = recording(results["sign nominal"])
+    smooth = recording(results["tanh nominal"])
     lines = [
         (label, series.time, series.front_velocity - series.reference_velocity)
         for label, series in (("sgn(s)", run), ("tanh(s/phi)", smooth))
     ]
-    trace(axes[2], lines, "v - v_d in m/s\nlag .4 s, delay .3 s", minutes=False)
+    trace(axes[2], lines, "v - v_d in m/s\nlag 0.4 s, delay 0.3 s", minutes=False)
     axes[2].set_xlabel("time in s")
-    return save(figure, folder, "paper001_chattering.png")
+    return save_png(figure, folder, "paper001_chattering.png")
 
 
 def _disturbed(results: Results, folder: Path) -> Path:
     figure, (error, force, estimate) = panels(
-        3, "Paper 001: disturbed, with noise, lag .4 s and delay .3 s", height=3.0
+        3, "Paper 001: disturbed, with noise, lag 0.4 s and delay 0.3 s", height=3.0
     )
     named = {
         "pid disturbed": "PID",
@@ -86,19 +86,19 @@ def _disturbed(results: Results, folder: Path) -> Path:
         "tanh_predictor disturbed": "tanh + predictor + ESO",
     }
     trace(error, _errors(results, named), "v - v_d in m/s")
-    runs = {label: history(results[key]) for key, label in named.items()}
+    runs = {label: recording(results[key]) for key, label in named.items()}
     trace(force, [(label, run.time, run.applied[:, 0] / 1e3) for label, run in runs.items()], "applied force in kN")
     time, truth, found = truth_and_estimate(results["tanh_predictor disturbed"])
     trace(estimate, [("truth", time, truth), ("ESO, 3 1/s", time, found)], "disturbance in m/s²")
     estimate.set_ylim(np.percentile(truth, 0.2) - 0.1, np.percentile(truth, 99.8) + 0.1)
     estimate.set_xlabel("time in s")
-    return save(figure, folder, "paper001_disturbed.png")
+    return save_png(figure, folder, "paper001_disturbed.png")
 
 
 def _literal(results: Results, folder: Path) -> Path:
     figure, (place, speed) = panels(2, "Paper 001: the networks learning as printed, objective e''", height=3.0)
     runs = {
-        label: history(results[key])
+        label: recording(results[key])
         for key, label in (
             ("ideal literal", "printed, ideal"),
             ("literal nominal", "printed, lag and delay"),
@@ -111,13 +111,13 @@ def _literal(results: Results, folder: Path) -> Path:
     place.set_yscale("symlog", linthresh=0.1)
     trace(speed, [(label, run.time, 3.6 * run.front_velocity) for label, run in runs.items()], "speed in km/h")
     speed.set_xlabel("time in s")
-    return save(figure, folder, "paper001_literal.png")
+    return save_png(figure, folder, "paper001_literal.png")
 
 
 def _delay(results: Results, folder: Path) -> Path:
     figure, (slower, late) = panels(2, "Paper 001: a slower actuator than modelled, and a delay of 1 s", height=3.0)
     for panel, train, label in (
-        (slower, "slower", "true lag .5 s, delay .45 s"),
+        (slower, "slower", "true lag 0.5 s, delay 0.45 s"),
         (late, "long_delay", "delay 1.0 s"),
     ):
         named = {
@@ -127,4 +127,21 @@ def _delay(results: Results, folder: Path) -> Path:
         }
         trace(panel, _errors(results, named), f"v - v_d in m/s\n{label}")
     late.set_xlabel("time in s")
-    return save(figure, folder, "paper001_delay.png")
+    return save_png(figure, folder, "paper001_delay.png")
+
+
+def truth_and_estimate(result: Result) -> tuple[Array, Array, Array]:
+    """Return time [s] and true and estimated disturbance of a run [m/s²].
+
+    The true disturbance is the acceleration beyond the nominal train M v' = F - R(v), averaged over half a second.
+    """
+    run = recording(result)
+    period = run.time[1] - run.time[0]
+    v = 3.6 * run.front_velocity
+    resistance = (0.11 + 0.0029 * v + 0.00013 * v * v) * 9.8e-3 * 181_292.5
+    width = max(1, round(0.5 / period))
+    known = (run.applied[:, 0] - resistance) / INERTIA
+    mean = np.convolve(known, np.full(width, 1.0 / width), mode="valid")[: run.time.size - width]
+    motion = (run.front_velocity[width:] - run.front_velocity[:-width]) / (width * period)
+    time = run.time[:-width] + 0.5 * width * period
+    return time, motion - mean, np.interp(time, run.time, run.estimate[:, 0] / INERTIA)

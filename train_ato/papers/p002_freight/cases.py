@@ -1,21 +1,19 @@
-"""Runs of the freight train for paper 002: the print's setting at 1 ms, and the realistic one over the delay."""
+"""Runs of the freight train for paper 002: the printed setting at 1 ms, and a realistic setting over the delay."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from train_ato.reproduce.claims import Calculation, Case
-from train_ato.reproduce.freight_observers import observer_accuracy
-from train_ato.reproduce.freight_surface import nominal_settling
-
-__all__ = ["CASES", "DELAYS", "LAWS", "OBSERVER_TICKS", "RATIOS"]
+from train_ato.papers.claims import Calculation, Case
+from train_ato.papers.p002_freight.error_dynamics import nominal_settling
+from train_ato.papers.p002_freight.observer_trials import observer_accuracy
 
 DELAYS: Mapping[float, str] = {0.3: "+delay_0_3", 0.6: "", 0.8: "+delay_0_8", 1.0: "+delay_1_0"}
-"""Delay of the command [s] to the variant of the scenario that has it."""
+"""Variant of the scenario by command delay [s]."""
 
 RATIOS = (0.75, 0.9, 1.1, 1.25)
-"""True over believed delay, at a believed delay of 0.8 s."""
+"""Ratio of true to modelled delay, for a modelled delay of 0.8 s."""
 
 
 def _fixed_time(gain: float, **more: Any) -> dict[str, Any]:
@@ -34,11 +32,11 @@ LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
         },
     ),
     "scaled": (
-        "paper's law, gain .3, eso",
+        "paper's law, gain 0.3, eso",
         {"controller": "fixed_time_smc", "compensation": "none", "controllers": _fixed_time(0.3, unmatched=False)},
     ),
     "scaled predicted": (
-        "paper's law, gain .3, eso, predictor",
+        "paper's law, gain 0.3, eso, predictor",
         {"controller": "fixed_time_smc", "controllers": _fixed_time(0.3, unmatched=False)},
     ),
     "pd": (
@@ -51,18 +49,18 @@ LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
             "controllers": {"pid": {"kp": 0.5, "ki": 0.06}},
         },
     ),
-    "unit": ("lag_smc per car (1, .25), eso, predictor", {}),
-    "unit slow": ("lag_smc per car (.6, .09), eso, predictor", {"controllers": {"lag_smc": {"c1": 0.6, "c0": 0.09}}}),
+    "unit": ("lag_smc per car (1, 0.25), eso, predictor", {}),
+    "unit slow": ("lag_smc per car (0.6, 0.09), eso, predictor", {"controllers": {"lag_smc": {"c1": 0.6, "c0": 0.09}}}),
     "common": (
-        "lag_smc common, damping .2, eso, predictor",
+        "lag_smc common, damping 0.2, eso, predictor",
         {"controllers": {"lag_smc": {"command": "common", "damping": 0.2}}},
     ),
     "common damped": (
-        "lag_smc common, damping .5, eso, predictor",
+        "lag_smc common, damping 0.5, eso, predictor",
         {"controllers": {"lag_smc": {"command": "common", "damping": 0.5}}},
     ),
 }
-"""Key to label and changes, in the order of the table."""
+"""Label and changes by key, in the order of the table."""
 
 OBSERVER_TICKS: Mapping[str, tuple[float, float, float]] = {
     "0.01 ms": (1e-5, 0.1, 0.06),
@@ -71,10 +69,10 @@ OBSERVER_TICKS: Mapping[str, tuple[float, float, float]] = {
     "10 ms": (1e-2, 30.0, 0.5),
     "50 ms": (5e-2, 30.0, 0.5),
 }
-"""Sampling time to tick, length and begin of the scored part [s]."""
+"""Tick, duration and begin of the evaluation [s] by sampling time."""
 
 PD = {"controller": "pid", "observer": "none", "plant": {"disturbances": []}, "duration": 10.0}
-"""A PD law, undisturbed: how fast it converges is a matter of its gains alone."""
+"""PD law, undisturbed: the rate of convergence depends on its gains only."""
 
 
 def _pd(kp: float, ki: float) -> Case:

@@ -1,7 +1,7 @@
-"""The error dynamics that the law of paper 002 promises, without a train: (18), (22), (26) in continuous time.
+"""Nominal error dynamics of paper 002: (18), (22), (26) in continuous time, without a train.
 
-With every force cancelled and no limit, S' = -a2 sig^p2(S) - b2 sig^g2(S) and E' = S - S_au(E), which depends on the
-gain and on E(0) alone.
+With all forces cancelled and no limit, S' = -a2 sig^p2(S) - b2 sig^g2(S) and E' = S - S_au(E), which depends on the
+gain and on E(0) only.
 """
 
 from __future__ import annotations
@@ -11,16 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from train_ato.control.algorithms.sliding import sig
 from train_ato.control.laws.fixed_time_smc import LARGE, SMALL, alternating
-from train_ato.control.parts.sliding import sig
-
-__all__ = ["fixed_time_bound", "nominal_settling"]
 
 FRACTION = 0.01
-"""Part of the fastest time constant that one step takes."""
+"""Integration step as a fraction of the fastest time constant."""
 REST = 1e-9
 """A surface below this is 0 [m/s]."""
 LONGEST = 60.0
+"""End of the integration [s]."""
 
 
 def fixed_time_bound(gain: float) -> tuple[float, float]:
@@ -46,13 +45,13 @@ def nominal_settling(
     error, rate
         E(0) [m] and E'(0) [m/s].
     band
-        Error at which it counts as settled [m].
+        Largest error of the settled state [m].
 
     Returns
     -------
     figures
-        ``settling`` (|E| within the band for good) and ``bound``, the sum of (23) and (34) [s]; ``acceleration``, the
-        largest |E''| that this takes [m/s²].
+        ``settling`` (|E| stays within the band) and ``bound``, the sum of (23) and (34) [s]; ``acceleration``, the
+        largest |E''| [m/s²].
     series
         ``time``, ``error``, ``acceleration``.
     """

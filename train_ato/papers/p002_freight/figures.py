@@ -1,4 +1,4 @@
-"""Figures of paper 002 from the runs here: estimates against truth, tracking, couplers, the realistic version."""
+"""Figures of paper 002: estimates and true values, tracking, couplers, realistic setting."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.reproduce.claims import Results
-from train_ato.reproduce.judges import history as series_of
-from train_ato.reproduce.sheets import COLOURS, Sheet
-from train_ato.reproduce.tracking import mean_speed_error, position_error
-from train_ato.types import Array
-
-__all__ = ["draw"]
+from train_ato.messages.types import Array
+from train_ato.papers.checks import recording as series_of
+from train_ato.papers.claims import Results
+from train_ato.papers.sheets import COLOURS, Sheet
+from train_ato.papers.tracking import mean_speed_error, position_error
 
 OFFSETS: Array = 80.0 * np.arange(5, dtype=np.float64)
 MASS = 80e3
@@ -30,7 +28,7 @@ def draw(results: Results, folder: Path) -> list[Path]:
 
 
 def _observers(results: Results, path: Path) -> Path:
-    """Figures 3 to 10: d1, d2 and d1' of every car."""
+    """Draw figures 3 to 10: d1, d2 and d1' of every car."""
     series = results["observers 1 ms"].series
     sheet = Sheet(
         "Paper 002: disturbances of every car and their estimates, sampled at 1 ms", 5, 3, height=2.0, width=16
@@ -53,24 +51,28 @@ def _observers(results: Results, path: Path) -> Path:
 
 
 def _tracking(results: Results, path: Path) -> Path:
-    """Figures 11 to 13 and the force: left the whole run, right the first three seconds."""
-    history = series_of(results["ideal"])
-    t = history.time
+    """Draw figures 11 to 13 and the force: left the whole run, right the first three seconds."""
+    recording = series_of(results["ideal"])
+    t = recording.time
     sheet = Sheet("Paper 002: fixed-time law, gain 1.9, cascaded observer, tick 1 ms", 5, 2, height=2.1, width=15)
-    motion = np.gradient(history.position, t, axis=0)
-    stretch = -np.diff(history.position, axis=1) - np.diff(OFFSETS)
-    error = position_error(history, OFFSETS)
+    motion = np.gradient(recording.position, t, axis=0)
+    stretch = -np.diff(recording.position, axis=1) - np.diff(OFFSETS)
+    error = position_error(recording, OFFSETS)
     for column, until in enumerate((t[-1], 3.0)):
         part = t <= until
         rows = [sheet.panel(row, column) for row in range(5)]
-        rows[0].plot(t[part], history.reference_velocity[part], color=COLOURS[5], lw=2.5, alpha=0.5, label="reference")
-        rows[1].plot(t[part], history.reference_position[part], color=COLOURS[5], lw=2.5, alpha=0.5, label="reference")
+        rows[0].plot(
+            t[part], recording.reference_velocity[part], color=COLOURS[5], lw=2.5, alpha=0.5, label="reference"
+        )
+        rows[1].plot(
+            t[part], recording.reference_position[part], color=COLOURS[5], lw=2.5, alpha=0.5, label="reference"
+        )
         for car in range(5):
             look: dict[str, Any] = {"color": COLOURS[car], "lw": 0.9, "label": f"car {car + 1}"}
             rows[0].plot(t[part], motion[part, car], **look)
-            rows[1].plot(t[part], history.position[part, car] + OFFSETS[car], **look)
+            rows[1].plot(t[part], recording.position[part, car] + OFFSETS[car], **look)
             rows[2].plot(t[part], error[part, car], **look)
-            rows[4].plot(t[part], history.command[part, car] / MASS, **look)
+            rows[4].plot(t[part], recording.command[part, car] / MASS, **look)
         for coupler in range(4):
             rows[3].plot(
                 t[part], stretch[part, coupler], color=COLOURS[coupler], lw=0.9, label=f"coupler {coupler + 1}"
@@ -92,7 +94,7 @@ def _tracking(results: Results, path: Path) -> Path:
 
 
 def _settling(results: Results, path: Path) -> Path:
-    """Draw what the error dynamics alone need."""
+    """Draw error and acceleration of the nominal error dynamics."""
     sheet = Sheet("Paper 002: error dynamics of the fixed-time law without limits, from 108 m", 2)
     for index, gain in enumerate(("1.9", "50")):
         series = results[f"gain {gain} from 108 m"].series
@@ -108,27 +110,27 @@ def _settling(results: Results, path: Path) -> Path:
 
 
 def _realistic(results: Results, path: Path) -> Path:
-    """Draw the realistic version at a delay of 1 s: worst position error, mean speed error, couplers, force."""
+    """Draw the realistic setting at a delay of 1 s: worst position error, mean speed error, couplers, force."""
     sheet = Sheet("Paper 002: limits, lag 0.4 s, delay 1.0 s, noise, travelling load of 0.1 m/s²", 5)
     choices = (
         ("print", "paper's law, gain 2"),
-        ("scaled predicted", "gain .3, predictor"),
+        ("scaled predicted", "gain 0.3, predictor"),
         ("unit", "lag_smc per car"),
         ("common damped", "lag_smc common"),
     )
     for index, (key, label) in enumerate(choices):
-        history = series_of(results[f"{key} 1.0"])
-        t, colour = history.time, COLOURS[index]
+        recording = series_of(results[f"{key} 1.0"])
+        t, colour = recording.time, COLOURS[index]
         if index == 0:
-            sheet.panel(0).plot(t, history.reference_velocity, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile")
-        sheet.panel(0).plot(t, history.front_velocity, color=colour, lw=0.9, label=label)
-        error = position_error(history, OFFSETS)
+            sheet.panel(0).plot(t, recording.reference_velocity, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile")
+        sheet.panel(0).plot(t, recording.front_velocity, color=colour, lw=0.9, label=label)
+        error = position_error(recording, OFFSETS)
         worst = error[np.arange(t.size), np.abs(error).argmax(axis=1)]
         sheet.panel(1).plot(t, worst, color=colour, lw=0.9, label=label)
-        sheet.panel(2).plot(t, mean_speed_error(history), color=colour, lw=0.9, label=label)
-        sheet.panel(3).plot(t, history.coupler_high / 1e3, color=colour, lw=0.8, label=label)
-        sheet.panel(3).plot(t, history.coupler_low / 1e3, color=colour, lw=0.8)
-        sheet.panel(4).plot(t, history.applied.sum(axis=1) / 1e3, color=colour, lw=0.8, label=label)
+        sheet.panel(2).plot(t, mean_speed_error(recording), color=colour, lw=0.9, label=label)
+        sheet.panel(3).plot(t, recording.coupler_draft_max / 1e3, color=colour, lw=0.8, label=label)
+        sheet.panel(3).plot(t, recording.coupler_buff_max / 1e3, color=colour, lw=0.8)
+        sheet.panel(4).plot(t, recording.applied.sum(axis=1) / 1e3, color=colour, lw=0.8, label=label)
     sheet.panel(1).set_ylim(-2, 2)
     sheet.panel(2).set_ylim(-0.5, 0.5)
     sheet.panel(3).set_ylim(-150, 150)

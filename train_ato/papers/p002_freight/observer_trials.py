@@ -1,8 +1,8 @@
-"""How well the cascade of paper 002 and its rivals find the disturbances, at any sampling time.
+"""Accuracy of the cascaded observer of paper 002 and of other observers, at any sampling time.
 
-The train of `freight_consensus:aligned` runs once; then every observer is given the same measurements and is compared
-with the truth, which the paper defines as d1 (speed offset), d2 (acceleration, with what the offsets do through the
-couplers' damping, (5)) and d1'.
+The train of `freight_consensus:aligned` runs once; then every observer gets the same measurements. The true values are
+those of the paper: d1 (speed offset), d2 (acceleration, with the effect of the offsets on the coupler damping, (5)) and
+d1'.
 """
 
 from __future__ import annotations
@@ -14,35 +14,33 @@ from typing import Any
 import numpy as np
 
 from plant_sim.disturbances import Paper002
+from train_ato.control.algorithms.sliding import sign
 from train_ato.control.laws.fixed_time_smc import SpeedOffset
-from train_ato.control.parts.sliding import sign
-from train_ato.engine import run_engine
-from train_ato.history import History
-from train_ato.model import TrainModel
-from train_ato.observe.balance import Balance, State
-from train_ato.observe.cascade import ImplicitCascade, LevantCascade
-from train_ato.observe.cascaded import CascadedParameters, make_cascade
-from train_ato.observe.contract import ObserverInput
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
-from train_ato.types import Array
-
-__all__ = ["CARS", "FORMS", "PrintedCascade", "observer_accuracy", "truth"]
+from train_ato.control.observers.cascade import Cascade
+from train_ato.control.observers.cascaded import CascadedParameters, make_cascade
+from train_ato.control.observers.contract import ObserverInput
+from train_ato.control.observers.force_balance import BalanceState, ForceBalance
+from train_ato.control.train_model import TrainModel
+from train_ato.loop.engine import run_engine
+from train_ato.loop.recording import Recording
+from train_ato.loop.setup import prepare
+from train_ato.messages.types import Array
+from train_ato.scenario.scenario import load_scenario
 
 CARS = 5
 DAMPING = 0.01
 """theta = d/m of (5) [1/s]."""
 PARAMETERS = CascadedParameters()
 SETTLED = 0.1
-"""An estimate is there when its error stays below this part of the disturbance's largest magnitude."""
+"""Largest error of a settled estimate, as a fraction of the largest magnitude of the disturbance."""
 JUMPS = (10.0, 20.0)
-"""Times at which d21 and d12 jump [s]."""
+"""Times of the jumps of d21 and d12 [s]."""
 MOST = 3000
-"""Samples that are kept for the figures."""
+"""Number of samples for the figures."""
 
 
 class PrintedCascade:
-    """(7), (11) with explicit steps and bare signs, d1 replaced by the filtered phi1: the print as one simulates it."""
+    """(7), (11) as printed: explicit steps and sign functions, d1 replaced by the filtered phi1."""
 
     def __init__(self, period: float) -> None:
         p = PARAMETERS
@@ -54,7 +52,7 @@ class PrintedCascade:
         self.d1, self.d1_rate, self.d2 = 0.0, 0.0, 0.0
 
     def step(self, x: float, v: float, acceleration: float) -> None:
-        """Take position, speed [m, m/s] and the known acceleration over the sample that ends here [m/s²]."""
+        """Take position, speed [m, m/s] and the known acceleration over the last sample [m/s²]."""
         if self._x is None:
             self._x, self._v = x, v
             return
@@ -70,7 +68,7 @@ class PrintedCascade:
 
 
 class EsoPair:
-    """Two linear extended-state observers: `eso` on the speed for d2, the law's own on the position for d1."""
+    """Two linear extended-state observers: `eso` on the speed for d2, and that of the law on the position for d1."""
 
     def __init__(self, period: float, omega: float) -> None:
         pole = float(np.exp(-omega * period))
@@ -81,7 +79,7 @@ class EsoPair:
         self.d1, self.d1_rate, self.d2 = 0.0, 0.0, 0.0
 
     def step(self, x: float, v: float, acceleration: float) -> None:
-        """Take position, speed [m, m/s] and the known acceleration over the sample that ends here [m/s²]."""
+        """Take position, speed [m, m/s] and the known acceleration over the last sample [m/s²]."""
         before, self.d1 = self.d1, self._offset.step(x, v)
         self.d1_rate = (self.d1 - before) / self._period
         if self._speed is None:
@@ -93,7 +91,7 @@ class EsoPair:
         self.d2 += self._gain * miss
 
 
-Observer = PrintedCascade | ImplicitCascade | LevantCascade | EsoPair
+Observer = PrintedCascade | Cascade | EsoPair
 
 FORMS: Mapping[str, Callable[[float], Observer]] = {
     "printed": PrintedCascade,
@@ -101,7 +99,7 @@ FORMS: Mapping[str, Callable[[float], Observer]] = {
     "levant": lambda period: make_cascade(CascadedParameters(method="levant"), period),
     "eso": lambda period: EsoPair(period, min(500.0, 1.0 / period)),
 }
-"""Forms that are compared; `eso` with a bandwidth of one over the sampling time, at most 500 1/s."""
+"""Compared forms; `eso` has the bandwidth 1/sampling time, at most 500 1/s."""
 
 
 def truth(t: Array) -> tuple[Array, Array, Array]:
@@ -122,54 +120,47 @@ def truth(t: Array) -> tuple[Array, Array, Array]:
 class _Drive:
     """Known acceleration over every sample, from the measurements of a run [m/s²], shape (k, cars)."""
 
-    history: History
+    recording: Recording
     model: TrainModel
     period: float
 
     def known(self) -> Array:
-        history, balance = self.history, Balance(self.model, "vehicle", 0.0, "cascaded", self.period)
+        recording, balance = self.recording, ForceBalance(self.model, "vehicle", 0.0, "cascaded", self.period)
         zeros = np.zeros(CARS)
-        result = np.zeros_like(history.velocity)
-        before: list[State] = []
-        rows = zip(history.position, history.velocity, history.applied, strict=True)
+        result = np.zeros_like(recording.velocity)
+        before: list[BalanceState] = []
+        rows = zip(recording.position, recording.velocity, recording.applied, strict=True)
         for tick, (place, speed, force) in enumerate(rows):
-            now = balance.known(ObserverInput(float(history.time[tick]), place, speed, force, np.zeros(0), zeros))
+            now = balance.known(ObserverInput(float(recording.time[tick]), place, speed, force, np.zeros(0), zeros))
             if before:
-                result[tick] = [
-                    balance.mean_push(a.push, b.push) - 0.5 * (a.resisting + b.resisting)
-                    for a, b in zip(before, now, strict=True)
-                ]
+                result[tick] = [balance.known_rate(a, b) for a, b in zip(before, now, strict=True)]
             before = now
         return result
 
 
-def _observed(make: Callable[[float], Observer], history: History, known: Array, period: float) -> Array:
-    """Return d1, d2, d1' as an observer finds them, shape (3, k, cars)."""
-    found = np.empty((3, *history.velocity.shape))
+def _observed(make: Callable[[float], Observer], recording: Recording, known: Array, period: float) -> Array:
+    """Return the estimates of d1, d2, d1' of an observer, shape (3, k, cars)."""
+    found = np.empty((3, *recording.velocity.shape))
     for car in range(CARS):
         observer = make(period)
-        columns = (history.position[:, car].tolist(), history.velocity[:, car].tolist(), known[:, car].tolist())
+        columns = (recording.position[:, car].tolist(), recording.velocity[:, car].tolist(), known[:, car].tolist())
         for tick, sample in enumerate(zip(*columns, strict=True)):
             observer.step(*sample)
             found[:, tick, car] = observer.d1, observer.d2, observer.d1_rate
     return found
 
 
-def observer_accuracy(
-    tick: float, duration: float, settle: float, forms: tuple[str, ...] = tuple(FORMS)
-) -> tuple[dict[str, float], dict[str, Any]]:
-    """Run the train once and every observer on it.
+def observer_accuracy(tick: float, duration: float, settle: float) -> tuple[dict[str, float], dict[str, Any]]:
+    """Run the train once and every observer on its measurements.
 
     Parameters
     ----------
     tick
         Sampling time of loop and observers [s]; the plant's step as well.
     duration
-        s.
+        Length of the run [s].
     settle
-        Errors are taken from this time on [s].
-    forms
-        Keys of :data:`FORMS`.
+        Begin of the evaluation [s].
 
     Returns
     -------
@@ -178,25 +169,25 @@ def observer_accuracy(
         10 s; ``FORM settling``: time after which all estimates of d1 and d2 stay within 10 % of the largest
         magnitude up to 10 s [s]; ``FORM again``: the same after the jump of d21 at 10 s; NaN if never.
     series
-        Time, truth and estimates for the figures, every few samples.
+        Time, true values and estimates for the figures, downsampled.
     """
     changes = {"tick": tick, "step": min(tick, 1e-3), "duration": duration, "profile": {"until": 30}}
-    scenario, path = load("freight_consensus:aligned", changes=changes)
+    scenario, path = load_scenario("freight_consensus:aligned", changes=changes)
     setup = prepare(scenario, path)
     outcome = run_engine(setup)
-    history = outcome.history
-    if history is None or outcome.interrupted:
-        raise ValueError(f"observers at {tick:g} s: the run was cut off")
-    known = _Drive(history, setup.model, tick).known()
-    true = np.stack(truth(history.time))
+    recording = outcome.recording
+    if recording is None or outcome.interrupted:
+        raise ValueError(f"observers at {tick:g} s: the run ended early")
+    known = _Drive(recording, setup.model, tick).known()
+    true = np.stack(truth(recording.time))
     whole = np.stack(truth(np.linspace(0.0, JUMPS[0], 2001, endpoint=False)))
     size, rms = np.abs(whole).max(axis=1), np.sqrt((whole**2).mean(axis=1))
-    scored = (history.time >= settle - 1e-12) & (history.time < JUMPS[0])
-    stride = max(1, history.time.size // MOST)
-    series: dict[str, Any] = {"time": history.time[::stride], "truth": true[:, ::stride]}
+    scored = (recording.time >= settle - 1e-12) & (recording.time < JUMPS[0])
+    stride = max(1, recording.time.size // MOST)
+    series: dict[str, Any] = {"time": recording.time[::stride], "truth": true[:, ::stride]}
     figures: dict[str, float] = {}
-    for name in forms:
-        found = _observed(FORMS[name], history, known, tick)
+    for name in FORMS:
+        found = _observed(FORMS[name], recording, known, tick)
         series[name] = found[:, ::stride]
         error = found - true
         for row, quantity in enumerate(("d1", "d2", "d1'")):
@@ -204,14 +195,14 @@ def observer_accuracy(
             figures[f"{name} {quantity}"] = float(part.max())
         outside = (np.abs(error[:2]) > SETTLED * size[:2, None]).any(axis=(0, 2))
         for key, begin, end in (("settling", 0.0, JUMPS[0]), ("again", *JUMPS)):
-            stretch = (history.time >= begin) & (history.time < end)
+            stretch = (recording.time >= begin) & (recording.time < end)
             if stretch.any():
-                figures[f"{name} {key}"] = _last(history.time[stretch] - begin, outside[stretch])
+                figures[f"{name} {key}"] = _last(recording.time[stretch] - begin, outside[stretch])
     return figures, series
 
 
 def _last(time: Array, outside: Array) -> float:
-    """Return the time of the first sample after which nothing is outside [s]; NaN if the last one is."""
+    """Return the time from which no sample is outside [s]; NaN if the last one is."""
     late = np.flatnonzero(outside)
     if late.size and late[-1] == time.size - 1:
         return float("nan")

@@ -1,6 +1,6 @@
-"""Runs of the CRH380A as one mass for paper 003: the 286 km where they matter, a shorter run with the same phases else.
+"""Runs of the CRH380A as one mass for paper 003: some on 286 km, the others shorter with the same phases.
 
-The largest errors of the short run are those of the long one: they fall into the same phases.
+The largest errors of both are equal, since they occur in the same phases.
 """
 
 from __future__ import annotations
@@ -8,9 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from train_ato.reproduce.claims import Case
-
-__all__ = ["CASES", "LAWS", "TRAINS"]
+from train_ato.papers.claims import Case
 
 
 def _funnel(**parameters: Any) -> dict[str, Any]:
@@ -18,11 +16,11 @@ def _funnel(**parameters: Any) -> dict[str, Any]:
 
 
 PRINTED = {"variant": "printed", "resistance": "model"}
-"""The printed law with f known: what its network adds is another row."""
+"""Printed law with known f; its network is a separate row."""
 UNAWARE = {"model": {"consist": "crh380a_one_mass"}}
-"""The law believes in 240 kN where there are 200."""
-UNHANDLED = {"variant": "printed", "resistance": "network", "funnel": "prescribed", "outside": "printed"}
-"""A funnel that narrows all the same, gains that turn negative outside of it: the paper's comparison."""
+"""Model of the law: 240 kN; plant: 200 kN."""
+UNHANDLED = {"variant": "printed", "resistance": "network", "funnel": "prescribed", "outside_funnel": "printed"}
+"""Comparison of the paper: a funnel that always narrows, gains that are negative outside of it."""
 
 LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "printed": ("printed, f known", _funnel(**PRINTED)),
@@ -31,7 +29,7 @@ LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "pid": ("PID + preview", {}),
     "predictor": ("PID + predictor + eso", {"compensation": "predictor", "observer": "eso"}),
     "quiet": (
-        "the same, kp .4, ki .05, eso .5, 0.2 s",
+        "the same, kp 0.4, ki 0.05, eso 0.5, 0.2 s",
         {
             "compensation": "predictor",
             "observer": "eso",
@@ -41,7 +39,7 @@ LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
         },
     ),
 }
-"""Key to label and changes, in the order of the table."""
+"""Label and changes by key, in the order of the table."""
 
 TRAINS: Mapping[str, tuple[str, str]] = {
     "nominal": ("no saturation", ""),
@@ -52,10 +50,10 @@ TRAINS: Mapping[str, tuple[str, str]] = {
     "later": ("delay +0.6 s", "+delay_plus_0_6"),
     "lagging": ("lag 0.4 s", "+lagging"),
     "light": ("mass -20 %", "+light"),
-    "noise": ("noise .05 m/s", "+noise"),
+    "noise": ("noise 0.05 m/s", "+noise"),
     "grade": ("12 per mille unknown", "+grade"),
 }
-"""Key to label and variants of the short run."""
+"""Label and variants of the short run by key."""
 
 
 def _unhandled(variants: str, tick: float, full_only: bool = False, **parameters: Any) -> Case:
@@ -80,11 +78,11 @@ def _cases() -> dict[str, Case]:
     saturated = "crh380a_funnel:short+saturated"
     wide = {"funnel": "fixed", "phi1": 1e4, "phi2": 1e4}
     cases["unhandled"] = _unhandled("short+saturated", 0.05)
-    cases["unhandled clipped"] = _unhandled("short+saturated", 0.05, outside="clip")
+    cases["unhandled clipped"] = _unhandled("short+saturated", 0.05, outside_funnel="clip")
     cases["unhandled aware"] = Case(saturated, _funnel(**UNHANDLED))
     cases["fixed gains"] = Case(saturated, _funnel(**PRINTED, **wide))
     cases["printed network"] = Case("crh380a_funnel:short", _funnel(variant="printed", resistance="network"))
-    cases["printed raw light"] = Case("crh380a_funnel:short+light", _funnel(**PRINTED, outside="printed"))
+    cases["printed raw light"] = Case("crh380a_funnel:short+light", _funnel(**PRINTED, outside_funnel="printed"))
     cases["corrected no delay state"] = Case("crh380a_funnel:short", _funnel(delay_state=False))
     cases["corrected, f known"] = Case("crh380a_funnel:short", _funnel(resistance="model"))
     cases["printed position noise"] = Case(

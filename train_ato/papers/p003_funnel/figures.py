@@ -1,4 +1,4 @@
-"""Figures of paper 003 from the runs here: tracking, saturation, what is lost without handling, the funnels."""
+"""Figures of paper 003: tracking, saturation with and without handling, funnels."""
 
 from __future__ import annotations
 
@@ -7,14 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from train_ato.reproduce.claims import Results
-from train_ato.reproduce.funnel_cases import CASES
-from train_ato.reproduce.funnel_series import ALONE, boundaries, off_profile
-from train_ato.reproduce.judges import history as series_of
-from train_ato.reproduce.sheets import COLOURS, Sheet
-from train_ato.reproduce.tracking import position_error, speed_error
-
-__all__ = ["draw"]
+from train_ato.papers.checks import recording as series_of
+from train_ato.papers.claims import Results
+from train_ato.papers.p003_funnel.cases import CASES
+from train_ato.papers.p003_funnel.series import boundaries, off_profile
+from train_ato.papers.sheets import COLOURS, Sheet
+from train_ato.papers.tracking import position_error, speed_error
 
 LONG = "crh380a_funnel"
 
@@ -36,22 +34,22 @@ def draw(results: Results, folder: Path) -> list[Path]:
 def _tracking(
     results: Results, keys: Mapping[str, str], title: str, path: Path, zoom: tuple[float, float] | None = None
 ) -> Path:
-    """Figures 1 to 5: speed, position error, speed error, force; on the right a stretch of it [min]."""
+    """Draw figures 1 to 5: speed, position error, speed error, force; on the right a time range [min]."""
     sheet = Sheet(f"Paper 003: {title}", 4, 1 if zoom is None else 2, width=11 if zoom is None else 15)
     for index, (key, label) in enumerate(keys.items()):
-        history = series_of(results[key])
+        recording = series_of(results[key])
         series = (
-            3.6 * history.front_velocity,
-            position_error(history, ALONE)[:, 0],
-            speed_error(history)[:, 0],
-            history.applied[:, 0] / 1e3,
+            3.6 * recording.front_velocity,
+            position_error(recording)[:, 0],
+            speed_error(recording)[:, 0],
+            recording.applied[:, 0] / 1e3,
         )
         for column, (begin, end) in enumerate([(0.0, np.inf)] + ([zoom] if zoom else [])):
-            part = (history.time >= 60.0 * begin) & (history.time <= 60.0 * end)
+            part = (recording.time >= 60.0 * begin) & (recording.time <= 60.0 * end)
             stride = max(1, int(part.sum()) // 40_000)
-            t = history.time[part][::stride] / 60.0
+            t = recording.time[part][::stride] / 60.0
             if index == 0:
-                reference = 3.6 * history.reference_velocity[part][::stride]
+                reference = 3.6 * recording.reference_velocity[part][::stride]
                 sheet.panel(0, column).plot(t, reference, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile")
             for row, values in enumerate(series):
                 sheet.panel(row, column).plot(t, values[part][::stride], color=COLOURS[index], lw=0.9, label=label)
@@ -67,32 +65,32 @@ def _funnels(results: Results, path: Path) -> Path:
         "Paper 003: funnels with 200 kN (short run): printed left, corrected right", 2, 2, height=3.0, width=14
     )
     for column, key in enumerate(("printed saturated", "corrected saturated")):
-        case, history = CASES[key], series_of(results[key])
-        phi1, phi2 = boundaries(case, history)
-        errors = (position_error(history, ALONE)[:, 0], speed_error(history)[:, 0])
+        case, recording = CASES[key], series_of(results[key])
+        phi1, phi2 = boundaries(case, recording)
+        errors = (position_error(recording)[:, 0], speed_error(recording)[:, 0])
         units = ("position in m", "speed in m/s")
         for row, (error, phi, unit) in enumerate(zip(errors, (phi1, phi2), units, strict=True)):
             panel = sheet.panel(row, column)
-            panel.semilogy(history.time, np.maximum(np.abs(error), 1e-5), color=COLOURS[0], lw=0.9, label="|error|")
-            panel.semilogy(history.time, phi, color=COLOURS[1], lw=1.2, ls="--", label="funnel")
+            panel.semilogy(recording.time, np.maximum(np.abs(error), 1e-5), color=COLOURS[0], lw=0.9, label="|error|")
+            panel.semilogy(recording.time, phi, color=COLOURS[1], lw=1.2, ls="--", label="funnel")
             panel.set_ylabel(unit)
     return sheet.save(path)
 
 
 def _planned(results: Results, path: Path) -> Path:
-    """Draw how far 200 kN lead the train off the profile that asks for more."""
-    sheet = Sheet("Paper 003: 200 kN: off the profile that asks for 225.7 kN (short run)", 3)
+    """Draw the errors to the original profile with 200 kN."""
+    sheet = Sheet("Paper 003: 200 kN: error to the profile that needs 225.7 kN (short run)", 3)
     choices = (
         ("predictor saturated", "followed"),
         ("predictor planned", "planned for beforehand"),
-        ("predictor replanned", "found and planned again"),
+        ("predictor replanned", "found and re-planned"),
     )
     for index, (key, label) in enumerate(choices):
-        history = series_of(results[key])
-        off, fast = off_profile(history, f"{LONG}:short")
-        sheet.panel(0).plot(history.time, off, color=COLOURS[index], lw=1.0, label=label)
-        sheet.panel(1).plot(history.time, fast, color=COLOURS[index], lw=1.0, label=label)
-        sheet.panel(2).plot(history.time, history.applied[:, 0] / 1e3, color=COLOURS[index], lw=0.9, label=label)
-    for row, label in enumerate(("position off it in m", "speed off it in m/s", "applied force in kN")):
+        recording = series_of(results[key])
+        off, fast = off_profile(recording, f"{LONG}:short")
+        sheet.panel(0).plot(recording.time, off, color=COLOURS[index], lw=1.0, label=label)
+        sheet.panel(1).plot(recording.time, fast, color=COLOURS[index], lw=1.0, label=label)
+        sheet.panel(2).plot(recording.time, recording.applied[:, 0] / 1e3, color=COLOURS[index], lw=0.9, label=label)
+    for row, label in enumerate(("position error in m", "speed error in m/s", "applied force in kN")):
         sheet.panel(row).set_ylabel(label)
     return sheet.save(path)

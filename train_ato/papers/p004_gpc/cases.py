@@ -1,18 +1,16 @@
-"""Runs of the CRH380A as three power units for paper 004: the 286 km where a figure is stated for them, else short."""
+"""Runs of the CRH380A as three power units for paper 004: 286 km for the figures of the paper, else short."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from train_ato.reproduce.claims import Case
-
-__all__ = ["CASES", "LAWS", "SAMPLINGS", "TRAINS", "WEIGHTS"]
+from train_ato.papers.claims import Case
 
 SAMPLINGS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.6)
-"""Sampling periods of the law that are tried [s]."""
+"""Sampling periods of the law [s]."""
 WEIGHTS = (0.001, 0.01, 1.0, 10.0)
-"""lambda tried at 0.4 s, beside 0.1 [s²]."""
+"""Values of lambda at 0.4 s, beside 0.1 [s²]."""
 
 
 def _gpc(**parameters: Any) -> dict[str, Any]:
@@ -30,19 +28,19 @@ LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
         {"compensation": "predictor", "observer": "eso", "observers": {"eso": {"omega": 0.5}}},
     ),
 }
-"""Key to label and changes, in the order of the table."""
+"""Label and changes by key, in the order of the table."""
 
 TRAINS: Mapping[str, tuple[str, str]] = {
     "normal": ("normal", ""),
-    "jump": ("jump: gain .8, T x1.3, tau .6", "+jump"),
+    "jump": ("jump: gain 0.8, T x1.3, tau 0.6", "+jump"),
     "half_more": ("delay x1.5", "+delay_half_more"),
     "half_less": ("delay x0.5", "+delay_half_less"),
-    "noise": ("noise .05 m/s", "+noise"),
+    "noise": ("noise 0.05 m/s", "+noise"),
     "heavy": ("mass +20 %", "+heavy"),
     "light": ("mass -20 %", "+light"),
     "limited": ("200 kN", "+limited"),
 }
-"""Key to label and variants of the short run."""
+"""Label and variants of the short run by key."""
 
 
 def _cases() -> dict[str, Case]:
@@ -53,16 +51,16 @@ def _cases() -> dict[str, Case]:
             cases[f"{key} {train}"] = Case(f"{short}{variants}", changes)
     for sampling in SAMPLINGS:
         cases[f"Ts {sampling}"] = Case(short, _gpc(sampling=sampling))
-        cases[f"Ts {sampling} held"] = Case(short, _gpc(sampling=sampling, beyond="hold"))
+        cases[f"Ts {sampling} held"] = Case(short, _gpc(sampling=sampling, beyond_horizon="hold"))
     for weight in WEIGHTS:
-        cases[f"Ts 0.4 lambda {weight}"] = Case(short, _gpc(sampling=0.4, lam=weight))
-    cases["Ts 0.1 long horizon"] = Case(short, _gpc(sampling=0.1, n=30, nu=10, beyond="hold"))
-    cases["no network"] = Case(short, _gpc(unmodelled=False))
-    cases["raw residual"] = Case(short, _gpc(rate=1.0))
-    cases["per unit"] = Case(short, _gpc(loops="unit"))
-    cases["per unit, free"] = Case(f"{short}+free", _gpc(loops="unit"))
-    cases["gpc held"] = Case(short, _gpc(beyond="hold"))
-    cases["gpc on position"] = Case(short, _gpc(position=0.02))
+        cases[f"Ts 0.4 lambda {weight}"] = Case(short, _gpc(sampling=0.4, command_weight=weight))
+    cases["Ts 0.1 long horizon"] = Case(short, _gpc(sampling=0.1, n=30, nu=10, beyond_horizon="hold"))
+    cases["no network"] = Case(short, _gpc(use_network=False))
+    cases["raw residual"] = Case(short, _gpc(learning_rate=1.0))
+    cases["per unit"] = Case(short, _gpc(structure="unit"))
+    cases["per unit, free"] = Case(f"{short}+free", _gpc(structure="unit"))
+    cases["gpc held"] = Case(short, _gpc(beyond_horizon="hold"))
+    cases["gpc on position"] = Case(short, _gpc(position_gain=0.02))
     cases["pid preview planned"] = Case("crh380a_gpc:short+planned_ahead")
     return cases
 

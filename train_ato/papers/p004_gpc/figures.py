@@ -1,18 +1,16 @@
-"""Figures of paper 004 from the runs here: normal run, jump of the parameters, sampling period, coupled units."""
+"""Figures of paper 004: normal run, jump of the parameters, sampling period, coupled units."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
 
-from train_ato.reproduce.claims import Results
-from train_ato.reproduce.gpc_cases import SAMPLINGS, WEIGHTS
-from train_ato.reproduce.gpc_judges import JUMP, speed_rms
-from train_ato.reproduce.judges import history as series_of
-from train_ato.reproduce.sheets import COLOURS, Sheet
-from train_ato.reproduce.tracking import position_error, speed_error
-
-__all__ = ["draw"]
+from train_ato.papers.checks import recording as series_of
+from train_ato.papers.claims import Results
+from train_ato.papers.p004_gpc.cases import SAMPLINGS, WEIGHTS
+from train_ato.papers.p004_gpc.checks import JUMP, speed_rms
+from train_ato.papers.sheets import COLOURS, Sheet
+from train_ato.papers.tracking import position_error, speed_error
 
 
 def draw(results: Results, folder: Path) -> list[Path]:
@@ -27,28 +25,28 @@ def draw(results: Results, folder: Path) -> list[Path]:
     coupled = {"per unit": "three laws", "gpc normal": "one law on the mean speed"}
     return [
         _runs(results, normal, "normal, 286 km", folder / "paper004_normal.png", minutes=True),
-        _runs(results, jump, "gain .8, delays x1.3, lag 0.6 s from 100 s on (short run)", folder / "paper004_jump.png"),
+        _runs(results, jump, "gain 0.8, delay x1.3, lag 0.6 s from 100 s on (short run)", folder / "paper004_jump.png"),
         _runs(results, coupled, "coupled units (short run)", folder / "paper004_coupled.png"),
         _sampling(results, folder / "paper004_sampling.png"),
     ]
 
 
 def _runs(results: Results, keys: Mapping[str, str], title: str, path: Path, minutes: bool = False) -> Path:
-    """Figures 5 to 8: speed, error of the first unit, position error, force, couplers."""
+    """Draw figures 5 to 8: speed, error of the first unit, position error, force, couplers."""
     sheet = Sheet(f"Paper 004: {title}", 5)
     for index, (key, label) in enumerate(keys.items()):
-        history = series_of(results[key])
-        t, colour = history.time / (60.0 if minutes else 1.0), COLOURS[index]
+        recording = series_of(results[key])
+        t, colour = recording.time / (60.0 if minutes else 1.0), COLOURS[index]
         if index == 0:
             sheet.panel(0).plot(
-                t, 3.6 * history.reference_velocity, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile"
+                t, 3.6 * recording.reference_velocity, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile"
             )
-        sheet.panel(0).plot(t, 3.6 * history.front_velocity, color=colour, lw=0.9, label=label)
-        sheet.panel(1).plot(t, speed_error(history)[:, 0], color=colour, lw=0.9, label=label)
-        sheet.panel(2).plot(t, position_error(history)[:, 0], color=colour, lw=0.9, label=label)
-        sheet.panel(3).plot(t, history.applied.sum(axis=1) / 1e3, color=colour, lw=0.9, label=label)
-        sheet.panel(4).plot(t, history.coupler_high / 1e3, color=colour, lw=0.8, label=label)
-        sheet.panel(4).plot(t, history.coupler_low / 1e3, color=colour, lw=0.8)
+        sheet.panel(0).plot(t, 3.6 * recording.front_velocity, color=colour, lw=0.9, label=label)
+        sheet.panel(1).plot(t, speed_error(recording)[:, 0], color=colour, lw=0.9, label=label)
+        sheet.panel(2).plot(t, position_error(recording)[:, 0], color=colour, lw=0.9, label=label)
+        sheet.panel(3).plot(t, recording.applied.sum(axis=1) / 1e3, color=colour, lw=0.9, label=label)
+        sheet.panel(4).plot(t, recording.coupler_draft_max / 1e3, color=colour, lw=0.8, label=label)
+        sheet.panel(4).plot(t, recording.coupler_buff_max / 1e3, color=colour, lw=0.8)
         if "jump" in key and index == 0:
             for row in range(5):
                 sheet.panel(row).axvline(JUMP, color=COLOURS[5], ls=":", lw=1.2)
@@ -63,7 +61,7 @@ def _sampling(results: Results, path: Path) -> Path:
     """Draw the rms speed error over the sampling period and over lambda."""
     sheet = Sheet("Paper 004: N = 3, Nu = 2 (short run)", 1, 2, height=4.0, share=False)
     left, right = sheet.panel(0, 0), sheet.panel(0, 1)
-    for index, (suffix, label) in enumerate((("", "U = 0 beyond Nu (print)"), (" held", "U held beyond Nu"))):
+    for index, (suffix, label) in enumerate((("", "U = 0 beyond Nu (printed)"), (" held", "U held beyond Nu"))):
         errors = [1e3 * speed_rms(results[f"Ts {period}{suffix}"]) for period in SAMPLINGS]
         left.semilogy(SAMPLINGS, errors, "o-", color=COLOURS[index], label=label)
     left.set_xlabel("sampling period in s")
@@ -72,6 +70,6 @@ def _sampling(results: Results, path: Path) -> Path:
     right.loglog(weights, [1e3 * speed_rms(results[key]) for key in keys], "o-", color=COLOURS[2], label="Ts 0.4 s")
     right.set_xlabel("lambda in s²")
     for panel in (left, right):
-        panel.axhline(1e3 * speed_rms(results["gpc normal"]), color=COLOURS[5], ls=":", label="Ts 1.2 s, lambda .1")
+        panel.axhline(1e3 * speed_rms(results["gpc normal"]), color=COLOURS[5], ls=":", label="Ts 1.2 s, lambda 0.1")
         panel.set_ylabel("speed error in mm/s rms")
     return sheet.save(path)

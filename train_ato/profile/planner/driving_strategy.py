@@ -1,4 +1,4 @@
-"""What a run is driven on and with, how fast it is driven, and what comes out."""
+"""Inputs, driving strategy and resulting knots of one section between two stops."""
 
 from __future__ import annotations
 
@@ -6,30 +6,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from train_ato.plan.line_tables import LineForce, SpeedLimits
-from train_ato.plan.settings import PlanSettings
-from train_ato.plan.train_tables import TrainTables
-from train_ato.types import Array
-
-__all__ = ["FASTEST", "Knots", "Style", "Track"]
+from train_ato.messages.types import Array
+from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
+from train_ato.profile.planner.settings import PlanSettings
+from train_ato.profile.planner.train_tables import TrainTables
 
 
 @dataclass(frozen=True, slots=True)
-class Style:
-    """How fast a run is driven [m/s].
+class DrivingStrategy:
+    """Speed thresholds of traction, coasting and cruise [m/s].
 
     Attributes
     ----------
     cut_off : float
-        No traction above it; downhill the train may run faster.
+        No traction above this speed; downhill the train may run faster.
     coast_above : float
-        The train coasts towards a braking above it.
+        Above this speed the train coasts before it brakes.
     cap : float
-        Never faster, also downhill.
+        Upper limit of the speed, also downhill.
     curve : pair of arrays, optional
-        Places and v²/2 above which there is no traction there, see :mod:`train_ato.plan.value`.
+        Switching curve: places and v²/2 above which there is no traction,
+        see :mod:`train_ato.profile.planner.dynamic_programming`.
     scale : float
-        On the speeds of the curve.
+        Factor on the speeds of the curve.
     """
 
     cut_off: float = np.inf
@@ -39,20 +38,20 @@ class Style:
     scale: float = 1.0
 
     def cut_off_energy(self, places: Array) -> Array:
-        """Return v²/2 above which there is no traction, at places of the front."""
+        """Return v²/2 above which there is no traction [m²/s²], at places of the front [m]."""
         flat = np.full(places.size, self.cut_off**2 / 2)
         if self.curve is None:
             return flat
         return np.asarray(np.minimum(flat, self.scale**2 * np.interp(places, *self.curve)))
 
 
-FASTEST = Style()
-"""Traction as long as nothing forbids it."""
+MINIMUM_TIME = DrivingStrategy()
+"""Strategy of the minimum-time run: no threshold."""
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
-    """What a run is driven on and with."""
+class SectionInputs:
+    """Train, line forces, speed limits and settings of a section."""
 
     train: TrainTables
     force: LineForce
@@ -61,10 +60,10 @@ class Track:
 
 
 @dataclass(frozen=True, slots=True)
-class Knots:
-    """A driven run at some times: place of the front [m], speed, acceleration and own force [N] > 0 traction."""
+class SectionKnots:
+    """A section over time: place of the front [m], speed [m/s], acceleration [m/s²], own force [N] (> 0 traction)."""
 
     place: Array
     speed: Array
-    rate: Array
+    acceleration: Array
     force: Array

@@ -1,4 +1,4 @@
-"""Lines and trains by name or from a file in any of the formats that are read."""
+"""Lines and trains for the planner: by shipped name, or from a file in one of the supported formats."""
 
 from __future__ import annotations
 
@@ -6,19 +6,17 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.consist import Consist
-from plant_sim.library import check, consist_names, line_names, load_consist, load_line
+from plant_sim.formats import railtoolkit, ttobench
+from plant_sim.formats.fields import read_data
+from plant_sim.library import build_model, consist_names, line_names, load_consist, load_line
 from plant_sim.line import Line
-from train_ato.plan.settings import PlanSettings
-from train_ato.readers import railtoolkit, ttobench
-from train_ato.readers.fields import read_data
-
-__all__ = ["find_line", "find_train"]
+from train_ato.profile.planner.settings import PlanSettings
 
 FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON"
 
 
 def find_line(name: str) -> Line:
-    """Return a line: a shipped one by name, or a file in our own, the railtoolkit or the TTOBench format.
+    """Return a line: by shipped name, or from a train_ato, railtoolkit or TTOBench file.
 
     Raises
     ------
@@ -29,18 +27,18 @@ def find_line(name: str) -> Line:
         return load_line(name)
     data = read_data(Path(name))
     if railtoolkit.is_railtoolkit(data, "line"):
-        return railtoolkit.line_from(data, name)
+        return railtoolkit.railtoolkit_line(data, name)
     if ttobench.is_ttobench(data):
-        return ttobench.line_from(data, name)
+        return ttobench.ttobench_line(data, name)
     _refuse_foreign(data, name, "line")
-    return check(Line, data, name)
+    return build_model(Line, data, name)
 
 
 def find_train(name: str) -> tuple[Consist, PlanSettings]:
-    """Return a train and the settings it is planned with unless others are asked for.
+    """Return a train and its default plan settings.
 
-    Trains of the railtoolkit schema bring their braking deceleration and speed; that schema knows no jerk, no other
-    limit on the acceleration and no margin.
+    A railtoolkit file defines braking deceleration and speed; jerk limit, acceleration limit and force margin are then
+    switched off, because that schema has none.
 
     Raises
     ------
@@ -57,13 +55,13 @@ def find_train(name: str) -> tuple[Consist, PlanSettings]:
         )
         return train.consist, settings
     _refuse_foreign(data, name, "consist")
-    return check(Consist, data, name), PlanSettings()
+    return build_model(Consist, data, name), PlanSettings()
 
 
 def _refuse_foreign(data: dict[str, Any], name: str, what: str) -> None:
     schema = str(data.get("schema", ""))
     if not schema.startswith(f"train_ato/{what}/"):
         raise ValueError(
-            f"{name}: schema = '{schema[:60]}': not a {what} in a format that is read ({FORMATS}); "
-            f"our own files begin with 'schema: train_ato/{what}/1'"
+            f"{name}: schema = '{schema[:60]}': no supported {what} format ({FORMATS}); "
+            f"begin a train_ato file with 'schema: train_ato/{what}/1'"
         )

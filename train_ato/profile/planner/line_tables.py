@@ -1,4 +1,4 @@
-"""A line as a whole train feels it, tabulated over the way of the train's front."""
+"""Line force and speed limits of a whole train, tabulated over the place of its front."""
 
 from __future__ import annotations
 
@@ -7,39 +7,36 @@ import numpy as np
 from plant_sim.compiled import compiled
 from plant_sim.line import Line
 from plant_sim.track import Track
-from train_ato.plan.train_tables import TrainTables
-from train_ato.types import Array
+from train_ato.messages.types import Array
+from train_ato.profile.planner.train_tables import TrainTables
 
-__all__ = ["Grid", "LineForce", "SpeedLimits"]
-
-
-FINEST, COARSEST, CELLS = 0.05, 5.0, 8000
-"""Length of a cell in the middle of a run [m], and how many cells a run has where it lies between them."""
-SMALLEST, GROWTH = 0.002, 1.15
-"""Length of the cells at both ends of a run [m], where speeds are low, and by what factor they grow."""
+MIN_CELL, MAX_CELL, CELLS = 0.05, 5.0, 8000
+"""Bounds of the cell length in the middle of a section [m], and the number of cells between these bounds."""
+END_CELL, CELL_GROWTH = 0.002, 1.15
+"""Cell length at both ends of a section, where speeds are low [m], and growth factor from cell to cell."""
 
 
-class Grid:
-    """Places of the front on one run between two stops, dense at both ends.
+class PlaceGrid:
+    """Grid of places of the front on one section, dense at both ends.
 
     Parameters
     ----------
     begin, end
-        m; both are places of the grid.
+        First and last place of the grid [m].
 
     Attributes
     ----------
     places : Array, shape (cells + 1,)
-        Rising [m].
+        Increasing places [m].
     steps : Array, shape (cells,)
-        Between them [m].
+        Distance between them [m].
     """
 
     def __init__(self, begin: float, end: float) -> None:
         length = end - begin
-        coarse = float(np.clip(length / CELLS, FINEST, COARSEST))
-        count = int(np.log(coarse / SMALLEST) / np.log(GROWTH))
-        ramp = np.cumsum(SMALLEST * GROWTH ** np.arange(count))
+        coarse = float(np.clip(length / CELLS, MIN_CELL, MAX_CELL))
+        count = int(np.log(coarse / END_CELL) / np.log(CELL_GROWTH))
+        ramp = np.cumsum(END_CELL * CELL_GROWTH ** np.arange(count))
         ramp = np.concatenate(([0.0], ramp[ramp < 0.3 * length]))
         middle = length - 2 * ramp[-1]
         inner = ramp[-1] + np.linspace(0.0, middle, max(10, int(np.ceil(middle / coarse))) + 1)[1:-1]
@@ -51,14 +48,14 @@ class Grid:
 
 
 class LineForce:
-    """Grade, curve and tunnel force on a whole train, every vehicle at its own place.
+    """Grade, curve and tunnel force on a whole train, every vehicle at its own position.
 
     Parameters
     ----------
     line, train
-        Whose force.
+        Line and train.
     over_length
-        Average over each vehicle's length instead of taking its centre.
+        Average over the length of each vehicle instead of the value at its centre.
     """
 
     def __init__(self, line: Line, train: TrainTables, over_length: bool = False) -> None:
@@ -69,14 +66,14 @@ class LineForce:
         self._kind = np.searchsorted(lengths, train.lengths) if over_length else np.zeros(train.masses.size, dtype=int)
 
     def at(self, front: Array) -> Array:
-        """Return the force [N], > 0 resists, with the front at rising places; just beyond every place."""
+        """Return the force at increasing places of the front [N], > 0 against the motion; beyond a step of it."""
         total = np.zeros(front.size)
         for mass, behind, kind in zip(self._train.masses, self._train.behind, self._kind, strict=True):
             _add_force(total, front, self._pieces[kind], behind, mass * self._train.gravity, 0.0)
         return total
 
-    def on_cells(self, grid: Grid) -> tuple[Array, Array, Array]:
-        """Return smallest, mean and largest force [N] over every cell, shape (cells,) each."""
+    def over_cells(self, grid: PlaceGrid) -> tuple[Array, Array, Array]:
+        """Return minimum, mean and maximum force over every cell [N], shape (cells,) each."""
         places = grid.places
         beyond, before, work = np.zeros(places.size), np.zeros(places.size), np.zeros(places.size)
         for mass, behind, kind in zip(self._train.masses, self._train.behind, self._kind, strict=True):
@@ -101,7 +98,7 @@ def _add_force(total: Array, front: Array, pieces: Array, behind: float, weight:
 
 @compiled
 def _add_work(total: Array, front: Array, pieces: Array, behind: float, weight: float) -> None:
-    """Add the work done from the first place on."""
+    """Add the work of one vehicle from the first place on [J]."""
     piece, work = 0, 0.0
     x0 = front[0] - behind
     while piece + 1 < pieces.shape[1] and pieces[1, piece] <= x0:
@@ -120,12 +117,12 @@ def _add_work(total: Array, front: Array, pieces: Array, behind: float, weight: 
 
 
 class SpeedLimits:
-    """Stretches of constant limit, each with the speed allowed to any part of the train on it.
+    """Speed limits of the line, each valid for every part of the train.
 
     Attributes
     ----------
     begin, end, speed : Array
-        m, m, m/s; the last stretch ends at infinity.
+        m, m, m/s; the last limit ends at infinity.
     """
 
     def __init__(self, line: Line, speed_max: float) -> None:
@@ -135,32 +132,32 @@ class SpeedLimits:
         self.end: Array = np.array([*places, np.inf])
         self.speed: Array = np.array([speed_max, *speeds])
 
-    def over_train(self, grid: Grid, length: float, widen: float = 0.0, rate: float = 0.0) -> Array:
-        """Return the limit of the whole train at every place of its front [m/s], shape (cells + 1,).
+    def over_grid(self, grid: PlaceGrid, length: float, extension: float = 0.0, acceleration: float = 0.0) -> Array:
+        """Return the limit of the whole train at every place of the grid [m/s], shape (cells + 1,).
 
-        A limit holds at the places of the grid on both sides of its own, so that it holds between them too.
+        A limit is applied to the nearest grid places outside its range, so that it also holds between grid places.
 
         Parameters
         ----------
         length
             Of the train [m].
-        widen
-            Time by which a limit is kept earlier and longer than it must [s].
-        rate
-            Largest acceleration or deceleration in that time [m/s²].
+        extension
+            Time by which a limit starts earlier and ends later [s].
+        acceleration
+            Maximum acceleration or deceleration in that time [m/s²].
         """
         limit = np.full(grid.cells + 1, np.inf)
         for begin, end, speed in zip(self.begin, self.end, self.speed, strict=True):
-            reach = widen * (speed + widen * rate)
-            first = max(0, int(np.searchsorted(grid.places, begin - reach + 1e-9, side="right")) - 1)
-            last = int(np.searchsorted(grid.places, end + length + reach - 1e-9, side="left"))
-            if begin - reach >= grid.end or end + length + reach <= grid.begin:
+            distance = extension * (speed + extension * acceleration)
+            first = max(0, int(np.searchsorted(grid.places, begin - distance + 1e-9, side="right")) - 1)
+            last = int(np.searchsorted(grid.places, end + length + distance - 1e-9, side="left"))
+            if begin - distance >= grid.end or end + length + distance <= grid.begin:
                 continue
             limit[first : last + 1] = np.minimum(limit[first : last + 1], speed)
         return limit
 
     def at(self, front: Array, length: float) -> Array:
-        """Return the limit of the whole train with its front anywhere [m/s]."""
+        """Return the limit of the whole train at places of its front [m/s]."""
         limit = np.full(front.size, np.inf)
         for begin, end, speed in zip(self.begin, self.end, self.speed, strict=True):
             on = (front >= begin) & (front < end + length)

@@ -1,8 +1,8 @@
-"""The planner's compiled passes over the way of the front.
+"""Backward and forward pass of the planner over the place of the front, compiled.
 
-All work with E = v²/2, since dE/ds = a: constant acceleration over a cell is a straight line.  Accelerations are per
-inertial mass.  ``table`` rows over the speed: traction less resistance, brake plus resistance, resistance, all over
-the inertial mass.  All compiled code of the passes stands in this one file: numba's cache notices changes here only.
+The passes use E = v²/2, since dE/ds = a: constant acceleration over a cell is a straight line.  The rows of ``table``
+over the speed are traction minus resistance, brake plus resistance, and resistance, each divided by the inertia [m/s²].
+All compiled code of the passes is in this file, because numba's cache detects changes of this file only.
 """
 
 from __future__ import annotations
@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim.compiled import compiled
-from train_ato.types import Array
-
-__all__ = ["backward", "clip_peaks", "durations", "forward", "spread"]
+from train_ato.messages.types import Array
 
 TRACTION, BRAKE, COAST = range(3)
 
@@ -28,23 +26,23 @@ def _read(table: Array, row: int, energy: float, spacing: float) -> Any:
 
 @compiled
 def backward(
-    limit: Array, table: Array, spacing: float, down: Array, flat: Array, steps: Array,
+    limit: Array, table: Array, spacing: float, line_min: Array, line_mean: Array, steps: Array,
     service: float, end_energy: float, coast_above: float,
 ) -> tuple[Array, int]:  # fmt: skip
-    """Return the largest E from which every limit ahead can still be kept, and where none is left (or -1).
+    """Return the largest E that keeps every limit ahead, and the cell without a solution (or -1).
 
     Parameters
     ----------
     limit : Array, shape (n + 1,)
         E of the speed limit of the whole train.
-    down, flat : Array, shape (n,)
-        Smallest and mean line force over every cell, over the inertial mass [m/s²].
+    line_min, line_mean : Array, shape (n,)
+        Minimum and mean line force of every cell, divided by the inertia [m/s²].
     steps : Array, shape (n,)
         Length of every cell [m].
     service
-        Largest deceleration [m/s²].
+        Service deceleration [m/s²].
     coast_above
-        E above which the train only coasts towards what lies ahead; inf: it always brakes.
+        E above which the train coasts before it brakes; inf: no coasting.
     """
     n = limit.size - 1
     energy = limit.copy()
@@ -52,10 +50,10 @@ def backward(
     for k in range(n - 1, -1, -1):
         at = energy[k + 1]
         for stage in range(2):
-            rate = min(service, _read(table, BRAKE, at, spacing) + down[k])
+            rate = min(service, _read(table, BRAKE, at, spacing) + line_min[k])
             if at > coast_above:
                 own = _read(table, COAST, at, spacing)
-                coast = own + flat[k]
+                coast = own + line_mean[k]
                 if coast > 0.25 * own:
                     rate = min(rate, coast)
             at = energy[k + 1] + (0.5 if stage == 0 else 1.0) * steps[k] * rate
@@ -67,13 +65,13 @@ def backward(
 
 @compiled
 def forward(
-    ceiling: Array, table: Array, spacing: float, up: Array, flat: Array, down: Array, steps: Array,
-    service: float, service_down: float, begin_energy: float, cut_off: Array,
+    ceiling: Array, table: Array, spacing: float, line_max: Array, line_mean: Array, line_min: Array, steps: Array,
+    service: float, service_deceleration: float, begin_energy: float, cut_off: Array,
 ) -> tuple[Array, int]:  # fmt: skip
-    """Return E of the fastest run under a ceiling from the backward pass, and the cell in which it stalls (or -1).
+    """Return E of the fastest solution under the ceiling of the backward pass, and the cell of a stall (or -1).
 
-    Above ``cut_off``, E at every place, the train has no traction: it holds that speed, or coasts where it would gain
-    speed by itself or the cut-off falls faster.  A train that is above the ceiling brakes as it can until it is not.
+    Above ``cut_off`` (E at every place) the train has no traction: it keeps that speed, or coasts if the line force
+    accelerates it or the cut-off decreases faster.  Above the ceiling it brakes until it is below.
     """
     n = ceiling.size - 1
     energy = np.empty(n + 1)
@@ -83,13 +81,13 @@ def forward(
         above = energy[k] > ceiling[k] * (1.0 + 1e-9) + 1e-12
         for stage in range(2):
             if above:
-                rate = -min(service_down, _read(table, BRAKE, at, spacing) + down[k])
+                rate = -min(service_deceleration, _read(table, BRAKE, at, spacing) + line_min[k])
             else:
-                rate = min(service, _read(table, TRACTION, at, spacing) - up[k])
+                rate = min(service, _read(table, TRACTION, at, spacing) - line_max[k])
             last = at
             at = energy[k] + (0.5 if stage == 0 else 1.0) * steps[k] * rate
         if at > cut_off[k + 1]:
-            coast = energy[k] - steps[k] * (_read(table, COAST, last, spacing) + flat[k])
+            coast = energy[k] - steps[k] * (_read(table, COAST, last, spacing) + line_mean[k])
             at = min(at, max(coast, cut_off[k + 1]))
         at = max(at, min(ceiling[k + 1], energy[k])) if above else min(at, ceiling[k + 1])
         if at <= 0.0 and (k + 1 < n or ceiling[n] > 0.0):
@@ -100,7 +98,7 @@ def forward(
 
 @compiled
 def durations(energy: Array, steps: Array) -> Array:
-    """Return the time every cell takes [s], shape (n,); constant acceleration in each."""
+    """Return the running time of every cell [s], shape (n,), at constant acceleration."""
     n = energy.size - 1
     time = np.empty(n)
     for k in range(n):
@@ -109,8 +107,8 @@ def durations(energy: Array, steps: Array) -> Array:
 
 
 @compiled
-def spread(values: Array, width: Array, places: Array, largest: bool) -> Array:
-    """Return the largest (or smallest) value within ``width`` on either side of every cell, n log n.
+def sliding_extreme(values: Array, width: Array, places: Array, largest: bool) -> Array:
+    """Return the maximum (or minimum) of the values within ``width`` on either side of every cell, in n log n.
 
     ``places`` are the borders of the cells, one more than values.
     """
@@ -137,11 +135,11 @@ def spread(values: Array, width: Array, places: Array, largest: bool) -> Array:
 
 
 @compiled
-def clip_peaks(energy: Array, places: Array, hold: float, jump: float) -> int:
-    """Flatten, in place, every peak where the acceleration would fall by more than ``jump`` in less than ``hold`` s.
+def flatten_peaks(energy: Array, places: Array, min_duration: float, max_change: float) -> int:
+    """Flatten peaks of E in place and return their number.
 
-    The speed of the flat part is the highest that lasts ``hold``, or that of a dip beside the peak.  Returns how many
-    peaks were flattened.
+    A peak is flattened where the acceleration decreases by more than ``max_change`` [m/s²] within ``min_duration`` [s].
+    The speed of the flat part is the highest that lasts ``min_duration``, or that of a dip beside the peak.
     """
     n = energy.size - 1
     clipped, k = 0, 1
@@ -156,20 +154,20 @@ def clip_peaks(energy: Array, places: Array, hold: float, jump: float) -> int:
             k = right + 1
             continue
         cap = energy[k]
-        reach = hold * np.sqrt(2.0 * cap)
+        distance = min_duration * np.sqrt(2.0 * cap)
         rise, fall = 0.0, 0.0
         i = left
-        while i > 0 and places[right] - places[i] < reach:
+        while i > 0 and places[right] - places[i] < distance:
             rise = max(rise, (energy[i] - energy[i - 1]) / (places[i] - places[i - 1]))
             i -= 1
         i = right
-        while i < n and places[i] - places[left] < reach:
+        while i < n and places[i] - places[left] < distance:
             fall = max(fall, (energy[i] - energy[i + 1]) / (places[i + 1] - places[i]))
             i += 1
-        if rise + fall > jump and fall > 0.0:
-            while places[right] - places[left] < hold * np.sqrt(2.0 * cap) and left > 0 and right < n:
+        if rise + fall > max_change and fall > 0.0:
+            while places[right] - places[left] < min_duration * np.sqrt(2.0 * cap) and left > 0 and right < n:
                 before, after = energy[left - 1], energy[right + 1]
-                if before > cap or after > cap:  # a dip: from or into it the run goes on without the peak
+                if before > cap or after > cap:  # a dip: the solution continues from it without the peak
                     break
                 if before >= after:
                     left, cap = left - 1, before

@@ -1,8 +1,7 @@
-"""Planning the rest of a run again from where the train is, with the force that is left.
+"""Plan of the remaining run from the present state of the train with the available force.
 
-When the force that is there falls short (saturation, a fault, bad rails) the train lags behind its profile.  Instead
-of chasing it, the rest is planned again: at no place faster than the old profile, with what force is left, and still
-stopping where the old profile stops.
+If the available force is too small (saturation, fault, low adhesion), the train lags behind its profile.  The rest is
+then planned again: at no place faster than the old profile, within the available force, with the same stops.
 """
 
 from __future__ import annotations
@@ -13,26 +12,24 @@ import numpy as np
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from train_ato.plan.line_tables import LineForce, SpeedLimits
-from train_ato.plan.planner import Plan, assemble
-from train_ato.plan.run import Run
-from train_ato.plan.settings import PlanSettings
-from train_ato.plan.style import FASTEST, Track
-from train_ato.plan.train_tables import AvailableForce, TrainTables
+from train_ato.messages.types import Array
+from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, SectionInputs
+from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
+from train_ato.profile.planner.planner import Plan, assemble_plan
+from train_ato.profile.planner.section import PlanSection
+from train_ato.profile.planner.settings import PlanSettings
+from train_ato.profile.planner.train_tables import AvailableForce, TrainTables
 from train_ato.profile.profile import Profile
-from train_ato.types import Array
 
-__all__ = ["State", "replan"]
-
-RESTING = 1e-6
+REST_SPEED = 1e-6
 """Speed of a knot at rest [m/s]."""
-THERE = 0.01
-"""A train at rest this near to a stop is there [m]."""
+STOP_TOLERANCE = 0.01
+"""Distance at which a train at rest has reached a stop [m]."""
 
 
 @dataclass(frozen=True, slots=True)
-class State:
-    """Where the train is: time of the run [s], vehicle 0's centre [m], its speed [m/s] and acceleration [m/s²]."""
+class TrainState:
+    """State of the train: time [s], position of vehicle 0's centre [m], speed [m/s], acceleration [m/s²]."""
 
     time: float
     position: float
@@ -42,7 +39,7 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class _Leg:
-    """Part of the old profile between two rests: front and speed, and when the rest before it ends."""
+    """Part of the old profile between two stops: places [m], speeds [m/s], departure [s], dwell time before it [s]."""
 
     front: Array
     speed: Array
@@ -51,126 +48,109 @@ class _Leg:
 
 
 def replan(
-    state: State,
+    state: TrainState,
     profile: Profile,
     line: Line,
     consist: Consist,
     settings: PlanSettings | None = None,
     available: AvailableForce | None = None,
-    catch_up: bool = False,
 ) -> Plan:
     """Plan the rest of a profile again.
 
-    Service limits and margin are kept if the stop can be met with them; otherwise the train's own deceleration and
-    less and less of the margin are used, down to none, then the limit on the jerk is given up too.
+    Limits are relaxed step by step if the stop cannot be reached otherwise: first the service deceleration together
+    with 0.5, 0.2 and 0 of the margin, then the jerk limit.
 
     Parameters
     ----------
     state
-        Of the train now; the new profile continues it without a jump.
+        Present state of the train; the new profile continues it without a jump.
     profile
-        The profile that can no longer be followed; its stops are those of the rest.
+        The old profile; its stops are kept.
     line, consist
-        Nominal data.
+        Nominal line and train.
     settings
-        Service limits and margin; journey and timetable in them are not looked at.
+        Service limits and margin; begin, end and timetable are ignored.
     available
-        What is left of the train's forces.
-    catch_up
-        Go faster than the old profile where the line allows it.
+        Available force; None: the nominal envelopes.
 
     Returns
     -------
     Plan
-        Its profile has knots on those of the old one, from ``state.time`` on: ``profile.followed_by(plan.profile)``.
+        Its knots coincide with those of the old profile from ``state.time`` on: ``profile.followed_by(plan.profile)``.
 
     Raises
     ------
     ValueError
-        If even so the rest cannot be driven: the place, and the speed at which the train would pass it.
+        If there is no solution with every limit relaxed: place, remaining speed; fix.
     """
     settings = settings or PlanSettings()
-    asked = settings.model_copy(update={"time": None, "departure": state.time, "begin": None, "end": None})
-    margins = [part * asked.force_margin for part in (0.5, 0.2)] if asked.force_margin > 0 else []
-    ladder = [asked]
-    ladder += [asked.model_copy(update={"deceleration": None, "force_margin": margin}) for margin in (*margins, 0.0)]
-    ladder.append(ladder[-1].model_copy(update={"jerk": None}))
-    for attempt in ladder[:-1]:
-        plan = _attempt(state, profile, line, consist, attempt, available, catch_up)
-        if not isinstance(plan, ValueError):
-            return plan
-    plan = _attempt(state, profile, line, consist, ladder[-1], available, catch_up)
-    if isinstance(plan, ValueError):
-        raise plan
-    return plan
-
-
-def _attempt(
-    state: State,
-    profile: Profile,
-    line: Line,
-    consist: Consist,
-    settings: PlanSettings,
-    available: AvailableForce | None,
-    catch_up: bool,
-) -> Plan | ValueError:
-    try:
-        return _replan(state, profile, line, consist, settings, available, catch_up)
-    except ValueError as error:
-        return error
+    kept = settings.model_copy(update={"time": None, "departure": state.time, "begin": None, "end": None})
+    margins = [part * kept.force_margin for part in (0.5, 0.2)] if kept.force_margin > 0 else []
+    relaxations = [kept]
+    relaxations += [
+        kept.model_copy(update={"deceleration": None, "force_margin": margin}) for margin in (*margins, 0.0)
+    ]
+    relaxations.append(relaxations[-1].model_copy(update={"jerk": None}))
+    for attempt in relaxations:
+        try:
+            return _replan(state, profile, line, consist, attempt, available)
+        except ValueError as error:
+            failure = error
+    raise failure
 
 
 def _replan(
-    state: State,
+    state: TrainState,
     profile: Profile,
     line: Line,
     consist: Consist,
     settings: PlanSettings,
     available: AvailableForce | None,
-    catch_up: bool,
 ) -> Plan:
     train = TrainTables(consist, settings.speed_max, settings.air_brake, settings.point_mass, available)
     force = LineForce(line, train, settings.grade_over_length)
-    track = Track(train, force, SpeedLimits(line, train.speed_max), settings)
+    inputs = SectionInputs(train, force, SpeedLimits(line, train.speed_max), settings)
     front = state.position + train.half
-    legs = _legs_left(profile, train.half, state.time, front)
+    legs = _remaining_legs(profile, train.half, front)
     if not legs:
-        raise ValueError(f"nothing is left to plan: the front, at km {front / 1000:.3f}, has reached the profile's end")
+        raise ValueError(f"nothing left to plan: the front at km {front / 1000:.3f} is at the end of the profile")
     speed = max(state.velocity, 0.0)
-    runs = []
+    sections = []
     for number, leg in enumerate(legs):
         first = number == 0
         begin = front if first else float(legs[number - 1].front[-1])
-        run = Run(
-            track, begin, float(leg.front[-1]),
+        section = PlanSection(
+            inputs, begin, float(leg.front[-1]),
             begin_speed=speed if first else 0.0,
-            begin_rate=state.acceleration if first and speed > 0 else 0.0,
-            ceiling=None if catch_up else (leg.front, leg.speed),
-            late=first and speed > 0,
+            begin_acceleration=state.acceleration if first and speed > 0 else 0.0,
+            ceiling=(leg.front, leg.speed),
+            accept_overspeed=first and speed > 0,
         )  # fmt: skip
-        runs.append(run)
+        sections.append(section)
 
     def departure(number: int, arrival: float) -> float:
         if number == 0:
             return state.time if speed > 0 else max(state.time, legs[0].departure)
         return max(arrival + legs[number].dwell, legs[number].departure)
 
-    return assemble(runs, [FASTEST] * len(runs), settings, line, profile.period, departure, state.time)
+    return assemble_plan(
+        sections, [MINIMUM_TIME] * len(sections), settings, line, profile.period, departure, state.time
+    )
 
 
-def _legs_left(profile: Profile, half: float, time: float, front: float) -> list[_Leg]:
-    """Return the parts of a profile that end beyond a place of the front and after a time."""
-    moving = np.abs(profile.velocity) > RESTING
+def _remaining_legs(profile: Profile, half: float, front: float) -> list[_Leg]:
+    """Return the parts of a profile between two stops that end beyond a place of the front [m]."""
+    moving = np.abs(profile.velocity) > REST_SPEED
     edges = np.flatnonzero(np.diff(np.concatenate(([0], moving.astype(int), [0]))))
     legs: list[_Leg] = []
     last_end = -np.inf
-    for first, stop in zip(edges[::2], edges[1::2], strict=True):
-        low, high = max(first - 1, 0), min(stop, len(profile) - 1)
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        low, high = max(first - 1, 0), min(last, len(profile) - 1)
         leg_front = profile.position[low : high + 1] + half
         departure = float(profile.time[low])
         dwell = departure - last_end if np.isfinite(last_end) else 0.0
         last_end = float(profile.time[high])
-        gone = leg_front[-1] <= front + THERE
-        if not gone and np.all(np.diff(leg_front) >= 0):
+        passed = leg_front[-1] <= front + STOP_TOLERANCE
+        if not passed and np.all(np.diff(leg_front) >= 0):
             legs.append(_Leg(leg_front, profile.velocity[low : high + 1], departure, dwell))
     return [leg for leg in legs if leg.front[-1] > front]

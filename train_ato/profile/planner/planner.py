@@ -1,6 +1,6 @@
-"""The planner: the fastest run, or the one that keeps a timetable with little energy.
+"""Planner of the speed profile: minimum time, or a timetable with the least traction work.
 
-Places of settings and lines are those of the train's front; the profile is that of vehicle 0's centre.
+Places in settings and lines refer to the front of the train; the profile refers to the centre of vehicle 0.
 """
 
 from __future__ import annotations
@@ -13,43 +13,41 @@ import numpy as np
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from train_ato.plan.allowance import EXACT, spread_allowance
-from train_ato.plan.journey import journey_of
-from train_ato.plan.line_tables import LineForce, SpeedLimits
-from train_ato.plan.run import Run
-from train_ato.plan.settings import PlanSettings
-from train_ato.plan.style import FASTEST, Knots, Style, Track
-from train_ato.plan.train_tables import AvailableForce, TrainTables
+from train_ato.messages.types import Array
 from train_ato.profile.knots import knot_count
+from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs, SectionKnots
+from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
+from train_ato.profile.planner.section import PlanSection
+from train_ato.profile.planner.settings import PlanSettings
+from train_ato.profile.planner.stops import stops_of
+from train_ato.profile.planner.time_reserve import TIME_TOLERANCE, spread_time_reserve
+from train_ato.profile.planner.train_tables import AvailableForce, TrainTables
 from train_ato.profile.profile import Profile
-from train_ato.types import Array
 
-__all__ = ["Plan", "assemble", "plan"]
-
-TIMETABLE_ROUNDS = 5
-"""Searches for the styles of a timetable, each with the windows and reserves that the one before needed."""
+MAX_TIMETABLE_ROUNDS = 5
+"""Searches for the strategies of a timetable, each with the windows and reserves of the previous plan."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A planned journey.
+    """Planned speed profile with its forces and stops.
 
     Attributes
     ----------
     profile : Profile
-        Of vehicle 0's centre.
+        Speed profile of vehicle 0's centre.
     force : Array, shape (n,)
-        Own force of the train at every knot [N], > 0 traction, < 0 braking (air included).
+        Own force of the train at every knot [N], > 0 traction, < 0 braking (air brake included).
     limit : Array, shape (n,)
         Speed limit of the whole train at every knot [m/s].
     arrivals : tuple of (place, arrival, departure)
-        Front and times of every stop [m, s, s], first and last included.
+        Place of the front and times of every stop [m, s, s], first and last included.
     settings : PlanSettings
-        What was asked for.
+        Settings of the plan.
     train : TrainTables
-        Forces it was planned with.
+        Force tables of the plan.
     line : Line
-        Where.
+        Line of the plan.
     """
 
     profile: Profile
@@ -62,7 +60,7 @@ class Plan:
 
     @property
     def running_time(self) -> float:
-        """From the first departure to the last arrival [s]."""
+        """Time from the first departure to the last arrival [s]."""
         return self.arrivals[-1][1] - self.arrivals[0][2]
 
     @property
@@ -71,7 +69,7 @@ class Plan:
         return np.asarray(self.profile.position + self.train.half)
 
     def summary(self) -> dict[str, Any]:
-        """Return the figures of the plan: running_time_s, distance_m, energy_kwh, speed_max_kmh and others."""
+        """Return the figures of the plan, units in the keys: running_time_s, distance_m, energy_kwh, ..."""
         profile, force = self.profile, self.force
         power = force * profile.velocity
         step = profile.period / 3.6e6
@@ -110,124 +108,130 @@ def plan(
     available: AvailableForce | None = None,
     reduction: float | None = None,
 ) -> Plan:
-    """Plan a journey.
+    """Plan a speed profile.
 
     Parameters
     ----------
     line, consist
-        Where and with what.
+        Line and train.
     settings
-        Journey, service limits, margin, timetable.
+        Stops, service limits, margin, timetable.
     period
-        Of the profile's knots [s].
+        Time between the knots of the profile [s].
     available
-        What is left of the train's forces.
+        Available force; None: the nominal envelopes.
     reduction
-        Deepest reduction of the brake pipe that is made on the way [Pa]; None: the deepest that the train knows.
+        Deepest brake-pipe reduction that the plan may use [Pa]; None: that of the largest braking factor.
 
     Raises
     ------
     ValueError
-        If no such journey exists: one line with the place and the reason.
+        If there is no solution; one line: place, reason; fix.
     """
     settings = settings or PlanSettings()
     train = TrainTables(consist, settings.speed_max, settings.air_brake, settings.point_mass, available, reduction)
     force = LineForce(line, train, settings.grade_over_length)
-    track = Track(train, force, SpeedLimits(line, train.speed_max), settings)
-    journey = journey_of(line, settings)
-    runs = [Run(track, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in journey.stretches(settings)]
-    for run in runs:
-        run.raw()  # a place that no run passes is named before any of them is tuned
+    inputs = SectionInputs(train, force, SpeedLimits(line, train.speed_max), settings)
+    stops = stops_of(line, settings)
+    sections = [
+        PlanSection(inputs, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in stops.sections(settings)
+    ]
+    for section in sections:
+        section.energy_profile()  # reports a place without a solution before any window is fitted
 
     def departure(number: int, arrival: float) -> float:
-        return arrival if number == 0 else arrival + journey.dwells[number - 1]
+        return arrival if number == 0 else arrival + stops.dwells[number - 1]
 
-    def drive(styles: list[Style]) -> Plan:
+    def assemble(strategies: list[DrivingStrategy]) -> Plan:
         since = settings.departure if settings.begin_speed > 0 else 0.0
-        return assemble(runs, styles, settings, line, period, departure, since)
+        return assemble_plan(sections, strategies, settings, line, period, departure, since)
 
-    fastest = drive([FASTEST] * len(runs))
-    return fastest if settings.time is None else _timetabled(runs, fastest, settings.time, drive)
+    fastest = assemble([MINIMUM_TIME] * len(sections))
+    return fastest if settings.time is None else _plan_to_timetable(sections, fastest, settings.time, assemble)
 
 
-def _timetabled(runs: list[Run], fastest: Plan, time: float, drive: Callable[[list[Style]], Plan]) -> Plan:
-    """Return the plan that keeps a timetable [s]; comfort and forces may need some of the time that its styles spend.
+def _plan_to_timetable(
+    sections: list[PlanSection], fastest: Plan, time: float, assemble: Callable[[list[DrivingStrategy]], Plan]
+) -> Plan:
+    """Return the plan that keeps a timetable [s].
+
+    Jerk and force limits may need a part of the time reserve; the search is then repeated.
 
     Raises
     ------
     ValueError
-        If the time is too short, or so long that the train would have to crawl.
+        If the time is too short, or needs a speed below the minimum cruise speed.
     """
-    if time < fastest.running_time - EXACT:
+    if time < fastest.running_time - TIME_TOLERANCE:
         raise ValueError(
-            f"timetable too tight: {time:.1f} s between km {runs[0].begin / 1000:.3f} and km "
-            f"{runs[-1].end / 1000:.3f}, at least {fastest.running_time:.1f} s are needed; allow "
-            f"{fastest.running_time - time:.1f} s more"
+            f"timetable too tight: {time:.1f} s between km {sections[0].begin / 1000:.3f} and km "
+            f"{sections[-1].end / 1000:.3f}, at least {fastest.running_time:.1f} s are needed; add "
+            f"{fastest.running_time - time:.1f} s"
         )
-    standing = sum(departure - arrival for _, arrival, departure in fastest.arrivals[1:-1])
-    for _ in range(TIMETABLE_ROUNDS):
-        plan = drive(spread_allowance(runs, time - standing))
-        if plan.running_time <= time + EXACT:
+    dwell = sum(departure - arrival for _, arrival, departure in fastest.arrivals[1:-1])
+    for _ in range(MAX_TIMETABLE_ROUNDS):
+        plan = assemble(spread_time_reserve(sections, time - dwell))
+        if plan.running_time <= time + TIME_TOLERANCE:
             return plan
     return fastest
 
 
-def assemble(
-    runs: list[Run],
-    styles: list[Style],
+def assemble_plan(
+    sections: list[PlanSection],
+    strategies: list[DrivingStrategy],
     settings: PlanSettings,
     line: Line,
     period: float,
     departures: Callable[[int, float], float],
     since: float = 0.0,
 ) -> Plan:
-    """Drive the runs one after the other and put their knots together.
+    """Return the plan of consecutive sections.
 
     Parameters
     ----------
-    runs, styles
-        What is driven and how.
+    sections, strategies
+        Sections and the driving strategy of each.
     departures
-        Time of departure [s] of a run, from its number and the arrival before it.
+        Function of section number and previous arrival [s] that returns the departure [s].
     since
         Time of the first knot [s].
     """
-    track = runs[0].track
+    inputs = sections[0].inputs
     start = departures(0, settings.departure)
-    parts: list[tuple[Array, Knots]] = []
-    arrivals = [(float(runs[0].begin), start, start)]
-    for number, (run, style) in enumerate(zip(runs, styles, strict=True)):
+    knots_of: list[tuple[Array, SectionKnots]] = []
+    arrivals = [(float(sections[0].begin), start, start)]
+    for number, (section, strategy) in enumerate(zip(sections, strategies, strict=True)):
         if number:
             start = departures(number, arrivals[-1][1])
             arrivals[-1] = (*arrivals[-1][:2], start)
-        run.tune(start, period, style)
-        raw = run.raw_run(style)
-        times, end = run.times(start, period, raw)
-        parts.append((times, run.knots(times, start, raw)))
-        arrivals.append((float(run.end), float(end), float(end)))
-    profile, force = _joined(parts, arrivals, track, period, since)
-    limit = track.limits.at(profile.position + track.train.half, track.train.length)
-    return Plan(profile, force, limit, tuple(arrivals), settings, track.train, line)
+        section.fit_jerk_limit(start, period, strategy)
+        history = section.history(strategy)
+        times, end = section.times(start, period, history)
+        knots_of.append((times, section.knots(times, start, history)))
+        arrivals.append((float(section.end), float(end), float(end)))
+    profile, force = _join_knots(knots_of, arrivals, inputs, period, since)
+    limit = inputs.limits.at(profile.position + inputs.train.half, inputs.train.length)
+    return Plan(profile, force, limit, tuple(arrivals), settings, inputs.train, line)
 
 
-def _joined(
-    parts: list[tuple[Array, Knots]],
+def _join_knots(
+    knots_of: list[tuple[Array, SectionKnots]],
     arrivals: list[tuple[float, float, float]],
-    track: Track,
+    inputs: SectionInputs,
     period: float,
     since: float,
 ) -> tuple[Profile, Array]:
-    """Put knots of runs, and rest between them, on one grid of time."""
+    """Return profile and force [N] of all sections on one time grid, at rest between them."""
     origin = int(np.ceil(since / period - 1e-9))
     count = max(2, knot_count(int(np.ceil(arrivals[-1][1] / period - 1e-9)) + 1 - origin))
     columns = np.zeros((4, count))
     time = period * (origin + np.arange(count))
     passed = np.searchsorted(np.array([arrival for _, arrival, _ in arrivals[1:]]), time + 1e-9, side="right")
     columns[0] = np.array([place for place, _, _ in arrivals])[passed]
-    for times, knots in parts:
+    for times, knots in knots_of:
         if times.size:
             first = round(float(times[0]) / period) - origin
-            for row, column in zip(columns, (knots.place, knots.speed, knots.rate, knots.force), strict=True):
+            for row, column in zip(columns, (knots.place, knots.speed, knots.acceleration, knots.force), strict=True):
                 row[first : first + times.size] = column
-    profile = Profile.uniform(period * origin, period, columns[0] - track.train.half, columns[1], columns[2])
+    profile = Profile.uniform(period * origin, period, columns[0] - inputs.train.half, columns[1], columns[2])
     return profile, columns[3]

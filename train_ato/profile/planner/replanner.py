@@ -1,12 +1,12 @@
-"""Planning the rest of the run again while it runs: when, from which state, with which force.
+"""Re-planning during the run: trigger, start state and available force of the new plan.
 
-What the train cannot follow is not chased.  Once :mod:`train_ato.plan.watch` has seen that force is missing, the rest
-is planned again with what was found, from the state that the train will have a short lead later, so that the new
-profile can be previewed through delay and lag before it begins.  The speeds of the first profile stay a ceiling at
-every place, its stops stay, and what was found missing is remembered.
+After :mod:`train_ato.profile.planner.shortfall_detector` has detected a shortfall, the rest is planned again with the
+observed force.  The new profile starts from the state predicted for the end of a lead time, so that it can be previewed
+over delay and lag.  The speeds of the first profile remain a ceiling, its stops are kept, and observed shortfalls are
+remembered.
 
-With ``retry`` traction is counted on again after a while; the brake never is, because a stop that was planned with a
-brake that is not there is missed.
+With ``retry`` the full traction is assumed again after some time.  The full brake is never assumed again, because a
+stop planned with a missing brake would be missed.
 """
 
 from __future__ import annotations
@@ -17,88 +17,88 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from train_ato.plan.replan import State, replan
-from train_ato.plan.settings import PlanSettings, ReplanSpec
-from train_ato.plan.train_tables import AvailableForce
-from train_ato.plan.watch import Sample, Shortfall, ShortfallWatch
+from train_ato.messages.types import Measurement
+from train_ato.profile.planner.plan_from_state import TrainState, replan
+from train_ato.profile.planner.settings import PlanSettings, ReplanSpec
+from train_ato.profile.planner.shortfall_detector import Sample, Shortfall, ShortfallDetector
+from train_ato.profile.planner.train_tables import AvailableForce
 from train_ato.profile.profile import Profile
-from train_ato.types import Measurement
 
 if TYPE_CHECKING:
-    from train_ato.model import TrainModel
+    from train_ato.control.train_model import TrainModel
 
-__all__ = ["Decision", "Replanner"]
-
-STEP = 0.05
-"""Step of the prediction over the lead [s]."""
-AGAIN = 0.95
-"""What was planned with and is not enough is cut to this part."""
-PRESUMED = 0.85
-"""Part that is counted on in braking of what was found in traction, and vice versa: adhesion falls with the speed."""
+PREDICTION_STEP = 0.05
+"""Integration step of the prediction over the lead time [s]."""
+REPEATED_FACTOR = 0.95
+"""Factor on a force estimate after a plan with this estimate had a shortfall again."""
+OTHER_DIRECTION_FACTOR = 0.85
+"""Factor for the brake estimate after a traction shortfall, and vice versa: adhesion decreases with the speed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Left:
-    """Force that is counted on in one direction: a part of the nominal envelope and a largest force [N].
+class ForceEstimate:
+    """Assumed force in one direction: a fraction of the nominal envelope and a maximum [N].
 
-    ``by_part`` and ``by_level`` tell which of the two was seen; the careful planning takes both.
+    ``follows_envelope`` and ``is_constant`` mark the observed one of the two; the most careful plan uses both.
     """
 
-    part: float = 1.0
-    most: float = math.inf
-    by_part: bool = False
-    by_level: bool = False
+    fraction: float = 1.0
+    maximum: float = math.inf
+    follows_envelope: bool = False
+    is_constant: bool = False
 
     def at(self, envelope: float) -> float:
-        """Return the force counted on where the nominal envelope is so large [N]."""
-        return min(self.part * envelope, self.most)
+        """Return the assumed force [N] for a nominal envelope [N]."""
+        return min(self.fraction * envelope, self.maximum)
 
-    def times(self, factor: float) -> Left:
-        """Return so much of it."""
-        return Left(self.part * factor, self.most * factor, self.by_part, self.by_level)
+    def scaled(self, factor: float) -> ForceEstimate:
+        """Return the estimate multiplied by a factor."""
+        return ForceEstimate(self.fraction * factor, self.maximum * factor, self.follows_envelope, self.is_constant)
 
-    def likely(self) -> Left:
-        """Return only what was seen."""
-        return replace(self, part=self.part if self.by_part else 1.0, most=self.most if self.by_level else math.inf)
+    def observed_only(self) -> ForceEstimate:
+        """Return the estimate without the unobserved bound."""
+        fraction = self.fraction if self.follows_envelope else 1.0
+        return replace(self, fraction=fraction, maximum=self.maximum if self.is_constant else math.inf)
 
-    def tightened(self, other: Left) -> Left:
-        """Return what is left of both."""
-        return Left(min(self.part, other.part), min(self.most, other.most), other.by_part, other.by_level)
+    def tightened(self, other: ForceEstimate) -> ForceEstimate:
+        """Return the minimum of both estimates."""
+        fraction, maximum = min(self.fraction, other.fraction), min(self.maximum, other.maximum)
+        return ForceEstimate(fraction, maximum, other.follows_envelope, other.is_constant)
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
-    """Outcome of one look that found force missing: the joined profile, or why there is none."""
+class ReplanDecision:
+    """Result of one shortfall: the joined profile, or None with the reason of the refusal."""
 
     profile: Profile | None
     reason: str
 
 
 class Replanner:
-    """Decides at every measurement whether the rest is planned again.
+    """Decision on re-planning at every measurement.
 
     Parameters
     ----------
     spec
         The scenario's ``replan:`` block.
     profile
-        The first profile: ceiling and stops of all that follow.
+        The first profile: speed ceiling and stops of all later ones.
     model
-        The nominal train and line.
+        Nominal train and line.
     own
-        Settings that the profile was planned with, if it was.
+        Settings of the scenario's plan; None for a profile from another source.
 
     Attributes
     ----------
     replans, refusals : int
-        Profiles planned anew, and plannings that were refused.
-    traction, brake : Left
-        What is counted on.
+        Number of new profiles and of refused plans.
+    traction, brake : ForceEstimate
+        Assumed forces.
     """
 
     def __init__(self, spec: ReplanSpec, profile: Profile, model: TrainModel, own: PlanSettings | None) -> None:
         self._spec = spec
-        self._first = self._profile = profile
+        self._initial = self._profile = profile
         self._model = model
         settings = spec.settings(own)
         self._settings = settings.model_copy(update={"air_brake": False})
@@ -106,84 +106,86 @@ class Replanner:
         ticks = math.ceil(max(spec.lead, delay + model.lag + model.tick) / model.tick - 1e-9)
         self._tick_ns = round(model.tick * 1e9)
         self._lead_ns = ticks * self._tick_ns
-        self._watch = ShortfallWatch(
-            model, spec.speed_error, spec.position_error, max(spec.sitting, delay + 3.0 * model.lag)
+        self._detector = ShortfallDetector(
+            model, spec.speed_error, spec.position_error, max(spec.confirmation_time, delay + 3.0 * model.lag)
         )
-        self._quiet = 0
+        self._blocked_until = 0
         self._pause = spec.interval
         self._retry_at: int | None = None
         self.replans = self.refusals = 0
-        self.traction = self.brake = Left()
-        self._seen = {1: Left(), -1: Left()}
+        self.traction = self.brake = ForceEstimate()
+        self._observed = {1: ForceEstimate(), -1: ForceEstimate()}
 
     def warm_up(self) -> None:
-        """Plan the whole run once, so that no step waits for a compiler; whether that works does not matter."""
-        first = self._first
+        """Plan the whole run once, so that no later step waits for a compiler; a refused plan is ignored."""
+        first = self._initial
         try:
-            self._plan(State(first.start, float(first.position[0]), 0.0), AvailableForce())
+            self._plan(TrainState(first.start, float(first.position[0]), 0.0), AvailableForce())
         except ValueError:
             return
 
-    def step(self, measurement: Measurement) -> Decision | None:
-        """Take a measurement; return a decision if one fell."""
+    def step(self, measurement: Measurement) -> ReplanDecision | None:
+        """Process a measurement; return a decision if there is one."""
         stamp = measurement.stamp
-        if stamp < self._quiet or not _finite(measurement):
+        if stamp < self._blocked_until or not _is_finite(measurement):
             return None
         sample = self._sample(measurement)
-        found = self._watch.step(sample)
-        if found is not None:
-            before = self.traction, self.brake, dict(self._seen)
-            self._learn(found)
+        shortfall = self._detector.step(sample)
+        if shortfall is not None:
+            before = self.traction, self.brake, dict(self._observed)
+            self._update_estimates(shortfall)
             sample = replace(
                 sample,
-                position_error=found.position_error,
-                speed=sample.speed - sample.speed_error + found.speed_error,
+                position_error=shortfall.position_error,
+                speed=sample.speed - sample.speed_error + shortfall.speed_error,
             )
-            decision = self._decided(measurement.stamp, sample, f"{_name(found.direction)} {found.level / 1e3:.1f} kN")
+            decision = self._replanned(
+                measurement.stamp, sample, f"{_direction_name(shortfall.direction)} {shortfall.level / 1e3:.1f} kN"
+            )
             if decision.profile is None:
-                self.traction, self.brake, self._seen = before
+                self.traction, self.brake, self._observed = before
             return decision
-        if self._retry_at is not None and stamp >= self._retry_at and sample.needed >= 0.0:
-            self._retry_at, self.traction, self._seen[1] = None, Left(), Left()
-            return self._decided(measurement.stamp, sample, "traction counted on again")
+        if self._retry_at is not None and stamp >= self._retry_at and sample.required >= 0.0:
+            self._retry_at, self.traction, self._observed[1] = None, ForceEstimate(), ForceEstimate()
+            return self._replanned(measurement.stamp, sample, "full traction assumed again")
         return None
 
     def _sample(self, measurement: Measurement) -> Sample:
-        """Return errors and forces of a measurement, against the reference of its own stamp."""
+        """Return errors and forces of a measurement relative to the profile at its stamp."""
         model = self._model
         place, speed, acceleration, _ = self._profile.at_stamp(measurement.stamp)
         velocity = float(measurement.velocity.mean())
-        forward, backward = (self._watch.envelope(direction, velocity) for direction in (1, -1))
+        forward, backward = (self._detector.envelope(direction, velocity) for direction in (1, -1))
         return Sample(
             position_error=float((measurement.position + model.offsets).mean()) - place,
             speed_error=velocity - speed,
             speed=velocity,
             applied=float(measurement.applied.sum()),
-            needed=model.rigid_force(place, speed, acceleration),
-            believed=(self.traction.at(forward), self.brake.at(backward)),
+            required=model.rigid_force(place, speed, acceleration),
+            available=(self.traction.at(forward), self.brake.at(backward)),
         )
 
-    def _learn(self, found: Shortfall) -> None:
-        """Remember what is missing."""
-        seen = Left(found.part, found.level, found.by_part, found.by_level)
-        if found.known and self.replans:
-            before = self.traction if found.direction > 0 else self.brake
-            seen = before.tightened(seen).times(AGAIN)
-        self._seen[found.direction] = self._seen[found.direction].tightened(seen)
-        other = Left()
-        if self._spec.both_ways and not found.known:
-            other = (seen if seen.by_level else seen.likely()).times(PRESUMED)
-        ahead, back = (seen, other) if found.direction > 0 else (other, seen)
+    def _update_estimates(self, shortfall: Shortfall) -> None:
+        """Update the assumed forces after a shortfall."""
+        observed = ForceEstimate(shortfall.fraction, shortfall.level, shortfall.follows_envelope, shortfall.is_constant)
+        if shortfall.expected and self.replans:
+            before = self.traction if shortfall.direction > 0 else self.brake
+            observed = before.tightened(observed).scaled(REPEATED_FACTOR)
+        self._observed[shortfall.direction] = self._observed[shortfall.direction].tightened(observed)
+        other = ForceEstimate()
+        if self._spec.both_ways and not shortfall.expected:
+            other = (observed if observed.is_constant else observed.observed_only()).scaled(OTHER_DIRECTION_FACTOR)
+        ahead, back = (observed, other) if shortfall.direction > 0 else (other, observed)
         self.traction, self.brake = self.traction.tightened(ahead), self.brake.tightened(back)
 
-    def _decided(self, stamp: int, sample: Sample, why: str) -> Decision:
-        """Plan again and join, or say why not; nothing is looked at until the new profile has begun."""
+    def _replanned(self, stamp: int, sample: Sample, reason: str) -> ReplanDecision:
+        """Plan and join the rest, or refuse; no detection until the new profile has started."""
         begin = stamp + self._lead_ns
-        self._quiet = max(stamp + round(self._pause * 1e9), begin)
-        self._watch.forget()
-        if self._spec.retry is not None and self.traction != Left():
+        self._blocked_until = max(stamp + round(self._pause * 1e9), begin)
+        self._detector.reset()
+        if self._spec.retry is not None and self.traction != ForceEstimate():
             self._retry_at = stamp + round(self._spec.retry * 1e9)
-        state = self._ahead(stamp, sample, begin)
+        state = self._predicted_state(stamp, sample, begin)
         refusal = ""
         for available in self._candidates():
             try:
@@ -194,30 +196,34 @@ class Replanner:
             else:
                 self.replans += 1
                 self._pause = self._spec.interval
-                return Decision(self._profile, why)
+                return ReplanDecision(self._profile, reason)
         self.refusals += 1
         self._pause *= 2.0
-        return Decision(None, f"{why}: {refusal}")
+        return ReplanDecision(None, f"{reason}: {refusal}")
 
     def _candidates(self) -> list[AvailableForce]:
-        """Return the forces to plan with, the most careful first; the last counts on all that was not seen missing."""
-        traction, brake, seen = self.traction, self.brake, self._seen
-        pairs = [(traction, brake), (traction, brake.likely()), (traction.likely(), brake.likely())]
-        pairs.append((seen[1].likely(), seen[-1].likely()))
-        forces = [AvailableForce(a.part, b.part, a.most, b.most) for a, b in pairs]
+        """Return the available forces to plan with, most careful first; the last uses observed bounds only."""
+        traction, brake, observed = self.traction, self.brake, self._observed
+        pairs = [
+            (traction, brake),
+            (traction, brake.observed_only()),
+            (traction.observed_only(), brake.observed_only()),
+        ]
+        pairs.append((observed[1].observed_only(), observed[-1].observed_only()))
+        forces = [AvailableForce(a.fraction, b.fraction, a.maximum, b.maximum) for a, b in pairs]
         return list(dict.fromkeys(forces))
 
-    def _plan(self, state: State, available: AvailableForce) -> Profile:
+    def _plan(self, state: TrainState, available: AvailableForce) -> Profile:
         model = self._model
-        return replan(state, self._first, model.line, model.consist, self._settings, available).profile
+        return replan(state, self._initial, model.line, model.consist, self._settings, available).profile
 
-    def _ahead(self, stamp: int, sample: Sample, begin: int) -> State:
-        """Return the state of the nominal train under the force that acts now, a lead later."""
+    def _predicted_state(self, stamp: int, sample: Sample, begin: int) -> TrainState:
+        """Return the state of the nominal train after the lead time at the present force."""
         model = self._model
         place = self._profile.at_stamp(stamp)[0] + sample.position_error
         speed, acceleration = max(sample.speed, 0.0), 0.0
         lead = (begin - stamp) * 1e-9
-        count = max(1, math.ceil(lead / STEP - 1e-9))
+        count = max(1, math.ceil(lead / PREDICTION_STEP - 1e-9))
         h = lead / count
         for _ in range(count):
             resisting = model.running_resistance(speed) + model.line_force(place)
@@ -227,13 +233,13 @@ class Replanner:
                 continue
             place += (speed + 0.5 * acceleration * h) * h
             speed += acceleration * h
-        return State(begin * 1e-9, place, speed, acceleration)
+        return TrainState(begin * 1e-9, place, speed, acceleration)
 
 
-def _name(direction: int) -> str:
+def _direction_name(direction: int) -> str:
     return "traction" if direction > 0 else "brake"
 
 
-def _finite(measurement: Measurement) -> bool:
+def _is_finite(measurement: Measurement) -> bool:
     columns = (measurement.position, measurement.velocity, measurement.applied)
     return all(bool(np.isfinite(column).all()) for column in columns)

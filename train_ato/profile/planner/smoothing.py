@@ -1,8 +1,8 @@
-"""Jerk limit by averaging: the raw run is averaged over a sliding window of time.
+"""Jerk limit by a moving average over time.
 
-The raw run has constant acceleration in every cell.  Averaged over a window T its jerk is (a(t + T/2) - a(t - T/2))/T,
-its distance and its end stay what they are, and an acceleration or speed is never above the largest in the window.
-All is exact: averages are differences of the integrals.
+The unsmoothed solution has constant acceleration in every cell.  Its average over a window T has the jerk
+(a(t + T/2) - a(t - T/2))/T, the same distance and the same end; no speed or acceleration exceeds the largest in the
+window.  Averages are differences of the integrals and therefore exact.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 
 from plant_sim.compiled import compiled
-from train_ato.types import Array
-
-__all__ = ["averaged", "largest_jump", "raw_run"]
+from train_ato.messages.types import Array
 
 
 @compiled
-def raw_run(energy: Array, places: Array, lead: float, lead_rate: float, tail: float, forever: float) -> Array:
-    """Return the raw run as rows time, integral of place, place, speed, acceleration at every change.
+def time_history(
+    energy: Array, places: Array, lead: float, lead_acceleration: float, tail: float, margin: float
+) -> Array:
+    """Return the unsmoothed solution over time: rows time, integral of place, place, speed, acceleration.
 
     Parameters
     ----------
@@ -25,19 +25,19 @@ def raw_run(energy: Array, places: Array, lead: float, lead_rate: float, tail: f
         v²/2 at every place of the front.
     places : Array, shape (n + 1,)
         m.
-    lead, lead_rate
-        The state before the first place has lasted so long, with this acceleration [s, m/s²].
+    lead, lead_acceleration
+        Duration and acceleration of the state before the first place [s, m/s²].
     tail
-        The speed at the last place lasts so long [s].
-    forever
-        After and before that it lasts so long [s].
+        Duration of the speed at the last place [s].
+    margin
+        Further time before and after [s].
     """
     n, begin = energy.size - 1, places[0]
     run = np.zeros((5, n + 3))
     v0 = np.sqrt(2.0 * energy[0])
-    time, v = -lead - forever, v0 - lead_rate * (lead + forever)
-    run[0, 0], run[3, 0], run[4, 0] = time, v, lead_rate
-    run[2, 0] = begin - v0 * (lead + forever) + 0.5 * lead_rate * (lead + forever) ** 2
+    time, v = -lead - margin, v0 - lead_acceleration * (lead + margin)
+    run[0, 0], run[3, 0], run[4, 0] = time, v, lead_acceleration
+    run[2, 0] = begin - v0 * (lead + margin) + 0.5 * lead_acceleration * (lead + margin) ** 2
     time, v = 0.0, v0
     run[0, 1], run[2, 1], run[3, 1] = 0.0, begin, v0
     for k in range(n):
@@ -46,7 +46,7 @@ def raw_run(energy: Array, places: Array, lead: float, lead_rate: float, tail: f
         run[4, k + 1] = (u - v) / dt
         time, v = time + dt, u
         run[0, k + 2], run[2, k + 2], run[3, k + 2] = time, places[k + 1], u
-    run[0, n + 2], run[2, n + 2], run[3, n + 2] = time + tail + forever, places[n] + v * (tail + forever), v
+    run[0, n + 2], run[2, n + 2], run[3, n + 2] = time + tail + margin, places[n] + v * (tail + margin), v
     origin = run[2, 1]
     for k in range(n + 2):
         dt = run[0, k + 1] - run[0, k]
@@ -55,7 +55,7 @@ def raw_run(energy: Array, places: Array, lead: float, lead_rate: float, tail: f
 
 
 @compiled
-def _state(run: Array, piece: int, time: float, origin: float) -> tuple[float, float, float, float]:
+def _integrals_at(run: Array, piece: int, time: float, origin: float) -> tuple[float, float, float, float]:
     s = time - run[0, piece]
     x, v, a = run[2, piece] - origin, run[3, piece], run[4, piece]
     return (
@@ -67,10 +67,10 @@ def _state(run: Array, piece: int, time: float, origin: float) -> tuple[float, f
 
 
 @compiled
-def averaged(run: Array, times: Array, window: float) -> tuple[Array, Array, Array]:
-    """Return place, speed and acceleration averaged over a window around rising times."""
+def moving_average(run: Array, times: Array, window: float) -> tuple[Array, Array, Array]:
+    """Return place [m], speed [m/s] and acceleration [m/s²], averaged over a window [s] around increasing times [s]."""
     n = times.size
-    place, speed, rate = np.empty(n), np.empty(n), np.empty(n)
+    place, speed, acceleration = np.empty(n), np.empty(n), np.empty(n)
     origin = run[2, 1]
     early, late, last = 0, 0, run.shape[1] - 2
     for k in range(n):
@@ -79,20 +79,20 @@ def averaged(run: Array, times: Array, window: float) -> tuple[Array, Array, Arr
             early += 1
         while late < last and run[0, late + 1] <= t1:
             late += 1
-        y0, x0, v0, a0 = _state(run, early, t0, origin)
+        y0, x0, v0, a0 = _integrals_at(run, early, t0, origin)
         if window <= 0.0:
-            place[k], speed[k], rate[k] = origin + x0, v0, a0
+            place[k], speed[k], acceleration[k] = origin + x0, v0, a0
         else:
-            y1, x1, v1, _ = _state(run, late, t1, origin)
+            y1, x1, v1, _ = _integrals_at(run, late, t1, origin)
             place[k] = origin + (y1 - y0) / window
             speed[k] = (x1 - x0) / window
-            rate[k] = (v1 - v0) / window
-    return place, speed, rate
+            acceleration[k] = (v1 - v0) / window
+    return place, speed, acceleration
 
 
 @compiled
-def largest_jump(run: Array, window: float) -> float:
-    """Return the largest change of acceleration across a window [m/s²]; over the window it is the largest jerk."""
+def largest_acceleration_change(run: Array, window: float) -> float:
+    """Return the largest change of acceleration within a window [m/s²]; divided by the window it is the jerk."""
     last = run.shape[1] - 2
     largest, first = 0.0, 0
     for early in range(last + 1):

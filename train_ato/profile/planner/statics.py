@@ -1,24 +1,22 @@
-"""What a train can do at a steady speed: balancing speeds, steepest start, forces to hold a speed."""
+"""Steady-state figures of a train: balancing speed, steepest starting grade, force to hold a speed."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from plant_sim.consist import Consist
-from train_ato.plan.train_tables import HIGHEST, TrainTables
-
-__all__ = ["balancing_speed", "holding_force", "steepest_start"]
+from train_ato.profile.planner.train_tables import MAX_TABLE_SPEED, TrainTables
 
 
 def balancing_speed(consist: Consist, grade: float) -> float:
-    """Return the highest steady speed on a grade at full traction [m/s]; 0 where it cannot move.
+    """Return the balancing speed on a grade at full traction [m/s]; 0 if the train cannot start.
 
     Parameters
     ----------
     grade
         > 0 uphill, 1 per mille = 0.001.
     """
-    train = TrainTables(consist, HIGHEST)
+    train = TrainTables(consist, MAX_TABLE_SPEED)
     left = train.traction - train.resistance - train.mass * train.gravity * grade
     above = np.flatnonzero(left[:-1] > 0)
     if not above.size:
@@ -28,13 +26,13 @@ def balancing_speed(consist: Consist, grade: float) -> float:
 
 
 def steepest_start(consist: Consist) -> float:
-    """Return the steepest grade on which full traction moves the train from rest."""
+    """Return the steepest starting grade at full traction [1]."""
     train = TrainTables(consist)
     return float((train.traction[0] - train.resistance[0]) / (train.mass * train.gravity))
 
 
 def holding_force(consist: Consist, speed: float, grade: float) -> float:
-    """Return the force that holds a speed [m/s] on a grade [N]; < 0 brakes."""
+    """Return the force that keeps a speed [m/s] on a grade [N]; < 0: braking."""
     train = TrainTables(consist)
     resistance = float(train.resistance_at(np.array([speed]))[0])
     return resistance + train.mass * train.gravity * grade

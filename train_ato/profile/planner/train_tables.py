@@ -1,4 +1,4 @@
-"""What the planner knows of a train: forces over the speed, masses along its length."""
+"""Tables of a train for the planner: forces over the speed, masses along its length."""
 
 from __future__ import annotations
 
@@ -9,26 +9,24 @@ import numpy as np
 from plant_sim.air_brake import braking_factor
 from plant_sim.consist import Consist
 from plant_sim.traction import Envelope
-from train_ato.types import Array
+from train_ato.messages.types import Array
 
-__all__ = ["HIGHEST", "AvailableForce", "TrainTables"]
-
-STEP = 0.02
+SPEED_STEP = 0.02
 """Spacing of the tables over the speed [m/s]."""
-HIGHEST = 200.0
-"""No table reaches beyond this speed [m/s]."""
+MAX_TABLE_SPEED = 200.0
+"""Upper end of every table [m/s]."""
 OVERSPEED = 0.02
-"""Part of the speed that a plan stays below the end of the brakes: a train that runs a little faster must brake."""
+"""Fraction of the speed kept as a distance from the end of the brake envelope, so that a small overspeed can brake."""
 
 
 @dataclass(frozen=True, slots=True)
 class AvailableForce:
-    """What is left of the forces of a train: after a fault, on bad rails, or under a limit.
+    """Available force of a train: reduced after a fault, at low adhesion, or by a limit.
 
     Attributes
     ----------
     traction, brake : float
-        Part of the envelopes that is there.
+        Available fraction of the envelopes.
     traction_max, brake_max : float
         Largest force of the whole train [N].
     """
@@ -41,26 +39,28 @@ class AvailableForce:
     def __post_init__(self) -> None:
         for name in ("traction", "brake", "traction_max", "brake_max"):
             if not getattr(self, name) >= 0:
-                raise ValueError(f"available force: {name} = {getattr(self, name)} must not be negative")
+                raise ValueError(
+                    f"available force: {name} = {getattr(self, name)} must not be negative; give 0 or more"
+                )
 
 
 class TrainTables:
-    """Forces of a whole train over its speed, and its masses along it.
+    """Forces of a whole train over its speed, and its masses along its length.
 
     Parameters
     ----------
     consist
         The train.
     speed_max
-        Of the train [m/s]; None: where its envelopes end, and a little below where its brakes do.
+        Of the train [m/s]; None: end of the traction envelope, at most 98 % of the end of the brake envelope.
     air_brake
-        Count on the shoes.
+        Include the air brake.
     point_mass
-        Put everything at the front: limits, grades and curves see a train without length.
+        All mass at the front: no train length for limits, grades and curves.
     available
-        What is left of its forces.
+        Available force; None: the nominal envelopes.
     reduction
-        Of the brake pipe, at which the shoes brake [Pa]; None: the largest of the braking factor's table.
+        Brake-pipe reduction of the air brake [Pa]; None: that of the largest braking factor.
 
     Attributes
     ----------
@@ -69,20 +69,20 @@ class TrainTables:
     traction, brake, resistance : Array, shape (n,)
         Largest traction, largest brake force (air included) and running resistance [N].
     electric : Array, shape (n,)
-        Part of ``brake`` that is electric [N].
+        Electric part of ``brake`` [N].
     mass, inertia : float
-        Mass and the same with rotating masses [kg].
+        Mass, and mass with rotating parts [kg].
     behind : Array, shape (vehicles,)
         Distance of every vehicle's centre behind the front [m].
     half : float
         From vehicle 0's centre to the front [m].
     length : float
-        Over which limits hold [m].
+        Length over which a speed limit holds [m].
 
     Raises
     ------
     ValueError
-        If the train has no traction or nothing that brakes it.
+        If the train has no brake.
     """
 
     def __init__(
@@ -112,25 +112,25 @@ class TrainTables:
         self._shoes = _shoe_force(consist, reduction) if air_brake else 0.0
         polynomials = np.array([vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles])
         self._polynomial: Array = polynomials.sum(axis=0)
-        self._refuse_helpless()
-        self.speed_max = min(self._fastest() if speed_max is None else speed_max, HIGHEST)
-        self.speed: Array = STEP * np.arange(int(np.ceil(self.speed_max / STEP)) + 3, dtype=np.float64)
+        self._check_brakes()
+        self.speed_max = min(self._default_speed_max() if speed_max is None else speed_max, MAX_TABLE_SPEED)
+        self.speed: Array = SPEED_STEP * np.arange(int(np.ceil(self.speed_max / SPEED_STEP)) + 3, dtype=np.float64)
         self.traction, self.electric, air = self._forces_on_grid()
         self.brake = self.electric + air
         self.resistance = self.resistance_at(self.speed)
 
-    def _fastest(self) -> float:
-        """Return where traction ends, or a little below the end of the brakes if that is slower [m/s]."""
+    def _default_speed_max(self) -> float:
+        """Return the end of the traction envelope, at most 98 % of the end of the brake envelope [m/s]."""
         ends = [
             max((float(e.rows[-1, 0]) for e in units), default=np.inf) for units in (self._traction, self._electric)
         ]
-        return min(ends[0], ends[1] if self._shoes > 0 else (1.0 - OVERSPEED) * ends[1], HIGHEST)
+        return min(ends[0], ends[1] if self._shoes > 0 else (1.0 - OVERSPEED) * ends[1], MAX_TABLE_SPEED)
 
-    def _refuse_helpless(self) -> None:
+    def _check_brakes(self) -> None:
         if not self._electric and self._shoes <= 0:
             raise ValueError(
-                f"train '{self.name}' has neither an electric brake nor an air brake that may be used: nothing stops "
-                "it; give a vehicle type a brake envelope, or shoes and a brake.policy that applies them"
+                f"train '{self.name}' has neither an electric brake nor an air brake in use; give a vehicle "
+                "type a brake envelope, or shoes and a brake.policy that applies them"
             )
 
     def resistance_at(self, speed: Array) -> Array:
@@ -139,16 +139,16 @@ class TrainTables:
         return np.asarray(c0 + speed * (c1 + speed * c2), dtype=np.float64)
 
     def forces_at(self, speed: Array) -> tuple[Array, Array, Array]:
-        """Return largest traction, electric and air brake force at speeds >= 0, from the envelopes themselves [N]."""
+        """Return maximum traction, electric and air brake force at speeds >= 0 [N], without interpolation."""
         traction = np.zeros(speed.size) + sum(envelope_at(envelope, speed) for envelope in self._traction)
         electric = np.zeros(speed.size) + sum(envelope_at(envelope, speed) for envelope in self._electric)
-        return self._limited(traction, electric, self._air(speed))
+        return self._with_available_force(traction, electric, self._air_brake_force(speed))
 
-    def _air(self, speed: Array) -> Array:
+    def _air_brake_force(self, speed: Array) -> Array:
         kmh = 3.6 * speed
         return np.asarray(self._shoes * (2 * kmh + 150) / (3 * kmh + 150))
 
-    def _limited(self, traction: Array, electric: Array, air: Array) -> tuple[Array, Array, Array]:
+    def _with_available_force(self, traction: Array, electric: Array, air: Array) -> tuple[Array, Array, Array]:
         left = self.available
         traction = np.minimum(traction * left.traction, left.traction_max)
         electric, air = electric * left.brake, air * left.brake
@@ -156,13 +156,13 @@ class TrainTables:
         return traction, electric, np.minimum(air, left.brake_max - electric)
 
     def _forces_on_grid(self) -> tuple[Array, Array, Array]:
-        traction = np.zeros(self.speed.size) + sum(_on_grid(envelope, self.speed) for envelope in self._traction)
-        electric = np.zeros(self.speed.size) + sum(_on_grid(envelope, self.speed) for envelope in self._electric)
-        return self._limited(traction, electric, self._air(self.speed))
+        traction = np.zeros(self.speed.size) + sum(_tabulate(envelope, self.speed) for envelope in self._traction)
+        electric = np.zeros(self.speed.size) + sum(_tabulate(envelope, self.speed) for envelope in self._electric)
+        return self._with_available_force(traction, electric, self._air_brake_force(self.speed))
 
 
 def envelope_at(envelope: Envelope, speed: Array) -> Array:
-    """Return the force of an envelope at many speeds [N]; as :meth:`Envelope.force` at each."""
+    """Return the force of an envelope at many speeds [N]; equal to :meth:`Envelope.force` at each."""
     rows = envelope.rows
     index = np.searchsorted(rows[:, 0], speed, side="left")
     inside = index < len(rows)
@@ -171,23 +171,23 @@ def envelope_at(envelope: Envelope, speed: Array) -> Array:
     return np.asarray(np.where(inside, np.maximum(force, 0.0), 0.0))
 
 
-def _on_grid(envelope: Envelope, speed: Array) -> Array:
-    """Tabulate an envelope so that linear interpolation never exceeds it where it jumps."""
+def _tabulate(envelope: Envelope, speed: Array) -> Array:
+    """Return the table of an envelope [N]; linear interpolation never exceeds the envelope at a jump."""
     table = envelope_at(envelope, speed)
     borders = envelope.rows[:, 0]
     below, above = envelope_at(envelope, borders), envelope_at(envelope, borders * (1 + 1e-12) + 1e-12)
     for border, left, right in zip(borders, below, above, strict=True):
-        k = int(border / STEP)
+        k = int(border / SPEED_STEP)
         if abs(left - right) > 1e-6 * max(left, right) and k + 1 < table.size:
             table[k], table[k + 1] = min(table[k], left, right), min(table[k + 1], left, right)
     return table
 
 
 def _shoe_force(consist: Consist, reduction: float | None) -> float:
-    """Return the shoes' force of the whole train at standstill, a reduction of the brake pipe [Pa] or the deepest [N].
+    """Return the shoe force of the whole train at standstill [N]; reduction [Pa], None: the deepest.
 
-    Paper 000, eqs. (10)-(15): beta_c phi n K with phi = friction (K + 200)/(4 K + 200), K in kN; the part of phi that
-    falls with the speed is put on by :meth:`TrainTables._air`.
+    Paper 000, eqs. (10)-(15): beta_c phi n K with phi = friction (K + 200)/(4 K + 200), K in kN; the
+    speed-dependent factor of phi is applied in :meth:`TrainTables._air_brake_force`.
     """
     if consist.air_brake is None:
         return 0.0

@@ -1,7 +1,8 @@
-"""Making the nodes of a run; both runners and the entry points use it."""
+"""Creation of the nodes of a run, for both runners and the entry points."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,34 +10,70 @@ from typing import Any
 
 import rclpy
 from rclpy.context import Context
-from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
-from plant_sim.node import PlantNode
 from plant_sim.train import compile_kernel
-from train_ato.nodes.controller import ControllerNode
-from train_ato.nodes.observer import ObserverNode
-from train_ato.nodes.profile import ProfileNode
-from train_ato.nodes.recorder import RecorderNode
-from train_ato.nodes.shell import Shell
-from train_ato.record.run_log import RunLog
-from train_ato.record.versions import attachments_for
-from train_ato.roles.controller import ControllerRole
-from train_ato.roles.plant import PlantRole
-from train_ato.roles.profile import ProfileRole
-from train_ato.run_setup import RunSetup
-from train_ato.topics import Role
+from train_ato.errors import FirstFailure, of_own_code
+from train_ato.log.compression import DEFAULT
+from train_ato.log.run_log import RunLog
+from train_ato.log.versions import attachments_for
+from train_ato.loop.controller import ControllerStage
+from train_ato.loop.plant import PlantStage
+from train_ato.loop.profile import ProfileStage
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.topics import Role, topics_of
+from train_ato.ros.nodes.controller import ControllerNode
+from train_ato.ros.nodes.endpoints import NodeEndpoints
+from train_ato.ros.nodes.observer import ObserverNode
+from train_ato.ros.nodes.plant import PlantNode
+from train_ato.ros.nodes.profile import ProfileNode
+from train_ato.ros.nodes.recorder import RecorderNode
 
 TURN_S = 0.1
-"""Longest time that the executor waits for an event; it must never be without a limit."""
+"""Maximum wait of the executor for an event [s]; an unlimited wait would block Ctrl-C."""
+
+
+class _Executor(rclpy_implementation.EventsExecutor):  # type: ignore[misc]
+    """Events executor that survives invalid requests from other programs.
+
+    Parameters
+    ----------
+    context
+        rclpy context of its nodes.
+    watch
+        Receiver of errors of this project's code; None raises them.
+    """
+
+    def __init__(self, context: Context, watch: FirstFailure | None) -> None:
+        super().__init__(context)
+        context.on_shutdown(self.wake)
+        self._watch = watch
+        self._refused = 0
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Run the due callbacks; an error of rclpy drops the request and does not end the run."""
+        try:
+            super().spin_once(timeout_sec)
+        except Exception as error:
+            if not of_own_code(error):
+                self._refused += 1
+                if self._refused == 1:
+                    sys.stderr.write(f"a request from outside was not answered: {type(error).__name__}: {error}\n")
+            elif self._watch is not None:
+                self._watch.fail("graph", error)
+            else:
+                raise
 
 
 @contextmanager
-def executor_of(domain: int | None, arguments: list[str] | None = None) -> Iterator[tuple[Context, Any]]:
-    """Give a context of its own and its events executor, and take both down in the order that leaves no thread."""
+def executor_of(
+    domain: int | None, arguments: list[str] | None = None, watch: FirstFailure | None = None
+) -> Iterator[tuple[Context, Any]]:
+    """Yield a private context and its events executor; shut both down on exit, in the order that ends all threads."""
     context = Context()
     rclpy.init(context=context, args=arguments, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-    executor = EventsExecutor(context=context)
+    executor = _Executor(context, watch)
     try:
         yield context, executor
     finally:
@@ -52,26 +89,27 @@ def executor_of(domain: int | None, arguments: list[str] | None = None) -> Itera
 def make_node(
     role: Role,
     setup: RunSetup,
-    shell: Shell,
+    endpoints: NodeEndpoints,
     folder: Path | None,
     realtime: float | None,
     timeout: float,
     recorded: bool = True,
     pace: float = 0.0,
+    compression: str = DEFAULT,
 ) -> Any:
     """Return the node of a role.
 
     Raises
     ------
     ValueError
-        If a parameter given at the start is refused, or the log cannot be written.
+        If a start parameter is refused, or the log cannot be written.
     """
     if role is Role.PLANT:
         compile_kernel()
         resolved = (folder or setup.folder) / "scenario.yaml"
         return PlantNode(
-            PlantRole(setup),
-            shell,
+            PlantStage(setup),
+            endpoints,
             realtime=realtime,
             timeout=timeout,
             recorded=recorded,
@@ -79,13 +117,13 @@ def make_node(
             scenario=str(resolved.resolve()) if resolved.is_file() else "",
         )
     if role is Role.PROFILE:
-        return ProfileNode(ProfileRole(setup), shell)
+        return ProfileNode(ProfileStage(setup), endpoints)
     if role is Role.OBSERVER:
-        return ObserverNode(setup, shell)
+        return ObserverNode(setup, endpoints)
     if role is Role.CONTROLLER:
-        return ControllerNode(ControllerRole(setup), shell)
+        return ControllerNode(ControllerStage(setup), endpoints)
     if folder is None:
         raise ValueError("the recorder needs a folder; give --out DIR")
     attached = attachments_for(setup.resolved_yaml())
-    log = RunLog(folder, setup.shape.topics, shell.node.get_namespace(), attached)
-    return RecorderNode(log, shell)
+    log = RunLog(folder, topics_of(setup.layout), endpoints.node.get_namespace(), attached, compression)
+    return RecorderNode(log, endpoints)

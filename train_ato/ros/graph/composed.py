@@ -1,4 +1,4 @@
-"""All nodes of a run in one process, on one executor."""
+"""Run with all nodes in one process, on one executor."""
 
 from __future__ import annotations
 
@@ -8,96 +8,107 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from plant_sim.node import PlantNode, silent_node
-from train_ato.failure import Watch
-from train_ato.graph.assembly import TURN_S, executor_of, make_node
-from train_ato.graph.run_end import ANSWERING, STOPPING_S, GraphOptions, Report, RunEnd
+from train_ato.errors import FirstFailure
 from train_ato.interrupt import Interrupt, interruptible
-from train_ato.nodes.shell import ROLES, Shell
-from train_ato.run_setup import RunSetup
-from train_ato.topics import Role
-from train_ato.wire import Wire
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import Role
+from train_ato.ros.graph.assembly import TURN_S, executor_of, make_node
+from train_ato.ros.graph.graph_result import ANSWERING, STOPPING_S, GraphOptions, GraphResult, Report
+from train_ato.ros.nodes.endpoints import ROLES, NodeEndpoints
+from train_ato.ros.nodes.plant import PlantNode, silent_node
 
 RECORD_EVERY = 50
-"""Ticks after which the recorder empties its queues; they hold 1000."""
+"""Ticks after which the recorder empties its queues of 1000 messages."""
 _SHORT_S = 0.005
 
 
 def run_composed(
     setup: RunSetup, folder: Path, domain: int, options: GraphOptions, report: Report | None = None
-) -> RunEnd:
-    """Drive one run with all nodes in this process, recorded into ``folder``.
+) -> GraphResult:
+    """Run all nodes in this process to the end of a scenario, recorded into ``folder``.
 
     Returns
     -------
-    RunEnd
-        Its ``failure`` names the node at fault; the log is closed in every case.
+    GraphResult
+        Its ``failure`` names the failed node; the log is closed in every case.
 
     Raises
     ------
     ValueError
-        If the log or a node cannot be made; nothing has run then.
+        If the log or a node cannot be created, before the start of the run.
     """
-    watch = Watch(folder / "log")
-    with interruptible() as interrupt, executor_of(domain) as (context, executor):
-        wire = Wire(setup.shape)
-        shells = {role: Shell(role, wire, context, watch) for role in ROLES}
+    watch = FirstFailure(folder / "log")
+    with interruptible() as interrupt, executor_of(domain, watch=watch) as (context, executor):
+        wire = Wire(setup.layout)
+        all_endpoints = {role: NodeEndpoints(role, wire, context, watch) for role in ROLES}
         nodes = {
-            role: make_node(role, setup, shells[role], folder, options.realtime, options.patience, pace=options.pace)
+            role: make_node(
+                role,
+                setup,
+                all_endpoints[role],
+                folder,
+                options.realtime,
+                options.patience,
+                pace=options.pace,
+                compression=options.compression,
+            )
             for role in ROLES
         }
-        for role, shell in shells.items():
+        for role, endpoints in all_endpoints.items():
             if role is not Role.RECORDER:
-                executor.add_node(shell.node)
+                executor.add_node(endpoints.node)
         try:
-            return _Composed(executor, shells, nodes, watch, interrupt, options).run(report)
+            return _Composed(executor, all_endpoints, nodes, watch, interrupt, options).run(report)
         finally:
-            shells[Role.RECORDER].destroy()
+            all_endpoints[Role.RECORDER].destroy()
 
 
 class _Composed:
-    """One run: meet, drive, drain, close."""
+    """One run: discovery, control loop, last messages, closed log."""
 
     def __init__(
         self,
         executor: Any,
-        shells: dict[Role, Shell],
+        all_endpoints: dict[Role, NodeEndpoints],
         nodes: dict[Role, Any],
-        watch: Watch,
+        watch: FirstFailure,
         interrupt: Interrupt,
         options: GraphOptions,
     ) -> None:
         self._executor = executor
-        self._shells = shells
+        self._all_endpoints = all_endpoints
         self._nodes = nodes
         self._watch = watch
         self._interrupt = interrupt
         self._options = options
         self._plant: PlantNode = nodes[Role.PLANT]
 
-    def run(self, report: Report | None) -> RunEnd:
-        end = RunEnd()
+    def run(self, report: Report | None) -> GraphResult:
+        end = GraphResult()
         try:
-            if self._meet():
+            if self._wait_for_nodes():
                 gc.collect()
                 gc.freeze()
                 begin = time.perf_counter()
-                self._shells[Role.PROFILE].guard(self._nodes[Role.PROFILE].begin)
-                self._shells[Role.PLANT].guard(self._plant.begin)
+                self._all_endpoints[Role.PROFILE].guard(self._nodes[Role.PROFILE].begin)
+                self._all_endpoints[Role.PLANT].guard(self._plant.begin)
                 self._drive(report)
                 end.wall_s = time.perf_counter() - begin
         finally:
             self._close(end)
             gc.unfreeze()
-        end.ticks = self._plant.role.tick
-        end.late, end.held = self._plant.late, self._plant.held
-        end.step_ns = self._nodes[Role.CONTROLLER].role.step_times.nanoseconds
+        end.ticks = self._plant.stage.tick
+        end.step_ns = self._nodes[Role.CONTROLLER].stage.step_times.nanoseconds
+        end.ignored = {
+            role.value: count for role, node in self._nodes.items() if (count := getattr(node, "ignored", 0))
+        }
         end.interrupted = self._interrupt.asked
         end.failure = self._watch.failure
         return end
 
     def _turn_until(self, done: Callable[[], bool], limit: float) -> bool:
-        """Run callbacks until a condition holds; False when the limit passed, the run failed or was interrupted."""
+        """Run callbacks until a condition is true; return False after the limit [s] or a failure of the run."""
         last = time.monotonic() + limit
         while not done():
             if time.monotonic() > last or self._watch.failure is not None:
@@ -107,17 +118,21 @@ class _Composed:
         return True
 
     def _record(self) -> None:
-        self._shells[Role.RECORDER].guard(self._nodes[Role.RECORDER].poll)
+        self._all_endpoints[Role.RECORDER].guard(self._nodes[Role.RECORDER].poll)
 
-    def _meet(self) -> bool:
-        last = time.monotonic() + self._options.meeting
+    def _wait_for_nodes(self) -> bool:
+        last = time.monotonic() + self._options.discovery_limit
         while not self._interrupt.asked:
-            absent = [(role.value, shell.missing()) for role, shell in self._shells.items() if shell.missing()]
+            absent = [
+                (role.value, endpoints.missing())
+                for role, endpoints in self._all_endpoints.items()
+                if endpoints.missing()
+            ]
             if not absent:
                 return True
             if time.monotonic() > last:
                 name, lacks = absent[0]
-                self._watch.fail(name, f"it did not find {lacks[0]} within {self._options.meeting:g} s")
+                self._watch.fail(name, f"it waited {self._options.discovery_limit:g} s for {lacks[0]}")
                 return False
             self._executor.spin_once(timeout_sec=0.01)
         return False
@@ -127,15 +142,15 @@ class _Composed:
         look, record = time.monotonic() + TURN_S, 0
         while not plant.finished and watch.failure is None:
             spin_once(timeout_sec=TURN_S)
-            if plant.role.tick >= record:
-                record = plant.role.tick + RECORD_EVERY
+            if plant.stage.tick >= record:
+                record = plant.stage.tick + RECORD_EVERY
                 self._record()
             now = time.monotonic()
             if now >= look:
                 look = now + TURN_S
                 self._record()
                 if report is not None:
-                    report(plant.role.tick)
+                    report(plant.stage.tick)
                 self._look()
                 if self._interrupt.asked:
                     plant.request_stop()
@@ -143,25 +158,24 @@ class _Composed:
                     return
 
     def _look(self) -> None:
-        """Fail the run by name when an answer has been due for too long."""
+        """Fail the run by the node whose answer is overdue."""
         if self._plant.overdue:
-            last = {role: shell.last_stamp for role, shell in self._shells.items()}
+            last = {role: endpoints.last_stamp for role, endpoints in self._all_endpoints.items()}
             silent = silent_node(last, self._plant.stamp, self._plant.blocked)
             self._watch.fail(
                 silent.value,
                 f"no answer to stamp {self._plant.stamp * 1e-9:.3f} s within {self._plant.timeout:g} s",
             )
 
-    def _close(self, end: RunEnd) -> None:
-        """Take what is under way, close the log, compare the numbers."""
+    def _close(self, end: GraphResult) -> None:
+        """Record the messages in flight, close the log and compare the message counts."""
         recorder, plant = self._nodes[Role.RECORDER], self._plant
-        answering = [self._shells[role] for role in ANSWERING]
-        # A paced run does not wait for the answers to its last measurement; they are still to be counted.
-        self._turn_until(lambda: all(shell.last_stamp >= plant.asked for shell in answering), STOPPING_S)
-        for shell in self._shells.values():
-            for name, count in shell.published.items():
+        answering = [self._all_endpoints[role] for role in ANSWERING]
+        # A paced run ends before the answers to its last measurement; they still count.
+        self._turn_until(lambda: all(endpoints.last_stamp >= plant.sent_stamp for endpoints in answering), STOPPING_S)
+        for endpoints in self._all_endpoints.values():
+            for name, count in endpoints.published.items():
                 end.published[name] = end.published.get(name, 0) + count
         self._turn_until(lambda: recorder.complete(end.published), self._options.draining)
         expected = end.published if self._watch.failure is None else None
-        self._shells[Role.RECORDER].guard(lambda: recorder.close(expected))
-        end.recorded = dict(recorder.log.counts)
+        self._all_endpoints[Role.RECORDER].guard(lambda: recorder.close(expected))

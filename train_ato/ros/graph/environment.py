@@ -1,4 +1,4 @@
-"""Environment of a run's nodes: a ROS domain of its own, discovery on this machine only, logs in the run folder."""
+"""Environment of the nodes of a run: exclusive ROS domain, this machine only by default, logs in the run folder."""
 
 from __future__ import annotations
 
@@ -12,12 +12,44 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 DOMAINS = range(1, 102)
-"""Domains whose ports stay clear of the ephemeral ones."""
+"""Domains with ports below the ephemeral ones."""
+
+_PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_PEERS = "ROS_STATIC_PEERS"
 
 
-def discovery_profile() -> Path:
-    """Return the file that makes Fast DDS find the nodes of a run quickly."""
-    return Path(str(files("train_ato"))) / "graph" / "fastdds.xml"
+def discovery_profile(name: str = "fastdds.xml") -> Path:
+    """Return the path of a Fast DDS profile with fast discovery."""
+    return Path(str(files("train_ato"))) / "ros" / "graph" / name
+
+
+def opened_by() -> str | None:
+    """Return the environment variable that permits other hosts of the network; None if they are excluded."""
+    own_profile = os.environ.get(_PROFILE)
+    if own_profile is not None and Path(own_profile).parent != discovery_profile().parent:
+        return f"{_PROFILE}={own_profile}"
+    if os.environ.get(_RANGE) == "SUBNET":
+        return f"{_RANGE}=SUBNET"
+    return f"{_PEERS}={os.environ[_PEERS]}" if os.environ.get(_PEERS) else None
+
+
+def middleware(profile: str = "fastdds.xml") -> dict[str, str]:
+    """Return the environment variables that limit the hosts of a run.
+
+    Default: this machine only, by the profile; the discovery range ``LOCALHOST`` binds the sockets to all interfaces.
+    A profile set by the user is kept.
+
+    Parameters
+    ----------
+    profile
+        Name of the shipped profile for this machine only.
+    """
+    opened = opened_by()
+    if opened is None:
+        return {_RANGE: "SYSTEM_DEFAULT", _PROFILE: str(discovery_profile(profile))}
+    file = os.environ[_PROFILE] if opened.startswith(_PROFILE) else str(discovery_profile("fastdds_network.xml"))
+    return {_RANGE: "SUBNET" if os.environ.get(_RANGE) == "SUBNET" else "LOCALHOST", _PROFILE: file}
 
 
 def _lock(domain: int) -> FileLock:
@@ -25,7 +57,7 @@ def _lock(domain: int) -> FileLock:
 
 
 def _taken(lock: FileLock) -> bool:
-    """Try to take a lock; its file may just be on its way out in the hands of another run."""
+    """Return False if the lock was acquired; another run may remove its file at the same time."""
     try:
         lock.acquire(timeout=0)
     except (Timeout, OSError):
@@ -36,22 +68,22 @@ def _taken(lock: FileLock) -> bool:
     return False
 
 
-def _give_back(lock: FileLock) -> None:
-    """Remove the lock's file while it is still held, then release it: nothing stays behind."""
+def _release(lock: FileLock) -> None:
+    """Remove the file of a held lock, then release the lock."""
     with suppress(OSError):
         Path(lock.lock_file).unlink()
     lock.release()
 
 
 def check_domain(wanted: int | None) -> None:
-    """Refuse a ROS domain out of range; None stands for any free one."""
+    """Refuse a ROS domain out of range; None is any free one."""
     if wanted is not None and wanted not in DOMAINS:
         raise ValueError(f"--domain {wanted}: give a domain from {DOMAINS.start} to {DOMAINS.stop - 1}")
 
 
 @contextmanager
 def claim_domain(wanted: int | None = None) -> Iterator[int]:
-    """Hold a ROS domain for the time of a run, so that two runs on one machine never hear each other.
+    """Lock a ROS domain for the duration of a run, so that runs on one machine are separate.
 
     Parameters
     ----------
@@ -72,7 +104,7 @@ def claim_domain(wanted: int | None = None) -> Iterator[int]:
             try:
                 yield domain
             finally:
-                _give_back(lock)
+                _release(lock)
             return
     if wanted is not None:
         raise ValueError(f"--domain {wanted}: another run holds it ({_lock(wanted).lock_file}); leave --domain out")
@@ -80,7 +112,7 @@ def claim_domain(wanted: int | None = None) -> Iterator[int]:
 
 
 def held_domains() -> list[int]:
-    """Return the domains that runs on this machine hold now."""
+    """Return the domains that are locked by runs on this machine."""
     held = []
     for domain in DOMAINS:
         lock = _lock(domain)
@@ -88,28 +120,27 @@ def held_domains() -> list[int]:
             if _taken(lock):
                 held.append(domain)
             else:
-                _give_back(lock)
+                _release(lock)
     return held
 
 
 def variables(domain: int, log_folder: Path) -> dict[str, str]:
-    """Return the environment variables of a run's nodes.
+    """Return the environment variables of the nodes of a run.
 
-    Field checks are on because rclpy otherwise sends an int in a float64 field as another number, silently.
+    Field checks are on: without them rclpy sends an int in a float64 field as another number, without an error.
     """
     return {
         "ROS_DOMAIN_ID": str(domain),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        **middleware(),
         "ROS_LOG_DIR": str(log_folder),
         "ROS_PYTHON_CHECK_FIELDS": "1",
         "RMW_IMPLEMENTATION": os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp"),
-        "FASTRTPS_DEFAULT_PROFILES_FILE": os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE", str(discovery_profile())),
     }
 
 
 @contextmanager
 def applied(values: dict[str, str]) -> Iterator[None]:
-    """Set environment variables of this process and put the old ones back afterwards."""
+    """Set environment variables of this process; restore them on exit."""
     before = {name: os.environ.get(name) for name in values}
     os.environ.update(values)
     try:

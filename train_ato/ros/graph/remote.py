@@ -1,4 +1,4 @@
-"""Asking the nodes of a running graph from another process: change a parameter, call a service."""
+"""Access to a running graph from another process: set a parameter, call a service."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.input_error import close_match
-from train_ato.graph.environment import applied, held_domains, variables
+from train_ato.ros import require_ros
+from train_ato.ros.graph.environment import applied, held_domains, variables
 
-WAIT_S = 10.0
-"""Longest time in which the node has to be found and to answer."""
+WAIT_S = 30.0
+"""Maximum wall time to find a node, and to receive its answer [s]."""
 
 
-def the_running_domain(wanted: int | None) -> int:
-    """Return the domain of the run that is meant.
+def resolve_domain(wanted: int | None) -> int:
+    """Return the wanted domain, or that of the only run on this machine.
 
     Raises
     ------
     ValueError
-        If no run is going on, or several are and none was named.
+        If no run holds the domain, or there are several runs and none was named.
     """
+    require_ros()
     held = held_domains()
     if wanted is not None:
         if wanted not in held:
@@ -30,7 +32,7 @@ def the_running_domain(wanted: int | None) -> int:
         return wanted
     if len(held) != 1:
         raise ValueError(
-            f"{'no run is' if not held else 'several runs are'} going on ({_listed(held)}); name --domain N"
+            f"{'no run is' if not held else 'several runs are'} in progress ({_listed(held)}); give --domain N"
         )
     return held[0]
 
@@ -39,8 +41,8 @@ def _listed(domains: list[int]) -> str:
     return ", ".join(map(str, domains)) or "none"
 
 
-class Asking:
-    """A node that asks others, and its executor."""
+class GraphClient:
+    """Client of the nodes on a domain, with its own node and executor."""
 
     def __init__(self, node: Any, executor: Any, domain: int) -> None:
         self._node = node
@@ -58,7 +60,7 @@ class Asking:
         Raises
         ------
         ValueError
-            If the node or the parameter is not there, or it does not answer.
+            If the node or the parameter is missing, or the node does not answer.
         """
         from rcl_interfaces.msg import ParameterType
         from rclpy.parameter import Parameter
@@ -78,17 +80,17 @@ class Asking:
         return None if result.successful else str(result.reason)
 
     def call(self, service: str, data: bool | None = None) -> tuple[bool, str]:
-        """Call a service of ``std_srvs``: ``Trigger``, or ``SetBool`` where a truth value is given.
+        """Call a service of ``std_srvs``: ``Trigger``, or ``SetBool`` with ``data``.
 
         Returns
         -------
         success, message
-            As the node answered.
+            Answer of the node.
 
         Raises
         ------
         ValueError
-            If the service is not there or does not answer.
+            If the service is missing or does not answer.
         """
         from std_srvs.srv import SetBool, Trigger
 
@@ -107,8 +109,8 @@ class Asking:
 
 
 @contextmanager
-def asking(domain: int) -> Iterator[Asking]:
-    """Give a node on a run's domain that can ask the others, and take it down."""
+def graph_client(domain: int) -> Iterator[GraphClient]:
+    """Yield a client on the domain of a run; destroy it on exit."""
     with tempfile.TemporaryDirectory(prefix="train_ato_set_") as scratch, applied(variables(domain, Path(scratch))):
         import rclpy
 
@@ -118,7 +120,7 @@ def asking(domain: int) -> Iterator[Asking]:
             node = rclpy.create_node("train_ato_set", context=context, enable_rosout=False)
             executor = rclpy.executors.SingleThreadedExecutor(context=context)
             executor.add_node(node)
-            yield Asking(node, executor, domain)
+            yield GraphClient(node, executor, domain)
             executor.shutdown()
             node.destroy_node()
         finally:
@@ -126,12 +128,12 @@ def asking(domain: int) -> Iterator[Asking]:
 
 
 def set_parameter(domain: int, node: str, name: str, value: Any) -> str | None:
-    """Set one parameter of a running node; return the reason if it refused, else None.
+    """Set one parameter of a running node; return the reason of a refusal, else None.
 
     Raises
     ------
     ValueError
-        If the node or the parameter is not there, or it does not answer.
+        If the node or the parameter is missing, or the node does not answer.
     """
-    with asking(domain) as remote:
+    with graph_client(domain) as remote:
         return remote.set_parameter(node, name, value)

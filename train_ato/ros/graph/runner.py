@@ -1,53 +1,59 @@
-"""Running the node graph: the environment, one of the two ways, and what came of it, read back from the log."""
+"""Run of the node graph: environment, one of the two modes, and the result from the log."""
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
-from train_ato.graph.environment import applied, claim_domain, variables
-from train_ato.graph.recorded import outcome_of
-from train_ato.graph.run_end import GraphOptions, RunEnd
-from train_ato.outcome import Outcome, Progress
-from train_ato.run_setup import RunSetup
+from train_ato.log.compression import DEFAULT
+from train_ato.loop.result import Progress, RunResult
+from train_ato.loop.setup import RunSetup
+from train_ato.ros.graph.environment import applied, claim_domain, variables
+from train_ato.ros.graph.graph_result import IGNORED, GraphOptions, GraphResult
+from train_ato.ros.graph.recorded import recorded_result
 
 
 def run_graph(
     setup: RunSetup,
     folder: Path,
     *,
-    way: str,
+    mode: str,
     progress: Callable[[Progress], None] | None = None,
     realtime: float | None = None,
     pace: float = 0.0,
     domain: int | None = None,
     timeout: float | None = None,
-) -> Outcome:
-    """Drive one run as ROS nodes, recorded into an existing empty folder.
+    compression: str = DEFAULT,
+) -> RunResult:
+    """Run ROS nodes to the end of a scenario, recorded into an existing empty folder.
 
     Parameters
     ----------
-    way
+    mode
         ``composed``: all nodes in this process; ``processes``: one process for each.
     progress
         Called about ten times a second of wall time.
     realtime
         Simulated seconds per second of wall time; None is lockstep.
     pace
-        In lockstep, simulated seconds per second of wall time at most; 0 is as fast as it goes.
+        Maximum simulated seconds per second of wall time in lockstep; 0 is unlimited.
     domain
         ROS domain; None takes a free one.
     timeout
-        Wall time after which a silent node fails the run [s]; default 10 in lockstep, 1 when paced.
+        Wall time without an answer of a node after which the run fails [s]; None: 10 in lockstep, 1 with ``realtime``.
+    compression
+        Of the log: ``none``, ``fast`` or ``small``.
 
     Raises
     ------
     ValueError
-        If another run holds the domain, or a node cannot be made; an empty folder is removed again.
+        If another run holds the domain, or a node cannot be created; an empty folder is removed.
     """
-    options = GraphOptions(realtime=realtime, pace=pace, timeout=timeout)
+    options = GraphOptions(realtime=realtime, pace=pace, timeout=timeout, compression=compression)
     begin = time.perf_counter()
 
     def report(ticks: int) -> None:
@@ -56,27 +62,32 @@ def run_graph(
 
     try:
         with claim_domain(domain) as held:
-            end = _run(way, setup, folder, held, options, report)
+            end = _run(mode, setup, folder, held, options, report)
     except ValueError:
         with suppress(OSError):
             folder.rmdir()
         raise
     _tidy(folder / "log")
-    return outcome_of(setup, folder, end)
+    outcome = recorded_result(setup, folder, end)
+    if not end.ignored:
+        return outcome
+    listed = ", ".join(f"{node} {count}" for node, count in end.ignored.items())
+    sys.stderr.write(f"train-ato: {listed} {IGNORED}\n")
+    return replace(outcome, summary={**outcome.summary, "ignored": end.ignored})
 
 
 def _run(
-    way: str, setup: RunSetup, folder: Path, domain: int, options: GraphOptions, report: Callable[[int], None]
-) -> RunEnd:
-    """Import a runner only now: rclpy reads parts of its environment when it is loaded."""
-    if way == "processes":
-        from train_ato.graph.processes import run_processes
+    mode: str, setup: RunSetup, folder: Path, domain: int, options: GraphOptions, report: Callable[[int], None]
+) -> GraphResult:
+    """Run the nodes in the given mode; the import is late because rclpy reads its environment at import."""
+    if mode == "processes":
+        from train_ato.ros.graph.processes import run_processes
 
         return run_processes(setup, folder, domain, options, report)
-    if way != "composed":
-        raise ValueError(f"no way to run called '{way}'; choose composed or processes")
+    if mode != "composed":
+        raise ValueError(f"mode '{mode}' does not exist; choose composed or processes")
     with applied(variables(domain, folder / "log")):
-        from train_ato.graph.composed import run_composed
+        from train_ato.ros.graph.composed import run_composed
 
         return run_composed(setup, folder, domain, options, report)
 

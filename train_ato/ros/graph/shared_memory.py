@@ -1,4 +1,4 @@
-"""Shared memory of Fast DDS that nobody holds any more, as ``fastdds shm clean`` removes it."""
+"""Removal of abandoned shared memory of Fast DDS, as ``fastdds shm clean`` does it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ SHARED = Path("/dev/shm")
 
 
 def _locked(lock_file: Path) -> bool:
-    """Tell whether a living process holds the lock that belongs to a segment or a port."""
+    """Return True if a running process holds the lock of a segment or a port."""
     try:
         descriptor = os.open(lock_file, os.O_RDWR)
     except FileNotFoundError:
@@ -28,7 +28,7 @@ def _locked(lock_file: Path) -> bool:
 
 
 def _mapped() -> set[str]:
-    """Return the names of shared memory that processes of this user have mapped."""
+    """Return the names of the shared memory mapped by processes of this user."""
     names = set()
     for maps in Path("/proc").glob("[0-9]*/maps"):
         with contextlib.suppress(OSError):
@@ -40,9 +40,9 @@ def _mapped() -> set[str]:
 
 
 def abandoned() -> set[str]:
-    """Return the names of segments and ports of this user that no living process uses.
+    """Return the names of the segments and ports of this user without a running process.
 
-    A port that a killed node left and another node opened once more has no lock file; so its mapping counts too.
+    A port of a killed node that another node has opened again has no lock file, so mappings are checked too.
     """
     ours = os.getuid()
     found = set()
@@ -55,7 +55,7 @@ def abandoned() -> set[str]:
 
 
 def clean() -> None:
-    """Remove what killed nodes left; what living processes use is locked or mapped, and stays."""
+    """Remove the shared memory of killed nodes; locked or mapped memory is kept."""
     for name in abandoned():
         for path in (SHARED / name, SHARED / f"{name}_el", SHARED / f"sem.{name}_mutex"):
             with contextlib.suppress(OSError):

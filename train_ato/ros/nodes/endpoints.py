@@ -1,4 +1,4 @@
-"""What every node of the graph is made of: endpoints from the topic table, bytes in, bytes out, failures by name."""
+"""Publishers and subscriptions of a node from the topic table, for CDR bytes; failures name the node."""
 
 from __future__ import annotations
 
@@ -8,22 +8,27 @@ from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any
 
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.context import Context
 from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.parameter_service import ParameterService
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from train_ato.failure import Watch
-from train_ato.topics import BY_NAME, Rate, Role, Topic, published_by
-from train_ato.wire import Wire
+from train_ato.errors import FirstFailure, of_own_code
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import BY_NAME, Rate, Role, Topic, published_by
+from train_ato.ros.nodes.publishers import OnePublisher
 
 ROLES = (Role.PLANT, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.RECORDER)
 COMMAND_DEPTH = 10
-"""Queue of a reader of commands: more than a few can never be under way in lockstep."""
+"""Queue length of the plant for commands; in lockstep only a few are in flight."""
 
 
 def quality_of_service(topic: Topic, depth: int | None = None) -> Any:
-    """Return the quality of service of a topic, the same on both ends: reliable, latched topics transient local."""
+    """Return the quality of service of a topic for both ends: reliable, transient local for latched topics."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=topic.depth if depth is None else depth,
@@ -39,22 +44,49 @@ def message_class(type_name: str) -> Any:
 
 
 def _never(data: bytes) -> None:
-    raise AssertionError("a node that takes its messages itself was given to an executor")
+    raise AssertionError("a node that polls its messages was added to an executor")
 
 
-class Shell:
-    """One node: its publishers, its subscriptions, what it published.
+class _ParameterServices(ParameterService):  # type: ignore[misc]
+    """Parameter services that refuse unreadable requests with the reason.
+
+    The services of rclpy raise instead, for example for an unknown parameter type, and the
+    request of the client never times out.
+    """
+
+    def __init__(self, node: Node, watch: FirstFailure) -> None:
+        self._watch = watch
+        super().__init__(node)
+
+    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
+        for entry in request.parameters:
+            one, answer = SetParametersAtomically.Request(parameters=[entry]), SetParametersAtomically.Response()
+            response.results.append(self._set_parameters_atomically_callback(one, answer).result)
+        return response
+
+    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
+        try:
+            return super()._set_parameters_atomically_callback(request, response)
+        except Exception as error:
+            if of_own_code(error):
+                self._watch.fail(self._get_node().get_name(), error)
+            response.result = SetParametersResult(successful=False, reason=" ".join(str(error).split()))
+            return response
+
+
+class NodeEndpoints:
+    """Node with its publishers, subscriptions and message counts.
 
     Parameters
     ----------
     role
-        Which node it is; its name and its endpoints follow from it.
+        Role in the topic table; defines name and topics of the node.
     wire
         Encoder and decoder of the run's messages.
     context
         rclpy context of the process.
     watch
-        Takes failures of callbacks.
+        Receiver of failures of callbacks.
     roles
         Nodes of the graph; :meth:`missing` waits for them.
 
@@ -71,7 +103,7 @@ class Shell:
         role: Role,
         wire: Wire,
         context: Context,
-        watch: Watch,
+        watch: FirstFailure,
         roles: Collection[Role] = ROLES,
         arguments: list[str] | None = None,
     ) -> None:
@@ -79,16 +111,27 @@ class Shell:
         self.name = role.value
         self.wire = wire
         self.watch = watch
-        self.node = Node(self.name, context=context, cli_args=arguments, enable_rosout=False, use_global_arguments=True)
+        self.node = Node(
+            self.name,
+            context=context,
+            cli_args=arguments,
+            enable_rosout=False,
+            use_global_arguments=True,
+            start_parameter_services=False,
+        )
+        # A refused parameter leaves the node in a reference cycle; without this it would publish into the next run.
+        context.on_shutdown(self.node.destroy_node)
+        _ParameterServices(self.node, watch)
         self._roles = roles
         self.last_stamp = -1
         self.published: dict[str, int] = {}
         self._publishers: dict[str, Any] = {}
         self._senders: dict[str, Callable[[bytes], None]] = {}
         self._subscriptions: dict[str, Any] = {}
+        self._sources: dict[str, OnePublisher] = {}
         self._ticking = {name for name, topic in BY_NAME.items() if topic.rate is Rate.TICK}
         for topic in published_by(role):
-            if wire.shape.has(topic):
+            if topic.exists(wire.layout):
                 self._publishers[topic.name] = self.node.create_publisher(
                     message_class(topic.type), topic.name, quality_of_service(topic)
                 )
@@ -101,7 +144,7 @@ class Shell:
         Raises
         ------
         ValueError
-            If the message holds what must not go out: a force that is not finite, a wrong number of values.
+            For a value that is not finite or a wrong number of values.
         """
         self._senders[topic](self.wire.encode(topic, message))
         self.published[topic] += 1
@@ -114,11 +157,11 @@ class Shell:
             self.publish(topic, message)
 
     def subscribe(self, handlers: Mapping[str, Callable[[Any], None]]) -> None:
-        """Subscribe to topics; a handler gets the decoded message."""
+        """Subscribe to topics with a handler for decoded messages each."""
         decode = self.wire.decode
         for name, handler in handlers.items():
             topic = BY_NAME[name]
-            if self.wire.shape.has(topic):
+            if topic.exists(self.wire.layout):
                 sender = "/".join(role.value for role in topic.publishers)
 
                 def receive(
@@ -133,46 +176,81 @@ class Shell:
                 self.subscribe_raw(name, receive)
 
     def subscribe_raw(self, name: str, receive: Callable[[bytes], None]) -> None:
-        """Subscribe to the bytes of a topic; an exception in the callback ends the run with the node's name."""
+        """Subscribe to the bytes of a topic with one publisher.
+
+        An exception in the callback and a second publisher fail the run with the name of the node.
+        """
         watch, node = self.watch, self.name
         topic = BY_NAME[name]
+        source = self._sources[name] = OnePublisher(self.node, topic)
 
         def guarded(data: bytes) -> None:
             if watch.failure is None:
                 try:
+                    if not source.begun:
+                        source.begin()
                     receive(data)
                 except Exception as error:
                     watch.fail(node, error)
 
         depth = COMMAND_DEPTH if name == "ato/command" and self.role is Role.PLANT else None
         self._subscriptions[name] = self.node.create_subscription(
-            message_class(topic.type), name, guarded, quality_of_service(topic, depth), raw=True
+            message_class(topic.type),
+            name,
+            guarded,
+            quality_of_service(topic, depth),
+            event_callbacks=SubscriptionEventCallbacks(matched=lambda event: self.guard(lambda: source.changed(event))),
+            raw=True,
         )
+        source.attach(self._subscriptions[name])
 
-    def taker(self, name: str) -> Callable[[], Any]:
-        """Subscribe to the bytes of a topic without callbacks.
+    def serve(self, kind: Any, name: str, answer: Callable[[Any, Any], Any]) -> None:
+        """Offer a service; an exception in ``answer`` fails the run with the name of the node."""
+
+        def guarded(request: Any, response: Any) -> Any:
+            try:
+                return answer(request, response)
+            except Exception as error:
+                self.watch.fail(self.name, error)
+                return response
+
+        self.node.create_service(kind, name, guarded)
+
+    def taker(self, name: str) -> tuple[Callable[[], Any], OnePublisher | None]:
+        """Subscribe to the bytes of a topic for polling, without callbacks.
 
         Returns
         -------
-        callable
-            Takes the next message out of the queue, as (bytes, dictionary of times), or returns None. The node must
-            not be given to an executor.
+        take : callable
+            Returns the next message of the queue as (bytes, dictionary of times), or None. The node must not be added
+            to an executor.
+        source : OnePublisher or None
+            Publisher of the topic, None for a topic of several nodes.
         """
         topic = BY_NAME[name]
         kind = message_class(topic.type)
         subscription = self.node.create_subscription(kind, name, _never, quality_of_service(topic), raw=True)
         self._subscriptions[name] = subscription
-        return partial(subscription.handle.take_message, kind, True)
+        if len(topic.publishers) == 1:
+            self._sources[name] = OnePublisher(self.node, topic)
+            self._sources[name].attach(subscription)
+        return partial(subscription.handle.take_message, kind, True), self._sources.get(name)
 
     def guard(self, action: Callable[[], None]) -> None:
-        """Run something outside a callback with the same treatment of failures."""
+        """Run an action outside of callbacks; an exception fails the run as in callbacks."""
         try:
             action()
         except Exception as error:
             self.watch.fail(self.name, error)
 
     def missing(self, besides: Collection[Role] = ()) -> list[str]:
-        """Name the endpoints of other nodes that this node has not met yet, those of further roles included."""
+        """Return the missing conditions for the start: endpoints of other nodes; requests to stop a second publisher.
+
+        Parameters
+        ----------
+        besides
+            Roles with required endpoints, added to those of the graph.
+        """
         roles = {*self._roles, *besides}
         absent = []
         for name, publisher in self._publishers.items():
@@ -186,21 +264,28 @@ class Shell:
             senders = [role for role in BY_NAME[name].publishers if role in roles]
             if subscription.get_publisher_count() < len(senders):
                 absent.append(f"a publisher of {name} ({', '.join(role.value for role in senders)})")
+        absent += filter(None, (source.second() for source in self._sources.values()))
+        own = (self.node.get_name(), self.node.get_namespace())
+        if self.node.get_node_names_and_namespaces().count(own) > 1:
+            absent.append(f"the end of a second node {self.name}")
+        if not absent:
+            for source in self._sources.values():
+                source.pin()
         return absent
 
     @property
     def subscribed(self) -> tuple[str, ...]:
-        """Topics that this node reads."""
+        """Names of the subscribed topics."""
         return tuple(self._subscriptions)
 
     def deliver(self, limit: float) -> None:
-        """Wait until every reader has what was published, at most so long [s]; then the node can leave."""
+        """Wait until every reader has received the published messages, at most ``limit`` [s]."""
         last = time.monotonic() + limit
         for publisher in self._publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, last - time.monotonic())))
 
     def senders(self, name: str) -> int:
-        """Return how many publishers of a topic this node has met."""
+        """Return the number of discovered publishers of a topic."""
         return int(self._subscriptions[name].get_publisher_count())
 
     def destroy(self) -> None:

@@ -1,7 +1,7 @@
-"""ROS parameters of the nodes, made from the declarations of laws and observers.
+"""ROS parameters of the nodes from the declarations of laws and observers.
 
-Every double has a range, because rclpy accepts NaN where there is none; names that no node declares are refused,
-because rclpy ignores them silently.
+Every double has a range, because rclpy accepts NaN without one.  Unknown names are refused, because rclpy ignores
+them without an error.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 
 from train_ato.control.contract import Parameter
-from train_ato.control.parameters import closest
+from train_ato.control.parameters import closest, warn_former_name
 
 _LARGEST = 1.7e308
 _INT64 = 2**63 - 1
@@ -25,7 +25,7 @@ _CLOCK = frozenset({"use_sim_time", "start_type_description_service"})
 
 @dataclass(frozen=True)
 class Declared:
-    """One ROS parameter of a node: full name, value at the start, its declaration."""
+    """ROS parameter of a node: full name, start value and declaration."""
 
     name: str
     value: Any
@@ -34,13 +34,14 @@ class Declared:
 
 
 def declare(node: Node, parameters: list[Declared]) -> dict[str, Any]:
-    """Declare parameters on a node and return their values, those given at the start included.
+    """Declare parameters on a node and return their values, with the start parameters applied.
 
     Raises
     ------
     ValueError
-        For a value given at the start that is misspelt, of a wrong type or out of range; one line with the remedy.
+        For a start parameter with an unknown name, a wrong type or out of range; one line with the remedy.
     """
+    _rename_former(node, parameters)
     _refuse_unknown(node, [parameter.name for parameter in parameters])
     values = {}
     for parameter in parameters:
@@ -56,6 +57,16 @@ def declare(node: Node, parameters: list[Declared]) -> dict[str, Any]:
         if isinstance(value, float) and not math.isfinite(value):
             raise ValueError(f"parameter {parameter.name}: {value} is not finite; {_range(parameter.entry)}")
     return values
+
+
+def _rename_former(node: Node, parameters: list[Declared]) -> None:
+    """Move start parameters with a former name to the current name."""
+    given = node._parameter_overrides
+    for parameter in parameters:
+        former = f"{parameter.name.rpartition('.')[0]}.{parameter.entry.formerly}"
+        if parameter.entry.formerly and former in given:
+            warn_former_name(former, parameter.name)
+            given[parameter.name] = given.pop(former)
 
 
 def _refuse_unknown(node: Node, names: list[str]) -> None:
@@ -76,7 +87,7 @@ def _range(entry: Parameter) -> str:
 
 
 def descriptor(parameter: Declared) -> Any:
-    """Return the descriptor of a parameter: meaning, unit, range, allowed words."""
+    """Return the descriptor of a parameter: meaning, unit, range, choices."""
     entry = parameter.entry
     result = ParameterDescriptor(
         name=parameter.name,

@@ -1,8 +1,8 @@
-"""Node ``plant``: the train as the only source of time.
+"""Node ``plant``: the simulated train, the only source of simulation time.
 
-In lockstep it sends the measurement of t_k, waits for the command stamped t_k and integrates to t_k+1; a pace may hold
-it back, which changes no number.  In ``realtime`` it does not wait: the newest command is held and late ones are
-counted.  This module is the only one of ``plant_sim`` that knows the stack.
+In lockstep it sends the measurement of t_k, waits for the command stamped t_k and integrates to t_k+1; a pace delays
+the ticks and changes no number.  In ``realtime`` it does not wait: the newest command is held and late commands are
+counted.
 """
 
 from __future__ import annotations
@@ -12,54 +12,54 @@ from dataclasses import replace
 
 from rclpy.clock import Clock, ClockType
 
-from train_ato.nodes.plant_requests import PlantRequests
-from train_ato.nodes.shell import Shell
-from train_ato.pace import SteadyPace
-from train_ato.roles.outgoing import Outgoing
-from train_ato.roles.plant import PlantRole
-from train_ato.topics import Role
-from train_ato.types import Command, Diagnostic, Pipe, Tick
+from train_ato.loop.pace import SteadyPace
+from train_ato.loop.plant import PlantStage
+from train_ato.loop.stage_messages import Published
+from train_ato.messages.topics import Role
+from train_ato.messages.types import Command, Diagnostic, Pipe, Tick
+from train_ato.ros.nodes.endpoints import NodeEndpoints
+from train_ato.ros.nodes.plant_requests import PlantRequests
 
 LEAD = 400
-"""Ticks that the plant may be ahead of the recorder: less than half of the recorder's queues."""
+"""Maximum lead of the plant over the recorder [ticks]: less than half of the recorder's queues."""
 SHORTEST_WAIT_S = 0.0005
-"""A tick that is early by less is not held back."""
+"""Minimum wait before a tick [s]; shorter waits are omitted."""
 
 
 class PlantNode:
-    """Wraps the plant role.
+    """ROS node of the plant.
 
     Parameters
     ----------
-    role, shell
-        What it drives and how it talks.
+    stage, endpoints
+        Stage of the loop and endpoints of the node.
     realtime
         Simulated seconds per second of wall time; None runs in lockstep.
     timeout
         Wall time after which a missing answer is a failure [s]; a ROS parameter of the node.
     recorded
-        Whether a recorder listens and has to be waited for.
+        True: limit the lead over the recorder to :data:`LEAD`.
     pace
-        Simulated seconds per second of wall time at most, in lockstep; 0 is as fast as it goes.
+        Maximum simulated seconds per second of wall time in lockstep; 0 is unlimited.
     scenario
-        File of the resolved scenario, for tools; "" if there is none.
+        File of the resolved scenario, for tools; "" without one.
 
     Attributes
     ----------
     finished : bool
-        The last tick is over and the end was reported.
+        True after the last tick and its report.
     paused : bool
-        No tick is begun but single steps.
-    asked : int
+        True while only single steps begin a tick.
+    sent_stamp : int
         Stamp of the last measurement sent [ns], -1 before the first.
     ignored, late, held : int
-        Commands that came twice or for another stamp; commands that came after their tick; ticks without any.
+        Numbers of duplicate or unexpected answers, of commands after their tick, and of ticks without a command.
     """
 
     def __init__(
         self,
-        role: PlantRole,
-        shell: Shell,
+        stage: PlantStage,
+        endpoints: NodeEndpoints,
         *,
         realtime: float | None = None,
         timeout: float = 10.0,
@@ -67,51 +67,57 @@ class PlantNode:
         pace: float = 0.0,
         scenario: str = "",
     ) -> None:
-        self.role = role
-        self.shell = shell
+        self.stage = stage
+        self.endpoints = endpoints
         self.finished = False
         self.ignored = self.late = self.held = 0
-        self.asked = -1
+        self.sent_stamp = -1
         self.blocked = False
         self.paused = False
         self._recorded = recorded
         self._begun = self._waiting = self._stopping = self._single = False
         self._command: Command | None = None
         self._pipe: Pipe | None = None
+        self._answered = {"command": -1, "pipe": -1}
         self._acknowledged = 0
         self._heard = time.monotonic()
-        self._requests = PlantRequests(self, shell, realtime or 0.0, timeout, pace, scenario)
+        self._requests = PlantRequests(self, endpoints, realtime or 0.0, timeout, pace, scenario)
         given = self._requests.given
-        self._period = role.setup.tick_ns / given["realtime"] if given["realtime"] > 0 else None
-        self._pace = SteadyPace(role.setup.tick, 0.0 if self._period is not None else given["pace"])
+        self._period = stage.setup.tick_ns / given["realtime"] if given["realtime"] > 0 else None
+        self._pace = SteadyPace(stage.setup.tick, 0.0 if self._period is not None else given["pace"])
         self.paused = given["paused"]
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = shell.node.create_timer(1.0, self._awake, clock=steady, autostart=False)
-        shell.subscribe(
+        self._timer = endpoints.node.create_timer(1.0, self._awake, clock=steady, autostart=False)
+        endpoints.subscribe(
             {
-                "ato/command": self._commanded,
-                "ato/brake_pipe": self._pipe_demanded,
-                "record/acknowledged": self._written,
+                "ato/command": self._on_command,
+                "ato/brake_pipe_command": self._on_brake_pipe_command,
+                "recorder/progress": self._on_recorder_progress,
             }
         )
 
     @property
     def overdue(self) -> bool:
-        """Tell whether an answer has been due for longer than the time-out."""
+        """True if an answer is due for longer than the time-out."""
         return self.silent_for() > self.timeout
 
     @property
+    def answered(self) -> bool:
+        """True if the command for the last measurement has arrived; a paced run ends before it."""
+        return self._answered["command"] >= self.sent_stamp
+
+    @property
     def timeout(self) -> float:
-        """Time-out in force [s]."""
-        return float(self.shell.node.get_parameter("timeout").value)
+        """Effective time-out [s]."""
+        return float(self.endpoints.node.get_parameter("timeout").value)
 
     @property
     def stamp(self) -> int:
-        """Stamp of the tick under way [ns]."""
-        return self.role.stamp
+        """Stamp of the current tick [ns]."""
+        return self.stage.stamp
 
     def begin(self) -> None:
-        """Send the first measurement; from here on the messages drive everything."""
+        """Send the first measurement; all further ticks follow from messages and the timer."""
         self._begun = True
         self._heard = time.monotonic()
         if self._period is not None:
@@ -119,73 +125,74 @@ class PlantNode:
         self._next()
 
     def follow_recorder(self) -> None:
-        """Wait for a recorder from now on if there is one."""
-        self._recorded = self.shell.senders("record/acknowledged") > 0
+        """Limit the lead over the recorder if there is one."""
+        self._recorded = self.endpoints.senders("recorder/progress") > 0
 
     def request_stop(self) -> None:
-        """End the run after the tick under way, or at once where none is."""
+        """End the run after the current tick, or at once between two ticks."""
         self._stopping = True
         if not self._waiting:
-            self.shell.guard(self._next)
+            self.endpoints.guard(self._next)
 
     def silent_for(self) -> float:
-        """Return the wall time since an answer was due and did not come [s]; 0 while none is due."""
+        """Return the wall time of waiting for a due answer [s]; 0 if none is due."""
         due = self._waiting or self.blocked
         return time.monotonic() - self._heard if due and not self.finished else 0.0
 
-    def _commanded(self, command: Command) -> None:
-        if self.shell.senders("ato/command") > 1:
-            raise ValueError("ato/command has more than one publisher; end the other one")
-        self._heard = time.monotonic()
-        if self._period is not None:
+    def _on_command(self, command: Command) -> None:
+        if self._due("command", command.stamp):
+            self._heard = time.monotonic()
             self._command = command
-        elif not self._waiting or command.stamp != self.role.stamp or self._command is not None:
-            self.ignored += 1
-        else:
-            self._command = command
-            self._act_if_complete()
+            if self._period is None:
+                self._act_if_complete()
 
-    def _pipe_demanded(self, pipe: Pipe) -> None:
-        if self._period is not None:
+    def _on_brake_pipe_command(self, pipe: Pipe) -> None:
+        if self._due("pipe", pipe.stamp):
             self._pipe = pipe
-        elif not self._waiting or pipe.stamp != self.role.stamp or self._pipe is not None:
+            if self._period is None:
+                self._act_if_complete()
+
+    def _due(self, kind: str, stamp: int) -> bool:
+        """Return True for a due answer: to the current tick, in realtime also to an earlier one; count others."""
+        waited = stamp <= self.sent_stamp if self._period is not None else self._waiting and stamp == self.stage.stamp
+        if not waited or stamp <= self._answered[kind]:
             self.ignored += 1
-        else:
-            self._pipe = pipe
-            self._act_if_complete()
+            return False
+        self._answered[kind] = stamp
+        return True
 
     def _act_if_complete(self) -> None:
         command, pipe = self._command, self._pipe
-        if command is None or (pipe is None and self.role.setup.shape.air_brake):
+        if command is None or (pipe is None and self.stage.setup.layout.air_brake):
             return
         self._command = self._pipe = None
         self._waiting = False
-        self.role.act(command, pipe)
+        self.stage.act(command, pipe)
         self._next()
 
     def _next(self) -> None:
-        """Go on to the next tick, unless the run is over, the train is paused or too early, or the recorder behind."""
-        if self.role.finished or self._stopping:
+        """Begin the next tick, unless the run is finished, paused or too early, or the recorder is behind."""
+        if self.stage.finished or self._stopping:
             self._conclude()
         elif self.paused and not self._single:
             pass
-        elif self._recorded and self.role.tick - self._acknowledged > LEAD:
+        elif self._recorded and self.stage.tick - self._acknowledged > LEAD:
             self.blocked = True
-        elif self._pace.factor and not self._single and (wait := self._pace.wait(self.role.tick)) > SHORTEST_WAIT_S:
+        elif self._pace.factor and not self._single and (wait := self._pace.wait(self.stage.tick)) > SHORTEST_WAIT_S:
             self._wake_every(wait * 1e9)
         else:
             self._single = False
             self._waiting = True
-            self.asked = self.role.stamp
-            self._send(self.role.observe())
+            self.sent_stamp = self.stage.stamp
+            self._send(self.stage.observe().published())
 
     def _conclude(self) -> None:
         if not self.finished:
             self.finished = True
-            self._send(self.role.conclude())
+            self._send(self.stage.conclude().published())
 
-    def _send(self, messages: Outgoing) -> None:
-        """Send what the role has to say; what follows from the wall clock is added to its diagnostics."""
+    def _send(self, messages: Published) -> None:
+        """Send messages of the stage; counts from the wall clock are added to its diagnostics."""
         if self._period is not None or self.ignored:
             wall = {"wall_late": self.late, "wall_held": self.held, "wall_ignored": self.ignored}
             counts = {name: str(count) for name, count in wall.items()}
@@ -195,59 +202,63 @@ class PlantNode:
                 else (topic, message)
                 for topic, message in messages
             ]
-        self.shell.publish_all(messages)
+        self.endpoints.publish_all(messages)
 
     def _wake_every(self, nanoseconds: float) -> None:
         self._timer.timer_period_ns = int(nanoseconds)
         self._timer.reset()
 
     def _awake(self) -> None:
-        """Begin the tick that was early; in realtime take one with the newest command, which may be late."""
+        """Begin a delayed tick; in realtime run a tick with the newest command, which may be late."""
         if self._period is None:
             self._timer.cancel()
             self._resume_loop()
-        elif self._waiting and not self.finished and self.shell.watch.failure is None:
-            self.shell.guard(self._paced_tick)
+        elif self._waiting and not self.finished and self.endpoints.watch.failure is None:
+            self.endpoints.guard(self._paced_tick)
 
     def _paced_tick(self) -> None:
-        command, stamp = self._command, self.role.stamp
+        command, stamp = self._command, self.stage.stamp
         self._waiting = False
         if command is None:
             self.held += 1
-            self.role.hold()
+            self.stage.hold()
         else:
             self.late += command.stamp != stamp
             pipe = None if self._pipe is None else Pipe(stamp, self._pipe.pressure)
-            self.role.act(Command(stamp, command.force), pipe)
+            self.stage.act(Command(stamp, command.force), pipe)
             self._command = None
         self._next()
 
-    def _written(self, tick: Tick) -> None:
-        self._acknowledged = tick.stamp // self.role.setup.tick_ns
+    def _on_recorder_progress(self, tick: Tick) -> None:
+        acknowledged = tick.stamp // self.stage.setup.tick_ns
+        if not self._acknowledged < acknowledged <= self.stage.tick:
+            self.ignored += 1
+            return
+        self._acknowledged = acknowledged
         if self.blocked:
             self._heard = time.monotonic()
             self.blocked = False
             self._next()
 
     def set_paused(self, paused: bool) -> None:
-        """Begin no further tick, or go on."""
+        """Pause after the current tick, or resume."""
         was, self.paused = self.paused, paused
         if was and not paused:
             self._pace.restart()
             self._resume_loop()
 
     def set_pace(self, factor: float) -> None:
-        """Change the pace while the train runs.
+        """Change the pace during the run.
 
         Raises
         ------
         ValueError
-            In realtime, where the pace is the clock's, if it is to be 0.
+            If the pace is 0 in a run with ``realtime``.
         """
         if self._period is not None:
             if factor <= 0:
-                raise ValueError("pace 0: a run in realtime has a pace; give a number above 0")
-            self._period = self.role.setup.tick_ns / factor
+                raise ValueError("pace 0: a run with realtime needs a pace; give a number above 0")
+            self._period = self.stage.setup.tick_ns / factor
             self._wake_every(self._period)
             return
         self._pace.change(factor)
@@ -255,12 +266,12 @@ class PlantNode:
         self._resume_loop()
 
     def single_step(self) -> None:
-        """Take one tick while paused.
+        """Run one tick while paused.
 
         Raises
         ------
         ValueError
-            If it is not paused between two ticks.
+            If the run is not paused between two ticks.
         """
         if not self.paused or self._waiting or self.finished:
             raise ValueError("not paused between two ticks; pause first")
@@ -268,15 +279,15 @@ class PlantNode:
         self._resume_loop()
 
     def _resume_loop(self) -> None:
-        """Begin a tick if none is under way and nothing else holds it back."""
-        busy = self._waiting or self.blocked or self.finished or self.shell.watch.failure is not None
+        """Begin a tick unless one is running or the run is blocked, finished or failed."""
+        busy = self._waiting or self.blocked or self.finished or self.endpoints.watch.failure is not None
         if self._begun and not busy:
             self._heard = time.monotonic()
-            self.shell.guard(self._next)
+            self.endpoints.guard(self._next)
 
 
 def silent_node(last: dict[Role, int], stamp: int, blocked: bool) -> Role:
-    """Return the node that a stalled plant waits for: the first, in the order of dependence, that did not answer."""
+    """Return the node without an answer to the stamp: the first in the order of dependence."""
     if blocked:
         return Role.RECORDER
     for role in (Role.PROFILE, Role.OBSERVER):

@@ -1,4 +1,4 @@
-"""One node in a process of its own: started by the runner over pipes, or alone by ``ros2 run train_ato NODE``."""
+"""Entry of one node in a process of its own: ``ros2 run train_ato NODE``, or ``train-ato run --processes``."""
 
 from __future__ import annotations
 
@@ -6,32 +6,41 @@ import argparse
 import os
 import signal
 import sys
+import threading
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from train_ato.arguments import BAD_INPUT, OneLineParser
-from train_ato.graph.environment import discovery_profile
-from train_ato.graph.run_end import LOCKSTEP_TIMEOUT_S, PACED_TIMEOUT_S
-from train_ato.topics import Role
+from train_ato.log.compression import DEFAULT, add_compression
+from train_ato.messages.topics import Role
+from train_ato.ros.graph.environment import middleware, opened_by
+from train_ato.ros.graph.graph_result import LOCKSTEP_TIMEOUT_S, PACED_TIMEOUT_S
+
+if TYPE_CHECKING:
+    from train_ato.loop.result import RunResult
+    from train_ato.loop.setup import RunSetup
+
+    Completed = Callable[[RunSetup, RunResult, Path], None]
 
 
-def _arguments(role: Role) -> argparse.Namespace:
+def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
     parser = OneLineParser(prog=f"{role.value}_node", description=f"Node {role.value} of a train_ato graph.")
     parser.add_argument("--scenario", required=True, metavar="SCENARIO[:VARIANT]", help="shipped name or a file")
     parser.add_argument("--set", action="append", default=[], metavar="A.B=V", help="change one key of the scenario")
-    parser.add_argument("--pipes", action="store_true", help=argparse.SUPPRESS)
+    # for `run --processes`: end the run when standard input is closed, report on standard output, leave the summary
+    parser.add_argument("--attached", action="store_true", help=argparse.SUPPRESS)
     if role is Role.PLANT:
         parser.add_argument("--realtime", type=float, metavar="F", help="pace on the wall clock instead of lockstep")
+        parser.add_argument("--pace", type=float, default=0.0, metavar="F", help="limit lockstep to F times real time")
         parser.add_argument(
-            "--pace", type=float, default=0.0, metavar="F", help="hold lockstep back to F times real time"
-        )
-        parser.add_argument(
-            "--timeout", type=float, metavar="S", help="wall time after which a silent node ends the run"
+            "--timeout", type=float, metavar="S", help="wall time without an answer after which the run fails"
         )
         parser.add_argument("--recorded", action="store_true", help="do not begin without a recorder")
     if role is Role.RECORDER:
         parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the log")
-    own, ros = sys.argv[1:], []
+        add_compression(parser)
+    own, ros = list(words), []
     if "--ros-args" in own:
         at = own.index("--ros-args")
         own, ros = own[:at], own[at:]
@@ -40,44 +49,59 @@ def _arguments(role: Role) -> argparse.Namespace:
     return options
 
 
-def run_role(role: Role) -> int:
-    """Run a node until its run is over, it is told to end, or Ctrl-C; return the exit status (0, 1 failed, 2 input)."""
-    options = _arguments(role)
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(discovery_profile()))
+def run_role(role: Role, words: Sequence[str], completed: Completed | None = None) -> int:
+    """Run a node until the end of its run, SIGTERM or Ctrl-C.
+
+    Parameters
+    ----------
+    role
+        Role of the node.
+    words
+        Command line without the name of the program.
+    completed
+        Called by the recorder after a complete run, with setup, result and folder.
+
+    Returns
+    -------
+    int
+        Exit status: 0 done, 1 failed, 2 bad input.
+    """
+    options = _arguments(role, words)
+    opened = opened_by()
+    if opened and not options.attached:
+        sys.stderr.write(f"{role.value}: other hosts may join this run ({opened})\n")
+    os.environ.update(middleware())
     os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
-    number = {"asked": False}
-
-    def ask(*_: Any) -> None:
-        number["asked"] = True
-
-    signal.signal(signal.SIGTERM, ask)
-    signal.signal(signal.SIGINT, signal.SIG_IGN if options.pipes else ask)
+    stopped = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopped.set())
+    if options.attached:
+        threading.Thread(target=_stop_at_end_of_input, args=(stopped,), daemon=True).start()
     try:
-        return _run(role, options, number)
+        return _run(role, options, stopped, completed)
     except (ValueError, OSError) as error:
-        text = " ".join(str(error).split())
-        if options.pipes:
-            import json
-
-            sys.stdout.write(json.dumps({"event": "failed", "reason": f"node {role.value} failed: {text}"}) + "\n")
-        else:
-            sys.stderr.write(f"{role.value}: {text}\n")
+        sys.stderr.write(f"{role.value}: {' '.join(str(error).split())}\n")
         return BAD_INPUT
 
 
-def _run(role: Role, options: argparse.Namespace, stopped: dict[str, bool]) -> int:
-    """Make the node and turn it; imports come here, after the environment is set."""
-    from train_ato.failure import Watch
-    from train_ato.graph.assembly import executor_of, make_node
-    from train_ato.nodes.alone import AloneNode
-    from train_ato.nodes.piped import PipedNode
-    from train_ato.nodes.shell import ROLES, Shell
-    from train_ato.run_setup import prepare
-    from train_ato.scenario import load
-    from train_ato.wire import Wire
+def _stop_at_end_of_input(stopped: threading.Event) -> None:
+    """Set the event when standard input is closed; a read without a buffer does not block the exit of the process."""
+    while os.read(0, 1):
+        pass
+    stopped.set()
 
-    setup = prepare(*load(options.scenario, tuple(options.set)))
+
+def _run(role: Role, options: argparse.Namespace, stopped: threading.Event, completed: Completed | None) -> int:
+    """Create and run the node; imports are late because rclpy reads the environment at import."""
+    from train_ato.errors import FirstFailure
+    from train_ato.loop.setup import prepare
+    from train_ato.messages.codec.codec import Wire
+    from train_ato.ros.graph.assembly import executor_of, make_node
+    from train_ato.ros.nodes.endpoints import ROLES, NodeEndpoints
+    from train_ato.ros.standalone.runner import StandaloneRunner
+    from train_ato.scenario.scenario import load_scenario
+
+    setup = prepare(*load_scenario(options.scenario, tuple(options.set)))
     realtime = getattr(options, "realtime", None)
     timeout = getattr(options, "timeout", None)
     if timeout is None:
@@ -86,20 +110,27 @@ def _run(role: Role, options: argparse.Namespace, stopped: dict[str, bool]) -> i
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     log_folder = Path(os.environ["ROS_LOG_DIR"]) if "ROS_LOG_DIR" in os.environ else None
-    watch = Watch(log_folder)
-    roles = ROLES if options.pipes else ROLES[:-1]
-    with executor_of(None, options.ros or None) as (context, executor):
-        shell = Shell(role, Wire(setup.shape), context, watch, roles, options.ros or None)
+    watch = FirstFailure(log_folder)
+    with executor_of(None, options.ros or None, watch) as (context, executor):
+        endpoints = NodeEndpoints(role, Wire(setup.layout), context, watch, ROLES[:-1], options.ros or None)
         if role is not Role.RECORDER:
-            executor.add_node(shell.node)
+            executor.add_node(endpoints.node)
         pace = getattr(options, "pace", 0.0)
-        node = make_node(role, setup, shell, folder, realtime, timeout, recorded=options.pipes, pace=pace)
-        if options.pipes:
-            return PipedNode(role, node, shell, executor, stopped).run()
-        turner = AloneNode(role, node, shell, executor, stopped, getattr(options, "recorded", False))
+        compression = getattr(options, "compression", DEFAULT)
+        node = make_node(role, setup, endpoints, folder, realtime, timeout, False, pace, compression)
+        recorded = getattr(options, "recorded", False)
+        turner = StandaloneRunner(
+            role, node, endpoints, executor, stopped, setup.fingerprint(), recorded, options.attached
+        )
         status = turner.run()
-        if folder is not None and not node.log.failure:
-            from train_ato.graph.recorded import complete_folder
+        if folder is not None and not node.log.failure and not options.attached:
+            from train_ato.ros.graph.recorded import complete_folder
 
-            complete_folder(setup, folder, node.log.counts, turner.last_heard - turner.first_heard)
+            wall_s = turner.last_heard - turner.first_heard
+            result = complete_folder(setup, folder, node.log.counts, wall_s, watch.failure)
+            if completed is not None and result is not None:
+                completed(setup, result, folder)
+            if result is not None and result.failure is not None and watch.failure is None:
+                sys.stderr.write(f"{result.failure}\n")
+                return 1
         return status

@@ -1,0 +1,1 @@
+"""Readers of trains and lines in the formats of open libraries."""

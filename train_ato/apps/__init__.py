@@ -1,0 +1,1 @@
+"""Applications on recorded or running trains: report, view, replay, CSV import, law checks."""

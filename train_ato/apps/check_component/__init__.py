@@ -1,0 +1,1 @@
+"""Contract checks of a control law, an observer or a delay compensation."""

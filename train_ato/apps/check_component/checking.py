@@ -1,0 +1,193 @@
+"""Contract tests of a component: a control law, an observer or a delay compensation.
+
+``check_component("observer", "package.module:Observer")`` runs the component on shipped rigid trains along a profile
+of one minute, and with invalid inputs. A component may reject a train by a ValueError with the reason, but not all of
+them. The tests of every kind are :mod:`train_ato.apps.check_component.common`, those of one kind are beside it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from train_ato.apps.check_component.common import TOO_SLOW, Rig, Test
+from train_ato.apps.check_component.compensation import COMPENSATION_TESTS, CompensationRig
+from train_ato.apps.check_component.law import LAW_TESTS, LawRig
+from train_ato.apps.check_component.observer import OBSERVER_TESTS, ObserverRig
+from train_ato.apps.check_component.trains import PERIOD
+from train_ato.control.contract import parameters_of
+from train_ato.control.keyword_form import in_contract_form
+from train_ato.control.registry import load_class
+
+TRAINS = ("xuzhou_metro_3", "freight_five", "crh380a_three_units", "hxd1_c80_105")
+"""Shipped trains of the tests; the last has a sensor at its first coupler."""
+DESCRIBED = "describes its parameters"
+COMPONENT_ERRORS = (Exception, SystemExit)
+"""Exceptions of a component that make a test fail."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Result of one test on one train; ``passed`` is None for information only."""
+
+    train: str
+    test: str
+    passed: bool | None
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class ComponentKind:
+    """Kind of component.
+
+    Attributes
+    ----------
+    noun : str
+        Noun in messages, with its article.
+    methods, optional : tuple of str
+        Names of the methods that it must have, and of those that it may have.
+    rig : type
+        Inputs and outputs of the component on one train.
+    tests : dict
+        Contract tests, in this order.
+    """
+
+    noun: str
+    methods: tuple[str, ...]
+    optional: tuple[str, ...]
+    rig: Callable[[str], Rig]
+    tests: dict[str, Test]
+
+
+KINDS = {
+    "law": ComponentKind("a law", ("reset", "step"), ("on_missed_sample",), LawRig, LAW_TESTS),
+    "observer": ComponentKind("an observer", ("reset", "step"), (), ObserverRig, OBSERVER_TESTS),
+    "compensation": ComponentKind(
+        "a compensation",
+        ("reset", "step", "set_profile"),
+        ("set_brake_policy", "on_command_sent"),
+        CompensationRig,
+        COMPENSATION_TESTS,
+    ),
+}
+"""Kinds of component; ``train-ato check-KIND`` tests one."""
+
+
+def check_component(
+    kind: str,
+    target: str | type,
+    values: dict[str, Any] | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> list[Finding]:
+    """Run every contract test.
+
+    Parameters
+    ----------
+    kind
+        ``law``, ``observer`` or ``compensation``.
+    target
+        Class of the component, or ``package.module:Class``.
+    values
+        Parameters that differ from the defaults.
+    progress
+        Called with the completed part of the work, 0 ... 1, and its description.
+
+    Returns
+    -------
+    list of Finding
+        Results; the component passes if none has ``passed`` False.
+
+    Raises
+    ------
+    ValueError
+        If the class cannot be loaded.
+    """
+    named = load_class(target) if isinstance(target, str) else target
+    try:
+        component = in_contract_form(named)
+    except ValueError as error:
+        return [Finding("", DESCRIBED, False, str(error))]
+    findings = [_described(component)]
+    if findings[0].passed is False:
+        return findings
+    parameters = component.Parameters(**(values or {}))
+    of, accepted = KINDS[kind], 0
+    for index, name in enumerate(TRAINS):
+        rig = of.rig(name)
+        try:
+            made = component(parameters, rig.model, PERIOD)
+        except ValueError as error:
+            findings.append(Finding(name, "accepts the train", None, f"rejected: {error}"))
+            continue
+        except COMPONENT_ERRORS as error:
+            findings.append(Finding(name, "accepts the train", False, f"raised {_named(error)}"))
+            continue
+        accepted += 1
+        wrong = _misshapen(made, of)
+        findings.append(Finding(name, f"has the methods and attributes of {of.noun}", not wrong, wrong))
+        if wrong:
+            continue
+        for finding in _on_train(lambda model=rig.model: component(parameters, model, PERIOD), rig, of.tests):  # type: ignore[misc]
+            findings.append(finding)
+            if progress is not None:
+                done = (index + (1 + list(of.tests).index(finding.test)) / len(of.tests)) / len(TRAINS)
+                progress(done, f"{name}, {finding.test}")
+    findings.append(Finding("all", "accepts at least one train", accepted > 0, f"{accepted} of {len(TRAINS)}"))
+    return findings
+
+
+def findings_table(findings: list[Finding]) -> str:
+    """Return the findings as text, one per line."""
+    words = {True: "ok", False: "FAILED", None: "note"}
+    width = max(len(finding.test) for finding in findings)
+    return "\n".join(f"{words[f.passed]:6}  {f.train:20}  {f.test:{width}}  {f.detail}" for f in findings)
+
+
+def _described(component: Any) -> Finding:
+    declared = getattr(component, "Parameters", None)
+    test = DESCRIBED
+    if not (isinstance(declared, type) and dataclasses.is_dataclass(declared)):
+        return Finding("", test, False, "the class has no dataclass `Parameters`; add one")
+    try:
+        listed = parameters_of(declared)
+    except KeyError as error:
+        return Finding("", test, False, f"a field lacks {error}; declare it by parameter()")
+    for entry in listed:
+        number = isinstance(entry.default, (int, float)) and not isinstance(entry.default, bool)
+        if number and not entry.low <= float(entry.default) <= entry.high:
+            return Finding("", test, False, f"default of {entry.name} is outside its range")
+        if not entry.meaning:
+            return Finding("", test, False, f"{entry.name} has no description")
+    return Finding("", test, True, f"{len(listed)} parameters")
+
+
+def _misshapen(component: Any, kind: ComponentKind) -> str:
+    """Return the violation of the contract by the members of a component; empty for none."""
+    for name in kind.methods:
+        if not callable(getattr(component, name, None)):
+            return f"no method {name}()"
+    for name in kind.optional:
+        if not callable(getattr(component, name, _misshapen)):
+            return f"{name} is not a method"
+    horizon = getattr(component, "horizon", 0)
+    if isinstance(horizon, bool) or not isinstance(horizon, int) or horizon < 0:
+        return f"horizon is {horizon!r}; give a number of entries, 0 or more"
+    return ""
+
+
+def _on_train(make: Callable[[], Any], rig: Rig, tests: dict[str, Test]) -> Iterator[Finding]:
+    """Run the tests on one train; after a timing slower than the control period the others are skipped."""
+    for test, run in tests.items():
+        try:
+            passed, detail = run(make, rig)
+        except COMPONENT_ERRORS as error:
+            passed, detail = False, f"raised {_named(error)}"
+        yield Finding(rig.name, test, passed, detail)
+        if detail.startswith(TOO_SLOW):
+            return
+
+
+def _named(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}"

@@ -1,0 +1,217 @@
+"""Labels, units and colours of quantities and events, common to all figures and pages.
+
+The colours are those of Okabe and Ito, distinguishable with any colour vision.  On the scale of coupler forces draft is
+red, zero white and buff blue.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+BLUE, ORANGE, GREEN, VERMILLION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
+PURPLE, SKY, GREY, BLACK = "#cc79a7", "#56b4e9", "#7f8790", "#222222"
+BROWN = "#8c510a"
+RUN_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION, SKY, BLACK, BROWN)
+"""Colours of runs, or of the power units of one run."""
+INK, FAINT, PAPER = "#1f2933", "#d9dee3", "#ffffff"
+"""Colours of text and axes, of grid lines, of the background."""
+FONT = "Arial, Helvetica, 'Liberation Sans', 'DejaVu Sans', sans-serif"
+
+_BUFF_TO_DRAFT = (
+    "#053061", "#2166ac", "#4393c3", "#92c5de", "#d1e5f0", "#f7f7f7",
+    "#fddbc7", "#f4a582", "#d6604d", "#b2182b", "#67001f",
+)  # fmt: skip
+_NONE_TO_FULL = ("#ffffff", "#fff7bc", "#fee391", "#fec44f", "#fe9929", "#ec7014", "#cc4c02", "#993404", "#662506")
+
+
+@dataclass(frozen=True)
+class CurveStyle:
+    """Appearance of a line.
+
+    Attributes
+    ----------
+    words
+        Label in the legend.
+    unit
+        Unit in the tooltip.
+    colour
+        Colour of the line.
+    dash
+        ``solid``, ``dashed`` or ``dotted``.
+    width
+        Width of the line [pixels or points].
+    digits
+        Decimals in the tooltip.
+    """
+
+    words: str
+    unit: str
+    colour: str
+    dash: str = "solid"
+    width: float = 1.4
+    digits: int = 1
+
+
+OF_ONE = " on the power unit's vehicle"
+"""Part of a label replaced by the number of the power unit if there are several."""
+QUANTITIES: dict[str, CurveStyle] = {
+    "profile": CurveStyle("profile", "km/h", GREY, width=3.2, digits=2),
+    "speed": CurveStyle("train", "km/h", BLUE, digits=2),
+    "measured_speed": CurveStyle("train (measured)", "km/h", BLUE, digits=2),
+    "limit": CurveStyle("speed limit over the train length", "km/h", VERMILLION, "dashed"),
+    "line_limit": CurveStyle("speed limit of the line", "km/h", VERMILLION, "dashed"),
+    "replanned": CurveStyle("re-planned profile", "km/h", GREEN, "dashed", 2.0, 2),
+    "speed_error": CurveStyle("speed error", "km/h", BLUE, digits=3),
+    "position_error": CurveStyle("position error", "m", BLUE, digits=2),
+    "demand": CurveStyle("command", "kN", ORANGE),
+    "applied": CurveStyle("applied force", "kN", BLUE),
+    "envelope_high": CurveStyle("maximum traction", "kN", GREY, "dotted", 1.0, 0),
+    "envelope_low": CurveStyle("maximum electric brake", "kN", GREY, "dotted", 1.0, 0),
+    "draft": CurveStyle("largest draft along the train", "kN", "#b2182b"),
+    "buff": CurveStyle("largest buff along the train", "kN", "#2166ac"),
+    "first_coupler": CurveStyle("first coupler", "kN", BLACK, width=1.0),
+    "middle_coupler": CurveStyle("middle coupler", "kN", GREEN, width=1.0),
+    "last_coupler": CurveStyle("last coupler", "kN", ORANGE, width=1.0),
+    "estimate": CurveStyle("estimate", "kN", GREEN, width=1.0),
+    "whole_truth": CurveStyle("truth on the whole train", "kN", GREY, width=1.0),
+    "truth": CurveStyle(f"truth{OF_ONE}", "kN", PURPLE, width=1.6),
+    "delay_set": CurveStyle("set in the scenario, with lag", "s", ORANGE, width=2.2, digits=2),
+    "delay": CurveStyle("identified from the log", "s", BLUE, digits=2),
+    "delay_assumed": CurveStyle("assumed by the law", "s", GREEN, "dashed", digits=2),
+    "pipe_demand": CurveStyle("brake pipe, command", "kPa", ORANGE),
+    "pipe": CurveStyle("brake pipe at the head", "kPa", BLUE),
+    "shoe_force": CurveStyle("shoe force, whole train", "kN", BROWN, digits=0),
+    "traction": CurveStyle("traction", "kWh", VERMILLION),
+    "regenerated": CurveStyle("electric brake, regenerated", "kWh", GREEN),
+    "running": CurveStyle("running resistance", "kWh", GREY),
+    "curve": CurveStyle("curves", "kWh", PURPLE),
+    "grade": CurveStyle("grades", "kWh", BLACK),
+    "air_brake": CurveStyle("air brake", "kWh", BROWN),
+    "couplers": CurveStyle("draft gears", "kWh", SKY),
+    "outside": CurveStyle("disturbances", "kWh", SKY, "dotted"),
+    "kinetic": CurveStyle("kinetic energy", "kWh", BLUE, "dashed"),
+    "height": CurveStyle("height above the start", "m", GREEN, digits=1),
+}
+"""Appearance of every quantity."""
+
+AXES: dict[str, str] = {
+    "speed": "speed in km/h",
+    "speed_error": "speed error in km/h",
+    "position_error": "position error in m",
+    "force": "force of all units in kN",
+    "coupler": "coupler force in kN (draft > 0)",
+    "disturbance": "disturbance in kN (forward > 0)",
+    "delay": "delay in s",
+    "pressure": "pressure in kPa",
+    "shoe_force": "shoe force in kN",
+    "energy": "energy in kWh",
+    "grade": "grade in ‰ (uphill > 0)",
+    "distance": "position of vehicle 0 in km",
+}
+"""Titles of the axes."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Kind of event: label in a legend, and colour."""
+
+    words: str
+    colour: str
+
+
+KINDS: dict[str, Kind] = {
+    "law": Kind("change of law or parameters", PURPLE),
+    "air_brake": Kind("air brake applied or released", BROWN),
+    "limit": Kind("force saturated", ORANGE),
+    "disturbance": Kind("disturbance", SKY),
+    "outside": Kind("intervention: gust, delay or emergency brake", BLUE),
+    "plan": Kind("re-planning", GREEN),
+    "fault": Kind("fault", VERMILLION),
+    "scored": Kind("end of the evaluation", GREY),
+    "end": Kind("early end of the run", BLACK),
+}
+"""Kinds of event."""
+
+PANELS: dict[str, tuple[str, str]] = {
+    "speed": ("speed", "speed"),
+    "speed_error": ("speed_error", "speed error"),
+    "position_error": ("position_error", "position error"),
+    "forces": ("force", "forces"),
+    "unit_forces": ("applied force in kN", "force of every power unit"),
+    "couplers": ("", "force along the train"),
+    "coupler_extremes": ("coupler", "coupler extremes"),
+    "disturbance": ("disturbance", "disturbance"),
+    "delay": ("delay", "delay"),
+    "pipe": ("pressure", "brake pipe"),
+    "shoes": ("", "shoe force along the train"),
+    "shoe_force": ("shoe_force", "shoe force of the whole train"),
+    "energy": ("energy", "energy"),
+}
+"""Panels over time: key or title of the y axis, and name where the panel is missing; heat maps have no axis."""
+
+
+@dataclass(frozen=True)
+class Heat:
+    """A heat map: quantity [kN], title of its rows; ``signed``: draft is red and buff blue about white."""
+
+    words: str
+    rows: str
+    signed: bool
+
+
+HEAT = {
+    "couplers": Heat("coupler force", "coupler behind vehicle", True),
+    "shoes": Heat("shoe force", "vehicle", False),
+}
+"""Heat maps by the name of their panel."""
+FILLED = ("draft", "buff")
+"""Lines with a tinted area down to zero."""
+NO_LINES = ("position_km", "envelope_high", "envelope_low")
+"""Columns not drawn as lines."""
+FROM_ZERO = ("delay",)
+"""Axes that begin at zero, so that small changes look small."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One line of a figure: column and appearance."""
+
+    column: str
+    look: CurveStyle
+
+
+def traces_of(columns: Iterable[str]) -> list[Trace]:
+    """Return the lines of columns in drawing order; ``quantity:3`` is that of unit 3."""
+    order = {name: place for place, name in enumerate(QUANTITIES)}
+    lines = [column for column in columns if column.partition(":")[0] in order and column not in NO_LINES]
+    traces = []
+    for column in sorted(lines, key=lambda column: order[column.partition(":")[0]]):
+        name, _, unit = column.partition(":")
+        look = QUANTITIES[name]
+        if unit:
+            colour = RUN_COLOURS[int(unit) % len(RUN_COLOURS)]
+            dash = "dashed" if name == "truth" else look.dash
+            look = replace(look, words=f"{look.words.removesuffix(OF_ONE)}, unit {unit}", colour=colour, dash=dash)
+        traces.append(Trace(column, look))
+    return traces
+
+
+def blend(stops: tuple[str, ...], count: int) -> list[str]:
+    """Return ``count`` colours at equal distances along the stops, as ``#rrggbb``."""
+    table = np.array([[int(stop[i : i + 2], 16) for i in (1, 3, 5)] for stop in stops], dtype=np.float64)
+    places = np.linspace(0.0, len(stops) - 1.0, count)
+    mixed = [np.interp(places, np.arange(len(stops)), table[:, channel]) for channel in range(3)]
+    return [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in zip(*(np.rint(part).astype(int) for part in mixed), strict=True)]
+
+
+def buff_to_draft(count: int = 255) -> list[str]:
+    """Return the colours of coupler forces: blue for buff, white for zero, red for draft."""
+    return blend(_BUFF_TO_DRAFT, count)
+
+
+def none_to_full(count: int = 255) -> list[str]:
+    """Return the colours of a quantity >= 0, such as shoe force."""
+    return blend(_NONE_TO_FULL, count)

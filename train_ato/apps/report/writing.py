@@ -1,0 +1,117 @@
+"""Writing of the page of one run, or of the comparison of several runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from train_ato.apps.report.page import ReportPage, render
+from train_ato.apps.report.page_data import PageData
+from train_ato.apps.report.quantities import KINDS, PANELS
+from train_ato.apps.report.summary_rows import filled_groups
+from train_ato.version import VERSION
+
+
+def write_run(data: PageData, path: Path) -> int:
+    """Write the page of one run and return its size in bytes."""
+    from train_ato.apps.report.run_page import run_sections
+
+    sections, linked = run_sections(data)
+    summary = data.summary
+    page = ReportPage(
+        title=str(summary.get("scenario") or data.label),
+        subtitle=data.subtitle,
+        warnings=warnings_of(data),
+        runs=[("value", "")],
+        facts=[(title, [text]) for title, text in data.facts.items()],
+        groups=filled_groups([summary]),
+        events=[("List", event_rows(data))],
+        left_out=[(PANELS[name][1], reason) for name, reason in data.left_out.items()],
+        readings=linked.readings,
+        hours=linked.hours,
+        version=VERSION,
+    )
+    return write_atomically(render(page, sections), path)
+
+
+def write_comparison_page(pages: list[PageData], path: Path) -> int:
+    """Write the page of several runs side by side and return its size in bytes."""
+    from train_ato.apps.report.comparison_lines import run_colours
+    from train_ato.apps.report.comparison_page import comparison_sections
+
+    sections, linked = comparison_sections(pages)
+    scenarios = {str(data.summary.get("scenario", "")) for data in pages} - {""}
+    page = ReportPage(
+        title=f"{scenarios.pop() if len(scenarios) == 1 else 'Several scenarios'}: {len(pages)} runs side by side",
+        subtitle=pages[0].subtitle if len({data.subtitle for data in pages}) == 1 else "",
+        warnings=[warning for data in pages for warning in warnings_of(data, f"{data.label}: ")],
+        runs=list(zip([data.label for data in pages], run_colours(len(pages)), strict=True)),
+        facts=_facts_side_by_side(pages),
+        groups=filled_groups([data.summary for data in pages]),
+        events=[(data.label, event_rows(data)) for data in pages if data.events],
+        left_out=_missing_in_all(pages),
+        readings=linked.readings,
+        hours=linked.hours,
+        version=VERSION,
+    )
+    return write_atomically(render(page, sections), path)
+
+
+def _facts_side_by_side(pages: list[PageData]) -> list[tuple[str, list[str]]]:
+    titles = dict.fromkeys(title for data in pages for title in data.facts)
+    return [("run", [data.label for data in pages])] + [
+        (title if title != "run" else "folder", [data.facts.get(title, "–") for data in pages]) for title in titles
+    ]
+
+
+def _missing_in_all(pages: list[PageData]) -> list[tuple[str, str]]:
+    """Return the figures without data in any run, with the reason of the first run."""
+    drawn = [data for data in pages if data.curves]
+    return [
+        (PANELS[name][1], next(data.left_out[name] for data in drawn))
+        for name in (drawn[0].left_out if drawn else ())
+        if name != "unit_forces" and all(name in data.left_out for data in drawn)
+    ]
+
+
+def write_atomically(text: str, path: Path) -> int:
+    """Write a file atomically and return its size [bytes]."""
+    data = text.encode("utf-8")
+    scratch = path.with_name(path.name + ".part")
+    try:
+        scratch.write_bytes(data)
+        scratch.replace(path)
+    finally:
+        scratch.unlink(missing_ok=True)
+    return len(data)
+
+
+def warnings_of(data: PageData, run: str = "") -> list[str]:
+    """Return the warnings of a run; ``run`` precedes every line."""
+    status, end = str(data.summary.get("status", "")), short_clock(data.span[1])
+    found = []
+    if status == "failed":
+        found.append(f"{run}The run failed at {end}: {data.summary.get('failure', 'no reason recorded')}")
+    elif status == "interrupted":
+        found.append(f"{run}The run was interrupted at {end}; the figures show the recorded part.")
+    elif status == "killed":
+        found.append(f"{run}The run was killed; its log was recovered up to {end}.")
+    return found + [f"{run}{remark}" for remark in data.remarks]
+
+
+def event_rows(data: PageData) -> list[tuple[str, str, str, str]]:
+    """Return the rows of the event table: time, colour, kind, text."""
+    rows = []
+    for event in data.events:
+        time = (
+            short_clock(event.begin) if event.end is None else f"{short_clock(event.begin)} – {short_clock(event.end)}"
+        )
+        rows.append((time, KINDS[event.kind].colour, KINDS[event.kind].words, event.text))
+    return rows
+
+
+def short_clock(time: float) -> str:
+    """Return a time [s] as text of hours, minutes and seconds."""
+    tenths = round(10 * time)
+    minutes, rest = divmod(tenths, 600)
+    text = f"{minutes // 60}:{minutes % 60:02d}" if minutes >= 60 else str(minutes)
+    return f"{text}:{rest / 10:04.1f}"

@@ -1,0 +1,274 @@
+"""Run a scenario: in the engine, as ROS nodes in one process, or as a process for each node."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from train_ato.apps.runs.component_choice import put_components
+from train_ato.apps.runs.progress import progress_bar
+from train_ato.apps.runs.record import RunRecord
+from train_ato.apps.runs.run import Run
+from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice, choose_scenario
+from train_ato.errors import RunFailed, RunInterrupted
+from train_ato.interrupt import interruptible
+from train_ato.log.compression import DEFAULT
+from train_ato.log.run_folder import RunFolder
+from train_ato.loop.engine import run_engine
+from train_ato.loop.result import RunResult
+from train_ato.loop.setup import RunSetup
+from train_ato.ros import require_ros
+
+Mode = Literal["engine", "composed", "processes"]
+MODES = ("engine", "composed", "processes")
+
+
+def run(
+    scenario: str | Path | ScenarioChoice,
+    *,
+    controller: Any = None,
+    observer: Any = None,
+    compensation: Any = None,
+    set: Changes | None = None,
+    seed: int | None = None,
+    mode: Mode = "engine",
+    out: str | Path | None = None,
+    progress: bool | None = None,
+    realtime: float | None = None,
+) -> Run:
+    """Run a scenario and return the run.
+
+    Parameters
+    ----------
+    scenario
+        Shipped name, ``name:variant``, a YAML file, or :func:`train_ato.scenario`.
+    controller
+        Control law: a registered name, ``"module:Class"``, a law class, or a law object such as ``MyLaw(gain=0.1)``
+        (see :mod:`train_ato.control.contract`); default: that of the scenario.
+    observer, compensation
+        Disturbance observer and delay compensation, each in the forms of ``controller``; default: those of the
+        scenario.
+    set
+        Other keys of the scenario, as for ``train-ato run --set``: ``{"controllers.smc.ks": 0.0}``.
+    seed
+        Seed of every random stream.
+    mode
+        ``"engine"``: a plain loop without ROS; ``"composed"``: ROS nodes in this process; ``"processes"``: a process
+        for each node. The numbers are the same, bit for bit.
+    out
+        Run folder to make; default: none, :meth:`Run.save` makes one later.
+    progress
+        Show a progress bar; default: in a terminal and in a notebook.
+    realtime
+        Simulated seconds per second of wall time; default: as fast as possible. The graph is then not in lockstep.
+
+    Returns
+    -------
+    Run
+        Metrics, tables by topic, plots.
+
+    Raises
+    ------
+    ValueError
+        Bad input, in one line with the remedy; nothing was started.
+    RunFailed
+        The run failed; the exception's ``run`` has the record up to the failure and the traceback, or is None if only
+        the run folder exists.
+    RunInterrupted
+        Ctrl-C ended the run; also with ``run``. It is a ``RunFailed`` and a ``KeyboardInterrupt``.
+
+    Examples
+    --------
+    >>> import train_ato as ta
+    >>> run = ta.run("demo", controller="smc", set={"controllers.smc.ks": 0.0, "duration": 20})
+    >>> run.metrics["controller"], run.metrics["simulated_s"]
+    ('smc', 20.0)
+    >>> run["ato/command"].columns.tolist()
+    ['unit_0_force_n']
+    """
+    run_mode = RunMode(mode, realtime)
+    run_mode.check()
+    choice = choose_scenario(scenario).changed(set, seed)
+    checked = put_components(
+        choice.checked,
+        controller=controller,
+        observer=observer,
+        compensation=compensation,
+        importable=mode == "processes",
+    )
+    return drive(choice.prepare(checked), run_mode, out=None if out is None else Path(out), shown=progress)
+
+
+@dataclass(frozen=True)
+class RunMode:
+    """Mode and pace of a run.
+
+    Attributes
+    ----------
+    mode : str
+        One of ``MODES``.
+    realtime : float or None
+        Simulated seconds per second of wall time, in the graph without lockstep; None is lockstep.
+    pace : float
+        Maximum simulated seconds per second of wall time in lockstep; 0 is as fast as possible. The engine is always in
+        lockstep.
+    domain : int or None
+        ROS domain; None takes a free one.
+    compression : str
+        Compression of the log: ``none``, ``fast`` or ``small``.
+    """
+
+    mode: str = "engine"
+    realtime: float | None = None
+    pace: float = 0.0
+    domain: int | None = None
+    compression: str = DEFAULT
+
+    def check(self, dash: str = "") -> None:
+        """Check the values; ``dash`` precedes the names in messages.
+
+        Raises
+        ------
+        ValueError
+            One line that names the value and the remedy.
+        """
+        if self.mode not in MODES:
+            raise ValueError(f"{dash}mode {self.mode!r}: choose from {', '.join(MODES)}")
+        if self.realtime is not None and not 0 < self.realtime < float("inf"):
+            raise ValueError(f"{dash}realtime {self.realtime}: give a positive number, 1 for real time")
+        if not 0 <= self.pace < float("inf"):
+            raise ValueError(
+                f"{dash}pace {self.pace}: give a positive number, 1 for real time; 0 is as fast as possible"
+            )
+        if self.mode == "engine":
+            if self.domain is not None:
+                raise ValueError(f"{dash}domain {self.domain}: the engine uses no ROS; remove it or {dash}engine")
+            return
+        from train_ato.ros.graph.environment import check_domain
+
+        check_domain(self.domain)
+        require_ros()
+
+
+def drive(
+    setup: RunSetup,
+    run_mode: RunMode,
+    *,
+    out: Path | None = None,
+    shown: bool | None = None,
+    title: str = "",
+    option: str = "out",
+) -> Run:
+    """Execute a prepared run and return it.
+
+    Parameters
+    ----------
+    setup
+        The run.
+    run_mode
+        Checked mode and pace.
+    out
+        Run folder to make; None records in memory or in a temporary folder.
+    shown
+        True: show a progress bar; None: in a terminal and in a notebook.
+    title
+        Text before the bar; default: name of the scenario.
+    option
+        Name of ``out`` in messages.
+
+    Raises
+    ------
+    ValueError, RunFailed, RunInterrupted
+        As :func:`run`.
+    """
+    folder = None if out is None else RunFolder.make(out, setup.scenario.name, option)
+    try:
+        record = RunRecord(setup, folder, run_mode.compression)
+        from plant_sim.train import compile_kernel
+
+        compile_kernel()
+        outcome = _driven(setup, run_mode, record, shown, title or setup.scenario.name)
+        outcome = replace(outcome, summary={**outcome.summary, "mode": run_mode.mode, **_reach(run_mode)})
+        result = Run(outcome.summary, record=record, setup=setup, outcome=outcome)
+        if folder is not None:
+            finish(result, outcome)
+    except ValueError as error:
+        if folder is not None and folder.recorded:
+            raise RunFailed(f"{error}; recorded data: {folder.path}") from None
+        _discard(folder)
+        raise
+    except OSError as error:
+        if folder is None or folder.recorded:
+            raise
+        folder.discard()
+        raise ValueError(
+            f"{option} {folder.path}: cannot be written ({error.strerror or error}); give a writable folder"
+        ) from None
+    except KeyboardInterrupt:
+        if folder is None or not folder.recorded:
+            _discard(folder)
+            raise
+        raise RunInterrupted(f"interrupted; recorded data: {folder.path}") from None
+    if outcome.failure:
+        raise RunFailed(outcome.failure, result)
+    if outcome.interrupted:
+        raise RunInterrupted(f"interrupted; recorded data: {folder.path if folder else 'run of this error'}", result)
+    return result
+
+
+def finish(run: Run, outcome: RunResult) -> None:
+    """Write summary and figure; if a failed run also filled the disk, report the original failure."""
+    try:
+        run.finish()
+    except OSError:
+        if not outcome.failure:
+            raise
+        raise RunFailed(outcome.failure) from None
+
+
+def _reach(run_mode: RunMode) -> dict[str, str]:
+    """Return the summary entry of a run that other hosts may join."""
+    if run_mode.mode == "engine":
+        return {}
+    from train_ato.ros.graph.environment import opened_by
+
+    return {"reach": "network"} if opened_by() else {}
+
+
+def _discard(folder: RunFolder | None) -> None:
+    if folder is not None:
+        folder.discard()
+
+
+def _driven(setup: RunSetup, run_mode: RunMode, record: RunRecord, shown: bool | None, title: str) -> RunResult:
+    """Execute the run in its mode; the log is closed however the run ends."""
+    with progress_bar(title, shown) as progress:
+        if run_mode.mode == "engine":
+            try:
+                with interruptible() as interrupt:
+                    if record.lasting is not None:
+                        record.begin_log()
+                    outcome = run_engine(
+                        setup,
+                        sink=record,
+                        progress=progress,
+                        pace=run_mode.realtime or run_mode.pace,
+                        log_folder=record.log_folder,
+                        interrupt=interrupt,
+                    )
+            finally:
+                record.close_log()
+            return record.counted(outcome)
+        from train_ato.ros.graph.runner import run_graph
+
+        return run_graph(
+            setup,
+            record.folder().path,
+            mode=run_mode.mode,
+            progress=progress,
+            realtime=run_mode.realtime,
+            pace=run_mode.pace,
+            domain=run_mode.domain,
+            compression=run_mode.compression,
+        )

@@ -1,0 +1,43 @@
+"""Metrics of a run in their order in tables, as text and as HTML."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterable
+from typing import Any
+
+RESULT_ROWS: tuple[tuple[str, str], ...] = (
+    ("speed_rmse_kmh", "speed error, rms in km/h"),
+    ("speed_error_max_kmh", "speed error, largest in km/h"),
+    ("position_error_max_m", "position error, largest in m"),
+    ("stop_error_m", "stop error in m"),
+    ("overspeed_max_kmh", "overspeed, largest in km/h"),
+    ("coupler_draft_max_kn", "coupler draft, largest in kN"),
+    ("coupler_buff_max_kn", "coupler buff, largest in kN"),
+    ("command_variation_kn_per_s", "command variation in kN/s"),
+    ("energy_traction_kwh", "traction energy in kWh"),
+    ("energy_regenerated_kwh", "regenerated energy in kWh"),
+    ("saturated_s", "time at a force limit in s"),
+    ("real_time_factor", "simulated over wall time"),
+    ("step_time_us_median", "controller step, median in µs"),
+)
+"""Key in the summary, and its name with the unit."""
+
+
+def format_value(value: Any) -> str:
+    """Return a figure with three digits."""
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            return str(value)
+        return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+    return str(value)
+
+
+def html_table(title: str, columns: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
+    """Return a table as HTML; every text is escaped."""
+    head = "".join(f"<th>{html.escape(column)}</th>" for column in columns)
+    body = "".join(f"<tr>{''.join(f'<td>{html.escape(format_value(cell))}</td>' for cell in row)}</tr>" for row in rows)
+    return f"<p><b>{html.escape(title)}</b></p><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

@@ -1,0 +1,40 @@
+"""``train-ato check-law``, ``check-observer``, ``check-compensation``: run the contract tests on a component."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import sys
+
+from train_ato.apps.check_component.checking import check_component, findings_table
+from train_ato.apps.runs.progress import share_bar
+from train_ato.cli.screen import note_compilation, print_json
+from train_ato.errors import RunFailed
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of a check."""
+    kind = parser.prog.rpartition("check-")[2]
+    example = f"my_{kind}:My{kind.capitalize()}"
+    parser.add_argument(
+        "component", metavar="MODULE:CLASS", help=f"for example {example}; modules in the current folder are found"
+    )
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the tests; a failed test ends with status 1."""
+    name, kind = options.component, options.command.removeprefix("check-")
+    if kind == "compensation":
+        note_compilation()
+    # Standard output is only for the findings; the component may print too.
+    with share_bar(f"checking {name}") as progress, contextlib.redirect_stdout(sys.stderr):
+        findings = check_component(kind, name, progress=progress)
+    if options.json:
+        print_json([dataclasses.asdict(finding) for finding in findings])
+    else:
+        sys.stdout.write(findings_table(findings) + "\n")
+    failed = [finding.test for finding in findings if finding.passed is False]
+    if failed:
+        raise RunFailed(f"{name}: failed {len(failed)} of {len(findings)} tests: {', '.join(sorted(set(failed)))}")
+    return 0

@@ -1,0 +1,1 @@
+"""Algorithms shared by laws, observers and compensations."""

@@ -1,0 +1,132 @@
+"""Base of the delay compensations: profile, air-brake forecast, and the input of the law made from them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from train_ato.control.air_brake.shoes import ShoeForces, ShoeForecast
+from train_ato.control.compensation.contract import CompensationInput
+from train_ato.control.contract import LawInput, Preview
+from train_ato.messages.types import Array
+
+if TYPE_CHECKING:
+    from train_ato.control.compensation.rigid import RigidForce
+    from train_ato.control.train_model import TrainModel
+
+NO_PREVIEW = Preview(np.zeros(0), np.zeros(0), np.zeros(0))
+"""Preview of a law that uses none."""
+
+
+class UnitState(NamedTuple):
+    """Position [m], speed [m/s] and applied force [N] of every power unit, each of shape (units,)."""
+
+    position: Array
+    velocity: Array
+    applied: Array
+
+
+class CompensationBase:
+    """Profile, forecast of the shoe forces and force shares; a subclass adds ``step()``.
+
+    Parameters
+    ----------
+    parameters
+        Parameters of the subclass.
+    model
+        The nominal train.
+    period
+        Control period [s].
+    """
+
+    def __init__(self, parameters: Any, model: TrainModel, period: float) -> None:
+        self.parameters = parameters
+        CompensationBase.bind(self, model, period)
+
+    def bind(self, model: TrainModel, period: float) -> None:
+        """Take the model of the train and the control period [s], the start of one with keyword parameters."""
+        self.model = model
+        self.period = period
+        self._share = model.share.tolist()
+        self._one = np.ones(model.n_units)
+        self._rigid: RigidForce | None = None
+        self.shoes = ShoeForecast(model)
+
+    @property
+    def rigid(self) -> RigidForce:
+        """Forces along the profile."""
+        assert self._rigid is not None, "set_profile comes before the first step"
+        return self._rigid
+
+    def set_profile(self, rigid: RigidForce) -> None:
+        """Set the profile."""
+        self._rigid = rigid
+
+    def reset(self) -> None:
+        """Clear the brake events."""
+        self.shoes = ShoeForecast(self.model)
+
+    def shared(self, force: float) -> Array:
+        """Return a total force split over the units by their shares [N], shape (units,)."""
+        return np.array([force * share for share in self._share])
+
+    def law_input(
+        self,
+        inputs: CompensationInput,
+        effect: float,
+        feedforward: Array,
+        shoes: ShoeForces,
+        predicted: UnitState | None = None,
+        coupler_force: Array | None = None,
+    ) -> LawInput:
+        """Return the input of the law, at the time of the measurement or at that of the effect of the command.
+
+        Parameters
+        ----------
+        inputs
+            Inputs of the step.
+        effect
+            Time at which the command takes effect [s].
+        feedforward : Array, shape (units,)
+            Feed-forward of every unit [N].
+        shoes
+            Shoe forces at the time of the state.
+        predicted
+            State at the effect, with the reference of that time; default: measured state and present reference.
+        coupler_force : Array, shape (sensors,), optional
+            Coupler forces at the time of the state [N]; default: the measured ones.
+        """
+        measurement = inputs.measurement
+        profile, horizon = self.rigid.profile, inputs.horizon
+        place, speed, acceleration, jerk = profile.at(effect)
+        pull, lead, state = acceleration, 0.0, predicted
+        if state is None:
+            state = UnitState(measurement.position, measurement.velocity, measurement.applied)
+            now = inputs.reference
+            place, speed, pull = now.position, now.velocity, now.acceleration
+            lead = effect - inputs.t
+        return LawInput(
+            t=inputs.t,
+            position=state.position,
+            velocity=state.velocity,
+            applied=state.applied,
+            reference_position=place - self.model.offsets,
+            reference_velocity=speed * self._one,
+            reference_acceleration=pull * self._one,
+            delay_to_effect=lead,
+            acceleration_at_effect=acceleration,
+            jerk_at_effect=jerk,
+            feedforward=feedforward,
+            preview=Preview(*profile.window(effect, horizon, self.period)) if horizon else NO_PREVIEW,
+            disturbance=inputs.disturbance,
+            deflection=measurement.deflection,
+            rate=measurement.rate,
+            coupler_force=measurement.force if coupler_force is None else coupler_force,
+            shoe_force=shoes.own,
+            train_shoe_force=shoes.total,
+            commands_in_flight=inputs.commands_in_flight,
+            force_min=inputs.force_min,
+            force_max=inputs.force_max,
+            saturated=inputs.saturated,
+        )

@@ -1,0 +1,28 @@
+"""No compensation: measured state, reference and feed-forward of the present time.
+
+The delay of the command is not compensated. Suitable for trains without delay, and for laws that compensate the delay
+by themselves (`funnel`, `gpc`).
+
+Needs: nothing; any law, any train.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from train_ato.control.compensation.base import CompensationBase
+from train_ato.control.compensation.contract import CompensationInput
+from train_ato.control.contract import LawInput, NoParameters
+
+
+class NoCompensation(CompensationBase):
+    """No compensation: state, reference and feed-forward of the present time."""
+
+    Parameters: ClassVar[type] = NoParameters
+
+    def step(self, inputs: CompensationInput) -> LawInput:
+        """Return measured state, reference and feed-forward of the present time."""
+        self.shoes.demand(inputs.t, inputs.pressure)
+        shoes = self.shoes.at(inputs.t, inputs.reference.velocity)
+        force = self.rigid.total(inputs.t) + shoes.total
+        return self.law_input(inputs, inputs.t, self.shared(force), shoes)

@@ -1,1 +1,0 @@
-"""The node graph: its environment, and running it in one process or in several."""

@@ -1,0 +1,167 @@
+"""MCAP file with compression and writing of chunks in another thread, so that recording does not wait.
+
+Compression, checksums and writing release the interpreter lock; ``python bench/recorder.py`` measures their time.
+"""
+
+from __future__ import annotations
+
+import functools
+import threading
+import time
+from collections.abc import Callable, Iterable
+from typing import IO
+
+from train_ato.log.chunk_clock import ChunkClock
+from train_ato.log.mcap_writer import McapWriter, OpenChunk
+
+CLOSE_AFTER_S = 0.8
+"""Age at which the open chunk is closed [s], so that it is written within a second."""
+Entry = tuple[int, int, int, bytes]
+"""Channel, publish time and log time [ns since 1970], CDR bytes."""
+
+
+class ChunkThread:
+    """Thread-safe receiver of messages; a killed process loses the open chunk and the one in compression.
+
+    Parameters
+    ----------
+    writer
+        Writer of the file.
+    raw
+        Unbuffered file, closed after a failure.
+    name
+        Name of the file for the text of a failure.
+    chunk_size
+        Size at which a chunk is closed [bytes].
+
+    Attributes
+    ----------
+    lock : threading.Lock
+        Lock of the open chunk.
+    failure : str or None
+        Reason of a failed write; nothing is written after it.
+    """
+
+    def __init__(self, writer: McapWriter, raw: IO[bytes], name: str, chunk_size: int) -> None:
+        self.lock = threading.Lock()
+        self.failure: str | None = None
+        self._writer = writer
+        self._raw = raw
+        self._name = name
+        self._limit = chunk_size
+        self._full: OpenChunk | None = None
+        self._written = threading.Condition(self.lock)
+        self._raised = self._stopped = False
+        self._clock: ChunkClock | None = None
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._clock = ChunkClock(self._write_due, CLOSE_AFTER_S)
+
+    def extend(self, entries: Iterable[Entry]) -> None:
+        """Add messages.
+
+        Raises
+        ------
+        OSError
+            If an earlier chunk could not be written.
+        """
+        with self.lock:
+            self.check()
+            add, limit = self._writer.add, self._limit
+            for channel, publish_ns, log_ns, data in entries:
+                if add(channel, publish_ns, log_ns, data) > limit:
+                    self._hand_over()
+
+    def _hand_over(self) -> None:
+        """Pass the open chunk to the thread after the previous one is written; requires the lock."""
+        while self._full is not None:
+            self._written.wait()
+        self.check()
+        self._full = self._writer.take_chunk()
+        if self._clock is not None:
+            self._clock.wake()
+
+    def flush(self) -> None:
+        """Write the open chunk to the file.
+
+        Raises
+        ------
+        OSError
+            If writing fails.
+        """
+        with self.lock:
+            self._hand_over()
+            while self._full is not None:
+                self._written.wait()
+            self.check()
+
+    def stop(self) -> None:
+        """End the thread and write the remaining chunks.
+
+        Raises
+        ------
+        OSError
+            If writing fails, or an earlier failure was not raised yet.
+        """
+        self._stopped = True
+        if self._clock is not None:
+            self._clock.stop()
+        if self.failure is not None:
+            if not self._raised:
+                self.check()
+            return
+        for chunk in (self._full, self._writer.take_chunk()):
+            if chunk is not None:
+                self.guard(functools.partial(self._writer.write_chunk, chunk))
+
+    def _write_due(self) -> float:
+        """Write the full chunk, or the open one at its maximum age; return the time until the next call [s]."""
+        with self.lock:
+            if self._full is None and self._left() <= 0:
+                self._full = self._writer.take_chunk()
+            chunk = self._full
+            if self.failure is not None or self._stopped or chunk is None:
+                return self._left()
+        try:
+            self._writer.write_chunk(chunk)
+        except Exception as error:  # any exception: the recording thread raises it
+            self._give_up(error)
+        with self.lock:
+            self._full = None
+            self._written.notify_all()
+            return self._left()
+
+    def _left(self) -> float:
+        """Return the time until the maximum age of the open chunk [s]; the age of an empty chunk is 0."""
+        opened = self._writer.opened
+        if opened is None or self.failure is not None:
+            return CLOSE_AFTER_S
+        return max(0.0, opened + CLOSE_AFTER_S - time.monotonic())
+
+    def guard(self, action: Callable[[], object]) -> None:
+        """Run an action on the file.
+
+        Raises
+        ------
+        OSError
+            If the action fails, or an earlier one has failed; the action is then omitted.
+        """
+        self.check()
+        try:
+            action()
+        except OSError as error:
+            self._give_up(error)
+            self.check()
+
+    def check(self) -> None:
+        """Raise the failure of the file, if there is one."""
+        if self.failure is not None:
+            self._raised = True
+            raise OSError(self.failure)
+
+    def _give_up(self, error: Exception) -> None:
+        """Store the failure and close the file without further writing."""
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+        self.failure = f"{self._name}: writing failed ({reason}); `train-ato recover` reads the rest"
+        self._raw.close()

@@ -1,0 +1,264 @@
+"""Reader of the records of an MCAP file with a check of every length and checksum.
+
+The reader of the ``mcap`` package does not check lengths and skips unknown records: with a single wrong bit it can
+read gigabytes or lose a chunk without an error.  Here every inconsistency is a :class:`Damage`.
+"""
+
+from __future__ import annotations
+
+import mmap
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import Any, BinaryIO, NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, ChunkIndex, Schema, Statistics
+
+from train_ato.log.mcap_writer import MAGIC
+
+HEAD = struct.Struct("<BQ")
+"""Code and length of a record."""
+_MESSAGE = struct.Struct("<BQHIQQ")
+_FOOTER = struct.Struct("<BQQQI")
+_WORD = struct.Struct("<I")
+_MESSAGE_CODE = int(Opcode.MESSAGE)
+_KNOWN = frozenset(int(code) for code in Opcode)
+_PRIVATE = 0x80
+_SKIPPED = frozenset((int(Opcode.MESSAGE_INDEX), int(Opcode.CHUNK_INDEX), int(Opcode.SUMMARY_OFFSET)))
+
+NO_SCHEMA = Schema(id=0, name="", encoding="", data=b"")
+"""Schema 0 of a channel without a schema, for example with JSON messages."""
+
+
+class Damage(Exception):
+    """Damage of a file, with its description."""
+
+
+@dataclass(frozen=True)
+class McapRecord:
+    """Record with code and content."""
+
+    code: int
+    content: bytes
+
+
+def records(file: BinaryIO, size: int) -> Iterator[McapRecord]:
+    """Read the records of a file from its begin to its footer, without index records.
+
+    Parameters
+    ----------
+    file
+        File, open at its begin.
+    size
+        Length of the file [bytes].
+
+    Raises
+    ------
+    Damage
+        If a record is not valid, the file is incomplete, or the checksum of a section differs.
+    """
+    if file.read(len(MAGIC)) != MAGIC:
+        raise Damage("it has no MCAP signature")
+    place, total = len(MAGIC), zlib.crc32(MAGIC)
+    while True:
+        head = file.read(HEAD.size)
+        if len(head) < HEAD.size:
+            raise Damage(f"it breaks off at byte {size}")
+        code, length = HEAD.unpack(head)
+        if not (code in _KNOWN or code >= _PRIVATE):
+            raise Damage(f"there is no record of kind {code} (byte {place})")
+        if length > size - place - len(head):
+            raise Damage(f"it breaks off inside the record at byte {place}")
+        content = file.read(length)
+        if code == Opcode.DATA_END:
+            _check(content, total, "data section")
+            total = 0
+        elif code == Opcode.FOOTER:
+            total = zlib.crc32(content[:16], zlib.crc32(head, total))
+            _check(content[16:], total, "summary")
+        else:
+            total = zlib.crc32(content, zlib.crc32(head, total))
+        place += len(head) + length
+        if code not in _SKIPPED:
+            yield McapRecord(code, content)
+        if code == Opcode.FOOTER:
+            if file.read(len(MAGIC) + 1) != MAGIC:
+                raise Damage("it does not end like an MCAP file")
+            return
+
+
+def _check(stored: bytes, found: int, what: str) -> None:
+    """Compare a checksum with the stored one; a stored 0 means no checksum."""
+    if len(stored) != _WORD.size:
+        raise Damage(f"the checksum of the {what} is missing")
+    (wanted,) = _WORD.unpack(stored)
+    if wanted not in (0, found):
+        raise Damage(f"the checksum of the {what} differs")
+
+
+def _parsed(kind: type[Any], content: bytes, what: str) -> Any:
+    """Return a record of the ``mcap`` package.
+
+    Raises
+    ------
+    Damage
+        If the bytes are not such a record.
+    """
+    try:
+        return kind.read(ReadDataStream(BytesIO(content)))
+    except Exception as error:
+        raise Damage(f"{what} cannot be read ({type(error).__name__})") from None
+
+
+def attachment_of(content: bytes) -> Attachment:
+    """Return an attachment after verification of its checksum.
+
+    Raises
+    ------
+    Damage
+        If the record is not an attachment, or the checksum differs.
+    """
+    if len(content) < _WORD.size:
+        raise Damage("an attachment cannot be read")
+    _check(content[-_WORD.size :], zlib.crc32(content[: -_WORD.size]), "attachment")
+    found: Attachment = _parsed(Attachment, content, "an attachment")
+    return found
+
+
+class RawMessage(NamedTuple):
+    """Message of a log with channel, schema, times [ns since 1970] and CDR bytes."""
+
+    channel: Channel
+    schema: Schema
+    publish_ns: int
+    log_ns: int
+    data: bytes
+
+
+@dataclass
+class Definitions:
+    """Schemas and channels by number, as read so far."""
+
+    schemas: dict[int, Schema] = field(default_factory=lambda: {0: NO_SCHEMA})
+    channels: dict[int, Channel] = field(default_factory=dict)
+
+    def take(self, code: int, content: bytes) -> None:
+        """Add a record if it is a schema or a channel."""
+        if code == Opcode.SCHEMA:
+            schema: Schema = _parsed(Schema, content, "a schema")
+            self.schemas[schema.id] = schema
+        elif code == Opcode.CHANNEL:
+            channel: Channel = _parsed(Channel, content, "a channel")
+            self.channels[channel.id] = channel
+
+    def kind(self, number: int) -> tuple[Channel, Schema]:
+        """Return a channel and the schema of its messages.
+
+        Raises
+        ------
+        Damage
+            If one of them is unknown.
+        """
+        try:
+            channel = self.channels[number]
+            return channel, self.schemas[channel.schema_id]
+        except KeyError as error:
+            raise Damage(f"a message belongs to an unknown channel or schema ({error})") from None
+
+    def walk(self, data: bytes) -> Iterator[tuple[int, int, int, int, int]]:
+        """Yield the places of the messages of a chunk and add its definitions.
+
+        A general reader needs ten times as long.
+
+        Yields
+        ------
+        tuple of int
+            Channel number, log time and publish time [ns since 1970], begin and end of the payload in ``data``.
+
+        Raises
+        ------
+        Damage
+            If a record extends beyond the chunk.
+        """
+        place, end, unpack = 0, len(data), _MESSAGE.unpack_from
+        try:
+            while place < end:
+                if data[place] == _MESSAGE_CODE:
+                    _, length, number, _, log_ns, publish_ns = unpack(data, place)
+                    stop = place + HEAD.size + length
+                    if stop > end or length < _MESSAGE.size - HEAD.size:
+                        raise Damage("a message reaches beyond its chunk")
+                    yield number, log_ns, publish_ns, place + _MESSAGE.size, stop
+                else:
+                    code, length = HEAD.unpack_from(data, place)
+                    stop = place + HEAD.size + length
+                    if stop > end:
+                        raise Damage("a record reaches beyond its chunk")
+                    self.take(code, data[place + HEAD.size : stop])
+                place = stop
+        except struct.error as error:
+            raise Damage(f"a chunk holds an impossible record ({error})") from None
+
+    def messages(self, data: bytes) -> Iterator[RawMessage]:
+        """Yield the messages of a chunk in their order; raise :class:`Damage` as :meth:`walk`."""
+        kinds: dict[int, tuple[Channel, Schema]] = {}
+        for number, log_ns, publish_ns, begin, end in self.walk(data):
+            if number not in kinds:
+                kinds[number] = self.kind(number)
+            yield RawMessage(*kinds[number], publish_ns, log_ns, data[begin:end])
+
+
+@dataclass
+class Summary:
+    """Summary section of a file: definitions, statistics, index of the chunks in the order of the file.
+
+    ``checked`` is False without a checksum.
+    """
+
+    checked: bool
+    known: Definitions = field(default_factory=Definitions)
+    statistics: Statistics | None = None
+    chunks: list[ChunkIndex] = field(default_factory=list)
+
+
+def summary_of(file: BinaryIO | mmap.mmap, size: int) -> Summary | None:
+    """Return the summary section of an open file of length ``size`` [bytes]; None without a summary.
+
+    Raises
+    ------
+    Damage
+        If the end of the file is not that of an MCAP file, or the section is damaged.
+    """
+    if size < 2 * len(MAGIC) + _FOOTER.size:
+        raise Damage("it is too short")
+    end = size - len(MAGIC) - _FOOTER.size
+    file.seek(end)
+    code, length, begin, _, stored = _FOOTER.unpack(file.read(_FOOTER.size))
+    if file.read(len(MAGIC)) != MAGIC or code != Opcode.FOOTER or length != _FOOTER.size - HEAD.size:
+        raise Damage("it does not end like an MCAP file")
+    if not begin:
+        return None
+    if not len(MAGIC) <= begin <= end:
+        raise Damage("there is no summary at its place")
+    file.seek(begin)
+    data = file.read(size - len(MAGIC) - _WORD.size - begin)
+    if stored and zlib.crc32(data) != stored:
+        raise Damage("the checksum of its summary differs")
+    found = Summary(bool(stored))
+    place = 0
+    while place < end - begin:
+        code, length = HEAD.unpack_from(data, place)
+        content = data[place + HEAD.size : place + HEAD.size + length]
+        if code == Opcode.STATISTICS:
+            found.statistics = _parsed(Statistics, content, "the statistics")
+        elif code == Opcode.CHUNK_INDEX:
+            found.chunks.append(_parsed(ChunkIndex, content, "the index"))
+        else:
+            found.known.take(code, content)
+        place += HEAD.size + length
+    found.chunks.sort(key=lambda chunk: chunk.chunk_start_offset)
+    return found

@@ -1,0 +1,176 @@
+"""Reader of a recorded run in bulk, with the same result as the recording of the engine."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.records import Channel, Schema
+
+from train_ato.log.bag_layout import LOG, table_name
+from train_ato.log.reading import log_file
+from train_ato.log.run_folder import parse_summary, read_run_folder
+from train_ato.log.tables.portions import Reader
+from train_ato.log.tables.series import Group, TopicColumns
+from train_ato.log.versions import SUMMARY
+from train_ato.loop.recording import DIAGNOSTICS, FIELDS, LIMITS, MEASUREMENT, PROFILE, Recording
+from train_ato.loop.recording_builder import reduced
+from train_ato.loop.series import TopicSamples, joined, seconds
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.codec.byte_layout import Leaf
+from train_ato.messages.codec.cdr import nanoseconds, typestore
+from train_ato.messages.codec.variable import decode_diagnostic, decode_trajectory
+from train_ato.messages.topics import BY_NAME, EPOCH_NS
+from train_ato.messages.types import Array, Diagnostic
+
+BATCH = 4096
+"""Messages of a topic that are reduced together: the raw log of a long run does not fit into the memory."""
+STAMP = "header.stamp"
+UNIT = "unit_"
+"""Prefix of the names of power units; other entries of a measurement are coupler sensors."""
+
+
+def read_recording(run: Path, setup: RunSetup | None = None, *, vehicles: bool = False) -> Recording:
+    """Read a run folder or a log.
+
+    Parameters
+    ----------
+    run
+        Run folder or MCAP file.
+    setup
+        Scenario and train; without them the vehicles of the power units are unknown.
+    vehicles
+        Keep motion, coupler force, shoe force and outside force of every vehicle.
+
+    Raises
+    ------
+    ValueError
+        One line: not a run, a killed run (``train-ato recover`` makes it readable), or a damaged log.
+    """
+    units = list(setup.model.units) if setup is not None else []
+    parts: dict[str, list[TopicSamples]] = {}
+    payloads: dict[str, list[bytes]] = {}
+    for topic, group in _groups(log_file(run), (*FIELDS, PROFILE, LIMITS, DIAGNOSTICS), payloads):
+        time, values = _values(topic, group)
+        parts.setdefault(topic, []).append(TopicSamples(time, reduced(topic, values, units, vehicles=vehicles)))
+    profiles = {found.stamp: found for found in map(decode_trajectory, payloads.get(PROFILE, ()))}
+    limits = [decode_trajectory(data) for data in payloads.get(LIMITS, ())]
+    return Recording(
+        {topic: joined(parts[topic]) for topic in FIELDS if topic in parts},
+        tuple(profiles[stamp] for stamp in sorted(profiles)),
+        limits[-1] if limits else None,
+        _reports(payloads),
+        setup,
+    )
+
+
+def read_reports(run: Path) -> tuple[Diagnostic, ...]:
+    """Return the diagnostics of a run folder or a log by their stamps; errors as :func:`read_recording`."""
+    payloads: dict[str, list[bytes]] = {}
+    deque(_groups(log_file(run), (DIAGNOSTICS,), payloads), maxlen=0)
+    return _reports(payloads)
+
+
+def _reports(payloads: dict[str, list[bytes]]) -> tuple[Diagnostic, ...]:
+    return tuple(sorted(map(decode_diagnostic, payloads.get(DIAGNOSTICS, ())), key=lambda message: message.stamp))
+
+
+def _groups(path: Path, topics: Collection[str], payloads: dict[str, list[bytes]]) -> Iterator[tuple[str, Group]]:
+    """Read the messages of some topics of the topic table: thousands of one layout at once, texts as ``payloads``.
+
+    Of several trains in one log the first is read.
+    """
+    spaces: dict[str, str] = {}
+
+    def wanted(channel: Channel, schema: Schema) -> bool:
+        topic = table_name(channel.topic)
+        if topic is None or topic not in topics or channel.message_encoding != "cdr":
+            return False
+        space = "/" if topic.startswith("/") else spaces.setdefault("train", channel.topic.removesuffix(topic))
+        return BY_NAME[topic].type == schema.name and channel.topic.removesuffix(topic) in (space, "")
+
+    series: dict[str, TopicColumns] = {}
+    for portion in Reader(path, wanted).portions():
+        topic = str(table_name(portion.channel.topic))
+        if topic not in FIELDS:
+            payloads.setdefault(topic, []).extend(map(bytes, portion.payloads))
+            continue
+        if topic not in series:
+            series[topic] = TopicColumns(typestore(), portion.schema.name, partial(_chosen, topic))
+        try:
+            series[topic].add(portion)
+        except ValueError as error:
+            raise ValueError(f"{path}: {portion.channel.topic}: {error}") from None
+        if sum(group.size for group in series[topic].groups) >= BATCH:
+            for group in series.pop(topic).groups:
+                yield topic, group
+    for topic, found in series.items():
+        for group in found.groups:
+            yield topic, group
+
+
+def _chosen(topic: str, leaf: Leaf) -> bool:
+    return leaf.path == STAMP or leaf.path in FIELDS[topic].values()
+
+
+def _values(topic: str, group: Group) -> tuple[Array, dict[str, Array]]:
+    """Return stamps [s] and the parts of messages of one layout by name, shape (k, n) each."""
+    leaves = {leaf.path: leaf for leaf in group.leaves}
+    values: dict[str, Array] = {}
+    for name, path in FIELDS[topic].items():
+        leaf = leaves.get(path)
+        if leaf is None or leaf.dtype is None:
+            continue
+        rows = np.empty((group.size, 1 if leaf.count is None else leaf.count))
+        group.fill(leaf, rows[:, 0] if leaf.count is None else rows.T)
+        if topic == MEASUREMENT:
+            owners = (leaf.text for leaf in group.layout.leaves if leaf.path.startswith("name["))
+            rows = np.take(rows, [place for place, owner in enumerate(owners) if owner.startswith(UNIT)], axis=1)
+        values[name] = rows
+    return seconds(nanoseconds(group.values(leaves[STAMP])) - EPOCH_NS), values
+
+
+def open_recording(run: Path, *, vehicles: bool = True) -> Recording:
+    """Read a run folder or a log with its scenario and summary.
+
+    Raises
+    ------
+    ValueError
+        As :func:`read_recording`, or if the log has no topic of the table.
+    """
+    setup, summary, missing = _surroundings(run)
+    found = read_recording(run, setup, vehicles=vehicles)
+    if not (found.topics or found.profiles or found.reports):
+        raise ValueError(f"{run}: the log has no message of the topic table; there is nothing to draw")
+    return replace(found, setup_missing=missing, summary=summary, name=_name(run), path=run)
+
+
+def _name(run: Path) -> str:
+    """Return the name of a run: of its folder, or of a log that is not named ``run.mcap``."""
+    if run.is_dir():
+        return run.resolve().name
+    return run.resolve().parent.name if run.name == LOG else run.stem
+
+
+def _surroundings(run: Path) -> tuple[RunSetup | None, dict[str, Any], str]:
+    """Return the readable part of scenario and summary, from the folder or the attachments, and a reason if missing.
+
+    The files of a folder belong to its ``run.mcap`` only.
+    """
+    folder = run.parent if run.is_file() and run.name == LOG else run
+    missing = ""
+    for place in dict.fromkeys((folder, run)):
+        try:
+            setup, summary = read_run_folder(place)
+            return setup, summary, ""
+        except ValueError as error:
+            missing = missing or str(error)
+    with suppress(ValueError, OSError):
+        return None, parse_summary(folder / SUMMARY, (folder / SUMMARY).read_bytes()), missing
+    return None, {}, missing

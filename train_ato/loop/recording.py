@@ -1,0 +1,228 @@
+"""Recording of one run: every topic as arrays at full resolution, from the engine's memory or from a log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from train_ato.loop.series import DiagnosticSeries, TopicSamples, aligned, diagnostic_series
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.layout import Owner
+from train_ato.messages.topics import TOPICS, Rate
+from train_ato.messages.types import Array, Diagnostic, Trajectory
+
+TRUTH, MEASUREMENT, DISTURBANCE = "train/vehicles", "train/measurement", "train/disturbance"
+BRAKE_PIPE, BRAKE_SHOES, BRAKE_PIPE_COMMAND = "train/brake_pipe", "train/brake_shoes", "ato/brake_pipe_command"
+REFERENCE, ESTIMATE, COMMAND = "ato/reference", "ato/estimate", "ato/command"
+PROFILE, LIMITS, DIAGNOSTICS = "ato/profile", "ato/limits", "/diagnostics"
+
+FIELDS: dict[str, dict[str, str]] = {
+    topic.name: fields
+    for topic in TOPICS
+    if topic.rate is Rate.TICK
+    and (
+        fields := {
+            place.field: place.path
+            for place in topic.places
+            if place.owner is not Owner.COUPLER and topic.description(place).unit != "s"
+        }
+    )
+}
+"""Topics with arrays: field of the message dataclass and of the ROS message, without times and coupler sensors."""
+COUNTED = {"profile": ("replans",), "controller": ("held_steps", "unsound_measurements")}
+"""Counters in the diagnostics of a node, added to the totals of a run."""
+
+
+def _at_ticks(
+    topic: str, name: str, column: int | None = None, without_truth: tuple[str, str] | None = None
+) -> cached_property[Array]:
+    """Return a property of a recording for one value of a topic at the complete ticks.
+
+    Parameters
+    ----------
+    topic, name
+        Topic and name of the samples.
+    column
+        Column of a single number; None keeps shape (k, n).
+    without_truth
+        Topic and name of the samples for a log without truth.
+    """
+
+    def values(recording: Recording) -> Array:
+        found = recording.of(topic, name)
+        if found is None and without_truth is not None:
+            found = recording.of(*without_truth)
+        if found is None:  # no estimate, no disturbance
+            return np.zeros((recording.time.size, recording.units) if column is None else recording.time.size)
+        series = aligned(recording.time, *found)
+        return series if column is None else series[:, column]
+
+    return cached_property(values)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One run; k complete ticks, u power units, n vehicles.
+
+    A complete tick has motion, measurement, reference and command of one stamp.
+
+    Attributes
+    ----------
+    topics : dict of TopicSamples
+        Samples by the name in the topic table, without the topics that were not recorded; vehicles are reduced by
+        :func:`train_ato.loop.recording_builder.reduced`.
+    profiles : tuple of Trajectory
+        Profiles in the order of their planning.
+    limits : Trajectory or None
+        Speed limits of the line.
+    reports : tuple of Diagnostic
+        Diagnostics of all nodes.
+    setup : RunSetup or None
+        Scenario, train and line; if None, ``setup_missing`` is the reason.
+    summary
+        Content of ``summary.json``, empty if it was not read.
+    name, path
+        Name and folder of a run that was read from a log.
+    position, velocity : Array, shape (k, u)
+        Truth of every power unit [m, m/s]; the measurement for a log without truth.
+    front_position, front_velocity : Array, shape (k,)
+        Truth of the centre of vehicle 0 [m, m/s]; for a measured run the position on its profile.
+    coupler_draft_max, coupler_buff_max : Array, shape (k,)
+        Maximum draft (> 0) and buff (< 0) along the train at the tick [N].
+    coupler_samples : Array, shape (k, 3)
+        Force behind the first, the middle and the last but one vehicle [N].
+    applied, command, estimate : Array, shape (k, u)
+        Measured applied force, command as sent, disturbance estimate [N].
+    disturbance : Array, shape (k, u)
+        True disturbance force on the vehicle of every power unit [N]; zeros without disturbances.
+    reference_position, reference_velocity, reference_acceleration : Array, shape (k,)
+        Reference of the centre of vehicle 0 [m, m/s, m/s²].
+    """
+
+    topics: dict[str, TopicSamples] = field(default_factory=dict)
+    profiles: tuple[Trajectory, ...] = ()
+    limits: Trajectory | None = None
+    reports: tuple[Diagnostic, ...] = ()
+    setup: RunSetup | None = None
+    setup_missing: str = ""
+    summary: dict[str, Any] = field(default_factory=dict)
+    name: str = ""
+    path: Path = Path()
+
+    position = _at_ticks(TRUTH, "unit_position", without_truth=(MEASUREMENT, "position"))
+    velocity = _at_ticks(TRUTH, "unit_velocity", without_truth=(MEASUREMENT, "velocity"))
+    front_position = _at_ticks(TRUTH, "front_position", 0, without_truth=(REFERENCE, "position"))
+    front_velocity = _at_ticks(TRUTH, "front_velocity", 0, without_truth=(MEASUREMENT, "velocity"))
+    coupler_draft_max = _at_ticks(TRUTH, "coupler_draft_max", 0)
+    coupler_buff_max = _at_ticks(TRUTH, "coupler_buff_max", 0)
+    coupler_samples = _at_ticks(TRUTH, "coupler_samples")
+    applied = _at_ticks(MEASUREMENT, "applied")
+    command = _at_ticks(COMMAND, "force")
+    estimate = _at_ticks(ESTIMATE, "force")
+    disturbance = _at_ticks(DISTURBANCE, "unit_force")
+    reference_position = _at_ticks(REFERENCE, "position", 0)
+    reference_velocity = _at_ticks(REFERENCE, "velocity", 0)
+    reference_acceleration = _at_ticks(REFERENCE, "acceleration", 0)
+
+    def of(self, topic: str, name: str) -> tuple[Array, Array] | None:
+        """Return time and values of a topic, shapes (k,) and (k, n), or None."""
+        samples = self.topics.get(topic)
+        return None if samples is None or name not in samples else (samples.time, samples[name])
+
+    @cached_property
+    def time(self) -> Array:
+        """Stamps of the complete ticks [s], shape (k,)."""
+        motion = self.motion
+        times = [] if motion is None else [motion.time]
+        times += [self.topics[topic].time for topic in (MEASUREMENT, REFERENCE, COMMAND) if topic in self.topics]
+        if len(times) < 4:
+            return np.empty(0)
+        common = times[0]
+        for other in times[1:]:
+            count = min(common.size, other.size)
+            same = np.array_equal(common[:count], other[:count])
+            common = common[:count] if same else np.intersect1d(common, other)
+        return common
+
+    @property
+    def units(self) -> int:
+        """Number of power units in the commands."""
+        return self.topics[COMMAND]["force"].shape[1] if COMMAND in self.topics else 0
+
+    @property
+    def final(self) -> tuple[float, float]:
+        """Position [m] and speed [m/s] of vehicle 0 after the last complete tick."""
+        motion = self.motion
+        assert motion is not None
+        row = min(int(np.searchsorted(motion.time, self.time[-1], side="right")), motion.time.size - 1)
+        return float(motion["position"][row, 0]), float(motion["velocity"][row, 0])
+
+    @cached_property
+    def motion(self) -> TopicSamples | None:
+        """Position and speed of vehicle 0 and position of the last vehicle: the truth, else the measurement."""
+        truth, measured = self.topics.get(TRUTH), self.topics.get(MEASUREMENT)
+        if truth is not None and truth.time.size and "front_velocity" in truth:
+            names = {"position": "front_position", "velocity": "front_velocity", "rear_position": "rear_position"}
+            return TopicSamples(truth.time, {name: truth[key] for name, key in names.items() if key in truth})
+        if measured is None or not measured.time.size or "velocity" not in measured or not measured["velocity"].size:
+            return None
+        values = {"velocity": measured["velocity"][:, :1]}
+        if "position" in measured:
+            values |= {"position": measured["position"][:, :1], "rear_position": measured["position"][:, -1:]}
+        return TopicSamples(measured.time, values)
+
+    @cached_property
+    def diagnostics(self) -> dict[str, DiagnosticSeries]:
+        """Diagnostics by node."""
+        return diagnostic_series(self.reports)
+
+    def reported(self, node: str, key: str) -> tuple[Array, Array] | None:
+        """Return time [s] and values of a number in the diagnostics of a node, shape (k,) each, or None."""
+        series = self.diagnostics.get(node)
+        values = None if series is None else series.numbers(key)
+        return None if series is None or values is None else (series.time, values)
+
+    @cached_property
+    def totals(self) -> dict[str, float]:
+        """Totals of the plant at the end, and counters of profile and controller, from the diagnostics."""
+        texts: dict[str, str] = {}
+        counts: dict[str, str] = {}
+        for message in self.reports:
+            if message.node == "plant":
+                texts = message.values
+            elif message.node in COUNTED:
+                counts |= {key: message.values[key] for key in COUNTED[message.node] if key in message.values}
+        numbers = {name: _number(text) for name, text in {**texts, **counts}.items()}
+        return {name: value for name, value in numbers.items() if value is not None}
+
+    @property
+    def measured_only(self) -> bool:
+        """True for a log without truth, as that of a measured run."""
+        return TRUTH not in self.topics
+
+    def recorded(self, what: str) -> bool:
+        """Return True if ``command`` or ``reference`` is in the log; a measured run may lack them."""
+        return not str(self.summary.get(f"measured_{what}", "")).startswith("not recorded")
+
+    @property
+    def without_brake(self) -> str:
+        """Reason for the missing air brake: no air brake on the train, or no data of it in the log."""
+        braked = self.setup is None or self.setup.consist.air_brake is not None
+        return "the log has nothing of an air brake" if braked else "the train has no air brake"
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last stamp [s]."""
+        times = [samples.time for samples in self.topics.values() if samples.time.size]
+        return (min(float(t[0]) for t in times), max(float(t[-1]) for t in times)) if times else (0.0, 0.0)
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None

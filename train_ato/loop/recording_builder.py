@@ -1,0 +1,124 @@
+"""Recording of a run in memory, with the reduction of the data of all vehicles."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+
+from train_ato.loop.recording import (
+    BRAKE_SHOES,
+    DIAGNOSTICS,
+    DISTURBANCE,
+    FIELDS,
+    LIMITS,
+    PROFILE,
+    TRUTH,
+    Recording,
+)
+from train_ato.loop.series import TopicSamples, joined, seconds
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.types import Array, Diagnostic, Trajectory
+
+PORTION = 256
+"""Number of messages of a topic that are stacked at once."""
+
+
+def reduced(topic: str, values: dict[str, Array], units: list[int], *, vehicles: bool = False) -> dict[str, Array]:
+    """Return the samples of a topic that a recording contains.
+
+    Parameters
+    ----------
+    topic
+        Name in the topic table.
+    values : dict of Array, each of shape (k, n)
+        Values of its messages by name.
+    units
+        Vehicles of the power units.
+    vehicles
+        Keep the values of every vehicle too.
+
+    Returns
+    -------
+    dict of Array
+        Truth: position and velocity of the first (``front_``) and the last vehicle (``rear_``) and of the power units
+        (``unit_``), and the coupler forces of :class:`Recording`: extremes for several vehicles, samples for more than
+        three.  Disturbance: ``unit_force``, and ``total`` if not every vehicle is a power unit.  Shoe force:
+        ``total``.  Other topics: unchanged.
+    """
+    kept: dict[str, Array] = {}
+    if topic not in (TRUTH, DISTURBANCE, BRAKE_SHOES):
+        return values
+    for name, part in values.items():
+        count = part.shape[1]
+        if count == 0:
+            continue
+        if name == "coupler_force":
+            if count > 1:
+                kept["coupler_draft_max"] = part.max(axis=1, keepdims=True)
+                kept["coupler_buff_max"] = part.min(axis=1, keepdims=True)
+            if count > 3:
+                kept["coupler_samples"] = np.take(part, [0, (count - 1) // 2, count - 2], axis=1)
+        elif topic == TRUTH:
+            kept |= {f"front_{name}": part[:, :1].copy(), f"rear_{name}": part[:, -1:].copy()}
+        elif count > len(units) or topic == BRAKE_SHOES:
+            kept["total"] = part.sum(axis=1, keepdims=True)
+        if name in ("position", "velocity", "force"):
+            kept[f"unit_{name}"] = np.take(part, [unit for unit in units if unit < count], axis=1)
+    return {**values, **kept} if vehicles else kept
+
+
+@dataclass
+class RecordingBuilder:
+    """Collects the messages of a run in memory."""
+
+    setup: RunSetup
+    _profiles: list[Trajectory] = field(default_factory=list)
+    _reports: list[Diagnostic] = field(default_factory=list)
+    _limits: Trajectory | None = None
+
+    def __post_init__(self) -> None:
+        self._units = list(self.setup.model.units)
+        self._open: dict[str, list[Any]] = {topic: [] for topic in FIELDS}
+        self._closed: dict[str, list[TopicSamples]] = {topic: [] for topic in FIELDS}
+
+    def add(self, topic: str, message: Any, stamp: int = 0) -> None:
+        """Add one message; topics without a series are ignored."""
+        rows = self._open.get(topic)
+        if rows is not None:
+            rows.append(message)
+            if len(rows) == PORTION:
+                self._close(topic)
+        elif topic == DIAGNOSTICS:
+            self._reports.append(message)
+        elif topic == PROFILE:
+            self._profiles.append(message)
+        elif topic == LIMITS:
+            self._limits = message
+
+    def _close(self, topic: str) -> None:
+        """Stack the open messages of a topic."""
+        rows = self._open[topic]
+        self._open[topic] = []
+        values = {name: _stacked(list(map(attrgetter(name), rows))) for name in FIELDS[topic]}
+        time = seconds([row.stamp for row in rows])
+        self._closed[topic].append(TopicSamples(time, reduced(topic, values, self._units)))
+
+    def finish(self) -> Recording:
+        """Return the recording."""
+        topics = {}
+        for topic in FIELDS:
+            if self._open[topic]:
+                self._close(topic)
+            if self._closed[topic]:
+                topics[topic] = joined(self._closed[topic])
+        return Recording(topics, tuple(self._profiles), self._limits, tuple(self._reports))
+
+
+def _stacked(parts: list[Any]) -> Array:
+    """Return numbers or arrays of equal length as rows, shape (k, n)."""
+    if isinstance(parts[0], np.ndarray):
+        return np.concatenate(parts).reshape(len(parts), parts[0].size)
+    return np.array(parts, dtype=np.float64)[:, None]

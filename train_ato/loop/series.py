@@ -1,0 +1,131 @@
+"""Series of a recording: samples of a topic, and the diagnostics of a node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from train_ato.messages.types import Array, Diagnostic
+
+
+@dataclass(frozen=True)
+class TopicSamples:
+    """Numbers of one topic.
+
+    Attributes
+    ----------
+    time : Array, shape (k,)
+        Stamps [s], rising.
+    values : dict of Array, each of shape (k, n)
+        Values by name [SI]; n vehicles or units, 1 for a single number.
+    """
+
+    time: Array
+    values: dict[str, Array]
+
+    def __getitem__(self, name: str) -> Array:
+        return self.values[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.values
+
+
+def joined(parts: Sequence[TopicSamples]) -> TopicSamples:
+    """Return parts of a topic as one, by rising time; a value that has another width in some part is left out."""
+    names = [
+        name
+        for name, values in parts[0].values.items()
+        if all(name in part and part[name].shape[1] == values.shape[1] for part in parts)
+    ]
+    whole = TopicSamples(
+        np.concatenate([part.time for part in parts]),
+        {name: np.concatenate([part[name] for part in parts]) for name in names},
+    )
+    if (np.diff(whole.time) >= 0).all():
+        return whole
+    order = np.argsort(whole.time, kind="stable")
+    return TopicSamples(whole.time[order], {name: values[order] for name, values in whole.values.items()})
+
+
+@dataclass(frozen=True)
+class DiagnosticSeries:
+    """Diagnostics of one node; a key has numbers if all its values are numbers, else texts."""
+
+    time: Array
+    level: Array
+    message: list[str]
+    values: dict[str, Any]
+
+    def numbers(self, key: str) -> Array | None:
+        """Return a value over time, NaN if missing; None for a key without a number."""
+        column = self.values.get(key)
+        return column if isinstance(column, np.ndarray) and np.isfinite(column).any() else None
+
+    def texts(self, key: str) -> list[str | None]:
+        """Return a value over time as text, None if missing."""
+        column = self.values.get(key)
+        if column is None:
+            return [None] * self.time.size
+        if isinstance(column, np.ndarray):
+            return [f"{entry:g}" if np.isfinite(entry) else None for entry in column]
+        return list(column)
+
+
+def seconds(stamps: Sequence[int] | NDArray[np.int64]) -> Array:
+    """Return stamps [ns] in s, with the same rounding as in all tables."""
+    return np.asarray(np.asarray(stamps, dtype=np.int64) * 1e-9, dtype=np.float64)
+
+
+def diagnostic_series(messages: Iterable[Diagnostic]) -> dict[str, DiagnosticSeries]:
+    """Return the diagnostics by node."""
+    nodes: dict[str, list[Diagnostic]] = {}
+    for message in messages:
+        nodes.setdefault(message.node, []).append(message)
+    return {node: _of_node(rows) for node, rows in nodes.items()}
+
+
+def _of_node(rows: list[Diagnostic]) -> DiagnosticSeries:
+    keys = dict.fromkeys(key for row in rows for key in row.values)
+    return DiagnosticSeries(
+        seconds([row.stamp for row in rows]),
+        np.array([row.level for row in rows], dtype=np.int64),
+        [row.message for row in rows],
+        {key: _column([row.values.get(key) for row in rows]) for key in keys},
+    )
+
+
+def _column(texts: list[str | None]) -> Any:
+    try:
+        return np.array([np.nan if text is None else float(text) for text in texts])
+    except ValueError:
+        return texts
+
+
+def aligned(time: Array, other: Array, values: Array) -> Array:
+    """Return values at other times: exact for equal times, else linear between neighbours, NaN in gaps.
+
+    Parameters
+    ----------
+    time : shape (k,)
+        Wanted times [s].
+    other : shape (j,)
+        Times of the values [s], rising.
+    values : shape (j,) or (j, n)
+        Values.
+    """
+    if other.size >= time.size and np.array_equal(other[: time.size], time):
+        return np.asarray(values[: time.size], dtype=np.float64)
+    if other.size == 0:
+        return np.full((time.size, *values.shape[1:]), np.nan)
+    if values.ndim == 2:
+        return np.column_stack([aligned(time, other, column) for column in values.T])
+    result = np.interp(time, other, values)
+    after = np.clip(np.searchsorted(other, time), 0, other.size - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.minimum(np.abs(other[after] - time), np.abs(time - other[before]))
+    usual = float(np.median(np.diff(other))) if other.size > 1 else 0.0
+    return np.where(nearest <= 0.75 * usual + 1e-9, result, np.nan)

@@ -1,0 +1,131 @@
+"""Messages of the stages of the loop, by name and in the order of publication."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from train_ato.messages.types import (
+    BrakeShoes,
+    Command,
+    Diagnostic,
+    Disturbance,
+    DisturbanceEstimate,
+    Measurement,
+    Pipe,
+    Reference,
+    Tick,
+    Trajectory,
+    VehicleStates,
+)
+
+SECOND_NS = 1_000_000_000
+
+Published = list[tuple[str, Any]]
+"""Topic names and messages in the order of publication."""
+
+
+def _present(*messages: tuple[str, Any]) -> Published:
+    """Return the messages that are not None."""
+    return [entry for entry in messages if entry[1] is not None]
+
+
+@dataclass(frozen=True, slots=True)
+class PlantTruth:
+    """True state of the train at a stamp; after the last tick without a measurement."""
+
+    clock: Tick
+    vehicles: VehicleStates
+    brake_pipe: Pipe | None
+    brake_shoes: BrakeShoes | None
+    disturbance: Disturbance | None
+    diagnostics: Diagnostic | None
+
+    def published(self) -> Published:
+        """Return the messages in the order of publication."""
+        return _present(
+            ("/clock", self.clock),
+            ("train/vehicles", self.vehicles),
+            ("train/brake_pipe", self.brake_pipe),
+            ("train/brake_shoes", self.brake_shoes),
+            ("train/disturbance", self.disturbance),
+            ("/diagnostics", self.diagnostics),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PlantMessages:
+    """Truth and measurement of a stamp."""
+
+    truth: PlantTruth
+    measurement: Measurement
+
+    def published(self) -> Published:
+        """Return the messages in the order of publication; the measurement is last, because it starts the step."""
+        return [*self.truth.published(), ("train/measurement", self.measurement)]
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileStart:
+    """Profile and speed limits at the start of a run, latched."""
+
+    profile: Trajectory
+    limits: Trajectory
+
+    def published(self) -> Published:
+        """Return the messages in the order of publication."""
+        return [("ato/profile", self.profile), ("ato/limits", self.limits)]
+
+
+@dataclass(frozen=True, slots=True)
+class ProfileMessages:
+    """Reference of a stamp, with the new profile after re-planning."""
+
+    reference: Reference
+    profile: Trajectory | None = None
+    diagnostics: Diagnostic | None = None
+
+    def published(self) -> Published:
+        """Return the messages in the order of publication; a new profile is before its first reference."""
+        return _present(
+            ("/diagnostics", self.diagnostics), ("ato/profile", self.profile), ("ato/reference", self.reference)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ObserverMessages:
+    """Disturbance estimate of a stamp."""
+
+    estimate: DisturbanceEstimate
+    diagnostics: Diagnostic | None = None
+
+    def published(self) -> Published:
+        """Return the messages in the order of publication."""
+        return _present(("/diagnostics", self.diagnostics), ("ato/estimate", self.estimate))
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerMessages:
+    """Command of a stamp, with the demanded brake-pipe pressure of a train with an air brake."""
+
+    command: Command
+    brake_pipe_command: Pipe | None = None
+    diagnostics: Diagnostic | None = None
+
+    def published(self) -> Published:
+        """Return the messages in the order of publication; the command is last, because it ends the step."""
+        return _present(
+            ("ato/brake_pipe_command", self.brake_pipe_command),
+            ("/diagnostics", self.diagnostics),
+            ("ato/command", self.command),
+        )
+
+
+def stamped(message: Any, stamp: int) -> Any:
+    """Return a delayed message with the stamp of its use [ns]."""
+    return message if message.stamp == stamp else replace(message, stamp=stamp)
+
+
+def diagnostics_due(stamp: int, tick_ns: int) -> bool:
+    """Return True once a second: at the first stamp [ns] of every simulated second."""
+    return stamp % SECOND_NS < tick_ns

@@ -1,0 +1,97 @@
+"""Synchronisation of the inputs of the controller by stamp, from messages in any order."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference, Trajectory
+
+KINDS = ("measurement", "reference", "estimate")
+"""Messages of a step, one of each per stamp."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerInputs:
+    """Inputs of one step with the same stamp; ``profile`` is set at the first step of a new profile."""
+
+    measurement: Measurement
+    reference: Reference
+    estimate: DisturbanceEstimate
+    profile: Trajectory | None = None
+
+
+class StampSynchronizer:
+    """Collects one message of every kind per stamp and returns each complete stamp once, in order.
+
+    A new profile is used from the first reference that names it; the step of this reference waits for it.  If a newer
+    profile has replaced it, the newer one is used.
+
+    Parameters
+    ----------
+    ahead
+        Maximum lead of the other messages over the newest measurement [ns]; None: no limit.
+
+    Attributes
+    ----------
+    ignored : int
+        Number of messages that were duplicate, late or too far ahead.
+    """
+
+    def __init__(self, ahead: int | None = None) -> None:
+        self._ahead = ahead
+        self._newest = -1
+        self._waiting: dict[int, dict[str, Any]] = {}
+        self._last = -1
+        self._profiles: dict[int, Trajectory] = {}
+        self._current = -1
+        self._complete: deque[ControllerInputs] = deque()
+        self.ignored = 0
+
+    def put(self, kind: str, message: Any) -> list[ControllerInputs]:
+        """Add a ``profile`` or a message of :data:`KINDS`; return the steps that it completes, in order."""
+        if kind == "profile":
+            self._profiles[max(0, message.stamp)] = message
+        elif (row := self._row(kind, message)) is not None:
+            self._complete.append(ControllerInputs(**row))
+        ready: list[ControllerInputs] = []
+        while self._complete:
+            inputs = self._complete[0]
+            planned = inputs.reference.planned
+            if planned > self._current:
+                known = [stamp for stamp in self._profiles if stamp >= planned]
+                if not known:
+                    break
+                self._current = min(known)
+                profile = self._profiles[self._current]
+                inputs = ControllerInputs(inputs.measurement, inputs.reference, inputs.estimate, profile)
+                self._profiles = {stamp: other for stamp, other in self._profiles.items() if stamp > self._current}
+            self._complete.popleft()
+            ready.append(inputs)
+        return ready
+
+    def _row(self, kind: str, message: Any) -> dict[str, Any] | None:
+        """Add a message; return all messages of its stamp if they are complete.
+
+        Incomplete stamps before a complete one are dropped.
+        """
+        stamp = message.stamp
+        if kind == KINDS[0]:
+            self._newest = max(self._newest, stamp)
+        elif self._ahead is not None and stamp > self._newest + self._ahead:
+            self.ignored += 1
+            return None
+        row = self._waiting.setdefault(stamp, {}) if stamp > self._last else None
+        if row is None or kind in row:
+            self.ignored += 1
+            return None
+        row[kind] = message
+        if len(row) < len(KINDS):
+            return None
+        self._last = stamp
+        if len(self._waiting) > 1:
+            self._waiting = {later: rest for later, rest in self._waiting.items() if later > stamp}
+        else:
+            self._waiting.clear()
+        return row

@@ -1,0 +1,1 @@
+"""CDR encoding and decoding of every message of the topic table."""

@@ -1,0 +1,62 @@
+"""Conversion of the dataclasses of messages to CDR bytes, the encoding of ROS 2, and back, without ROS.
+
+Equal messages have equal bytes (rclpy leaves padding uninitialised).  Decoding accepts any padding and byte order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from train_ato.messages.codec.cdr import stamp_of
+from train_ato.messages.codec.fixed import FixedCodec
+from train_ato.messages.codec.variable import VARIABLE
+from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topics import topics_of
+
+__all__ = ["Wire", "stamp_of"]
+
+
+class Wire:
+    """Encoder and decoder of every topic of a run.
+
+    Parameters
+    ----------
+    layout
+        Sizes of the train.
+    """
+
+    def __init__(self, layout: TrainLayout) -> None:
+        self.layout = layout
+        self._encoders: dict[str, Callable[[Any], bytes]] = {}
+        self._decoders: dict[str, Callable[[bytes], Any]] = {}
+        for topic in topics_of(layout):
+            if topic.of_variable_length:
+                self._encoders[topic.name], self._decoders[topic.name] = VARIABLE[topic.message]
+            else:
+                codec = FixedCodec(topic, layout)
+                self._encoders[topic.name], self._decoders[topic.name] = codec.encode, codec.decode
+
+    def encode(self, topic: str, message: Any) -> bytes:
+        """Return the CDR bytes of a message.
+
+        Raises
+        ------
+        ValueError
+            For a field of the wrong length or type, or a value that is not finite in a topic with finite values.
+        KeyError
+            If a run of this train has no such topic.
+        """
+        return self._encoders[topic](message)
+
+    def decode(self, topic: str, data: bytes) -> Any:
+        """Return the message of the bytes; arrays are copies.
+
+        Raises
+        ------
+        ValueError
+            One line with topic and fault: type, names, lengths, or values that are not finite.
+        KeyError
+            If a run of this train has no such topic.
+        """
+        return self._decoders[topic](data)

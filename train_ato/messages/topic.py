@@ -1,0 +1,163 @@
+"""One topic: its message, the places of its fields in the ROS message, and the condition of its existence."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from plant_sim.states import FieldDescription
+from train_ato.messages.layout import Owner, TrainLayout
+
+Message = type[Any]
+"""Dataclass of the messages of a topic."""
+
+
+class Role(Enum):
+    """Node that publishes or reads a topic."""
+
+    PLANT = "plant"
+    PROFILE = "profile"
+    OBSERVER = "observer"
+    CONTROLLER = "controller"
+    RECORDER = "recorder"
+
+
+class Rate(Enum):
+    """Rate of a topic."""
+
+    ONCE = "once, latched"
+    TICK = "every tick"
+    SECOND = "every simulated second and at the end"
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Condition for the existence of a topic, as a predicate and as text."""
+
+    holds: Callable[[TrainLayout], bool]
+    text: str = ""
+
+
+ALWAYS = Condition(lambda layout: True)
+AIR_BRAKE = Condition(lambda layout: layout.air_brake, "only with an air brake")
+DISTURBED = Condition(lambda layout: layout.disturbed, "only where the scenario has disturbances")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Place of one field of a message dataclass in the ROS message.
+
+    Attributes
+    ----------
+    path
+        Field of the ROS message: ``effort``, ``points[0].positions``; ``points[].positions`` for all points.
+    field
+        Field of the dataclass.
+    owner
+        Parts of the train that have one value each, in the order of their names; None for a single value.
+    meaning
+        Replacement of the meaning in the dataclass.
+    """
+
+    path: str
+    field: str
+    owner: Owner | None = None
+    meaning: str = ""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic of the table.
+
+    Attributes
+    ----------
+    name
+        Relative; absolute for ``/clock`` and ``/diagnostics``.
+    type
+        ROS type of the messages.
+    message
+        Dataclass of the messages; its first field is the stamp, its other fields carry unit and meaning.
+    places
+        Fields of the dataclass in the ROS message.  Several places of one path follow each other.
+    texts
+        Constant texts of the ROS message by path.
+    condition
+        Condition for the existence of the topic.
+    finite
+        Refuse numbers that are not finite, in encoding and decoding.
+    former_names
+        Names in logs of earlier versions.
+
+    Raises
+    ------
+    ValueError
+        If the field of a place is not in the dataclass.
+    """
+
+    name: str
+    type: str
+    message: Message
+    places: tuple[Place, ...]
+    publishers: tuple[Role, ...]
+    readers: tuple[Role, ...]
+    rate: Rate
+    meaning: str
+    texts: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    condition: Condition = ALWAYS
+    recorded: bool = True
+    latched: bool = False
+    depth: int = 1000
+    finite: bool = True
+    former_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        known = {entry.name for entry in dataclasses.fields(self.message)}
+        for place in self.places:
+            if place.field not in known:
+                raise ValueError(f"topic {self.name}: {self.message.__name__} has no field '{place.field}'")
+
+    def exists(self, layout: TrainLayout) -> bool:
+        """Return True if a run of this train has the topic."""
+        return self.condition.holds(layout)
+
+    @property
+    def of_variable_length(self) -> bool:
+        """True if the messages of one run differ in length."""
+        return any("[]" in place.path for place in self.places)
+
+    @property
+    def owners(self) -> tuple[Owner, ...]:
+        """Parts of the train with values in the message, in the order of their names."""
+        return tuple(dict.fromkeys(place.owner for place in self.places if place.owner is not None))
+
+    def names(self, layout: TrainLayout) -> tuple[str, ...]:
+        """Return the names in the messages, in their order; empty for values without owners."""
+        return tuple(name for owner in self.owners for name in layout.names(owner))
+
+    def description(self, place: Place) -> FieldDescription:
+        """Return column, unit and meaning of the values at a place."""
+        (entry,) = (entry for entry in dataclasses.fields(self.message) if entry.name == place.field)
+        found: FieldDescription = entry.metadata.get("description", FieldDescription(place.field, ""))
+        return dataclasses.replace(found, meaning=place.meaning) if place.meaning else found
+
+
+def joint_states(owner: Owner, **fields: str) -> tuple[Place, ...]:
+    """Return the places of a JointState: dataclass fields by the array of the message."""
+    return tuple(Place(path, field, owner) for path, field in fields.items())
+
+
+def knots(index: str, *, acceleration: bool = True, position: str = "") -> tuple[Place, ...]:
+    """Return the places of a JointTrajectory's points; ``index`` is ``0`` for a single point, "" for all points.
+
+    ``position`` replaces the meaning of the positions in the dataclass.
+    """
+    fields = {"positions": "position", "velocities": "velocity"} | (
+        {"accelerations": "acceleration"} if acceleration else {}
+    )
+    return tuple(
+        Place(f"points[{index}].{path}", field, meaning=position if field == "position" else "")
+        for path, field in fields.items()
+    )

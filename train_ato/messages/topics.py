@@ -1,0 +1,269 @@
+"""Topic table: the single definition of every topic.
+
+Codecs, publishers, subscriptions, the recorder, the tables of a log, the live view and ``msgs_docs/topics.md`` use
+it.  A new topic needs a message dataclass and an entry here.
+"""
+
+from __future__ import annotations
+
+from train_ato.messages.layout import Owner, TrainLayout
+from train_ato.messages.topic import AIR_BRAKE, DISTURBED, Place, Rate, Role, Topic, joint_states, knots
+from train_ato.messages.types import (
+    BrakeShoes,
+    Command,
+    Diagnostic,
+    Disturbance,
+    DisturbanceEstimate,
+    Measurement,
+    Pipe,
+    Reference,
+    Tick,
+    Trajectory,
+    VehicleStates,
+)
+
+__all__ = [
+    "BY_NAME",
+    "DIAGNOSTIC_UNITS",
+    "EPOCH_NS",
+    "TOPICS",
+    "Place",
+    "Rate",
+    "Role",
+    "Topic",
+    "present_topic",
+    "published_by",
+    "read_by",
+    "tick_topics",
+    "topics_of",
+]
+
+EPOCH_NS = 1_767_225_600_000_000_000
+"""Simulation time 0 in messages [ns]: 2026-01-01T00:00:00Z, because tools display stamps near 1970 badly."""
+
+_CLOCK = "rosgraph_msgs/msg/Clock"
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+_PRESSURE = "sensor_msgs/msg/FluidPressure"
+_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+
+_TABLE: tuple[Topic, ...] = (
+    Topic(
+        "/clock",
+        _CLOCK,
+        Tick,
+        (Place("clock", "stamp"),),
+        publishers=(Role.PLANT,),
+        readers=(),
+        rate=Rate.TICK,
+        meaning="simulation time, for tools; nothing in the loop waits for it",
+    ),
+    Topic(
+        "train/vehicles",
+        _JOINT_STATE,
+        VehicleStates,
+        joint_states(Owner.VEHICLE, position="position", velocity="velocity", effort="coupler_force"),
+        publishers=(Role.PLANT,),
+        readers=(),
+        rate=Rate.TICK,
+        meaning="truth, one entry per vehicle, front first",
+        finite=False,
+        former_names=("train/cars",),
+    ),
+    Topic(
+        "train/measurement",
+        _JOINT_STATE,
+        Measurement,
+        (
+            *joint_states(Owner.UNIT, position="position", velocity="velocity", effort="applied"),
+            *joint_states(Owner.COUPLER, position="deflection", velocity="rate", effort="force"),
+        ),
+        publishers=(Role.PLANT,),
+        readers=(Role.PROFILE, Role.OBSERVER, Role.CONTROLLER),
+        rate=Rate.TICK,
+        meaning="measurement of the onboard ATO, with noise; starts a tick",
+    ),
+    Topic(
+        "train/brake_pipe",
+        _PRESSURE,
+        Pipe,
+        (Place("fluid_pressure", "pressure"),),
+        publishers=(Role.PLANT,),
+        readers=(),
+        rate=Rate.TICK,
+        meaning="brake-pipe pressure at the head",
+        condition=AIR_BRAKE,
+    ),
+    Topic(
+        "train/brake_shoes",
+        _JOINT_STATE,
+        BrakeShoes,
+        joint_states(Owner.VEHICLE, effort="shoe_force"),
+        publishers=(Role.PLANT,),
+        readers=(),
+        rate=Rate.TICK,
+        meaning="air brake of every vehicle",
+        condition=AIR_BRAKE,
+        finite=False,
+        former_names=("train/brake_cylinders",),
+    ),
+    Topic(
+        "train/disturbance",
+        _JOINT_STATE,
+        Disturbance,
+        joint_states(Owner.VEHICLE, effort="force"),
+        publishers=(Role.PLANT,),
+        readers=(),
+        rate=Rate.TICK,
+        meaning="true external disturbance forces",
+        condition=DISTURBED,
+        finite=False,
+    ),
+    Topic(
+        "ato/profile",
+        _TRAJECTORY,
+        Trajectory,
+        (*knots(""), Place("points[].time_from_start", "time"), Place("header.stamp", "stamp")),
+        publishers=(Role.PROFILE,),
+        readers=(Role.CONTROLLER,),
+        rate=Rate.ONCE,
+        meaning="the whole operational speed profile; again after re-planning",
+        texts=(("joint_names", ("train",)),),
+        latched=True,
+        depth=10,
+    ),
+    Topic(
+        "ato/limits",
+        _TRAJECTORY,
+        Trajectory,
+        knots("", acceleration=False, position="place from which the limit holds"),
+        publishers=(Role.PROFILE,),
+        readers=(),
+        rate=Rate.ONCE,
+        meaning="speed limit over the line, as steps",
+        texts=(("joint_names", ("limit",)),),
+        latched=True,
+        depth=1,
+    ),
+    Topic(
+        "ato/reference",
+        _TRAJECTORY,
+        Reference,
+        (*knots("0"), Place("points[0].time_from_start", "planned")),
+        publishers=(Role.PROFILE,),
+        readers=(Role.CONTROLLER,),
+        rate=Rate.TICK,
+        meaning="reference at the stamp, one point",
+        texts=(("joint_names", ("train",)),),
+    ),
+    Topic(
+        "ato/estimate",
+        _JOINT_STATE,
+        DisturbanceEstimate,
+        joint_states(Owner.UNIT, effort="force"),
+        publishers=(Role.OBSERVER,),
+        readers=(Role.CONTROLLER,),
+        rate=Rate.TICK,
+        meaning="disturbance force per power unit",
+    ),
+    Topic(
+        "ato/command",
+        _JOINT_STATE,
+        Command,
+        joint_states(Owner.UNIT, effort="force"),
+        publishers=(Role.CONTROLLER,),
+        readers=(Role.PLANT,),
+        rate=Rate.TICK,
+        meaning="force demand per power unit as sent; ends a tick",
+    ),
+    Topic(
+        "ato/brake_pipe_command",
+        _PRESSURE,
+        Pipe,
+        (Place("fluid_pressure", "pressure", meaning="absolute; 600 kPa releases"),),
+        publishers=(Role.CONTROLLER,),
+        readers=(Role.PLANT,),
+        rate=Rate.TICK,
+        meaning="brake-pipe pressure demanded at the head",
+        condition=AIR_BRAKE,
+        former_names=("ato/brake_pipe",),
+    ),
+    Topic(
+        "/diagnostics",
+        "diagnostic_msgs/msg/DiagnosticArray",
+        Diagnostic,
+        (
+            Place("status[].name", "node"),
+            Place("status[].level", "level"),
+            Place("status[].message", "message"),
+            Place("status[].values", "values"),
+        ),
+        publishers=(Role.PLANT, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER),
+        readers=(),
+        rate=Rate.SECOND,
+        meaning="mode, law, delays, limits, interventions, per node; also immediately after an event",
+    ),
+    Topic(
+        "recorder/progress",
+        _CLOCK,
+        Tick,
+        (Place("clock", "stamp"),),
+        publishers=(Role.RECORDER,),
+        readers=(Role.PLANT,),
+        rate=Rate.SECOND,
+        meaning="newest stamp completely recorded; the plant is at most half a queue ahead of it",
+        recorded=False,
+        former_names=("record/acknowledged",),
+    ),
+)
+
+DIAGNOSTIC_UNITS: dict[str, str] = {
+    "coupler_draft_max": "N",
+    "coupler_buff_max": "N",
+    "energy_traction": "J",
+    "energy_regenerated": "J",
+    "energy_running": "J",
+    "energy_curve": "J",
+    "energy_grade": "J",
+    "energy_air_brake": "J",
+    "energy_couplers": "J",
+    "energy_outside": "J",
+    "energy_kinetic": "J",
+    "saturated": "s",
+    "period": "s",
+    "remaining": "s",
+    "planned": "s",
+    "delay": "s",
+    "delay_brake": "s",
+    "lag": "s",
+}
+"""Units of the values in ``/diagnostics`` by key; counts, names and reasons have no unit."""
+
+BY_NAME: dict[str, Topic] = {topic.name: topic for topic in _TABLE}
+"""Topics by name; a new topic can be added here."""
+TOPICS = BY_NAME.values()
+"""Topics in the order of the table."""
+
+
+def published_by(role: Role) -> tuple[Topic, ...]:
+    """Return the topics that a node publishes."""
+    return tuple(topic for topic in TOPICS if role in topic.publishers)
+
+
+def read_by(role: Role) -> tuple[Topic, ...]:
+    """Return the topics that a node subscribes to."""
+    return tuple(topic for topic in TOPICS if role in topic.readers)
+
+
+def present_topic(name: str) -> str:
+    """Return the current name of a topic of the table; other names are returned unchanged."""
+    return next((topic.name for topic in TOPICS if name in topic.former_names), name)
+
+
+def topics_of(layout: TrainLayout) -> tuple[Topic, ...]:
+    """Return the topics of a run with a train."""
+    return tuple(topic for topic in TOPICS if topic.exists(layout))
+
+
+def tick_topics(layout: TrainLayout) -> tuple[str, ...]:
+    """Return the names of the recorded topics with one message per tick."""
+    return tuple(topic.name for topic in topics_of(layout) if topic.recorded and topic.rate is Rate.TICK)

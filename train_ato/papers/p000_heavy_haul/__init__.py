@@ -1,0 +1,1 @@
+"""Paper 000: cases, checks, figures and claims."""

@@ -1,0 +1,1 @@
+"""Paper 001: cases, checks, figures and claims."""

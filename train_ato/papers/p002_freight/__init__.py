@@ -1,0 +1,1 @@
+"""Paper 002: cases, checks, figures and claims."""

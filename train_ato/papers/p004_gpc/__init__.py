@@ -1,0 +1,1 @@
+"""Paper 004: cases, checks, figures and claims."""

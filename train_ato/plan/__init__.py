@@ -1,1 +1,0 @@
-"""The planner: which speed where, so that time, limits, forces and comfort are kept."""

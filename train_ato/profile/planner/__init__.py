@@ -1,0 +1,1 @@
+"""Planner of speed profiles within timetable, speed limits, forces and comfort limits."""

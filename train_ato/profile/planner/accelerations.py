@@ -1,0 +1,115 @@
+"""Accelerations over the speed for the planner's passes, and the messages for forces that are too small."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from train_ato.messages.types import Array
+from train_ato.profile.planner.line_tables import PlaceGrid
+from train_ato.profile.planner.passes import BRAKE, TRACTION, sliding_extreme
+from train_ato.profile.planner.settings import PlanSettings
+from train_ato.profile.planner.train_tables import SPEED_STEP, TrainTables
+
+
+@dataclass(frozen=True, slots=True)
+class SectionTables:
+    """Inputs of the passes for one section.
+
+    Attributes
+    ----------
+    limit : Array, shape (cells + 1,)
+        v²/2 of the speed limit of the whole train at every place [m²/s²].
+    line_min, line_mean, line_max : Array, shape (cells,)
+        Line force of every cell, divided by the inertia [m/s²].
+    rates : Array, shape (3, n)
+        Accelerations over the speed, see :func:`acceleration_table` [m/s²].
+    """
+
+    limit: Array
+    line_min: Array
+    line_mean: Array
+    line_max: Array
+    rates: Array
+
+
+def acceleration_table(
+    train: TrainTables, settings: PlanSettings, window: float, reserve: float, brake_reserve: float
+) -> Array:
+    """Return the rows of the passes: traction minus resistance, brake plus resistance, resistance [m/s²].
+
+    Parameters
+    ----------
+    window
+        Window of the later moving average [s].
+    reserve, brake_reserve
+        Fractions of traction and brakes reserved in addition to the margin.
+    """
+    keep = 1.0 - settings.force_margin
+    traction, brake = train.traction, train.brake
+    if window > 0:
+        up = np.minimum(settings.acceleration or np.inf, train.traction / train.inertia)
+        down = np.minimum(settings.deceleration or np.inf, (train.brake + train.resistance) / train.inertia)
+        traction = _lowered_for_averaging(traction, up * window / 2)
+        brake = _lowered_for_averaging(brake, down * window / 2)
+    return np.stack(
+        (
+            (keep * (1.0 - reserve) * traction - train.resistance) / train.inertia,
+            (keep * (1.0 - brake_reserve) * brake + train.resistance) / train.inertia,
+            train.resistance / train.inertia,
+        )
+    )
+
+
+def stall_message(train: TrainTables, grid: PlaceGrid, tables: SectionTables, cell: int, at_rest: bool) -> str:
+    """Return the message of a forward pass that ends in a cell."""
+    place = grid.places[cell + (0 if cell == 0 else 1)]
+    need = (tables.line_max[cell] + train.resistance[0] / train.inertia) * train.inertia / 1e3
+    have = (tables.rates[TRACTION, 0] * train.inertia + train.resistance[0]) / 1e3
+    problem = "cannot start" if cell == 0 and at_rest else "stalls"
+    grade = 1e3 * float(tables.line_mean[cell]) * train.inertia / (train.mass * train.gravity)
+    return (
+        f"train '{train.name}' {problem} at km {place / 1000:.3f}: grade and curves of {grade:.1f} per mille under the "
+        f"train need {need:.0f} kN, traction minus force_margin is {have:.0f} kN; reduce the mass or add traction"
+    )
+
+
+def braking_message(train: TrainTables, grid: PlaceGrid, tables: SectionTables, cell: int, top: Array) -> str:
+    """Return the message of a backward pass without a solution in a cell."""
+    bound = top[cell + 1 :] >= tables.limit[cell + 1 :] * (1 - 1e-9)
+    ahead = cell + 1 + int(np.argmax(bound)) if bound.any() else grid.cells
+    steepest = cell + int(np.argmin(tables.line_min[cell:ahead]))
+    grade = 1e3 * float(tables.line_min[steepest]) * train.inertia / (train.mass * train.gravity)
+    goal_speed, speed = (float(np.sqrt(2 * max(top[k], 0.0))) for k in (ahead, steepest + 1))
+    k = min(int(speed / SPEED_STEP), train.speed.size - 1)
+    have = (tables.rates[BRAKE, k] * train.inertia - train.resistance[k]) / 1e3
+    need = -(train.resistance[k] + float(tables.line_min[steepest]) * train.inertia) / 1e3
+    goal = f"the limit of {3.6 * goal_speed:.0f} km/h" if goal_speed > 0.1 else "the stop"
+    return (
+        f"train '{train.name}' cannot brake for {goal} at km {grid.places[ahead] / 1000:.3f}: keeping "
+        f"{3.6 * speed:.0f} km/h on {grade:.1f} per mille at km {grid.places[steepest] / 1000:.3f} needs {need:.0f} "
+        f"kN, the brake force minus force_margin is {have:.0f} kN; add brakes or reduce force_margin"
+    )
+
+
+def _lowered_for_averaging(force: Array, half_width: Array) -> Array:
+    """Return an envelope [N] lowered so that its mean over a range of speeds does not exceed the original.
+
+    A straight envelope does not change; a convex or stepped one is lowered by the amount that averaging would add.
+
+    Parameters
+    ----------
+    half_width
+        Half width of the range at every speed [m/s].
+    """
+    n = force.size
+    width_cells = np.ceil(half_width / SPEED_STEP).astype(int) + 1
+    index = np.arange(n)
+    low, high = np.maximum(index - width_cells, 0), np.minimum(index + width_cells, n - 1)
+    width_cells = np.minimum(index - low, high - index)
+    low, high = index - width_cells, index + width_cells
+    total = np.concatenate(([0.0], np.cumsum(force)))
+    excess = np.maximum((total[high + 1] - total[low]) / (high + 1 - low) - force, 0.0)
+    width = np.ceil(half_width / SPEED_STEP) * SPEED_STEP
+    return np.asarray(np.maximum(force - sliding_extreme(excess, width, SPEED_STEP * np.arange(n + 1), True), 0.0))

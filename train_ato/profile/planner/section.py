@@ -1,0 +1,287 @@
+"""Solution of one section between two stops: the fastest one within limits, forces and comfort.
+
+The passes find v²/2 over the place without a jerk limit.  A moving average over time then limits the jerk.  Window and
+reserves of the average are increased until the averaged section keeps every limit at the knots.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from train_ato.messages.types import Array
+from train_ato.profile.planner.accelerations import SectionTables, acceleration_table, braking_message, stall_message
+from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs, SectionKnots
+from train_ato.profile.planner.dynamic_programming import CoarseGrid
+from train_ato.profile.planner.line_tables import PlaceGrid
+from train_ato.profile.planner.passes import backward, durations, flatten_peaks, forward, sliding_extreme
+from train_ato.profile.planner.smoothing import largest_acceleration_change, moving_average, time_history
+from train_ato.profile.planner.train_tables import SPEED_STEP
+
+__all__ = ["PlanSection"]
+
+MAX_ROUNDS = 25
+"""Rounds of the search for window and reserves of the moving average."""
+HOLDING_BRAKE_SPEED = 0.05
+"""Speed below which the holding brake acts and the brake envelope is not checked [m/s]."""
+TOLERANCE = 1e-6
+"""Relative excess of a force or limit that counts as rounding."""
+
+
+@dataclass
+class PlanSection:
+    """A section of the front from ``begin`` to ``end``.
+
+    Attributes
+    ----------
+    begin, end : float
+        Places of the front [m].
+    begin_speed, begin_acceleration, end_speed : float
+        State at the begin [m/s, m/s²] and speed at the end [m/s].
+    ceiling : pair of arrays, optional
+        Places [m] and speeds [m/s] of an additional speed limit, for example the speed of an earlier profile.
+    accept_overspeed : bool
+        Accept a begin speed above limits and braking curves, and brake as hard as possible.
+    window : float
+        Window of the moving average [s]; 0 without a jerk limit.
+    traction_reserve, brake_reserve : float
+        Fractions of traction and brakes reserved for the averaging, in addition to the margin.
+    limit_extension : float
+        Factor on the time by which limits start earlier and end later.
+    """
+
+    inputs: SectionInputs
+    begin: float
+    end: float
+    begin_speed: float = 0.0
+    begin_acceleration: float = 0.0
+    end_speed: float = 0.0
+    ceiling: tuple[Array, Array] | None = None
+    accept_overspeed: bool = False
+    window: float = 0.0
+    traction_reserve: float = 0.0
+    brake_reserve: float = 0.0
+    limit_extension: float = 1.0
+    _tables: SectionTables | None = None
+    _tables_key: tuple[float, ...] = ()
+    _fastest_speed: tuple[Array, Array] | None = None
+    _grid: PlaceGrid | None = None
+
+    @property
+    def grid(self) -> PlaceGrid:
+        """Grid of the passes; a moving begin or end leaves half a window to the averaging."""
+        half = self.window / 2
+        first, last = self.begin, self.end
+        if self.begin_speed > 0:
+            first += self.begin_speed * half + self.lead_acceleration * self.window**2 / 12
+        if self.end_speed > 0:
+            last -= self.end_speed * half
+        if last - first < 1e-6:
+            raise ValueError(
+                f"the section from km {self.begin / 1000:.3f} to km {self.end / 1000:.3f} is too short for the limits "
+                "of acceleration and jerk; move its end on or increase the limits"
+            )
+        if self._grid is None or (self._grid.begin, self._grid.end) != (first, last):
+            self._grid = PlaceGrid(first, last)
+        return self._grid
+
+    @property
+    def lead_acceleration(self) -> float:
+        """Acceleration in the first half window [m/s²], bounded so that the speed stays positive."""
+        if self.window <= 0 or self.begin_speed <= 0:
+            return 0.0
+        return max(self.begin_acceleration, -1.8 * self.begin_speed / self.window)
+
+    def energy_profile(self, strategy: DrivingStrategy = MINIMUM_TIME) -> Array:
+        """Return v²/2 without a jerk limit at every place of the grid [m²/s²].
+
+        Raises
+        ------
+        ValueError
+            If there is no solution: place, reason; fix.
+        """
+        grid, tables, settings = self.grid, self._prepare_tables(), self.inputs.settings
+        end_energy = self.end_speed**2 / 2
+        limit = np.minimum(tables.limit, strategy.cap**2 / 2)
+        top = self._ceiling_energy(limit, strategy.coast_above**2 / 2)
+        first = (self.begin_speed + self.lead_acceleration * self.window / 2) ** 2 / 2
+        if first > top[0] * (1 + 1e-9) + 1e-9 and not self.accept_overspeed:
+            raise ValueError(
+                f"begin_speed {3.6 * self.begin_speed:.1f} km/h at km {self.begin / 1000:.3f} is too high: limits and "
+                f"braking curves ahead allow {3.6 * np.sqrt(2 * top[0]):.1f} km/h; reduce begin_speed"
+            )
+        energy, stalled = forward(
+            top, tables.rates, SPEED_STEP, tables.line_max, tables.line_mean, tables.line_min, grid.steps,
+            _or_infinite(settings.acceleration), _or_infinite(settings.deceleration), first,
+            strategy.cut_off_energy(grid.places),
+        )  # fmt: skip
+        if stalled >= 0:
+            raise ValueError(stall_message(self.inputs.train, grid, tables, stalled, bool(energy[0] <= 0)))
+        if energy[-1] > end_energy * (1 + 1e-6) + 1e-3:
+            raise ValueError(
+                f"the train cannot be brought to {3.6 * self.end_speed:.1f} km/h at km {self.end / 1000:.3f}: full "
+                f"braking from {3.6 * self.begin_speed:.1f} km/h at km {self.begin / 1000:.3f} leaves "
+                f"{3.6 * np.sqrt(2 * energy[-1]):.1f} km/h; brake earlier"
+            )
+        if self.window > 0:
+            flatten_peaks(energy, grid.places, self.window, float(settings.jerk or 0.0) * self.window)
+        return np.asarray(energy)
+
+    def _ceiling_energy(self, limit: Array, coast_above: float = np.inf) -> Array:
+        """Return the largest v²/2 that keeps every limit ahead [m²/s²]."""
+        grid, tables = self.grid, self._prepare_tables()
+        top, lost = backward(
+            limit, tables.rates, SPEED_STEP, tables.line_min, tables.line_mean, grid.steps,
+            _or_infinite(self.inputs.settings.deceleration), self.end_speed**2 / 2, coast_above,
+        )  # fmt: skip
+        if lost >= 0:
+            raise ValueError(braking_message(self.inputs.train, grid, tables, lost, top))
+        return np.asarray(top)
+
+    def coarse_grid(self) -> CoarseGrid:
+        """Return the section on the coarse grid of the dynamic programming."""
+        tables = self._prepare_tables()
+        return CoarseGrid(
+            self.grid.places,
+            self._ceiling_energy(tables.limit),
+            tables.line_mean,
+            tables.rates,
+            _or_infinite(self.inputs.settings.acceleration),
+            self.end_speed**2 / 2,
+        )
+
+    def time(self, strategy: DrivingStrategy = MINIMUM_TIME) -> float:
+        """Return the running time of the section [s]."""
+        return float(durations(self.energy_profile(strategy), self.grid.steps).sum()) + self.window
+
+    def fit_jerk_limit(self, start: float, period: float, strategy: DrivingStrategy = MINIMUM_TIME) -> None:
+        """Increase window, reserves and limit extension until the averaged section keeps every limit at the knots.
+
+        Parameters
+        ----------
+        start
+            Time of the first movement [s]; knots are at the multiples of ``period``.
+
+        Raises
+        ------
+        ValueError
+            If there is no solution.
+        """
+        jerk = self.inputs.settings.jerk
+        if jerk is None:
+            self.energy_profile(strategy)
+            return
+        if self.window <= 0:
+            self._set_first_window(jerk)
+        shortfall = 0.0
+        for _ in range(MAX_ROUNDS):
+            try:
+                history = self._over_time(self.energy_profile(strategy))
+            except ValueError:
+                if shortfall <= 0.0:
+                    raise
+                break  # the reserves leave no solution: the place in that message is not the cause
+            change = largest_acceleration_change(history, self.window)
+            if change > jerk * self.window * (1 + TOLERANCE):
+                self.window = max(self.window * 1.01, change / jerk * (1 + TOLERANCE / 2))
+                continue
+            knots = self.knots(self.times(start, period, history)[0], start, history)
+            traction, brake, overspeed = self._exceedance(knots)
+            shortfall = max(traction, brake)
+            if max(shortfall, overspeed) <= TOLERANCE:
+                return
+            if traction > TOLERANCE:
+                self.traction_reserve = min(0.9, self.traction_reserve + 1.1 * traction + 1e-4)
+            if brake > TOLERANCE:
+                self.brake_reserve = min(0.9, self.brake_reserve + 1.1 * brake + 1e-4)
+            if overspeed > TOLERANCE:
+                self.limit_extension *= 1.25
+        raise ValueError(
+            f"no solution from km {self.begin / 1000:.3f} to km {self.end / 1000:.3f} within jerk {jerk:g} m/s³ and "
+            f"the forces (short by {100 * shortfall:.1f} %); increase jerk or reduce force_margin"
+        )
+
+    def _set_first_window(self, jerk: float) -> None:
+        """Set the window from the largest acceleration without a jerk limit."""
+        energy = self.energy_profile()
+        self._fastest_speed = (self.grid.places, np.sqrt(2 * energy))
+        history = self._over_time(energy)
+        self.window = max(float(np.abs(history[4]).max()), abs(self.begin_acceleration)) / jerk
+
+    def times(self, start: float, period: float, history: Array) -> tuple[Array, float]:
+        """Return the multiples of the period within the section, and the time of its end [s]."""
+        end = start + float(history[0, -2]) + self.window
+        first, last = int(np.ceil(start / period - 1e-9)), int(np.floor(end / period + 1e-9))
+        return period * np.arange(first, last + 1, dtype=np.float64), end
+
+    def knots(self, times: Array, start: float, history: Array) -> SectionKnots:
+        """Return the section at increasing times [s]."""
+        place, speed, acceleration = moving_average(history, times - start - self.window / 2, self.window)
+        speed = np.maximum(speed, 0.0)
+        train, settings = self.inputs.train, self.inputs.settings
+        resistance = train.resistance_at(speed) + self.inputs.force.at(place)
+        if self.window <= 0:
+            keep = 1.0 - settings.force_margin
+            traction, electric, air = train.forces_at(speed)
+            most = (keep * traction - resistance) / train.inertia
+            least = (-keep * (electric + air) - resistance) / train.inertia
+            upper = np.where(acceleration > 0, np.maximum(most, 0.0), np.inf)
+            acceleration = np.clip(acceleration, np.minimum(least, 0.0), upper)
+        return SectionKnots(place, speed, acceleration, train.inertia * acceleration + resistance)
+
+    def history(self, strategy: DrivingStrategy = MINIMUM_TIME) -> Array:
+        """Return the solution without a jerk limit over time, see :func:`.smoothing.time_history`."""
+        return self._over_time(self.energy_profile(strategy))
+
+    def _over_time(self, energy: Array) -> Array:
+        places, window = self.grid.places, self.window
+        return np.asarray(time_history(energy, places, window, self.lead_acceleration, window, 10.0 + window))
+
+    def _exceedance(self, knots: SectionKnots) -> tuple[float, float, float]:
+        """Return the relative excess of traction force, brake force and speed over their limits."""
+        train, settings = self.inputs.train, self.inputs.settings
+        traction, electric, air = train.forces_at(knots.speed)
+        keep = 1.0 - settings.force_margin
+        driven = (knots.force > 1.0) & (knots.speed > 1e-6)
+        braked = (knots.force < -1.0) & (knots.speed > HOLDING_BRAKE_SPEED)
+        if self.begin_speed > 0:  # the initial acceleration cannot change at once
+            settled = knots.place > self.grid.begin + self.begin_speed * self.window
+            driven, braked = driven & settled, braked & settled
+        up = np.max((knots.force / (keep * traction + 1e-3))[driven], initial=0.0) - 1.0
+        down = np.max((-knots.force / (keep * (electric + air) + 1e-3))[braked], initial=0.0) - 1.0
+        limit = self.inputs.limits.at(knots.place, train.length)
+        over = 0.0 if self.accept_overspeed else float(np.max(knots.speed / limit, initial=0.0)) - 1.0
+        return float(up), float(down), over
+
+    def _prepare_tables(self) -> SectionTables:
+        """Return the tables for the present window, reserves and limit extension."""
+        key = (self.window, self.traction_reserve, self.brake_reserve, self.limit_extension)
+        if self._tables is not None and key == self._tables_key:
+            return self._tables
+        grid, train = self.grid, self.inputs.train
+        low, mean, high = (force / train.inertia for force in self.inputs.force.over_cells(grid))
+        rate = self._service_rate
+        if self.window > 0 and self._fastest_speed is not None:
+            speed = np.interp(grid.places, *self._fastest_speed)
+            width = np.maximum(speed[1:], speed[:-1]) * self.window / 2 + rate * self.window**2 / 8
+            low = sliding_extreme(low, width, grid.places, False)
+            high = sliding_extreme(high, width, grid.places, True)
+        extension = self.limit_extension * self.window / 2
+        limit = self.inputs.limits.over_grid(grid, train.length, extension, rate) ** 2 / 2
+        if self.ceiling is not None:
+            limit = np.minimum(limit, np.interp(grid.places, self.ceiling[0], self.ceiling[1] ** 2 / 2))
+        reserves = (self.traction_reserve, self.brake_reserve)
+        rates = acceleration_table(train, self.inputs.settings, self.window, *reserves)
+        self._tables, self._tables_key = SectionTables(limit, low, mean, high, rates), key
+        return self._tables
+
+    @property
+    def _service_rate(self) -> float:
+        """Largest service acceleration or deceleration, at most 2 m/s²."""
+        settings = self.inputs.settings
+        return max(min(settings.acceleration or 2.0, 2.0), min(settings.deceleration or 2.0, 2.0))
+
+
+def _or_infinite(limit: float | None) -> float:
+    return np.inf if limit is None else limit

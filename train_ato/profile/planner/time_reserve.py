@@ -1,0 +1,150 @@
+"""Distribution of the time reserve of a timetable: less traction work by coasting and a lower cruise.
+
+Traction is used below the switching curve of :mod:`train_ato.profile.planner.dynamic_programming`.  One price of time
+gives the curves of all sections; a lower price uses more of the reserve.  The curve is computed on a coarse grid
+without a jerk limit.  The classical rule is therefore evaluated too: traction ends at one speed V, and coasting changes
+to braking at U = psi(V)/phi'(V) with phi = v r(v), psi = v² r'(v), r the running resistance (Howlett and Pudney,
+"Energy-Efficient Train Control", 1995), with less coasting, or as a reduced cruise alone.  The strategies with the
+least traction work are used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy
+from train_ato.profile.planner.dynamic_programming import switching_curve
+from train_ato.profile.planner.section import PlanSection
+from train_ato.profile.planner.train_tables import SPEED_STEP
+
+COASTING_FACTORS = (0.0, 1.0)
+"""Factors on the speed range of coasting below V that are evaluated; 0 is a reduced cruise alone."""
+TIME_TOLERANCE = 0.02
+"""Permitted deviation from a timetable [s]."""
+PRICE_TOLERANCE = 0.002
+"""Relative accuracy of the search for the price of time; the speeds of its curve are scaled for the rest."""
+PRICE_RANGE = (1e-5, 1e4)
+"""Search range of the price of time [W/kg]."""
+SCALE_RANGE = (0.5, 2.0)
+"""Search range of the scale on the speeds of a switching curve."""
+MAX_ITERATIONS = 60
+MIN_CRUISE = 0.5
+"""Lower bound of the cruise speed [m/s]."""
+MAX_UNUSED_TIME = 1.0
+"""Time reserve that may remain unused if no strategy uses all of it [s]."""
+
+Strategies = list[DrivingStrategy]
+
+
+def spread_time_reserve(sections: list[PlanSection], time: float) -> Strategies:
+    """Return the strategies of all sections for a total running time [s] with the least traction work.
+
+    If the minimum time is not shorter, the strategies of the minimum time are returned.
+
+    Raises
+    ------
+    ValueError
+        If the time needs a speed below the minimum cruise speed.
+    """
+    if time <= sum(section.time() for section in sections) + TIME_TOLERANCE:
+        return [MINIMUM_TIME] * len(sections)
+    candidates = [_by_cruise_speed(sections, time, factor) for factor in COASTING_FACTORS]
+    candidates += [_by_price_of_time(sections, time), _with_cap(sections, time, [MINIMUM_TIME] * len(sections))]
+    if all(time - _running_time(sections, strategies) > MAX_UNUSED_TIME for strategies in candidates):
+        raise ValueError(
+            f"timetable too slack: {time:.1f} s of running needs less than {3.6 * MIN_CRUISE:.1f} km/h; reduce the "
+            "time or increase a dwell time"
+        )
+    return min(candidates, key=lambda strategies: sum(map(traction_work, sections, strategies)))
+
+
+def _by_price_of_time(sections: list[PlanSection], time: float) -> Strategies:
+    """Return the switching curves of the price of time that gives the running time [s]."""
+    grids = [section.coarse_grid() for section in sections]
+
+    def strategies(price: float) -> Strategies:
+        return [DrivingStrategy(curve=switching_curve(grid, price, SPEED_STEP)) for grid in grids]
+
+    low, high = PRICE_RANGE
+    best = strategies(high)
+    for _ in range(MAX_ITERATIONS):
+        price = float(np.sqrt(low * high))
+        driven = strategies(price)
+        needed = _running_time(sections, driven)
+        if needed <= time:
+            high, best = price, driven
+        else:
+            low = price
+        if abs(needed - time) < PRICE_TOLERANCE * time or high / low < 1.0001:
+            best = driven
+            break
+    scaled = _bisect(sections, time, lambda scale: [replace(strategy, scale=scale) for strategy in best], *SCALE_RANGE)
+    return _with_cap(sections, time, [replace(strategy, scale=scaled) for strategy in best])
+
+
+def _by_cruise_speed(sections: list[PlanSection], time: float, factor: float) -> Strategies:
+    """Return the cruise strategy of a coasting factor for the running time [s]; a speed cap uses the remainder."""
+    train = sections[0].inputs.train
+
+    def strategies(speed: float) -> Strategies:
+        return [_cruise_strategy(sections, speed, factor)] * len(sections)
+
+    cruise = _bisect(sections, time, strategies, MIN_CRUISE, 4 * train.speed_max)
+    return _with_cap(sections, time, strategies(cruise))
+
+
+def _with_cap(sections: list[PlanSection], time: float, strategies: Strategies) -> Strategies:
+    """Return the strategies with a speed cap that uses the remaining time reserve."""
+    if time - _running_time(sections, strategies) < TIME_TOLERANCE:
+        return strategies
+    train = sections[0].inputs.train
+
+    def capped(speed: float) -> Strategies:
+        return [replace(strategy, cap=speed) for strategy in strategies]
+
+    return capped(_bisect(sections, time, capped, MIN_CRUISE, train.speed_max))
+
+
+def _bisect(
+    sections: list[PlanSection], time: float, strategies: Callable[[float], Strategies], slow: float, fast: float
+) -> float:
+    """Return the smallest value between ``slow`` and ``fast`` that keeps the time; ``fast`` must keep it."""
+    for _ in range(MAX_ITERATIONS):
+        middle = float(np.sqrt(fast * slow))
+        needed = _running_time(sections, strategies(middle))
+        fast, slow = (middle, slow) if needed <= time else (fast, middle)
+        if 0 <= time - needed < TIME_TOLERANCE or fast - slow < 1e-9:
+            break
+    return fast
+
+
+def _cruise_strategy(sections: list[PlanSection], cruise: float, factor: float) -> DrivingStrategy:
+    """Return the strategy with a cruise speed V [m/s]."""
+    train = sections[0].inputs.train
+    c0, c1, c2 = train.resistance_at(np.array([0.0, 1.0, 2.0])) @ np.array([[1, -1.5, 0.5], [0, 2, -1], [0, -0.5, 0.5]])
+    slope, product = c1 + 2 * c2 * cruise, c0 + 2 * c1 * cruise + 3 * c2 * cruise**2
+    into_braking = cruise**2 * slope / product if product > 0 else cruise
+    coast = np.inf if factor == 0 else max(cruise - factor * (cruise - into_braking), 0.5)
+    return DrivingStrategy(cruise, coast)
+
+
+def _running_time(sections: list[PlanSection], strategies: Strategies) -> float:
+    """Return the running time of all sections [s]; infinite if a section has no solution."""
+    try:
+        return sum(section.time(strategy) for section, strategy in zip(sections, strategies, strict=True))
+    except ValueError:
+        return np.inf
+
+
+def traction_work(section: PlanSection, strategy: DrivingStrategy) -> float:
+    """Return the traction work of a section without a jerk limit [J]."""
+    energy, train = section.energy_profile(strategy), section.inputs.train
+    steps = section.grid.steps
+    speed = np.sqrt(energy[:-1] + energy[1:])
+    resistance = np.interp(speed, SPEED_STEP * np.arange(train.speed.size), train.resistance)
+    _, mean, _ = section.inputs.force.over_cells(section.grid)
+    force = np.diff(energy) / steps * train.inertia + resistance + mean
+    return float(np.maximum(force, 0.0) @ steps)

@@ -1,1 +1,0 @@
-"""Readers of other tools' files: trains and lines from open libraries."""

@@ -1,1 +1,0 @@
-"""Publishing a recorded run again: any part of it, at any pace, under orders."""

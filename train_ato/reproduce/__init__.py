@@ -1,1 +1,0 @@
-"""The claims of the five papers beside what is measured here."""

@@ -1,0 +1,1 @@
+"""Node graph of a run: its environment, and its execution in one process or in several."""

@@ -1,0 +1,235 @@
+"""Run with one process per node: five standalone nodes, as started by ``ros2 run``, with one process that ends them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+from train_ato.interrupt import Interrupt, interruptible
+from train_ato.log.bag_layout import LOG, PARTIAL
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.topics import Role
+from train_ato.ros.graph import shared_memory
+from train_ato.ros.graph.environment import variables
+from train_ato.ros.graph.graph_result import GraphOptions, GraphResult, Report
+
+ROLES = (Role.RECORDER, Role.CONTROLLER, Role.OBSERVER, Role.PROFILE, Role.PLANT)
+"""Start order of the processes."""
+_STARTING_S = 180.0
+"""Maximum wall time from the start of the processes to the first tick [s]."""
+_LEAVING_S = 5.0
+"""Wall time for a node to end after a failure of the run [s]."""
+_CLOSING_S = 30.0
+"""Wall time for a node to end after the plant, and for the recorder to close the log [s]."""
+_TURN_S = 0.1
+_PACKAGE_ROOT = str(Path(__file__).resolve().parents[3])
+
+
+def run_processes(
+    setup: RunSetup, folder: Path, domain: int, options: GraphOptions, report: Report | None = None
+) -> GraphResult:
+    """Run one process per node to the end of a scenario, recorded into ``folder``.
+
+    The nodes read the resolved scenario in that folder. All processes and their shared memory are removed at the end.
+
+    Returns
+    -------
+    GraphResult
+        Its ``failure`` names the failed node; the log is closed unless the recorder was killed.
+
+    Raises
+    ------
+    ValueError
+        If the log cannot be created.
+    """
+    for taken in (LOG, PARTIAL):
+        if (folder / taken).exists():
+            raise ValueError(f"{folder / taken}: exists already; name another output folder")
+    scenario = folder / "scenario.yaml"
+    scenario.write_text(setup.resolved_yaml(), encoding="utf-8")
+    (folder / "log").mkdir(exist_ok=True)
+    with interruptible() as interrupt:
+        nodes: dict[Role, NodeProcess] = {}
+        try:
+            for role in ROLES:
+                nodes[role] = NodeProcess(role, _arguments(role, scenario, folder, options), domain, folder / "log")
+            end = GraphResult(failure=_supervise(nodes, interrupt, report))
+        finally:
+            _end_all(nodes, failed=True)
+            shared_memory.clean()
+    _collect(nodes, end)
+    end.interrupted = interrupt.asked
+    return end
+
+
+class NodeProcess:
+    """Process of a standalone node, and the thread that reads its report.
+
+    Parameters
+    ----------
+    role
+        Node in the process.
+    arguments
+        Options of the node.
+    domain
+        ROS domain.
+    log_folder
+        Folder of its standard error.
+
+    Attributes
+    ----------
+    counts : dict
+        Integers that the node has printed, by name.
+    """
+
+    def __init__(self, role: Role, arguments: list[str], domain: int, log_folder: Path) -> None:
+        self.role = role
+        self.counts: dict[str, list[int]] = {}
+        self._errors = log_folder / f"{role.value}.stderr.txt"
+        environment = {**os.environ, **variables(domain, log_folder)}
+        paths = [_PACKAGE_ROOT, *filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))]
+        environment["PYTHONPATH"] = os.pathsep.join(paths)
+        command = [sys.executable, "-m", "train_ato.ros.standalone", role.value, *arguments, "--attached"]
+        with self._errors.open("wb") as errors:
+            # a separate session, so that Ctrl-C of the terminal reaches only this process
+            self.process = subprocess.Popen(
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                env=environment,
+                start_new_session=True,
+                text=True,
+            )
+        self._reader = threading.Thread(target=self._read, name=f"report of {role.value}", daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            name, _, values = line.rpartition(":")
+            with contextlib.suppress(ValueError):  # a print of a law or a library
+                self.counts[name] = [int(value) for value in values.split()]
+
+    @property
+    def tick(self) -> int:
+        """Number of complete ticks of the plant."""
+        return self.counts.get("tick", [0])[0]
+
+    @property
+    def last_error(self) -> str:
+        """Last line of standard error, the failure if there is one, without the name of the node before it."""
+        lines = [line.strip() for line in self._errors.read_text(errors="replace").splitlines() if line.strip()]
+        named = [line for line in lines if line.startswith("node ")]
+        return (named or lines or [""])[-1].removeprefix(f"{self.role.value}: ")
+
+    @property
+    def failure(self) -> str | None:
+        """Failure of the node with its reason; None while it runs and after a regular end."""
+        status = self.process.poll()
+        if not status:
+            return None
+        if status < 0:
+            return f"node {self.role.value} failed: its process was ended by {signal.Signals(-status).name}"
+        text = self.last_error
+        if text.startswith("node "):
+            return text
+        return f"node {self.role.value} failed: {text or f'its process ended with status {status}'}"
+
+    def release(self) -> None:
+        """Close the standard input of the node; the node then ends the run."""
+        assert self.process.stdin is not None
+        with contextlib.suppress(OSError):
+            self.process.stdin.close()
+
+    def end(self, patience: float) -> None:
+        """Wait for the end of the process; after ``patience`` [s] end it by SIGKILL."""
+        try:
+            self.process.wait(timeout=patience)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self._reader.join(timeout=_LEAVING_S)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+def _arguments(role: Role, scenario: Path, folder: Path, options: GraphOptions) -> list[str]:
+    """Return the options of a node."""
+    arguments = ["--scenario", str(scenario.resolve())]
+    if role is Role.RECORDER:
+        arguments += ["--out", str(folder.resolve()), "--compression", options.compression]
+    if role is Role.PLANT:
+        arguments += ["--recorded", "--timeout", repr(options.patience), "--pace", repr(options.pace)]
+        if options.realtime is not None:
+            arguments += ["--realtime", repr(options.realtime)]
+    return arguments
+
+
+def _supervise(nodes: dict[Role, NodeProcess], interrupt: Interrupt, report: Report | None) -> str | None:
+    """Wait until all nodes have ended after the plant; return the first failure."""
+    plant = nodes[Role.PLANT]
+    last = time.monotonic() + _STARTING_S
+    stopped = False
+    while plant.process.poll() is None:
+        time.sleep(_TURN_S)
+        if failure := _failure(nodes):
+            return failure
+        if interrupt.asked and not stopped:
+            stopped = True
+            plant.process.send_signal(signal.SIGINT)
+            last = time.monotonic() + _CLOSING_S
+        if plant.counts:
+            if report is not None:
+                report(plant.tick)
+            if not stopped:
+                last = time.monotonic() + _STARTING_S
+        elif time.monotonic() > last:
+            return f"node plant failed: no first tick within {_STARTING_S:g} s: {plant.last_error or 'no reason given'}"
+        if stopped and time.monotonic() > last:
+            return f"node plant failed: it did not end within {_CLOSING_S:g} s"
+    _end_all(nodes, failed=bool(failure := _failure(nodes)))
+    return failure or _failure(nodes)
+
+
+def _failure(nodes: dict[Role, NodeProcess]) -> str | None:
+    """Return the failure of a node, that of the plant last: it may follow from another one."""
+    return next(filter(None, (nodes[role].failure for role in ROLES)), None)
+
+
+def _end_all(nodes: dict[Role, NodeProcess], failed: bool) -> None:
+    """End every process; after a failure, nodes other than the recorder get little time."""
+    if failed:
+        for node in nodes.values():
+            node.release()
+    for role in reversed(ROLES):
+        if role in nodes:
+            if role is Role.RECORDER:
+                nodes[role].release()  # every message has been delivered; other programs may publish /diagnostics on
+            nodes[role].end(_LEAVING_S if failed and role is not Role.RECORDER else _CLOSING_S)
+            nodes[role].release()
+
+
+def _collect(nodes: dict[Role, NodeProcess], end: GraphResult) -> None:
+    """Read the reports of the nodes; fewer messages recorded than published are a failure."""
+    for role, node in nodes.items():
+        for name, values in node.counts.items():
+            kind, _, topic = name.partition(" ")
+            if kind == "published":
+                end.published[topic] = end.published.get(topic, 0) + values[0]
+        if any(node.counts.get("ignored", ())):
+            end.ignored[role.value] = node.counts["ignored"][0]
+    end.ticks = nodes[Role.PLANT].tick
+    end.wall_s = nodes[Role.PLANT].counts.get("wall_ns", [0])[0] * 1e-9
+    end.step_ns = nodes[Role.CONTROLLER].counts.get("step_ns", [])
+    recorded = nodes[Role.RECORDER].counts
+    for topic, count in end.published.items():
+        found = recorded.get(f"recorded {topic}", [count])[0]
+        if end.failure is None and found < count:
+            end.failure = f"node recorder failed: {topic}: {found} of {count} messages are recorded"

@@ -1,0 +1,119 @@
+"""Result of a run of the graph, read from its log, with or without a runner."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from train_ato.log.bag_layout import LOG
+from train_ato.log.reading import iter_raw
+from train_ato.log.recorded import read_recording
+from train_ato.log.run_folder import RunFolder
+from train_ato.loop.recording import DIAGNOSTICS, FIELDS, LIMITS, PROFILE, Recording
+from train_ato.loop.recording_builder import RecordingBuilder
+from train_ato.loop.result import RunResult
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.step_times import StepTimes
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import BY_NAME
+from train_ato.ros.graph.graph_result import GraphResult
+from train_ato.scenario.changes import RunChanges
+
+
+def recorded_result(setup: RunSetup, folder: Path, end: GraphResult) -> RunResult:
+    """Return the result of a run from the log in ``folder``.
+
+    An unreadable record fails the run; the metrics then use the records before it.
+    """
+    recording, failure = Recording(), None
+    if (folder / LOG).is_file():
+        try:
+            recording = read_recording(folder, setup)
+            _check(recording)
+        except ValueError:
+            recording, failure = _readable_part(setup, folder)
+    return RunResult.of(
+        setup,
+        recording,
+        end.wall_s,
+        end.ticks,
+        StepTimes(end.step_ns),
+        end.interrupted,
+        end.failure or failure,
+        end.published,
+    )
+
+
+def _check(recording: Recording) -> None:
+    """Check the values that the codec checks in single messages.
+
+    Raises
+    ------
+    ValueError
+        For a value that is not finite, or changes that this version cannot read.
+    """
+    RunChanges.of(recording.reports)
+    for topic, samples in recording.topics.items():
+        if BY_NAME[topic].finite and not all(np.isfinite(values).all() for values in samples.values.values()):
+            raise ValueError(f"{topic}: a value is not finite")
+
+
+def _readable_part(setup: RunSetup, folder: Path) -> tuple[Recording, str | None]:
+    """Return the recording up to the first unreadable record, and the failure that names this record."""
+    decode = Wire(setup.layout).decode
+    builder = RecordingBuilder(setup)
+    failure = None
+    where = str(folder / LOG)
+    try:
+        for topic, stamp, data in iter_raw(folder, (*FIELDS, DIAGNOSTICS, PROFILE, LIMITS)):
+            where = f"{folder / LOG}: {topic} for {stamp * 1e-9:.3f} s"
+            message = decode(topic, data)
+            if topic == DIAGNOSTICS:
+                RunChanges.of((message,))
+            builder.add(topic, message)
+    except Exception as error:  # decoders of foreign bytes raise various exceptions
+        failure = f"node recorder failed: {where}: {' '.join(str(error).split())}"
+    return builder.finish(), failure
+
+
+def complete_folder(
+    setup: RunSetup, folder: Path, counts: dict[str, int], wall_s: float, failure: str | None = None
+) -> RunResult | None:
+    """Write resolved scenario and summary of a run without a runner beside its log.
+
+    A log that does not begin at the start of the run gets no summary: its metrics would be wrong.
+
+    Parameters
+    ----------
+    counts
+        Messages recorded of every topic.
+    wall_s
+        Wall time of the recording [s].
+    failure
+        Failure of the recorder, or None.
+
+    Returns
+    -------
+    RunResult or None
+        Result of the run; None if the log does not begin at its start.
+    """
+    home = RunFolder(folder)
+    home.begin(setup)
+    first = next((stamp for topic, stamp, _ in iter_raw(folder, ("train/measurement",))), None)
+    if first != 0:
+        when = "no step" if first is None else f"nothing before {first * 1e-9:.1f} s"
+        sys.stderr.write(f"recorder: {folder}: {when} is recorded, so there is no summary; start the plant last\n")
+        return None
+    ticks = counts["ato/command"]
+    end = GraphResult(
+        wall_s=wall_s,
+        ticks=ticks,
+        published=counts,
+        interrupted=ticks < setup.ticks,
+        failure=failure,
+    )
+    result = recorded_result(setup, folder, end)
+    home.finish(setup, result)
+    return result

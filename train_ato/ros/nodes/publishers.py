@@ -1,0 +1,137 @@
+"""Check that a topic has one publisher: identified at discovery, monitored during the run.
+
+In rclpy 7.1 a message has no identifier of its publisher, so messages of two publishers are indistinguishable and a
+second publisher fails the run.  The middleware reports every new publisher, at no cost per message; the recorder
+checks also that the sequence numbers of the messages are consecutive.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from rclpy.node import Node
+
+from train_ato.messages.topics import Topic
+
+_NAMING_S = 0.3
+"""Maximum wall time until the name of a new node arrives, after its endpoints [s]."""
+_UNKNOWN = "_NODE_NAME_UNKNOWN_"
+
+
+class OnePublisher:
+    """Monitor of the publisher of a topic that only one node of the graph sends.
+
+    Attributes
+    ----------
+    begun : bool
+        True after the first message; after it a second publisher is an error.
+    """
+
+    def __init__(self, node: Node, topic: Topic) -> None:
+        self.begun = False
+        self._node = node
+        self._topic = topic
+        self._role = topic.publishers[0].value
+        self._subscription: Any = None
+        self._pinned: tuple[int, ...] | None = None
+        self._matches = 1
+        self._lost = False
+        self._number = 0
+
+    def attach(self, subscription: Any) -> None:
+        """Set the subscription of the topic."""
+        self._subscription = subscription
+
+    def pin(self) -> None:
+        """Store the identifier of the publisher if there is exactly one."""
+        found = self._publishers()
+        if len(found) == 1:
+            self._pinned = tuple(found[0].endpoint_gid)
+
+    def begin(self) -> None:
+        """Store the publisher of the first message as that of the run.
+
+        Raises
+        ------
+        ValueError
+            If there are several, or another one than at discovery.
+        """
+        self.begun = True
+        met = self._pinned
+        self.pin()
+        if self._subscription.get_publisher_count() > 1 or (met is not None and self._pinned != met):
+            raise self._refusal()
+
+    def changed(self, event: Any) -> None:
+        """Handle the event of a new or lost publisher.
+
+        Raises
+        ------
+        ValueError
+            If a second publisher appears after the first message.  The return of a lost one is no error.
+        """
+        came = event.total_count > self._matches
+        self._matches = max(self._matches, event.total_count)
+        if self.begun and came:
+            back = self._lost and event.current_count == 1 and self._pinned in self._gids()
+            if not back:
+                raise self._refusal()
+        self._lost = event.current_count == 0
+
+    def take(self, number: int) -> None:
+        """Check the sequence number of a message against the one before.
+
+        Raises
+        ------
+        ValueError
+            If the numbers are not consecutive: messages were lost, or there is a second publisher.
+        """
+        if self.begun and number == self._number + 1:
+            self._number = number
+            return
+        if self.begun:
+            if self._subscription.get_publisher_count() > 1:
+                raise self._refusal()
+            raise ValueError(
+                f"{self._topic.name}: message {number} came after message {self._number}; "
+                f"messages were lost, or a second publisher has sent one and left"
+            )
+        self.begin()
+        self._number = number
+
+    def second(self) -> str:
+        """Return the request to stop a second publisher as text, "" without one."""
+        if self._subscription.get_publisher_count() <= 1:
+            return ""
+        return f"the end of {self._others()}, a second publisher of {self._topic.name}"
+
+    def check(self) -> None:
+        """Raise ValueError if there is a second publisher after the first message."""
+        if self.begun and self._subscription.get_publisher_count() > 1:
+            raise self._refusal()
+
+    def _publishers(self) -> list[Any]:
+        found = self._node.get_publishers_info_by_topic(self._subscription.topic_name)
+        return [info for info in found if info.topic_type == self._topic.type]
+
+    def _gids(self) -> list[tuple[int, ...]]:
+        return [tuple(info.endpoint_gid) for info in self._publishers()]
+
+    def _refusal(self) -> ValueError:
+        return ValueError(f"{self._topic.name} has more than one publisher: {self._others()} too; end it")
+
+    def _others(self) -> str:
+        """Return the names of the other nodes that publish the topic, as text."""
+        last = time.monotonic() + _NAMING_S
+        names = self._names()
+        while (len(names) < 2 or _UNKNOWN in names) and time.monotonic() < last:
+            time.sleep(0.01)
+            names = self._names()
+        others = [name for name in names if name != self._role]
+        if others:
+            return " and ".join(f"node {name}" for name in others)
+        return f"a second node {self._role}" if len(names) > 1 else "a node that has left"
+
+    def _names(self) -> list[str]:
+        return sorted(info.node_name for info in self._publishers())

@@ -1,0 +1,116 @@
+"""Node ``recorder``: writes the received bytes of every topic of the table to the log.
+
+Its queues hold 1000 messages and are polled a few times a second, at a third of the cost of callbacks.
+``recorder/progress`` limits the lead of the plant, so that no queue overflows and no message is lost at any speed; the
+counts are compared at the end.  All programs of a domain publish ``/diagnostics``; only messages of the graph's nodes
+are written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from operator import itemgetter
+
+from train_ato.log.run_log import RunLog
+from train_ato.messages.codec.codec import stamp_of
+from train_ato.messages.codec.variable import of_a_node
+from train_ato.messages.topics import EPOCH_NS, tick_topics, topics_of
+from train_ato.messages.types import Tick
+from train_ato.ros.nodes.endpoints import NodeEndpoints
+
+ACKNOWLEDGE_EVERY = 100
+"""Ticks between two messages on ``recorder/progress``."""
+
+
+class RecorderNode:
+    """ROS node with raw subscriptions to all recorded topics, and one log.
+
+    Attributes
+    ----------
+    closed : bool
+        True after the log is closed.
+    """
+
+    def __init__(self, log: RunLog, endpoints: NodeEndpoints) -> None:
+        self.log = log
+        self.endpoints = endpoints
+        self.closed = False
+        self._next = ACKNOWLEDGE_EVERY
+        self._ticking = tick_topics(endpoints.wire.layout)
+        self._last: dict[str, int] = {}
+        names = [topic.name for topic in topics_of(endpoints.wire.layout) if topic.recorded]
+        self._takers = [(name, log.numbers[name], *endpoints.taker(name)) for name in names]
+
+    def poll(self) -> int:
+        """Write the messages in the queues in the order of receipt; return their number.
+
+        Raises
+        ------
+        ValueError
+            If a message cannot be recorded or has a second publisher; the messages before it are recorded.
+        OSError
+            If the disk is full or gone.
+        """
+        waiting: list[tuple[int, int, int, bytes]] = []
+        wrong: ValueError | None = None
+        for name, number, take, source in self._takers:
+            try:
+                while (found := take()) is not None:
+                    data, information = found
+                    if source is not None:
+                        source.take(information["publication_sequence_number"])
+                    if name == "/diagnostics" and not of_a_node(data):
+                        continue
+                    self._last[name] = stamp = _stamp(name, data)
+                    waiting.append((information["received_timestamp"], number, EPOCH_NS + stamp, data))
+                if source is not None:
+                    source.check()
+            except ValueError as error:
+                wrong = wrong or error
+        waiting.sort(key=itemgetter(0))
+        self.log.extend((number, stamp, received, data) for received, number, stamp, data in waiting)
+        if wrong is not None:
+            raise wrong
+        self._acknowledge()
+        return len(waiting)
+
+    def _acknowledge(self) -> None:
+        """Publish the stamp up to which all tick topics are recorded."""
+        counts, ticking = self.log.counts, self._ticking
+        complete = min(counts[name] for name in ticking)
+        if complete >= self._next:
+            self._next = complete + ACKNOWLEDGE_EVERY
+            self.endpoints.publish("recorder/progress", Tick(min(self._last[name] for name in ticking)))
+
+    def complete(self, published: Mapping[str, int]) -> bool:
+        """Return True if the numbers of recorded and published messages are equal."""
+        counts = self.log.counts
+        return all(counts[name] >= count for name, count in published.items() if name in counts)
+
+    def close(self, published: Mapping[str, int] | None) -> None:
+        """Write the messages in the queues and close the log; compare the message counts if ``published`` is given.
+
+        Raises
+        ------
+        ValueError
+            If the numbers of published and recorded messages of a topic differ.
+        OSError
+            If the disk is full or gone.
+        """
+        self.closed = True
+        try:
+            if self.log.failure is None:
+                self.poll()
+        finally:
+            self.log.close()
+        for name, recorded in self.log.counts.items():
+            if published is not None and published.get(name, 0) != recorded:
+                raise ValueError(f"{recorded} messages of {name} are recorded, {published.get(name, 0)} were published")
+
+
+def _stamp(name: str, data: bytes) -> int:
+    """Return the stamp of a message; an error names the topic."""
+    try:
+        return stamp_of(data)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None

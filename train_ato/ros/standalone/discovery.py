@@ -1,0 +1,133 @@
+"""Discovery of nodes without a runner: the plant polls the service ``~/ready`` of the other nodes.
+
+The answers contain the fingerprint of the node's scenario; a difference from that of the plant fails the run.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from std_srvs.srv import SetBool
+
+from train_ato.messages.topics import Role
+from train_ato.ros.nodes.endpoints import NodeEndpoints
+
+REQUEST_EVERY_S = 0.3
+OTHERS = (Role.PROFILE, Role.OBSERVER, Role.CONTROLLER)
+
+
+_STAMP = "; stamp "
+"""Separator before the stamp of the last message of the node [ns], -1 before the first."""
+_SCENARIO = "; scenario "
+"""Separator before the fingerprint in an answer; the fingerprint is a JSON object with one hash per key."""
+ANSWER_S = 2.0
+"""Wall time for the answers of running nodes [s]."""
+
+
+def answer_ready(endpoints: NodeEndpoints, fingerprint: dict[str, str]) -> None:
+    """Offer the service ``~/ready``: true if all endpoints are connected, with ``data`` those of the recorder too."""
+
+    def answer(request: Any, response: Any) -> Any:
+        absent = endpoints.missing((Role.RECORDER,) if request.data else ())
+        response.success = not absent
+        text = f"waits for {absent[0]}" if absent else "all endpoints are connected"
+        response.message = f"{text}{_STAMP}{endpoints.last_stamp}{_SCENARIO}{json.dumps(fingerprint)}"
+        return response
+
+    endpoints.serve(SetBool, "~/ready", answer)
+
+
+class Discovery:
+    """Polls the other nodes for the plant until all of them are ready.
+
+    Parameters
+    ----------
+    endpoints
+        Endpoints of the plant.
+    fingerprint
+        Fingerprint of the plant's scenario.
+    recorded
+        True: require a recorder. False: include a recorder only if it starts before all others are ready.
+
+    Attributes
+    ----------
+    recorded : bool
+        True if a recorder is part of the run.
+    """
+
+    def __init__(self, endpoints: NodeEndpoints, fingerprint: dict[str, str], recorded: bool) -> None:
+        self.recorded = recorded
+        self._fingerprint = fingerprint
+        self._endpoints = endpoints
+        self._clients = {role: endpoints.node.create_client(SetBool, f"{role.value}/ready") for role in OTHERS}
+        self._asked: dict[Role, tuple[Any, float]] = {}
+        self._missing = dict.fromkeys(OTHERS, "is not there")
+
+    def complete(self) -> bool:
+        """Read the answers and repeat the requests; return True if the run can begin."""
+        if not self.recorded and self._endpoints.senders("recorder/progress"):
+            self.recorded = True
+            self._asked.clear()
+            self._missing = dict.fromkeys(OTHERS, "has not answered yet about the recorder")
+        for role in self._missing:
+            self._poll(role)
+        self._missing = {role: reason for role, reason in self._missing.items() if reason}
+        return not self._missing and not self._missing_for_plant()
+
+    def missing_peers(self) -> str:
+        """Return the first missing node or connection as text."""
+        return next((f"{role.value} {reason}" for role, reason in self._missing.items()), self._missing_for_plant())
+
+    def last_stamps(self, turn: Callable[[], None]) -> dict[Role, int]:
+        """Return the stamps of the last messages of the nodes that answer [ns]; ``turn`` runs the executor once.
+
+        A program whose answer has no stamp counts as up to date.
+        """
+        futures = {role: client.call_async(SetBool.Request()) for role, client in self._clients.items()}
+        last = time.monotonic() + ANSWER_S
+        while not all(future.done() for future in futures.values()) and time.monotonic() < last:
+            turn()
+        stamps = {}
+        for role, future in futures.items():
+            if future.done() and future.result() is not None:
+                _, separator, stamp = future.result().message.partition(_SCENARIO)[0].rpartition(_STAMP)
+                stamps[role] = int(stamp) if separator else sys.maxsize
+        return stamps
+
+    def _missing_for_plant(self) -> str:
+        absent = self._endpoints.missing((Role.RECORDER,) if self.recorded else ())
+        return f"plant waits for {absent[0]}" if absent else ""
+
+    def _compare(self, role: Role, theirs: str) -> None:
+        """Fail the run if the scenario of a node differs; a program without a fingerprint is not checked."""
+        try:
+            found = json.loads(theirs) if theirs else self._fingerprint
+        except ValueError:
+            found = None
+        if found == self._fingerprint:
+            return
+        known = found if isinstance(found, dict) else {}
+        keys = [key for key in {**self._fingerprint, **known} if self._fingerprint.get(key) != known.get(key)]
+        self._endpoints.watch.fail(
+            role.value,
+            f"it was started with another scenario than the plant: {', '.join(keys)} differ; "
+            "give every node the same --scenario and --set",
+        )
+
+    def _poll(self, role: Role) -> None:
+        """Read the answer of a node; send a request if none is open."""
+        future, since = self._asked.get(role, (None, 0.0))
+        if future is not None and future.done():
+            del self._asked[role]
+            if future.result() is not None:
+                text, _, theirs = future.result().message.partition(_SCENARIO)
+                self._missing[role] = "" if future.result().success else text.partition(_STAMP)[0]
+                self._compare(role, theirs)
+        elif self._clients[role].service_is_ready() and time.monotonic() - since > REQUEST_EVERY_S:
+            # A server that has not discovered the client yet loses its answer, so requests are repeated.
+            request = SetBool.Request(data=self.recorded)
+            self._asked[role] = (self._clients[role].call_async(request), time.monotonic())

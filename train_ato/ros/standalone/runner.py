@@ -1,0 +1,193 @@
+"""Run of a standalone node: started by hand, by a launch file, or by ``train-ato run --processes``.
+
+The other nodes end after the plant; the recorder ends after the last publisher.
+"""
+
+from __future__ import annotations
+
+import gc
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from train_ato.messages.topics import BY_NAME, Role
+from train_ato.ros.graph.environment import opened_by
+from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
+from train_ato.ros.nodes.endpoints import NodeEndpoints
+from train_ato.ros.nodes.plant import silent_node
+from train_ato.ros.standalone.discovery import OTHERS, Discovery, answer_ready
+
+TURN_S = 0.1
+RECORD_S = 0.02
+"""Period of polling the recorder's queues [s]; at 10 000 ticks a second they fill by 200 of 1000 messages."""
+REPORT_EVERY_S = 3.0
+"""Wall time between two reports of missing nodes [s]."""
+
+
+class StandaloneRunner:
+    """Runs the executor of one node until the end of the run or Ctrl-C.
+
+    Parameters
+    ----------
+    role, node, endpoints, executor
+        The node.
+    stopped
+        Set by Ctrl-C, SIGTERM, or the end of an attached process.
+    fingerprint
+        Fingerprint of the node's scenario.
+    recorded
+        For the plant: do not begin without a recorder.
+    attached
+        Print the progress, at the end the counts, for the process that started this one.
+
+    Attributes
+    ----------
+    first_heard, last_heard : float
+        Monotonic wall time of the recorder's first and last message [s].
+    """
+
+    def __init__(
+        self,
+        role: Role,
+        node: Any,
+        endpoints: NodeEndpoints,
+        executor: Any,
+        stopped: threading.Event,
+        fingerprint: dict[str, str],
+        recorded: bool = False,
+        attached: bool = False,
+    ) -> None:
+        self.role = role
+        self.node = node
+        self.endpoints = endpoints
+        self._executor = executor
+        self._stopped = stopped
+        self._attached = attached
+        self._met = False
+        self.first_heard = self.last_heard = 0.0
+        self._discovery = Discovery(endpoints, fingerprint, recorded) if role is Role.PLANT else None
+        if role not in (Role.PLANT, Role.RECORDER):
+            answer_ready(endpoints, fingerprint)
+
+    def run(self) -> int:
+        """Run the node; return the exit status."""
+        gc.collect()
+        gc.freeze()
+        {Role.PLANT: self._drive, Role.RECORDER: self._record}.get(self.role, self._follow)()
+        self.endpoints.deliver(STOPPING_S)
+        ignored = getattr(self.node, "ignored", 0)
+        if self._attached:
+            self._print_counts(ignored)
+        elif ignored:
+            sys.stderr.write(f"{self.role.value}: {ignored} {IGNORED}\n")
+        if self.endpoints.watch.failure is not None:
+            sys.stderr.write(f"{self.endpoints.watch.failure}\n")
+            return 1
+        return 0
+
+    def _print(self, name: str, *values: int) -> None:
+        if self._attached:
+            with suppress(OSError):  # the other process has ended
+                sys.stdout.write(f"{name}:{' '.join(str(value) for value in values)}\n")
+                sys.stdout.flush()
+
+    def _print_counts(self, ignored: int) -> None:
+        """Print the numbers of messages and the wall times of the controller's steps."""
+        for topic, count in self.endpoints.published.items():
+            self._print(f"published {topic}", count)
+        if self.role is Role.RECORDER:
+            for topic, count in self.node.log.counts.items():
+                self._print(f"recorded {topic}", count)
+        if self.role is Role.CONTROLLER:
+            self._print("step_ns", *self.node.stage.step_times.nanoseconds)
+        self._print("ignored", ignored)
+
+    @property
+    def _ends(self) -> bool:
+        return self._stopped.is_set() or self.endpoints.watch.failure is not None
+
+    def _follow(self) -> None:
+        """Answer measurements until the plant ends."""
+        if self.role is Role.PROFILE:
+            self.endpoints.guard(self.node.begin)
+        while not self._ends and not self._left("train/measurement"):
+            self._executor.spin_once(timeout_sec=TURN_S)
+
+    def _record(self) -> None:
+        """Record until the last publisher ends, and close the log; other programs may publish /diagnostics."""
+        topics = [name for name in self.endpoints.subscribed if len(BY_NAME[name].publishers) == 1]
+        while not self._ends and not self._left(*topics):
+            self.endpoints.guard(self._poll)
+            time.sleep(RECORD_S)
+        self.endpoints.guard(lambda: self.node.close(None))
+
+    def _poll(self) -> None:
+        if self.node.poll():
+            self.last_heard = time.monotonic()
+            self.first_heard = self.first_heard or self.last_heard
+
+    def _left(self, *topics: str) -> bool:
+        """Return True if the topics had publishers and have none any more."""
+        senders = sum(self.endpoints.senders(topic) for topic in topics)
+        self._met = self._met or senders > 0
+        return self._met and not senders
+
+    def _drive(self) -> None:
+        """Wait for the other nodes, then run until the last tick or Ctrl-C."""
+        if not self._wait_for_nodes():
+            return
+        self.node.follow_recorder()
+        begin = time.perf_counter_ns()
+        self.endpoints.guard(self.node.begin)
+        look = 0.0
+        while not self._ends and not self.node.finished:
+            self._executor.spin_once(timeout_sec=TURN_S)
+            if time.monotonic() >= look:
+                look = time.monotonic() + TURN_S
+                self._print("tick", self.node.stage.tick)
+                self._check_answers()
+        if self._stopped.is_set() and not self.node.finished:
+            self._stop()
+        self._turn_until(lambda: self.node.answered)
+        self._print("wall_ns", time.perf_counter_ns() - begin)
+        self._print("tick", self.node.stage.tick)
+
+    def _wait_for_nodes(self) -> bool:
+        """Return True when all nodes are connected, False after a stop or a failure."""
+        assert self._discovery is not None
+        next_report = time.monotonic() + REPORT_EVERY_S
+        while not self._ends:
+            if self._discovery.complete():
+                return True
+            if time.monotonic() > next_report:
+                next_report = time.monotonic() + REPORT_EVERY_S
+                hint = "" if opened_by() else "; only nodes of this machine are found (msgs_docs/nodes.md)"
+                self.endpoints.node.get_logger().info(f"not begun: {self._discovery.missing_peers()}{hint}")
+            self._executor.spin_once(timeout_sec=0.02)
+        return False
+
+    def _stop(self) -> None:
+        """End the run after the current tick, if its command arrives."""
+        self.node.request_stop()
+        self._turn_until(lambda: self.node.finished)
+
+    def _turn_until(self, done: Callable[[], bool]) -> None:
+        """Run callbacks until a condition is true, at most 10 s; return at once after a failure."""
+        last = time.monotonic() + STOPPING_S
+        while not done() and self.endpoints.watch.failure is None and time.monotonic() < last:
+            self._executor.spin_once(timeout_sec=TURN_S)
+
+    def _check_answers(self) -> None:
+        """Fail the run by the name of the silent node if an answer is overdue."""
+        if self.node.overdue:
+            assert self._discovery is not None
+            blocked, stamp = self.node.blocked, self.node.stamp
+            last = self._discovery.last_stamps(lambda: self._executor.spin_once(timeout_sec=TURN_S))
+            hanging = [role for role in OTHERS if role not in last]
+            self.endpoints.watch.fail(
+                (hanging[0] if hanging else silent_node(last, stamp, blocked)).value,
+                f"no answer to stamp {stamp * 1e-9:.3f} s within {self.node.timeout:g} s",
+            )

@@ -1,0 +1,1 @@
+"""Scenario files: models, interventions, recorded changes, shipped scenarios."""

@@ -1,0 +1,80 @@
+"""Changes of a raw scenario: overlays of variants and assignments of single keys."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import yaml
+
+from plant_sim.library import StrictLoader
+from train_ato.scenario.former_names import replace_former_keys
+
+__all__ = ["assign", "keys_of", "overlay", "put"]
+
+
+def overlay(base: dict[str, Any], change: dict[str, Any]) -> dict[str, Any]:
+    """Return a mapping with a change applied: mappings merge, ``null`` removes a key, other values replace."""
+    result = dict(base)
+    for key, value in change.items():
+        if value is None:
+            result.pop(key, None)
+        elif isinstance(value, dict) and isinstance(result.get(key), dict):
+            result[key] = overlay(result[key], value)
+        else:
+            result[key] = copy.deepcopy(value)
+    return result
+
+
+def assign(data: dict[str, Any], text: str) -> None:
+    """Apply one ``--set a.b=value`` to a raw scenario, the value written as YAML.
+
+    Raises
+    ------
+    ValueError
+        If the text is not an assignment, or a part of the key is not a mapping.
+    """
+    key, equals, value = text.partition("=")
+    if not equals or not key:
+        raise ValueError(f"--set {text}: not an assignment; write key.key=value, for example --set plant.lag=0.4")
+    try:
+        put(data, key, yaml.load(value, Loader=StrictLoader), f"--set {text}")
+    except yaml.YAMLError:
+        raise ValueError(f"--set {text}: '{value}' is not valid YAML; correct it") from None
+
+
+def put(data: dict[str, Any], key: str, value: Any, option: str) -> None:
+    """Set one key ``a.b.c`` of a raw scenario; messages begin with ``option``.
+
+    Raises
+    ------
+    ValueError
+        If a part of the key is not a mapping.
+    """
+    keys = keys_of(key)
+    change: dict[str, Any] = value
+    for part in reversed(keys):
+        change = {part: change}
+    change = replace_former_keys(change, option.partition(" ")[0])
+    target = data
+    for _ in keys[1:]:
+        part, change = next(iter(change.items()))
+        target = target.setdefault(part, {})
+        if not isinstance(target, dict):
+            raise ValueError(f"{option}: '{part}' is a value, not a block of keys; correct the key")
+    target.update(change)
+
+
+def keys_of(key: str) -> list[str]:
+    """Return the keys of ``a.b.c``; a law name ``package.module:Class`` with its dots is one key.
+
+    Examples
+    --------
+    >>> keys_of("controllers.my_package.my_law:MyLaw.gain")
+    ['controllers', 'my_package.my_law:MyLaw', 'gain']
+    """
+    block, _, rest = key.partition(".")
+    if ":" not in rest:
+        return key.split(".")
+    name, dot, parameter = rest.rpartition(".")
+    return [block, name, parameter] if dot else [block, rest]
