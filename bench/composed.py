@@ -1,17 +1,17 @@
-"""Time of one tick of the composed graph beside a bare rclpy ring, and where it goes.
+"""Time of one tick of the composed graph compared with a bare rclpy ring, and its parts.
 
     python bench/composed.py [--scenario NAME] [--ticks N] [--rounds R] [--json]
 
-The ring is what rclpy itself takes for the same exchange: five nodes in one process on the same events executor, the
-same topics with the same types and sizes, published as ordinary messages with names, empty callbacks, a recorder with
-raw subscriptions that drops what it gets.  Both are run in turn, the best round of each counts (others on the
-machine only ever add), and
+The ring measures rclpy for the same exchange: five nodes in one process on the same events executor, the same topics
+with the same types and sizes, published as ordinary messages with names, empty callbacks, a recorder with raw
+subscriptions that discards the messages.  Both run in turns and the best round of each counts, because other load on
+the machine only adds time:
 
-    ratio = (time per tick of the graph - plant's own) / time per tick of the ring,
+    ratio = (time per tick of the graph - time of the plant) / time per tick of the ring
 
-which has to stay under 1.5; the recorded run has to be 150 times as fast as the train.  Runs with clocks around the
-parts show where the time goes; their shares are laid on the unclocked time.  The exit status is 1 when a goal is
-missed widely (see goals.py).
+The goals: the ratio is below 1.5, and the recorded run is 150 times as fast as the train.  Runs with clocks around the
+parts give the share of each part in the time without clocks.  The exit status is 1 if a goal is missed widely (see
+goals.py).
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ import numpy as np
 from goals import Goal, judge
 
 from plant_sim.train import compile_kernel
-from train_ato.graph.environment import applied, claim_domain, variables
-from train_ato.run_setup import RunSetup, prepare
-from train_ato.scenario import load
-from train_ato.topics import BY_NAME, Role
-from train_ato.wire import Shape
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.messages.layout import Owner, TrainLayout
+from train_ato.messages.topics import BY_NAME, Role
+from train_ato.ros.graph.environment import applied, claim_domain, variables
+from train_ato.scenario.scenario import load_scenario
 
 MOST_RATIO = 1.5
 LEAST_FACTOR = 150.0
 TICKED: dict[Role, tuple[str, ...]] = {
-    Role.PLANT: ("/clock", "train/cars", "train/brake_pipe", "train/brake_cylinders", "train/measurement"),
+    Role.PLANT: ("/clock", "train/vehicles", "train/brake_pipe", "train/brake_shoes", "train/measurement"),
     Role.PROFILE: ("ato/reference",),
     Role.OBSERVER: ("ato/estimate",),
-    Role.CONTROLLER: ("ato/brake_pipe", "ato/command"),
+    Role.CONTROLLER: ("ato/brake_pipe_command", "ato/command"),
 }
 
 
-def messages_of(shape: Shape) -> dict[str, Any]:
+def messages_of(layout: TrainLayout) -> dict[str, Any]:
     """Return one ordinary ROS message for every topic of a tick, with the names and sizes of a run."""
     from rosgraph_msgs.msg import Clock
     from sensor_msgs.msg import FluidPressure, JointState
@@ -62,33 +62,33 @@ def messages_of(shape: Shape) -> dict[str, Any]:
     point = JointTrajectoryPoint(positions=[0.0], velocities=[0.0], accelerations=[0.0])
     return {
         "/clock": Clock(),
-        "train/cars": joints(shape.cars, *state),
-        "train/measurement": joints(shape.units + shape.couplers, *state),
+        "train/vehicles": joints(layout.names(Owner.VEHICLE), *state),
+        "train/measurement": joints(BY_NAME["train/measurement"].names(layout), *state),
         "train/brake_pipe": FluidPressure(),
-        "train/brake_cylinders": joints(shape.cars, "effort"),
+        "train/brake_shoes": joints(layout.names(Owner.VEHICLE), "effort"),
         "ato/reference": JointTrajectory(joint_names=["train"], points=[point]),
-        "ato/estimate": joints(shape.units, "effort"),
-        "ato/command": joints(shape.units, "effort"),
-        "ato/brake_pipe": FluidPressure(),
+        "ato/estimate": joints(layout.names(Owner.UNIT), "effort"),
+        "ato/command": joints(layout.names(Owner.UNIT), "effort"),
+        "ato/brake_pipe_command": FluidPressure(),
     }
 
 
-def ring(shape: Shape, domain: int, ticks: int) -> float:
+def ring(layout: TrainLayout, domain: int, ticks: int) -> float:
     """Return the time of one tick of the bare ring [s]."""
     from rclpy.node import Node
 
-    from train_ato.graph.assembly import executor_of
-    from train_ato.nodes.shell import quality_of_service
+    from train_ato.ros.graph.assembly import executor_of
+    from train_ato.ros.nodes.endpoints import quality_of_service
 
     with executor_of(domain) as (context, executor):
         nodes = {role: Node(role.value, context=context, enable_rosout=False) for role in (*TICKED, Role.RECORDER)}
-        messages = messages_of(shape)
+        messages = messages_of(layout)
         send: dict[str, Callable[[], None]] = {}
         kinds: dict[str, Any] = {}
         publishers = []
         for role, names in TICKED.items():
             for name in names:
-                if shape.has(BY_NAME[name]):
+                if BY_NAME[name].exists(layout):
                     kinds[name] = type(messages[name])
                     publisher = nodes[role].create_publisher(kinds[name], name, quality_of_service(BY_NAME[name]))
                     publishers.append(publisher)
@@ -120,7 +120,7 @@ def ring(shape: Shape, domain: int, ticks: int) -> float:
             (Role.CONTROLLER, "ato/reference", joined, False),
             (Role.CONTROLLER, "ato/estimate", joined, False),
             (Role.PLANT, "ato/command", tick, False),
-            (Role.PLANT, "ato/brake_pipe", nothing, False),
+            (Role.PLANT, "ato/brake_pipe_command", nothing, False),
             *((Role.RECORDER, name, nothing, True) for name in kinds),
         ]
         for role, name, callback, raw in callbacks:
@@ -141,8 +141,8 @@ def ring(shape: Shape, domain: int, ticks: int) -> float:
 
 def graph(setup: RunSetup, domain: int) -> float:
     """Return the time of one tick of the recorded graph in lockstep [s]."""
-    from train_ato.graph.composed import run_composed
-    from train_ato.graph.run_end import GraphOptions
+    from train_ato.ros.graph.composed import run_composed
+    from train_ato.ros.graph.graph_result import GraphOptions
 
     with tempfile.TemporaryDirectory() as folder:
         end = run_composed(setup, Path(folder), domain, GraphOptions())
@@ -152,7 +152,7 @@ def graph(setup: RunSetup, domain: int) -> float:
 
 
 class Clocks:
-    """Adds up the time spent in functions, each without the clocked ones that it calls."""
+    """Sum of the time in functions, each without the clocked functions that it calls."""
 
     def __init__(self) -> None:
         self.seconds: Counter[str] = Counter()
@@ -160,7 +160,7 @@ class Clocks:
         self._undo: list[tuple[Any, str, Any]] = []
 
     def on(self, owner: Any, name: str, part: str) -> None:
-        """Clock a method under the name of a part."""
+        """Measure the time of a method under the name of a part."""
         original = getattr(owner, name)
 
         def clocked(*arguments: Any, **named: Any) -> Any:
@@ -177,29 +177,29 @@ class Clocks:
         setattr(owner, name, clocked)
 
     def off(self) -> None:
-        """Put the methods back."""
+        """Restore the methods."""
         for owner, name, original in reversed(self._undo):
             setattr(owner, name, original)
 
 
 def parts(setup: RunSetup, domain: int) -> dict[str, float]:
-    """Return the time of one tick by part [s]; the clocks themselves cost a little."""
-    from train_ato.nodes.recorder import RecorderNode
-    from train_ato.nodes.shell import Shell
-    from train_ato.roles.controller import ControllerRole
-    from train_ato.roles.observer import ObserverRole
-    from train_ato.roles.plant import PlantRole
-    from train_ato.roles.profile import ProfileRole
-    from train_ato.wire import Wire
+    """Return the time of one tick by part [s], the clocks included."""
+    from train_ato.loop.controller import ControllerStage
+    from train_ato.loop.observer import ObserverStage
+    from train_ato.loop.plant import PlantStage
+    from train_ato.loop.profile import ProfileStage
+    from train_ato.messages.codec.codec import Wire
+    from train_ato.ros.nodes.endpoints import NodeEndpoints
+    from train_ato.ros.nodes.recorder import RecorderNode
 
     clocks = Clocks()
-    clocks.on(PlantRole, "act", "plant")
-    clocks.on(PlantRole, "observe", "plant")
-    clocks.on(ControllerRole, "step", "law")
-    clocks.on(ObserverRole, "answer", "observer")
-    clocks.on(ProfileRole, "answer", "profile")
+    clocks.on(PlantStage, "act", "plant")
+    clocks.on(PlantStage, "observe", "plant")
+    clocks.on(ControllerStage, "step", "law")
+    clocks.on(ObserverStage, "on_measurement", "observer")
+    clocks.on(ProfileStage, "on_measurement", "profile")
     clocks.on(Wire, "encode", "messages: encode")
-    clocks.on(Shell, "publish", "messages: publish")
+    clocks.on(NodeEndpoints, "publish", "messages: publish")
     clocks.on(RecorderNode, "poll", "recorder")
     try:
         whole = graph(setup, domain)
@@ -218,12 +218,12 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    scenario, _ = load(options.scenario)
+    scenario, _ = load_scenario(options.scenario)
     seconds = options.ticks * scenario.tick
-    setup = prepare(*load(options.scenario, (f"duration={seconds!r}",)))
+    setup = prepare(*load_scenario(options.scenario, (f"duration={seconds!r}",)))
     compile_kernel()
     with claim_domain() as domain, tempfile.TemporaryDirectory() as logs, applied(variables(domain, Path(logs))):
-        rounds = [(ring(setup.shape, domain, options.ticks), graph(setup, domain)) for _ in range(options.rounds)]
+        rounds = [(ring(setup.layout, domain, options.ticks), graph(setup, domain)) for _ in range(options.rounds)]
         shares = min((parts(setup, domain) for _ in range(2)), key=lambda entry: sum(entry.values()))
     bare, ours = (min(column) for column in zip(*rounds, strict=True))
     clocked = sum(shares.values())
@@ -234,7 +234,7 @@ def main() -> int:
     )
     result = {
         "scenario": options.scenario,
-        "vehicles": setup.shape.n_vehicles,
+        "vehicles": setup.layout.n_vehicles,
         "ring_ticks_per_s": 1 / bare,
         "graph_ticks_per_s": 1 / ours,
         "ring_us": bare * 1e6,
@@ -250,7 +250,7 @@ def main() -> int:
 
 
 def show(result: dict[str, Any]) -> None:
-    """Print the result for people."""
+    """Print the result as text."""
     print(f"{result['scenario']}, {result['vehicles']} vehicles, recorded, lockstep, one process")
     print(f"  bare rclpy ring  {result['ring_us']:7.1f} us a tick  {result['ring_ticks_per_s']:7.0f} ticks/s")
     print(f"  graph            {result['graph_us']:7.1f} us a tick  {result['graph_ticks_per_s']:7.0f} ticks/s")

@@ -1,12 +1,12 @@
-"""Opening an hour's run as tables, beside readers that decode message by message; writing the tables as files.
+"""Time of opening the run of an hour as tables, compared with readers of single messages, and of export to files.
 
     python bench/frames.py [RUN]
 
-Without RUN an hour of the heavy-haul train is driven first (36 000 ticks, 106 vehicles, every topic).  Each opening is
-that of a new process on one core, imports counted apart; the best of several.  The peers make message objects, no
-tables: what they take is what one pays before a table can be made.  Times are processor time of that core, which is
-what a core of one's own takes; the wall time beside them is that of this machine with whatever else runs on it.  The
-goal: under 3 s.  The exit status is 1 when it is missed widely (see goals.py).
+Without RUN an hour of the heavy-haul train is simulated first (36 000 ticks, 106 vehicles, every topic).  Each run is
+opened in a new process on one core, without the time of the imports; the best of several counts.  The other readers
+make message objects, not tables, so their time is a lower bound.  Times are processor times of that core, independent
+of other load; the wall time is given beside them.  The goal: below 3 s.  The exit status is 1 if it is missed widely
+(see goals.py).
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from goals import Goal, judge
@@ -28,13 +29,13 @@ REPEATS = 5
 SCENARIO = "daqin_heavy_haul"
 DURATION_S = 3600
 PEER_SHARE = 10
-"""The slower peer reads one message in so many ticks' time: the first part of the log, scaled."""
+"""The slower reader reads the first 1/``PEER_SHARE`` of the log; its time is scaled."""
 OPEN = """
 import json, os, sys, time
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
 begin = time.process_time()
 import pandas
-from train_ato.frames.loading import load
+from train_ato.log.tables.loading import load
 imported, clock = time.process_time(), time.perf_counter()
 frames = load(sys.argv[1])
 opened, wall = time.process_time(), time.perf_counter() - clock
@@ -47,13 +48,13 @@ print(json.dumps(result))
 
 
 def hour(folder: Path) -> Path:
-    """Drive and record an hour, in the engine."""
-    from train_ato.engine import run_engine
-    from train_ato.run_folder import RunFolder
-    from train_ato.run_setup import prepare
-    from train_ato.scenario import load
+    """Simulate and record an hour in the engine."""
+    from train_ato.log.run_folder import RunFolder
+    from train_ato.loop.engine import run_engine
+    from train_ato.loop.setup import prepare
+    from train_ato.scenario.scenario import load_scenario
 
-    setup = prepare(*load(SCENARIO, (), {"duration": DURATION_S}))
+    setup = prepare(*load_scenario(SCENARIO, (), {"duration": DURATION_S}))
     run = RunFolder.make(folder / "hour", SCENARIO)
     run.begin(setup)
     with run.sink(setup) as sink:
@@ -61,18 +62,31 @@ def hour(folder: Path) -> Path:
     return run.path
 
 
-def opened(run: Path) -> dict[str, float]:
-    """Open the run as tables in a new process."""
-    answer = subprocess.run([sys.executable, "-c", OPEN, str(run)], check=True, capture_output=True, text=True)
+def measured(script: str, *arguments: Path) -> dict[str, float]:
+    """Run a script in a new process and return its figures."""
+    command = [sys.executable, "-c", script, *map(str, arguments)]
+    answer = subprocess.run(command, check=True, capture_output=True, text=True)
     result: dict[str, float] = json.loads(answer.stdout)
     return result
 
 
+@contextmanager
+def run_of_an_hour(description: str) -> Iterator[tuple[Path, Path]]:
+    """Yield the run of the command line, or a new one of an hour, and a scratch folder; print the size of its log."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("run", type=Path, nargs="?", help="run folder (default: a new run of an hour)")
+    chosen = parser.parse_args().run
+    with tempfile.TemporaryDirectory(prefix="train_ato_bench_") as scratch:
+        run = chosen or hour(Path(scratch))
+        print(f"{run.name}: {(run / 'run.mcap').stat().st_size / 1e6:.0f} MB")
+        yield run, Path(scratch)
+
+
 def with_rosbags(run: Path) -> tuple[int, float]:
-    """Decode every message with rosbags; return how many there were and the time."""
+    """Decode every message with rosbags; return their number and the time [s]."""
     from rosbags.rosbag2 import Reader
 
-    from train_ato.cdr import typestore
+    from train_ato.messages.codec.cdr import typestore
 
     types, count, begin = typestore(), 0, time.process_time()
     with Reader(run) as bag:
@@ -83,7 +97,7 @@ def with_rosbags(run: Path) -> tuple[int, float]:
 
 
 def with_mcap_ros2(run: Path) -> tuple[int, float]:
-    """Decode the first part of the log with mcap-ros2-support; return how many messages there were and the time."""
+    """Decode the first part of the log with mcap-ros2-support; return the number of messages and the time [s]."""
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
 
@@ -102,7 +116,7 @@ def with_mcap_ros2(run: Path) -> tuple[int, float]:
 
 
 def export(run: Path, option: str) -> float:
-    """Write every table as files; return the time of the whole command."""
+    """Write every table as a file; return the time of the whole command [s]."""
     with tempfile.TemporaryDirectory(prefix="train_ato_bench_") as folder:
         command = [sys.executable, "-m", "train_ato", "export", str(run), option, "--out", f"{folder}/tables", "--json"]
         begin = time.perf_counter()
@@ -116,18 +130,13 @@ def _line(what: str, seconds: float, more: str = "") -> str:
 
 def main() -> int:
     """Print the times and the goal; return the exit status."""
-    parser = argparse.ArgumentParser(description="Time of opening a run as tables.")
-    parser.add_argument("run", type=Path, nargs="?", help="run folder (default: an hour is driven)")
-    chosen = parser.parse_args().run
-    with tempfile.TemporaryDirectory(prefix="train_ato_bench_") as scratch:
-        run = chosen or hour(Path(scratch))
-        size = (run / "run.mcap").stat().st_size
-        runs = [opened(run) for _ in range(REPEATS)]
+    with run_of_an_hour("Time of opening a run as tables.") as (run, _):
+        runs = [measured(OPEN, run) for _ in range(REPEATS)]
         best = {key: min(r[key] for r in runs) for key in runs[0]}
         load_s = best["load_s"]
-        print(f"{run.name}: {size / 1e6:.0f} MB, {best['cells'] / 1e6:.1f} million numbers")
+        print(f"{best['cells'] / 1e6:.1f} million numbers")
         print(_line("load, a new process, one core", load_s, f"imports {best['import_s']:.2f} s more"))
-        print(_line("its wall time here", best["wall_s"], f"{best['peak_mb']:.0f} MB at its peak"))
+        print(_line("wall time", best["wall_s"], f"{best['peak_mb']:.0f} MB at most"))
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
         peers: list[tuple[str, Callable[[Path], tuple[int, float]]]] = [("rosbags", with_rosbags)]
         try:
@@ -135,7 +144,7 @@ def main() -> int:
 
             peers.append((f"mcap-ros2-support, a part of 1/{PEER_SHARE}, scaled", with_mcap_ros2))
         except ImportError:
-            print("mcap-ros2-support is not installed: left out")
+            print("mcap-ros2-support: not installed; skipped")
         total = 0
         for name, decode in peers:
             count, taken = decode(run)

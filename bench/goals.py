@@ -1,7 +1,7 @@
-"""What a benchmark has to reach, the verdict beside it, and the exit status that follows.
+"""Goals of a benchmark, their verdicts and the exit status.
 
-Times on a shared machine are upper bounds: a goal missed by less than the margin is said and passes, one missed by
-more ends the benchmark with exit status 1.
+Times on a shared machine are upper bounds: a goal missed by less than the margin is reported and passes; a goal missed
+by more gives exit status 1.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 MARGIN = 1.5
-"""A goal is missed widely when the value is worse by this factor."""
+"""Factor by which the value of a widely missed goal is worse than its bound."""
 
 
 @dataclass(frozen=True)
 class Goal:
-    """One measured value beside its bound: at most it, or at least it."""
+    """Measured value and its upper or lower bound."""
 
     what: str
     value: float
@@ -27,7 +27,7 @@ class Goal:
 
     @property
     def excess(self) -> float:
-        """Factor by which the value is worse than the bound; up to 1 the goal is met."""
+        """Factor by which the value is worse than the bound; the goal is met up to 1."""
         return self.bound / self.value if self.at_least else self.value / self.bound
 
     @property
@@ -36,12 +36,12 @@ class Goal:
         return "met" if self.excess <= 1 else "missed" if self.excess <= MARGIN else "missed widely"
 
     def as_data(self) -> dict[str, Any]:
-        """Return everything for ``--json``."""
+        """Return the goal for ``--json``."""
         return {**asdict(self), "verdict": self.verdict}
 
 
 def judge(goals: Iterable[Goal], *, quiet: bool = False) -> int:
-    """Print a line for each goal and return the exit status: 1 when one is missed widely."""
+    """Print a line for each goal; return the exit status, 1 if one is missed widely."""
     status = 0
     for goal in goals:
         status = max(status, int(goal.verdict == "missed widely"))

@@ -1,11 +1,11 @@
-"""Cost of the plant: compiled kernel beside the same step in plain numpy, and over the number of vehicles.
+"""Time of the plant: compiled kernel compared with the same step in plain numpy, and over the number of vehicles.
 
     python bench/kernel.py
 
-Prints milliseconds per simulated second on one core, the best of several runs.  The goals: 106 vehicles with
-everything switched on take about 1 ms per simulated second, the kernel is at least 5 times as fast as plain numpy, and
-the cost of a vehicle at 1000 vehicles is at most twice that at 106.  The exit status is 1 when a goal is missed widely
-(see goals.py).
+The figures are milliseconds per simulated second on one core, the best of several runs.  The goals: 106 vehicles with
+all effects take about 1 ms per simulated second, the kernel is at least 5 times as fast as plain numpy, and the time
+per vehicle with 1000 vehicles is at most twice that with 106.  The exit status is 1 if a goal is missed widely (see
+goals.py).
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ SPEED = 70 / 3.6
 
 
 def heavy_train(wagons: int) -> Consist:
-    """Return one HXD1 with so many C80 wagons."""
+    """Return a train of one HXD1 locomotive and C80 wagons."""
     consist = load_consist("hxd1_c80_105")
     front, rear = consist.train
     return consist.model_copy(update={"train": (front, rear.model_copy(update={"count": wagons}))})
 
 
 def new_train(vehicles: int, brake_on: bool, everything: bool = False) -> Train:
-    """Return a train rolling at 70 km/h on the section with the long falls; with the brake applied if asked."""
+    """Return a train at 70 km/h on the section with the long downhill grades, optionally with the brake applied."""
     wind = {"kind": "turbulence", "acceleration_rms": 0.01}
     extras = {
         "lag": 0.4,
@@ -56,7 +56,7 @@ def new_train(vehicles: int, brake_on: bool, everything: bool = False) -> Train:
 
 
 def milliseconds(advance: Callable[[], None], ticks: int, repeats: int = 5) -> float:
-    """Return the wall time [ms] of one simulated second, the best of several runs: others may use the machine too."""
+    """Return the wall time of one simulated second [ms], the best of several runs because of other load."""
     for _ in range(5):
         advance()
     costs = []
@@ -69,14 +69,14 @@ def milliseconds(advance: Callable[[], None], ticks: int, repeats: int = 5) -> f
 
 
 def kernel_cost(vehicles: int, brake_on: bool, everything: bool = False) -> float:
-    """Cost of the compiled plant [ms per simulated second]."""
+    """Return the time of the compiled plant [ms per simulated second]."""
     train = new_train(vehicles, brake_on, everything)
     demand = np.full((train.substeps, 1), 200e3)
     return milliseconds(lambda: train.advance(demand), 40)
 
 
 def plain_cost(vehicles: int, brake_on: bool) -> float:
-    """Cost of the same step in plain numpy [ms per simulated second]."""
+    """Return the time of the same step in plain numpy [ms per simulated second]."""
     train = new_train(vehicles, brake_on)
     plain = PlainTrain(train.arrays, STEP_NS * 1e-9)
     demand = np.full((train.substeps, 1), 200e3)
@@ -91,7 +91,7 @@ def plain_cost(vehicles: int, brake_on: bool) -> float:
 def main() -> int:
     """Print the tables; return the exit status."""
     compiled = compile_kernel()
-    print(f"kernel {'compiled now' if compiled else 'taken from the cache'}; step 5 ms, tick 0.1 s, one core")
+    print(f"kernel {'compiled now' if compiled else 'from the cache'}; step 5 ms, tick 0.1 s, one core")
     print(f"{'106 vehicles':24} {'kernel ms/s':>12} {'numpy ms/s':>12} {'ratio':>8}")
     worst = float("inf")
     for title, brake_on in (("air brake released", False), ("air brake applied", True)):
@@ -99,7 +99,7 @@ def main() -> int:
         worst = min(worst, slow / fast)
         print(f"{title:24} {fast:12.3f} {slow:12.1f} {slow / fast:8.1f}")
     full = kernel_cost(106, True, True)
-    print(f"{'all switched on':24} {full:12.3f}   (lag, rate, dead band, adhesion, disturbances)")
+    print(f"{'all effects':24} {full:12.3f}   (lag, rate, dead band, adhesion, disturbances)")
     print(f"\n{'vehicles':>8} {'ms/s':>10} {'us/s per vehicle':>18} {'with air brake':>16}")
     per_vehicle = {}
     for vehicles in (53, 106, 212, 424, 1000):

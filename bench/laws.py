@@ -1,11 +1,11 @@
-"""Time of one step of every law, around `step()` alone, beside a law that only returns its output.
+"""Time of `step()` of every law, compared with a law that only returns its output.
 
     python bench/laws.py [LAW ...]
 
-Every law drives a train it is made for first; the inputs it was given there are kept and fed to it again, several
-times.  A step's time is the best of these rounds, because others may use the machine too; median and 99th percentile
-are over the steps, so a step that costs more than the others (a model identified anew) stays in.  The goals are
-medians; the exit status is 1 when one is missed widely (see goals.py).
+Every law first controls a suitable train; its inputs there are stored and used again in several rounds.  The time of a
+step is the best of these rounds, because other load on the machine only adds time.  Median and 99th percentile are over
+the steps, so a longer step (a new identification of a model) is included.  The goals are medians; the exit status is 1
+if one is missed widely (see goals.py).
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from goals import Goal, judge
 
 from train_ato.control.contract import LawInput, LawOutput
 from train_ato.control.registry import LAWS
-from train_ato.engine import run_engine
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import load_scenario
 
 ROUNDS = 9
 STEPS = 1000
-"""Longest run that is kept, in steps of the law."""
+"""Longest run, in steps of the law."""
 WARM = 50
-"""Steps at the start that are not counted."""
+"""Number of first steps that do not count."""
 
 
 @dataclass(frozen=True)
 class Ride:
-    """A law on a train it is made for, and the time that one step may take [us]; None: no goal is set."""
+    """Law, scenario of a suitable train, and goal for the time of one step [us]; None: no goal."""
 
     law: str
     scenario: str
@@ -55,14 +55,14 @@ RIDES = (
     Ride("funnel", "crh380a_funnel:short", 10.0),
     Ride("gpc", "crh380a_gpc:short", 100.0, GPC, "three units, one loop on their mean, every step a sample"),
     Ride(
-        "gpc", "crh380a_gpc:short+free", 100.0, GPC | {"controllers": {"gpc": {"loops": "unit"}}},
+        "gpc", "crh380a_gpc:short+free", 100.0, GPC | {"controllers": {"gpc": {"structure": "unit"}}},
         "three units, a loop each, every step a sample",
     ),
 )  # fmt: skip
 
 
 class Floor:
-    """A law that does nothing but return an output."""
+    """Law that only returns an output."""
 
     def __init__(self, units: int) -> None:
         self._force = [0.0] * units
@@ -76,7 +76,7 @@ class Floor:
 
 
 def recorded(ride: Ride) -> tuple[Any, list[LawInput]]:
-    """Let the law drive its ride; return a fresh copy of it and what it was given."""
+    """Run a scenario with the law; return a new instance of the law and the stored inputs."""
     inner = LAWS.get(ride.law)
     given: list[LawInput] = []
 
@@ -87,7 +87,7 @@ def recorded(ride: Ride) -> tuple[Any, list[LawInput]]:
             return output
 
     LAWS.register(name := f"{ride.law}_recorded_{id(ride)}", Recording)
-    scenario, path = load(ride.scenario, changes=ride.changes)
+    scenario, path = load_scenario(ride.scenario, changes=ride.changes)
     period = scenario.control_period or scenario.tick
     parameters = scenario.controllers.get(ride.law, {})
     changes = {
@@ -103,7 +103,7 @@ def recorded(ride: Ride) -> tuple[Any, list[LawInput]]:
 
 
 def step_times(law: Any, given: Sequence[LawInput]) -> tuple[float, float]:
-    """Return median and 99th percentile over the steps [us], every step the best of several rounds."""
+    """Return median and 99th percentile over the steps [us]; every step is the best of several rounds."""
     taken = np.empty((ROUNDS, len(given)))
     clock = time.perf_counter_ns
     for row in taken:
@@ -119,12 +119,12 @@ def step_times(law: Any, given: Sequence[LawInput]) -> tuple[float, float]:
 def main() -> int:
     """Print the table and the goals; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("laws", metavar="LAW", nargs="*", help="default: every law that is registered")
+    parser.add_argument("laws", metavar="LAW", nargs="*", help="default: every registered law")
     options = parser.parse_args()
-    asked = options.laws or LAWS.loadable()
+    chosen = options.laws or LAWS.loadable()
     known = {ride.law for ride in RIDES}
-    rides = [ride for ride in RIDES if ride.law in asked]
-    rides += [Ride(name, "demo") for name in asked if name not in known]
+    rides = [ride for ride in RIDES if ride.law in chosen]
+    rides += [Ride(name, "demo") for name in chosen if name not in known]
     print(f"{'law':18} {'units':>5} {'median us':>10} {'99 % us':>9} {'floor us':>9} {'ratio':>7}  ride")
     goals = []
     for ride in rides:

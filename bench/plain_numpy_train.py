@@ -1,7 +1,7 @@
-"""The plant step once more in plain numpy: what the compiled kernel is measured beside, and checked against.
+"""Plant step in plain numpy, for comparison with the compiled kernel in time and results.
 
-Same scheme, same order of operations, whole-array expressions instead of loops.  Linear, clip, smoothed and rigid
-draft gears, air brake, power units and line; no outside forces and no tables.
+The scheme and the order of operations are the same, with array expressions instead of loops.  Included are linear,
+clip, smoothed and rigid draft gears, air brake, power units and line; not included are disturbances and tables.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ Array = npt.NDArray[np.float64]
 
 
 class PlainTrain:
-    """A plain-numpy copy of a train's arrays that integrates them with its own code.
+    """Copy of the arrays of a train with integration in numpy.
 
     Parameters
     ----------
     arrays : Arrays
-        As :func:`plant_sim.packing.pack` makes them; copied.
+        Arrays of :func:`plant_sim.packing.pack`; they are copied.
     step : float
         Plant step [s].
     """
@@ -37,12 +37,12 @@ class PlainTrain:
             kinds[first:end] = kind
         self._of_kind = {kind: np.flatnonzero(kinds == kind) for kind in (k.LINEAR, k.CLIP, k.SMOOTHED, k.RIGID)}
         if len(kinds) != sum(map(len, self._of_kind.values())):
-            raise ValueError("the plain train knows no draft gears given as tables")
+            raise ValueError("draft gears given as tables are not supported in plain numpy")
         if self.arrays.unit[k.ADHESION_BY_SPEED].any() or self.arrays.setting[k.REVERSING]:
-            raise ValueError("the plain train knows neither adhesion over speed nor driving backwards")
+            raise ValueError("adhesion over speed and reverse motion are not supported in plain numpy")
 
     def advance(self, t: float, event: Array, events: int, demand: Array) -> None:
-        """Integrate ``len(demand)`` steps from time t on; ``event`` as in the kernel, changed in place."""
+        """Integrate ``len(demand)`` steps from time t [s] on; ``event`` is changed in place, as in the kernel."""
         a, n = self.arrays, self.arrays.vehicle.shape[1]
         state, coupler = a.state, a.state[k.COUPLER]
         braked = events > 0 or bool(state[k.TARGET].any() or state[k.CYLINDER].any())
@@ -50,8 +50,8 @@ class PlainTrain:
             if braked:
                 self._waves(t + index * self._step, event, events)
                 braked = self._cylinders() or events > 0
-            state[k.PUSH] = 0.0
-            state[k.EXTRA] = 0.0
+            state[k.DRIVE_FORCE] = 0.0
+            state[k.BRAKE_CAPACITY] = 0.0
             self._couplers()
             self._units(due)
             mean = np.average(state[k.V, :n], weights=a.vehicle[k.MASS])
@@ -93,19 +93,19 @@ class PlainTrain:
             switch = np.clip(s * rate * gear[k.INVERSE_VE], -1.0, 1.0)
             h = 0.5 * loading * (1.0 + gear[k.RATIO] + (1.0 - gear[k.RATIO]) * switch)
         else:
-            before = np.maximum(s * gear[k.HELD_FORCE], 0.0)
-            moved = d - np.maximum(s * gear[k.HELD_DEFLECTION], 0.0)
+            before = np.maximum(s * gear[k.HYSTERESIS_FORCE], 0.0)
+            moved = d - np.maximum(s * gear[k.HYSTERESIS_DEFLECTION], 0.0)
             h = np.clip(before + gear[k.STIFFNESS] * moved, gear[k.RATIO] * loading, loading)
-            self.arrays.gear[k.HELD_FORCE, which] = s * h
-            self.arrays.gear[k.HELD_DEFLECTION, which] = s * d
-            h = np.clip(h + s * gear[k.LOCKED] * rate, gear[k.RATIO] * loading, loading)
+            self.arrays.gear[k.HYSTERESIS_FORCE, which] = s * h
+            self.arrays.gear[k.HYSTERESIS_DEFLECTION, which] = s * d
+            h = np.clip(h + s * gear[k.TRANSITION_DAMPING] * rate, gear[k.RATIO] * loading, loading)
         return np.asarray(s * (h + gear[k.STOP] * (beyond - d)) + gear[k.DAMPING] * q * rate)
 
     def _envelope(self, first: int, end: int, speed: float) -> float:
         for v_end, force, slope, power in self.arrays.envelope[first:end]:
             if speed <= v_end:
                 if power > 0.0:
-                    return float(max(force + slope * speed + power / max(speed, k.SMALLEST_POWER_SPEED), 0.0))
+                    return float(max(force + slope * speed + power / max(speed, k.MIN_POWER_SPEED), 0.0))
                 return float(max(force + slope * speed, 0.0))
         return 0.0
 
@@ -120,22 +120,22 @@ class PlainTrain:
             wanted = due[u] * unit[k.GAIN, u]
             wanted = 0.0 if abs(wanted) < unit[k.DEAD_BAND, u] else wanted
             if (wanted > high or wanted < low) and speed >= self.arrays.setting[k.HOLD_SPEED]:
-                unit[k.SATURATED, u] += self._step
+                unit[k.SATURATED_TIME, u] += self._step
             wanted = min(max(wanted, low), high)
             rated = min(max(wanted, unit[k.RATED, u] - unit[k.RATE_STEP, u]), unit[k.RATED, u] + unit[k.RATE_STEP, u])
-            lagged = rated + unit[k.LAG_KEEP, u] * (unit[k.LAGGED, u] - rated)
+            lagged = rated + unit[k.LAG_DECAY, u] * (unit[k.LAGGED, u] - rated)
             unit[k.RATED, u], unit[k.LAGGED, u] = rated, min(max(lagged, low), high)
             if unit[k.LAGGED, u] >= 0.0:
-                state[k.PUSH, i] += unit[k.LAGGED, u]
+                state[k.DRIVE_FORCE, i] += unit[k.LAGGED, u]
             else:
-                state[k.EXTRA, i] -= unit[k.LAGGED, u]
+                state[k.BRAKE_CAPACITY, i] -= unit[k.LAGGED, u]
 
     def _account_units(self) -> None:
         unit, state = self.arrays.unit, self.arrays.state
         vehicle = self.arrays.unit_index[k.UNIT_VEHICLE]
         lagged = unit[k.LAGGED]
-        unit[k.APPLIED] = np.where(lagged < 0.0, -lagged * state[k.SLIDE, vehicle], lagged)
-        work = unit[k.APPLIED] * state[k.MID, vehicle]
+        unit[k.APPLIED] = np.where(lagged < 0.0, -lagged * state[k.FRICTION_SHARE, vehicle], lagged)
+        work = unit[k.APPLIED] * state[k.DISPLACEMENT, vehicle]
         unit[k.WORK_TRACTION] += np.maximum(work, 0.0)
         unit[k.WORK_REGENERATED] -= np.minimum(work, 0.0)
 
@@ -151,7 +151,7 @@ class PlainTrain:
     def _cylinders(self) -> bool:
         a, n = self.arrays, self.arrays.vehicle.shape[1]
         cylinder, target = a.state[k.CYLINDER, :n], a.state[k.TARGET, :n]
-        keep = np.where(target > cylinder, a.setting[k.APPLY_KEEP], a.setting[k.RELEASE_KEEP])
+        keep = np.where(target > cylinder, a.setting[k.APPLY_DECAY], a.setting[k.RELEASE_DECAY])
         cylinder[:] = target + keep * (cylinder - target)
         cylinder[(target == 0.0) & (cylinder < k.IDLE_CYLINDER)] = 0.0
         speed = 3.6 * np.abs(a.state[k.V, :n])
@@ -159,7 +159,7 @@ class PlainTrain:
         return bool((cylinder > 0.0).any() or (target > 0.0).any())
 
     def _explicit(self) -> tuple[Array, Array]:
-        """Viscous resistance and grade force of every vehicle."""
+        """Return viscous resistance and grade force of every vehicle [N]."""
         a, n = self.arrays, self.arrays.vehicle.shape[1]
         v = a.state[k.V, :n]
         grade = a.state[k.GRADE_A, :n] + a.state[k.GRADE_B, :n] * a.state[k.X, :n]
@@ -167,11 +167,11 @@ class PlainTrain:
 
     def _capacity(self, held: float) -> Array:
         a, n = self.arrays, self.arrays.vehicle.shape[1]
-        own = a.vehicle[k.C0] + a.state[k.CURVE, :n] + a.state[k.EXTRA, :n] + a.state[k.SHOE_FORCE, :n]
-        return np.asarray(own + held * a.vehicle[k.HOLD])
+        own = a.vehicle[k.C0] + a.state[k.CURVE, :n] + a.state[k.BRAKE_CAPACITY, :n] + a.state[k.SHOE_FORCE, :n]
+        return np.asarray(own + held * a.vehicle[k.HOLD_CAPACITY])
 
     def _slide(self, free: Array, stop: Array, before: Array) -> tuple[Array, Array, Array]:
-        """Speed after dry friction, its sign and share, mean speed times step."""
+        """Return speed after dry friction, sign and share of the friction, and displacement of the step."""
         size = np.abs(free)
         after = np.copysign(np.maximum(size - stop, 0.0), free)
         share = np.divide(size, stop, out=np.ones_like(size), where=size < stop)
@@ -183,7 +183,7 @@ class PlainTrain:
         viscous, grade = self._explicit()
         couplers = a.state[k.COUPLER, :-1] - a.state[k.COUPLER, 1:]
         step = self._step * a.vehicle[k.INVERSE_MASS]
-        free = before + step * (couplers + grade + viscous + a.state[k.PUSH, :n])
+        free = before + step * (couplers + grade + viscous + a.state[k.DRIVE_FORCE, :n])
         after, sliding, mid = self._slide(free, step * self._capacity(held), before)
         self._account(held, sliding, mid, viscous, grade, couplers)
         a.state[k.V, :n] = after
@@ -192,7 +192,7 @@ class PlainTrain:
         a, n = self.arrays, self.arrays.vehicle.shape[1]
         first, before = a.body[:-1], a.state[k.V, :n].copy()
         viscous, grade = self._explicit()
-        own = grade + a.state[k.PUSH, :n] + viscous
+        own = grade + a.state[k.DRIVE_FORCE, :n] + viscous
         mass = np.add.reduceat(a.vehicle[k.MASS], first)
         force = np.add.reduceat(own, first) + a.state[k.COUPLER, first] - a.state[k.COUPLER, a.body[1:]]
         capacity = np.add.reduceat(self._capacity(held), first)
@@ -215,8 +215,8 @@ class PlainTrain:
         state[k.WORK_CURVE] += state[k.CURVE] * dry
         state[k.WORK_COUPLER] += couplers * mid
         state[k.WORK_AIR] += state[k.SHOE_FORCE] * dry
-        state[k.WORK_HOLD] += held * a.vehicle[k.HOLD] * dry
-        state[k.SLIDE], state[k.MID] = sliding, mid
+        state[k.WORK_HOLD] += held * a.vehicle[k.HOLD_CAPACITY] * dry
+        state[k.FRICTION_SHARE], state[k.DISPLACEMENT] = sliding, mid
 
     def _locate(self) -> None:
         a, n = self.arrays, self.arrays.vehicle.shape[1]

@@ -1,8 +1,8 @@
-"""Times of the planner once compiled: the lines and trains shipped, a timetable, and planning the rest again.
+"""Times of the compiled planner: shipped lines and trains, a timetable, and re-planning.
 
-Run: ``python bench/planner.py``; the first line counts the compilation (cached by numba for later runs).  The goals:
-286 km in about 0.5 s, 48 km of the freight line in about 0.1 s, least time, once compiled.  The exit status is 1 when
-one is missed widely (see goals.py).
+Run: ``python bench/planner.py``; the first line includes the compilation (cached by numba for later runs).  The goals
+for plans of least time, after the compilation: 286 km in about 0.5 s, 48 km of the freight line in about 0.1 s.  The
+exit status is 1 if one is missed widely (see goals.py).
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from goals import Goal, judge
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
-from train_ato.plan.planner import Plan, plan
-from train_ato.plan.replan import State, replan
-from train_ato.plan.settings import PlanSettings
-from train_ato.plan.train_tables import AvailableForce
+from train_ato.profile.planner.plan_from_state import TrainState, replan
+from train_ato.profile.planner.planner import Plan, plan
+from train_ato.profile.planner.settings import PlanSettings
+from train_ato.profile.planner.train_tables import AvailableForce
 
 CASES = (
     ("286 km high-speed line, one mass", "highspeed_286km", "crh380a_one_mass"),
@@ -43,15 +43,15 @@ def _timed(what: str, call: Callable[[], Plan]) -> tuple[Plan, float]:
 
 
 def _replanned(line: Line, consist: Consist, first: Plan) -> Plan:
-    """Plan the second half again with 85 % of the brakes."""
+    """Plan the second half again with 85 % of the brake force."""
     knot = len(first.profile) // 2
     x, v, a, _ = first.profile.at_stamp(first.profile.start_ns + knot * first.profile.period_ns)
-    now = State(float(first.profile.time[knot]), x, v, a)
+    now = TrainState(float(first.profile.time[knot]), x, v, a)
     return replan(now, first.profile, line, consist, PlanSettings(), AvailableForce(brake=0.85))
 
 
 def main() -> int:
-    """Print one line a case and the goals; return the exit status."""
+    """Print a line for every case and the goals; return the exit status."""
     begin = time.perf_counter()
     plan(load_line("level"), load_consist("xuzhou_metro_3"), PlanSettings(end=1000))
     sys.stdout.write(
@@ -64,8 +64,8 @@ def main() -> int:
         slack = PlanSettings(time=1.05 * least.running_time)
         _timed(f"{what}: 5 % more time", partial(plan, line, consist, slack))
         _timed(f"{what}: the rest again", partial(_replanned, line, consist, least))
-    line, consist, asked = load_line("daqin_section"), load_consist("hxd1_c80_105"), PlanSettings(end=FREIGHT_END)
-    _, freight = _timed("48 km of the heavy-haul line: least time", partial(plan, line, consist, asked))
+    line, consist, settings = load_line("daqin_section"), load_consist("hxd1_c80_105"), PlanSettings(end=FREIGHT_END)
+    _, freight = _timed("48 km of the heavy-haul line: least time", partial(plan, line, consist, settings))
     return judge(
         (
             Goal("286 km high-speed line", seconds["highspeed_286km"], MOST_HIGH_SPEED_S, "s"),

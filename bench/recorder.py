@@ -1,18 +1,21 @@
-"""What recording takes: beside the ring in a process of its own, in one process with it, and on the disk.
+"""Time of recording: in a separate process, in one process with the graph, and compared with another writer.
 
     python bench/recorder.py [--seconds S] [--rate R] [--ticks N] [--rounds N] [--json]
 
-*Own process*: a bare ring of the graph's nodes sends every recorded topic of the catalogue for the train of 106
-vehicles at a fixed rate, as bytes of a real run under new stamps; the recorder is the real node in its own process.
-As many messages have to be in its log as were sent.  Its processor time stands beside that of the process that sends.
+*Own process*: a ring of empty nodes sends every recorded topic for the train of 106 vehicles at a fixed rate, as bytes
+of a real run with new stamps; the recorder is the real node in a separate process.  Its log must contain all sent
+messages.  Its processor time is compared with that of the sending process.
 
-*One process*: ticks of the whole graph with and without the recorder, in turn, the best round of each; the
-difference is what recording takes, its share of a tick has to stay under a half.
+*One process*: the graph without the recorder and with it, once for every compression; all four run in turns of 500
+ticks, so that other load on the machine affects all of them.  The difference is the time of recording: wall time,
+processor time of the graph's thread, and processor time of the process with the packing thread.  With the default, the
+share in the graph's thread must be below a fifth.
 
-*On the disk*: size of the log of the 106-vehicle train over its whole 45 km, laid on a simulated hour; beside it that
-of the same run with the truth of the disturbances, the one topic that only some runs have.
+*Writers*: the log of the whole 45 km, written again with every compression and by the writer of the ``mcap`` package,
+with the same checksums: time of a message and size of the log of a simulated hour.  ``with disturbances`` is the size
+of the same run with the true disturbances, a topic of some runs only.
 
-The exit status is 1 when a message is lost or a goal is missed widely (see goals.py).
+The exit status is 1 if a message is lost or a goal is missed widely (see goals.py).
 """
 
 from __future__ import annotations
@@ -20,7 +23,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import queue
 import struct
 import sys
 import tempfile
@@ -32,28 +34,33 @@ from pathlib import Path
 from typing import Any
 
 from goals import Goal, judge
+from graph_share import TIMES, one_process
+from log_writers import HOUR, compared
 
-from train_ato.engine import run_engine
-from train_ato.graph.environment import applied, claim_domain, variables
-from train_ato.record.layout import table_name
-from train_ato.record.reading import stream
-from train_ato.run_folder import RunFolder
-from train_ato.run_setup import RunSetup, prepare
-from train_ato.scenario import load
-from train_ato.topics import BY_NAME, EPOCH_NS, Rate, Role
+from train_ato.log.bag_layout import table_name
+from train_ato.log.compression import DEFAULT
+from train_ato.log.reading import stream
+from train_ato.log.run_folder import RunFolder
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.messages.topics import BY_NAME, EPOCH_NS, Rate, Role
+from train_ato.ros.graph.environment import applied, claim_domain, variables
+from train_ato.scenario.scenario import load_scenario
 
 PLAIN, SCENARIO = "daqin_heavy_haul", "daqin_heavy_haul:disturbed"
 RATE = 1500.0
-SHARE = 0.5
-MEGABYTES = 100.0
+SHARE = 0.2
+SOURCE_TICKS = 2500
+"""Of the run whose messages the ring sends again and again."""
+KEYS = ("processor_us_per_message", "wall_us_per_message", "mb_per_hour")
+PEER, PEER_RATIO = "mcap zstd", 1.0
 SECOND = 1_000_000_000
-HOUR = 3600.0
 _STAMP = struct.Struct("<iI")
 _WAIT_S = 30.0
 
 
 def recorded_ticks(setup: RunSetup, folder: Path) -> list[dict[str, list[bytearray]]]:
-    """Return the messages of every tick of a short run of the engine, by topic."""
+    """Return the messages of a short run of the engine, by topic."""
     with RunFolder.make(folder, "source").sink(setup) as sink:
         run_engine(setup, sink=sink)
     ticks: list[dict[str, list[bytearray]]] = [defaultdict(list) for _ in range(setup.ticks + 1)]
@@ -65,10 +72,10 @@ def recorded_ticks(setup: RunSetup, folder: Path) -> list[dict[str, list[bytearr
 
 @dataclass
 class Ring:
-    """The nodes of the graph with nothing in them: each sends its messages of a tick when those it needs have come."""
+    """Empty nodes of the graph; each sends its messages of a tick after its inputs have arrived."""
 
     setup: RunSetup
-    shells: dict[Role, Any]
+    all_endpoints: dict[Role, Any]
     ticks: list[dict[str, list[bytearray]]]
     tick: int = 0
     acknowledged: int = 0
@@ -79,35 +86,35 @@ class Ring:
 
     def connect(self) -> None:
         """Subscribe as the nodes do."""
-        shells = self.shells
-        shells[Role.PROFILE].subscribe_raw("train/measurement", lambda _: self.send(Role.PROFILE))
-        shells[Role.OBSERVER].subscribe_raw("train/measurement", lambda _: self.send(Role.OBSERVER))
-        controller, plant = shells[Role.CONTROLLER], shells[Role.PLANT]
+        all_endpoints = self.all_endpoints
+        all_endpoints[Role.PROFILE].subscribe_raw("train/measurement", lambda _: self.send(Role.PROFILE))
+        all_endpoints[Role.OBSERVER].subscribe_raw("train/measurement", lambda _: self.send(Role.OBSERVER))
+        controller, plant = all_endpoints[Role.CONTROLLER], all_endpoints[Role.PLANT]
         for name in ("train/measurement", "ato/profile"):
             controller.subscribe_raw(name, lambda _: None)
         for name in ("ato/reference", "ato/estimate"):
             controller.subscribe_raw(name, self.joined)
         plant.subscribe_raw("ato/command", self.commanded)
-        plant.subscribe_raw("ato/brake_pipe", lambda _: None)
-        plant.subscribe_raw("record/acknowledged", self.written)
+        plant.subscribe_raw("ato/brake_pipe_command", lambda _: None)
+        plant.subscribe_raw("recorder/progress", self.written)
 
     def send(self, role: Role) -> None:
-        """Send what a node sends in the tick under way, under its stamp."""
+        """Send the messages of a node in the present tick with its stamp."""
         stamp = divmod(EPOCH_NS + self.tick * self.setup.tick_ns, SECOND)
-        shell = self.shells[role]
+        endpoints = self.all_endpoints[role]
         for topic, entries in self.ticks[self.tick % len(self.ticks)].items():
             publishers = BY_NAME[topic].publishers
             if role not in publishers or (self.tick and BY_NAME[topic].rate is Rate.ONCE):
                 continue
-            # Of a topic with several publishers each sends one.
+            # A topic with several publishers has one message of each.
             chosen = entries if len(publishers) == 1 else entries[publishers.index(role) :][:1]
             for data in chosen:
                 _STAMP.pack_into(data, 4, *stamp)
-                shell._senders[topic](bytes(data))
+                endpoints._senders[topic](bytes(data))
                 self.sent[topic] += 1
 
     def joined(self, _: bytes) -> None:
-        """Answer once reference and estimate are there."""
+        """Send the command after reference and estimate have arrived."""
         self.waiting -= 1
         if self.waiting == 0:
             self.waiting = 2
@@ -119,13 +126,13 @@ class Ring:
         self.answered = True
 
     def written(self, data: bytes) -> None:
-        """Take how far the recorder is."""
+        """Store the progress of the recorder."""
         seconds, nanoseconds = _STAMP.unpack_from(data, 4)
         self.acknowledged = (seconds * SECOND + nanoseconds - EPOCH_NS) // self.setup.tick_ns
 
     def drive(self, executor: Any, ticks: int, rate: float) -> float:
-        """Go round at a rate, as the plant does not more than its lead before the recorder; return the wall time."""
-        from plant_sim.node import LEAD
+        """Run the ring at a rate, with the lead over the recorder limited as in the plant; return the wall time [s]."""
+        from train_ato.ros.nodes.plant import LEAD
 
         begin = time.perf_counter()
         while self.tick < ticks:
@@ -144,53 +151,50 @@ class Ring:
 
 
 def processor_s(pid: int) -> float:
-    """Return the processor time that a process has taken [s]."""
+    """Return the processor time of a process [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def own_process(setup: RunSetup, domain: int, ticks: int, rate: float, scratch: Path) -> dict[str, Any]:
-    """Record a ring from another process and count."""
-    from train_ato.failure import Watch
-    from train_ato.graph.assembly import executor_of
-    from train_ato.graph.child import Child
-    from train_ato.nodes.shell import Shell
-    from train_ato.wire import Wire
+    """Record a ring from another process and count the messages."""
+    from train_ato.errors import FirstFailure
+    from train_ato.messages.codec.codec import Wire
+    from train_ato.ros.graph.assembly import executor_of
+    from train_ato.ros.graph.processes import NodeProcess
+    from train_ato.ros.nodes.endpoints import NodeEndpoints
 
     folder = scratch / "own"
     folder.mkdir()
     scenario = scratch / "scenario.yaml"
     scenario.write_text(setup.resolved_yaml(), encoding="utf-8")
     source = recorded_ticks(setup, scratch / "source")
-    events: queue.Queue[Any] = queue.Queue()
     with ExitStack() as stack:
         arguments = ["--scenario", str(scenario), "--out", str(folder)]
-        child = Child(Role.RECORDER, arguments, variables(domain, scratch), scratch, events)
-        stack.callback(child.end, 5.0)
+        recorder = NodeProcess(Role.RECORDER, arguments, domain, scratch)
+        stack.callback(recorder.end, 5.0)
         context, executor = stack.enter_context(executor_of(domain))
         roles = (Role.PLANT, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER)
-        shells = {role: Shell(role, Wire(setup.shape), context, Watch()) for role in roles}
-        ring = Ring(setup, shells, source)
+        all_endpoints = {role: NodeEndpoints(role, Wire(setup.layout), context, FirstFailure()) for role in roles}
+        ring = Ring(setup, all_endpoints, source)
         ring.connect()
-        for shell in shells.values():
-            executor.add_node(shell.node)
+        for endpoints in all_endpoints.values():
+            executor.add_node(endpoints.node)
 
-        def until(kind: str) -> dict[str, Any]:
-            last = time.monotonic() + _WAIT_S
-            while time.monotonic() < last:
-                executor.spin_once(timeout_sec=0.01)
-                while not events.empty():
-                    event: dict[str, Any] = events.get()[1]
-                    if event["event"] in (kind, "failed", "ended"):
-                        return event
-            raise RuntimeError(f"the recorder was not {kind} within {_WAIT_S:g} s")
-
-        until("ready")
-        before, mine = processor_s(child.process.pid), time.process_time()
+        last = time.monotonic() + _WAIT_S
+        while any(endpoints.missing() for endpoints in all_endpoints.values()):
+            executor.spin_once(timeout_sec=0.01)
+            if time.monotonic() > last:
+                raise RuntimeError(f"the recorder was not ready within {_WAIT_S:g} s")
+        before, mine = processor_s(recorder.process.pid), time.process_time()
         wall = ring.drive(executor, ticks, rate)
-        took, mine = processor_s(child.process.pid) - before, time.process_time() - mine
-        child.tell("drain", published=dict(ring.sent), limit=_WAIT_S)
-        recorded = until("closed")["recorded"]
+        took, mine = processor_s(recorder.process.pid) - before, time.process_time() - mine
+        for endpoints in all_endpoints.values():
+            endpoints.deliver(_WAIT_S)
+        recorder.release()
+        recorder.end(_WAIT_S)
+        found = recorder.counts
+        recorded = {name.removeprefix("recorded "): values[0] for name, values in found.items() if " " in name}
     sent = sum(ring.sent.values())
     return {
         "ticks_per_s": ticks / wall,
@@ -207,105 +211,47 @@ def own_process(setup: RunSetup, domain: int, ticks: int, rate: float, scratch: 
     }
 
 
-def graph_tick(setup: RunSetup, domain: int, folder: Path, recorded: bool) -> float:
-    """Return the wall time of one tick of the graph in one process [s]."""
-    from train_ato.failure import Watch
-    from train_ato.graph.assembly import executor_of, make_node
-    from train_ato.graph.composed import RECORD_EVERY
-    from train_ato.nodes.shell import ROLES, Shell
-    from train_ato.wire import Wire
-
-    folder.mkdir()
-    roles = ROLES if recorded else ROLES[:-1]
-    watch = Watch()
-    with executor_of(domain) as (context, executor):
-        shells = {role: Shell(role, Wire(setup.shape), context, watch, roles) for role in roles}
-        nodes = {role: make_node(role, setup, shells[role], folder, None, 60.0, recorded) for role in roles}
-        for role, shell in shells.items():
-            if role is not Role.RECORDER:
-                executor.add_node(shell.node)
-        while any(shell.missing() for shell in shells.values()):
-            executor.spin_once(timeout_sec=0.01)
-        recorder = nodes.get(Role.RECORDER)
-        begin = time.perf_counter()
-        nodes[Role.PROFILE].begin()
-        plant = nodes[Role.PLANT]
-        plant.begin()
-        record = 0
-        while not plant.finished and watch.failure is None:
-            executor.spin_once(timeout_sec=0.1)
-            if recorder is not None and plant.role.tick >= record:
-                record = plant.role.tick + RECORD_EVERY
-                recorder.poll()
-        if recorder is not None:
-            recorder.close(None)
-            shells[Role.RECORDER].destroy()
-        wall = time.perf_counter() - begin
-    if watch.failure is not None:
-        raise RuntimeError(watch.failure)
-    return wall / setup.ticks
-
-
-def one_process(setup: RunSetup, domain: int, rounds: int, scratch: Path) -> dict[str, Any]:
-    """Drive the graph with and without recording, in turn."""
-    pairs = [
-        [graph_tick(setup, domain, scratch / f"{number}{name}", name == "with") for name in ("with", "without")]
-        for number in range(rounds)
-    ]
-    with_s, without_s = (min(column) for column in zip(*pairs, strict=True))
-    return {
-        "tick_recorded_us": with_s * 1e6,
-        "tick_unrecorded_us": without_s * 1e6,
-        "recording_us": (with_s - without_s) * 1e6,
-        "share": (with_s - without_s) / with_s,
-    }
-
-
-def on_disk(setup: RunSetup, folder_path: Path) -> dict[str, Any]:
-    """Record the whole scenario and lay its size on an hour."""
+def whole_run(setup: RunSetup, folder_path: Path) -> tuple[Path, float]:
+    """Record the scenario in the engine; return the log and its size per simulated hour [MB]."""
     folder = RunFolder.make(folder_path, "disk")
     with folder.sink(setup) as sink:
-        outcome = run_engine(setup, sink=sink)
-    size = (folder.path / "run.mcap").stat().st_size
-    seconds = setup.ticks * setup.tick
-    messages = sum(outcome.published.values())
-    return {
-        "simulated_s": seconds,
-        "messages": messages,
-        "bytes_per_message": size / messages,
-        "mb_per_hour": size / 1e6 * HOUR / seconds,
-    }
+        run_engine(setup, sink=sink)
+    log = folder.path / "run.mcap"
+    return log, log.stat().st_size / 1e6 * HOUR / (setup.ticks * setup.tick)
 
 
 def main() -> int:
-    """Measure and print; the exit status tells whether everything was recorded and the goals are kept."""
+    """Measure and print; return the exit status, 0 if no message is lost and the goals are met."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--seconds", type=float, default=60.0, help="wall time beside the ring")
+    parser.add_argument("--seconds", type=float, default=60.0, help="wall time of the ring [s]")
     parser.add_argument("--rate", type=float, default=RATE, help="ticks per second of the ring")
-    parser.add_argument("--ticks", type=int, default=2500, help="of a round in one process")
-    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--ticks", type=int, default=10_000, help="ticks of each graph in one process")
+    parser.add_argument("--rounds", type=int, default=2, help="rounds of each writer")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    whole, plain = prepare(*load(SCENARIO)), prepare(*load(PLAIN))
-    short = prepare(*load(SCENARIO, (f"duration={options.ticks * whole.tick!r}",)))
+    whole, plain = prepare(*load_scenario(SCENARIO)), prepare(*load_scenario(PLAIN))
+    short = prepare(*load_scenario(SCENARIO, (f"duration={SOURCE_TICKS * whole.tick!r}",)))
     with tempfile.TemporaryDirectory() as name, claim_domain() as domain:
         scratch = Path(name)
         with applied(variables(domain, scratch)):
             own = own_process(short, domain, round(options.seconds * options.rate), options.rate, scratch)
-            one = one_process(short, domain, options.rounds, scratch)
-        disk = {name: on_disk(setup, scratch / name) for name, setup in (("plain", plain), ("disturbed", whole))}
+            one = one_process(prepare(*load_scenario(PLAIN)), options.ticks, scratch)
+        log, _ = whole_run(plain, scratch / "plain")
+        writers = compared(stream(log), plain.ticks * plain.tick, options.rounds, scratch)
+        _, disturbed = whole_run(whole, scratch / "disturbed")
     result = {
         "scenario": SCENARIO,
-        "vehicles": whole.shape.n_vehicles,
+        "vehicles": whole.layout.n_vehicles,
         "own_process": own,
         "one_process": one,
-        "on_disk": disk,
+        "writers": writers,
+        "mb_per_hour_disturbed": disturbed,
     }
+    ratio = writers[f"train_ato {DEFAULT}"]["processor_us_per_message"] / writers[PEER]["processor_us_per_message"]
     goals = [
         Goal("rate beside which nothing is lost", own["ticks_per_s"], 0.99 * options.rate, "ticks/s", at_least=True),
-        Goal("share of a tick that recording takes in one process", one["share"], SHARE),
-        Goal("log of a simulated hour", disk["plain"]["mb_per_hour"], MEGABYTES, "MB"),
-        Goal("the same with disturbances", disk["disturbed"]["mb_per_hour"], MEGABYTES, "MB"),
+        Goal(f"share of a tick that recording takes in one process, {DEFAULT}", one[DEFAULT]["thread_share"], SHARE),
+        Goal(f"processor time of {DEFAULT} over that of the mcap package's writer", ratio, PEER_RATIO),
     ]
     if options.json:
         print(json.dumps({**result, "goals": [goal.as_data() for goal in goals]}, indent=2))
@@ -315,9 +261,15 @@ def main() -> int:
     return 1 if own["lost"] else status
 
 
+def share_text(found: dict[str, float], key: str) -> str:
+    """Return the time of recording as text."""
+    share = found.get(f"{key}_share")
+    return "      " if share is None else f" {share:4.0%} "
+
+
 def show(result: dict[str, Any]) -> None:
-    """Print the result for people."""
-    own, one, disk = result["own_process"], result["one_process"], result["on_disk"]
+    """Print the result as text."""
+    own, one, writers = result["own_process"], result["one_process"], result["writers"]
     print(f"{result['scenario']}, {result['vehicles']} vehicles, {own['topics']} topics")
     print(
         f"  own process   {own['ticks_per_s']:.0f} ticks/s for {own['wall_s']:.0f} s: {own['sent']} messages sent, "
@@ -327,15 +279,17 @@ def show(result: dict[str, Any]) -> None:
         f"                recorder {own['recorder_us_per_message']:.1f} us of processor a message "
         f"({own['recorder_share_of_a_core']:.0%} of a core), sender {own['sender_us_per_message']:.1f} us"
     )
-    print(
-        f"  one process   {one['tick_recorded_us']:.0f} us a tick recorded, {one['tick_unrecorded_us']:.0f} us not: "
-        f"recording takes {one['recording_us']:.0f} us, {one['share']:.0%} of a tick"
-    )
-    for name, found in disk.items():
-        print(
-            f"  on the disk   {found['mb_per_hour']:.1f} MB a simulated hour, {found['bytes_per_message']:.0f} bytes a "
-            f"message ({name}, {found['messages']} messages over {found['simulated_s']:.0f} s)"
-        )
+    print("  one process   wall time of a tick; processor time of the graph's thread, of the whole process")
+    for name, found in one.items():
+        times = "  ".join(f"{found[key] * 1e6:6.0f} us" + share_text(found, key) for key in TIMES)
+        print(f"    {name:<16} {times}")
+    peer = writers[PEER]
+    print(f"  writers       processor and wall time of a message, a simulated hour; beside {PEER}")
+    for name, found in writers.items():
+        processor, wall, size = (found[key] for key in KEYS)
+        ratios = ", ".join(f"{found[key] / peer[key]:.2f}" for key in KEYS)
+        print(f"    {name:<16} {processor:6.1f} us  {wall:6.1f} us  {size:6.1f} MB   {ratios} times")
+    print(f"    with disturbances, {DEFAULT}: {result['mb_per_hour_disturbed']:.1f} MB a simulated hour")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""Frames a second of the live page, and what it costs: this process's share of a core, and the browser's.
+"""Frame rate of the live page and its share of a core in the server and the browser.
 
     python bench/view.py [--scenario NAME] [--pace F] [--seconds S] [--pages N] [--rounds R] [--json]
 
-A run is started in a process of its own, paced; the page is served here as ``train-ato view`` serves it and looked at
-in a headless Chromium.  Frames are counted where they are drawn.  The share of a core is this process's CPU time over
-the wall time, reading the graph and serving the page together; the best round counts, since others on the machine
-only ever add.  Without Chromium the page has no reader, and only the reading of the graph is measured.
+A paced run starts in a separate process; this process serves the page as ``train-ato view`` does, and a headless
+Chromium shows it.  Frames are counted after they are drawn.  The share of a core is the CPU time of this process over
+the wall time, for reading the graph and serving the page; the best round counts, because other load on the machine only
+adds time.  Without Chromium only the reading of the graph is measured.
 """
 
 from __future__ import annotations
@@ -28,44 +28,40 @@ from goals import Goal, judge
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test"))
 
 FRAMES, SHARE = 20.0, 0.25
-"""What is to be reached: frames a second (a hundredth is left to the beat of the two clocks), part of a core."""
+"""Goals: frames a second (one per cent below 20 for the beat of the two clocks) and share of a core."""
 
 
-def browser_seconds(root: int) -> float:
-    """Return the CPU time of a process and all that it started [s]."""
+def processes() -> dict[int, tuple[int, float]]:
+    """Return parent and CPU time [s] of every process."""
     ticks = os.sysconf("SC_CLK_TCK")
-    parents: dict[int, int] = {}
-    used: dict[int, float] = {}
+    found = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
             try:
                 fields = (entry / "stat").read_text().rpartition(")")[2].split()
             except OSError:
                 continue
-            parents[int(entry.name)] = int(fields[1])
-            used[int(entry.name)] = (int(fields[11]) + int(fields[12])) / ticks
+            found[int(entry.name)] = int(fields[1]), (int(fields[11]) + int(fields[12])) / ticks
+    return found
+
+
+def browser_seconds(root: int) -> float:
+    """Return the CPU time of a process and its children [s]."""
+    known = processes()
     total, wave = 0.0, {root}
     while wave:
-        total += sum(used.get(pid, 0.0) for pid in wave)
-        wave = {pid for pid, parent in parents.items() if parent in wave}
+        total += sum(known[pid][1] for pid in wave if pid in known)
+        wave = {pid for pid, (parent, _) in known.items() if parent in wave}
     return total
 
 
 def children() -> set[int]:
-    """Return the processes that this one started."""
-    found = set()
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                if int((entry / "stat").read_text().rpartition(")")[2].split()[1]) == os.getpid():
-                    found.add(int(entry.name))
-            except OSError:
-                continue
-    return found
+    """Return the child processes."""
+    return {pid for pid, (parent, _) in processes().items() if parent == os.getpid()}
 
 
 def looked_at(url: str, options: argparse.Namespace, feed: Any) -> list[dict[str, float]]:
-    """Measure rounds with pages open in Chromium, or with none where there is no Chromium."""
+    """Measure rounds with pages open in Chromium, or without pages if it is not installed."""
     if shutil.which("chromium") is None and shutil.which("chromium-browser") is None:
         return [measured(options.seconds, lambda: feed.frame.number, lambda: 0.0) for _ in range(options.rounds)]
     from contextlib import ExitStack
@@ -90,7 +86,7 @@ def looked_at(url: str, options: argparse.Namespace, feed: Any) -> list[dict[str
 
 
 def measured(seconds: float, frames: Any, browsers: Any) -> dict[str, float]:
-    """Return frames a second and shares of a core over some wall time."""
+    """Return the frames a second and the shares of a core over a wall time [s]."""
     begin, first, own, others = time.monotonic(), frames(), time.process_time(), browsers()
     time.sleep(seconds)
     own, others = time.process_time() - own, browsers() - others
@@ -100,10 +96,10 @@ def measured(seconds: float, frames: Any, browsers: Any) -> dict[str, float]:
 
 def served(domain: int, options: argparse.Namespace) -> list[dict[str, float]]:
     """Attach to the run, serve its page from a thread, measure."""
-    from train_ato.view.live import LiveFeed
-    from train_ato.view.server import PageServer
+    from train_ato.apps.view.live import LiveFeed
+    from train_ato.apps.view.server import PageServer
 
-    feed = LiveFeed(domain)
+    feed = LiveFeed(domain, lambda _: None)
     over = threading.Event()
     ready: list[str] = []
 
@@ -125,7 +121,7 @@ def served(domain: int, options: argparse.Namespace) -> list[dict[str, float]]:
 
 
 def main() -> int:
-    """Measure and print; the exit status tells whether the limits are kept."""
+    """Measure and print; return the exit status, 0 if the goals are met."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--scenario", default="demo")
     parser.add_argument("--pace", type=float, default=10.0)
@@ -134,7 +130,7 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=4)
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    from train_ato.graph.environment import applied, claim_domain, held_domains, variables
+    from train_ato.ros.graph.environment import applied, claim_domain, held_domains, variables
 
     with claim_domain() as domain:
         pass

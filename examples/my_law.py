@@ -1,48 +1,47 @@
-"""A law to start from: copy this file, rename the class, change ``demand``.
+"""Template of a law: copy this file, rename the class, change ``demand``.
 
-It drives the train with the feed-forward of the nominal model and two gains on what is left of the error. Try it with::
+The law adds two gains on the remaining error to the feed-forward of the nominal model. Test it with::
 
     train-ato check-law my_law:MyLaw
+    train-ato run demo --controller my_law:MyLaw --set controllers.my_law:MyLaw.gain=0.2
 
-and, to run it by name, register it in the package that holds it (``pyproject.toml``)::
+or in Python, without registration::
+
+    train_ato.run("demo", controller=MyLaw(gain=0.2))
+
+A short name needs a registration in the package that holds the law (``pyproject.toml``) and ``pip install -e .``::
 
     [project.entry-points."train_ato.controllers"]
     my_law = "my_law:MyLaw"
 
-After ``pip install -e .`` of that package ``train-ato run demo --controller my_law --set controllers.my_law.gain=0.2``
-uses it; in the running graph it is the ROS parameter ``controller`` and its parameters are ``my_law.gain``, ...
+In the node graph the law is the ROS parameter ``controller``, and its parameters are ``my_law.gain``, ...
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
+from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.contract import LawInput, parameter
-from train_ato.control.parts.guard import GuardedLaw
 
 
-@dataclass(frozen=True)
-class MyLawParameters:
-    """Every field: default, unit, lowest and highest value, one line of meaning."""
+@dataclass
+class MyLaw(GuardedLaw):
+    """Feed-forward and two gains (template). Each parameter: default, unit, lowest and highest value, description."""
 
-    gain: float = parameter(0.1, "1/s", 0.0, 10.0, "gain on the speed error, times the train's inertia")
+    gain: float = parameter(0.1, "1/s", 0.0, 10.0, "gain on the speed error, times the inertia of the train")
     stiffness: float = parameter(0.005, "1/s²", 0.0, 10.0, "gain on the position error")
 
-
-class MyLaw(GuardedLaw):
-    """Feed-forward and two gains: a template."""
-
-    Parameters: ClassVar[type] = MyLawParameters
-
-    def __init__(self, parameters: MyLawParameters, model: Any, period: float) -> None:
-        super().__init__(parameters, model, period)
+    def bind(self, model: Any, period: float) -> None:
+        """Take the train and the control period [s]; raise ValueError for a train that the law cannot drive."""
+        super().bind(model, period)
         self.mass = model.inertia * model.share
 
     def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force wanted of every unit [N]; GuardedLaw checks the inputs and cuts to the limits."""
+        """Return the force demand of every unit [N]; GuardedLaw checks the inputs and limits the output."""
         speed_error = inputs.velocity - inputs.reference_velocity
         position_error = inputs.position - inputs.reference_position
-        pull = self.parameters.gain * speed_error + self.parameters.stiffness * position_error
+        pull = self.gain * speed_error + self.stiffness * position_error
         wanted: list[float] = (inputs.feedforward - inputs.disturbance - self.mass * pull).tolist()
         return wanted

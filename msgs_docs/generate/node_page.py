@@ -1,8 +1,4 @@
-"""Documentation of the nodes: topics from the table, services and parameters asked of the nodes themselves.
-
-``python -m train_ato.node_docs`` writes the lower part of ``msgs_docs/nodes.md`` again; a test fails when it is older
-than the nodes.
-"""
+"""Generate the lower part of ``msgs_docs/nodes.md``: topics, services and parameters."""
 
 from __future__ import annotations
 
@@ -10,19 +6,30 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from train_ato.graph.environment import applied, claim_domain, variables
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
-from train_ato.topics import Role, published_by, read_by
+from train_ato.loop.setup import prepare
+from train_ato.messages.topics import Role, published_by, read_by
+from train_ato.ros.graph.environment import applied, claim_domain, variables
+from train_ato.scenario.scenario import load_scenario
 
 PAGE = Path("msgs_docs", "nodes.md")
-"""Where it is written, below the top of the repository, where the command is started."""
-MARK = "<!-- From here on made by `python -m train_ato.node_docs`; do not edit by hand. -->"
+"""Path of the page in the repository."""
+MARK = "<!-- From here on made by `python -m msgs_docs.generate`; do not edit by hand. -->"
+_SERVICES = {
+    "delay_jump": "change the command delays with the parameters `delay_jump.*`",
+    "emergency_brake": "`true` applies the emergency brake, `false` releases it (at standstill only)",
+    "gust": "a gust with the parameters `gust.*`",
+    "pause": "`true` pauses the run, `false` resumes it",
+    "ready": "`success` after the discovery of the other nodes; `data: true`: also of the recorder",
+    "start": "resume a paused run",
+    "step": "run one tick of a paused run",
+    "stop": "end the run after the current tick",
+}
+"""Meaning of every service."""
 _EVERYWHERE = frozenset({"use_sim_time", "start_type_description_service"})
 
 
 def page(written: Path = PAGE) -> str:
-    """Return the page: what stands above the mark, and below it what the nodes say of themselves."""
+    """Return the page: the text above the mark, and below it the generated sections."""
     above, mark, _ = written.read_text(encoding="utf-8").partition(MARK)
     if not mark:
         raise ValueError(f"{written}: the line '{MARK}' is missing; put it back below the text")
@@ -30,26 +37,26 @@ def page(written: Path = PAGE) -> str:
 
 
 def _sections() -> list[str]:
-    """Make every node of the scenario ``demo`` and describe it."""
+    """Return the sections of all nodes of the scenario ``demo``."""
     with tempfile.TemporaryDirectory() as scratch, claim_domain() as domain:
         folder = Path(scratch)
         with applied(variables(domain, folder / "log")):
-            from train_ato.failure import Watch
-            from train_ato.graph.assembly import executor_of, make_node
-            from train_ato.nodes.meeting import answer_ready
-            from train_ato.nodes.shell import ROLES, Shell
-            from train_ato.wire import Wire
+            from train_ato.errors import FirstFailure
+            from train_ato.messages.codec.codec import Wire
+            from train_ato.ros.graph.assembly import executor_of, make_node
+            from train_ato.ros.nodes.endpoints import ROLES, NodeEndpoints
+            from train_ato.ros.standalone.discovery import answer_ready
 
-            setup = prepare(*load("demo"))
+            setup = prepare(*load_scenario("demo"))
             lines = []
             with executor_of(domain) as (context, executor):
                 for role in ROLES:
-                    shell = Shell(role, Wire(setup.shape), context, Watch())
-                    executor.add_node(shell.node)
-                    node = make_node(role, setup, shell, folder, None, 10.0)
+                    endpoints = NodeEndpoints(role, Wire(setup.layout), context, FirstFailure())
+                    executor.add_node(endpoints.node)
+                    node = make_node(role, setup, endpoints, folder, None, 10.0)
                     if role not in (Role.PLANT, Role.RECORDER):
-                        answer_ready(shell)
-                    lines += _section(role, shell.node)
+                        answer_ready(endpoints, setup.fingerprint())
+                    lines += _section(role, endpoints.node)
                     if role is Role.RECORDER:
                         node.close(None)
             return lines
@@ -61,12 +68,15 @@ def _section(role: Role, node: Any) -> list[str]:
     for verb, found in topics.items():
         names = ", ".join(f"`{topic.name}`" for topic in found)
         if role is Role.RECORDER and verb == "Reads":
-            names = "every topic of the table but `record/acknowledged`"
+            names = "every topic of the table except `recorder/progress`"
         lines += [f"{verb}: {names or 'nothing'}.", ""]
     services = [(service.srv_name, service.srv_type) for service in node.services if _own(node, service)]
     if services:
-        lines += ["| service | type |", "|---|---|"]
-        lines += [f"| `{name}` | `{_type_name(kind)}` |" for name, kind in sorted(services)]
+        lines += ["| service | type | meaning |", "|---|---|---|"]
+        lines += [
+            f"| `{name}` | `{_type_name(kind)}` | {_SERVICES[name.rpartition('/')[2]]} |"
+            for name, kind in sorted(services)
+        ]
         lines += [""]
     parameters = [name for name in node.get_parameters_by_prefix("") if name not in _EVERYWHERE]
     if parameters:
@@ -78,7 +88,7 @@ def _section(role: Role, node: Any) -> list[str]:
 
 
 def _own(node: Any, service: Any) -> bool:
-    """Tell whether a service is one of ours and not one that every rclpy node has."""
+    """Return true for a service that is not common to all rclpy nodes."""
     return "parameter" not in service.srv_name and not service.srv_name.endswith("get_type_description")
 
 
@@ -87,7 +97,7 @@ def _type_name(kind: Any) -> str:
 
 
 def _row(node: Any, name: str) -> str:
-    """Return the row of a parameter, from its descriptor."""
+    """Return the table row of a parameter from its descriptor."""
     descriptor, value = node.describe_parameter(name), node.get_parameter(name).value
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
     allowed = f"{ranges[0].from_value:g} ... {ranges[0].to_value:g}" if ranges else descriptor.additional_constraints
@@ -100,7 +110,3 @@ def _shown(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:g}" if isinstance(value, (int, float)) else str(value) or "-"
-
-
-if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")

@@ -1,7 +1,6 @@
-"""JSON Schemas of scenario, consist and line files, made from the models that check them.
+"""JSON Schemas of scenario, consist and line files, generated from their models.
 
-``python -m train_ato.json_schema`` writes them again; a test fails when they are older than the models.  Editors
-complete and check a file that begins with ``# yaml-language-server: $schema=...``.
+Editors complete and check a file that begins with ``# yaml-language-server: $schema=...``.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from pydantic import BaseModel
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from train_ato.scenario import Scenario
+from train_ato.scenario.scenario import Scenario
 
 MODELS: dict[str, type[BaseModel]] = {"scenario": Scenario, "consist": Consist, "line": Line}
 
@@ -24,10 +23,10 @@ def schema_text(name: str) -> str:
     schema = MODELS[name].model_json_schema(by_alias=True)
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     if name == "scenario":
-        # Keys that exist in files only: they are worked off before the models see the scenario.
+        # Keys of files only; they are resolved before validation.
         schema["properties"]["base"] = {"type": "string", "description": "scenario that this one is laid over"}
         schema["properties"]["variants"] = {"type": "object", "description": "overlays by name"}
-        # What a scenario leaves out may stand in its base.
+        # The base of a scenario may have all other keys.
         schema["required"] = ["schema"]
         schema.pop("allOf", None)
         schema["$defs"]["PlantBlock"].pop("required", None)
@@ -35,10 +34,5 @@ def schema_text(name: str) -> str:
 
 
 def schema_path(name: str) -> Path:
-    """Return where the schema is shipped."""
-    return Path(str(files("train_ato"))) / "schemas" / f"{name}.schema.json"
-
-
-if __name__ == "__main__":
-    for kind in MODELS:
-        schema_path(kind).write_text(schema_text(kind), encoding="utf-8")
+    """Return the path of a shipped schema."""
+    return Path(str(files("train_ato"))) / "scenario" / "schemas" / f"{name}.schema.json"

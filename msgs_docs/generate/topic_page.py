@@ -1,52 +1,81 @@
-"""Documentation of the topics, made from the topic table.
-
-``python -m train_ato.topic_docs`` writes ``msgs_docs/topics.md`` again; a test fails when it is older than the table.
-"""
+"""Generate ``msgs_docs/topics.md`` from the topic table."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from train_ato.topics import DIAGNOSTIC_UNITS, TOPICS, Topic
+from train_ato.log.tables.columns import suffix
+from train_ato.messages.topics import DIAGNOSTIC_UNITS, TOPICS, Place, Topic
+from train_ato.messages.types import Diagnostic
 
 PAGE = Path("msgs_docs", "topics.md")
-"""Where it is written, below the top of the repository, where the command is started."""
+"""Path of the page in the repository."""
 
 
 def page() -> str:
-    """Return the page."""
+    """Return the text of the page."""
     lines = [
         "# Topics",
         "",
-        "Made from `train_ato/topics.py` by `python -m train_ato.topic_docs`; do not edit by hand.",
+        "Made from `train_ato/messages/topics.py` by `python -m msgs_docs.generate`; do not edit by hand.",
         "",
-        "| topic | type | from | to | rate | QoS | meaning |",
+        "| topic | type | from | subscribers besides the recorder | rate | QoS | meaning |",
         "|---|---|---|---|---|---|---|",
     ]
     lines += [_row(topic) for topic in TOPICS]
+    lines += [
+        "",
+        "Below, `field` is the field of the ROS message and `column` that of the [tables](tables.md) of a log; `I` is",
+        "the number in the name of a vehicle, power unit or sensor. Fields that are not listed are empty or 0.",
+    ]
     for topic in TOPICS:
-        lines += ["", f"## `{topic.name}`", "", f"{topic.meaning[0].upper()}{topic.meaning[1:]}.", ""]
-        lines += ["| field | unit | meaning |", "|---|---|---|"]
-        lines += [f"| `{field}` | {unit or '-'} | {meaning or '-'} |" for field, unit, meaning in topic.fields]
-        if topic.name == "/diagnostics":
+        lines += [
+            "",
+            f"## `{topic.name}`",
+            "",
+            f"{topic.meaning[0].upper()}{topic.meaning[1:]}{_condition(topic)}.",
+            "",
+        ]
+        lines += ["| field | column | unit | meaning |", "|---|---|---|---|", *_fields(topic)]
+        if topic.message is Diagnostic:
             lines += _units()
     return "\n".join(lines) + "\n"
 
 
+def _fields(topic: Topic) -> list[str]:
+    rows = []
+    if topic.owners:
+        names = "; ".join(f"`{owner.value}_I`: {owner.meaning}" for owner in topic.owners)
+        rows.append(f"| `name` | - | - | {names} |")
+    rows += [
+        f"| `{path}` | - | - | constant text {', '.join(f'`{text}`' for text in texts)} |"
+        for path, texts in topic.texts
+    ]
+    return rows + [_field(topic, place) for place in topic.places]
+
+
+def _field(topic: Topic, place: Place) -> str:
+    found = topic.description(place)
+    owner = f"{place.owner.value}_I_" if place.owner else ""
+    name = f"`{owner}{found.column}{suffix(found.unit)}`" if found.column else "one for each key"
+    return f"| `{place.path}` | {name} | {found.unit or '-'} | {found.meaning or '-'} |"
+
+
 def _units() -> list[str]:
-    """Return which values of the diagnostics have which unit."""
+    """Return the lines with the keys of the diagnostics by unit."""
     by_unit: dict[str, list[str]] = {}
     for key, unit in DIAGNOSTIC_UNITS.items():
         by_unit.setdefault(unit, []).append(f"`{key}`")
     return ["", "Keys with a unit:", "", *(f"* {unit}: {', '.join(keys)}" for unit, keys in by_unit.items())]
 
 
+def _condition(topic: Topic) -> str:
+    return f" ({topic.condition.text})" if topic.condition.text else ""
+
+
 def _row(topic: Topic) -> str:
     senders = ", ".join(role.value for role in topic.publishers)
-    readers = ", ".join(role.value for role in topic.readers) or ("recorder" if topic.recorded else "-")
+    readers = ", ".join(role.value for role in topic.readers) or "-"
     qos = f"reliable, {'transient local' if topic.latched else 'volatile'}, depth {topic.depth}"
-    return f"| `{topic.name}` | `{topic.type}` | {senders} | {readers} | {topic.rate.value} | {qos} | {topic.meaning} |"
-
-
-if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
+    meaning = topic.meaning + _condition(topic)
+    return f"| `{topic.name}` | `{topic.type}` | {senders} | {readers} | {topic.rate.value} | {qos} | {meaning} |"

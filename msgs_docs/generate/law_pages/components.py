@@ -1,4 +1,4 @@
-"""The blocks that have a page: every law, observer and compensation of this package."""
+"""Components with a page of their own: every law, observer and compensation of this package."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
-from train_ato.compensate.registry import COMPENSATIONS
 from train_ato.control.contract import Parameter
-from train_ato.control.registry import LAWS, Registry
-from train_ato.observe.registry import OBSERVERS
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
 
 REGISTRIES = (LAWS, OBSERVERS, COMPENSATIONS)
 PLURAL = {"controller": "laws", "observer": "observers", "compensation": "compensations"}
@@ -18,13 +16,13 @@ KIND = {"controller": "control law", "observer": "disturbance observer", "compen
 
 
 @dataclass(frozen=True)
-class Block:
+class Component:
     """A law, an observer or a compensation.
 
     Attributes
     ----------
     page : str
-        Name of its page and figure, without an ending: the block's name, and its kind where two kinds share it.
+        File name of its page and figure without ending: its name, with its kind where two kinds share the name.
     """
 
     registry: Registry
@@ -42,7 +40,7 @@ class Block:
         return f"{self.kind}/{self.name}"
 
     @property
-    def block(self) -> Any:
+    def cls(self) -> Any:
         """The class."""
         return self.registry.get(self.name)
 
@@ -53,26 +51,31 @@ class Block:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """What can be set."""
+        """Parameters, in the order of their declaration."""
         return self.registry.parameters(self.name)
 
     @property
     def text(self) -> str:
-        """Docstring of its module: the law itself."""
-        return inspect.cleandoc(sys.modules[self.block.__module__].__doc__ or "")
+        """Docstring of its module, cleaned: equations, corrections, needs."""
+        return inspect.cleandoc(sys.modules[self.cls.__module__].__doc__ or "")
 
     @property
     def source(self) -> str:
         """File of its module, from the root of the repository."""
-        module: str = self.block.__module__
+        module: str = self.cls.__module__
         return module.replace(".", "/") + ".py"
 
 
-def blocks() -> tuple[Block, ...]:
-    """Return the blocks of this package in the order of their kinds; those of other packages document themselves."""
+def components() -> tuple[Component, ...]:
+    """Return the components of this package, ordered by kind."""
     found = [(registry, name) for registry in REGISTRIES for name in registry.loadable()]
-    ours = [(registry, name) for registry, name in found if registry.get(name).__module__.startswith("train_ato.")]
+    ours = [
+        (registry, name)
+        for registry, name in found
+        if ":" not in name and registry.get(name).__module__.startswith("train_ato.")
+    ]
     names = [name for _, name in ours]
     return tuple(
-        Block(registry, name, name if names.count(name) == 1 else f"{name}_{registry.kind}") for registry, name in ours
+        Component(registry, name, name if names.count(name) == 1 else f"{name}_{registry.kind}")
+        for registry, name in ours
     )

@@ -1,4 +1,7 @@
-"""Where every block is at home: the scenario of its figure, what is drawn beside it, and the runs of its table."""
+"""Demonstration runs of every component: the two runs of its figure and the rows of its table.
+
+A component without an entry in ``DEMO_RUNS`` gets the runs of :func:`default_demo`, so that a new law needs no entry.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +9,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from train_ato.reproduce.claims import Case
+from train_ato.papers.claims import Case
 
 
 @dataclass(frozen=True)
-class Home:
+class DemoRun:
     """Runs of one page; the first two are drawn.
 
     Attributes
     ----------
     runs : dict
-        Words for a run, and the run.
+        Label and case of every run.
     draw : str
         Upper panel: ``speed`` or ``position`` error.
     lower : str
         Lower panel: ``force`` of all units, or ``estimate`` against the truth.
     span : tuple of float
-        Part of the run that is drawn [s]; None: all.
+        Drawn part of the run [s]; None draws all of it.
     """
 
     runs: Mapping[str, Case]
@@ -37,23 +40,23 @@ def _run(
     observer: str | None = None,
     compensation: str | None = None,
     values: Mapping[str, Any] | None = None,
-    **blocks: Any,
+    **components: Any,
 ) -> Case:
-    """Return a run of a scenario with other blocks; ``values`` are parameters of the law."""
+    """Return the case of a scenario with other components; ``values`` are parameters of the law."""
     chosen = {"controller": law, "observer": observer, "compensation": compensation}
     changes: dict[str, Any] = {key: name for key, name in chosen.items() if name is not None}
     if values:
         changes["controllers"] = {law or "pid": dict(values)}
-    return Case(scenario, changes | blocks)
+    return Case(scenario, changes | components)
 
 
 DAQIN, METRO, FREIGHT = "daqin_heavy_haul", "xuzhou_metro", "freight_consensus"
 FUNNEL, GPC = "crh380a_funnel:short", "crh380a_gpc:short"
 SCORED = (0.0, 2618.0)
-"""Part of the heavy-haul run that its figures are taken over [s]; the stop comes after it."""
+"""Evaluated part of the heavy-haul run [s]; the stop follows after it."""
 
-HOMES: dict[str, Home] = {
-    "controller/pid": Home(
+DEMO_RUNS: dict[str, DemoRun] = {
+    "controller/pid": DemoRun(
         {
             "pid": _run("demo"),
             "pid without feed-forward": _run("demo", values={"feedforward": False, "kp": 0.1}),
@@ -62,7 +65,7 @@ HOMES: dict[str, Home] = {
             "metro": _run(METRO),
         }
     ),
-    "controller/smc": Home(
+    "controller/smc": DemoRun(
         {
             "smc": _run(f"{DAQIN}:ideal", "smc"),
             "pid": _run(f"{DAQIN}:ideal"),
@@ -74,7 +77,7 @@ HOMES: dict[str, Home] = {
         },
         span=SCORED,
     ),
-    "controller/rbf_smc": Home(
+    "controller/rbf_smc": DemoRun(
         {
             "rbf_smc": _run(f"{DAQIN}:ideal", "rbf_smc"),
             "pid": _run(f"{DAQIN}:ideal"),
@@ -88,7 +91,7 @@ HOMES: dict[str, Home] = {
         },
         span=SCORED,
     ),
-    "controller/rbf_switching_smc": Home(
+    "controller/rbf_switching_smc": DemoRun(
         {
             "rbf_switching_smc": _run(f"{METRO}:disturbed", "rbf_switching_smc", "eso", "predictor"),
             "pid": _run(f"{METRO}:disturbed", "pid", "eso", "predictor"),
@@ -101,7 +104,7 @@ HOMES: dict[str, Home] = {
             "the same, tuned, under twin": _run(f"{DAQIN}:tuned+twin", "rbf_switching_smc"),
         }
     ),
-    "controller/fixed_time_smc": Home(
+    "controller/fixed_time_smc": DemoRun(
         {
             "fixed_time_smc": _run(f"{FREIGHT}:aligned"),
             "pid": _run(f"{FREIGHT}:aligned", "pid", values={"kp": 2.0, "ki": 1.0}),
@@ -113,7 +116,7 @@ HOMES: dict[str, Home] = {
         },
         draw="position",
     ),
-    "controller/lag_smc": Home(
+    "controller/lag_smc": DemoRun(
         {
             "lag_smc": _run(f"{FREIGHT}:realistic+delay_1_0"),
             "pid": _run(f"{FREIGHT}:realistic+delay_1_0", "pid", values={"kp": 0.5, "ki": 0.05}),
@@ -125,7 +128,7 @@ HOMES: dict[str, Home] = {
         },
         draw="position",
     ),
-    "controller/funnel": Home(
+    "controller/funnel": DemoRun(
         {
             "funnel": _run(FUNNEL, "funnel", compensation="none"),
             "pid": _run(FUNNEL, compensation="none"),
@@ -137,7 +140,7 @@ HOMES: dict[str, Home] = {
             "the same, tuned": _run(f"{DAQIN}:tuned", "funnel"),
         }
     ),
-    "controller/gpc": Home(
+    "controller/gpc": DemoRun(
         {
             "gpc": _run(GPC, "gpc", compensation="none"),
             "pid": _run(GPC),
@@ -147,14 +150,14 @@ HOMES: dict[str, Home] = {
             "the same, tuned": _run(f"{DAQIN}:tuned", "gpc"),
         }
     ),
-    "observer/none": Home(
+    "observer/none": DemoRun(
         {
             "none": _run(f"{METRO}:disturbed"),
             "eso": _run(f"{METRO}:disturbed", observer="eso"),
         },
         lower="estimate",
     ),
-    "observer/ndo": Home(
+    "observer/ndo": DemoRun(
         {
             "ndo": _run(f"{DAQIN}:ideal+disturbed", "smc", "ndo"),
             "none": _run(f"{DAQIN}:ideal+disturbed", "smc"),
@@ -163,7 +166,7 @@ HOMES: dict[str, Home] = {
         lower="estimate",
         span=(600.0, 900.0),
     ),
-    "observer/cascaded": Home(
+    "observer/cascaded": DemoRun(
         {
             "cascaded": _run(f"{FREIGHT}:aligned"),
             "none": _run(f"{FREIGHT}:aligned", observer="none"),
@@ -172,7 +175,7 @@ HOMES: dict[str, Home] = {
         draw="position",
         lower="estimate",
     ),
-    "observer/eso": Home(
+    "observer/eso": DemoRun(
         {
             "eso": _run(f"{METRO}:disturbed", observer="eso"),
             "none": _run(f"{METRO}:disturbed"),
@@ -181,20 +184,20 @@ HOMES: dict[str, Home] = {
         },
         lower="estimate",
     ),
-    "compensation/none": Home(
+    "compensation/none": DemoRun(
         {
             "none": _run(METRO, compensation="none"),
             "preview": _run(METRO),
         }
     ),
-    "compensation/pade": Home(
+    "compensation/pade": DemoRun(
         {
             "pade": _run(METRO, compensation="pade"),
             "none": _run(METRO, compensation="none"),
             "preview": _run(METRO),
         }
     ),
-    "compensation/preview": Home(
+    "compensation/preview": DemoRun(
         {
             "preview": _run(METRO),
             "none": _run(METRO, compensation="none"),
@@ -202,7 +205,7 @@ HOMES: dict[str, Home] = {
             "none, 45 km heavy haul": _run(DAQIN, compensation="none"),
         }
     ),
-    "compensation/predictor": Home(
+    "compensation/predictor": DemoRun(
         {
             "predictor": _run(f"{METRO}:long_delay", observer="eso", compensation="predictor"),
             "preview": _run(f"{METRO}:long_delay", observer="eso"),
@@ -213,7 +216,7 @@ HOMES: dict[str, Home] = {
             ),
         }
     ),
-    "compensation/train_predictor": Home(
+    "compensation/train_predictor": DemoRun(
         {
             "train_predictor": _run(DAQIN, "smc", compensation="train_predictor"),
             "none": _run(DAQIN, "smc", compensation="none"),
@@ -223,7 +226,7 @@ HOMES: dict[str, Home] = {
         },
         span=SCORED,
     ),
-    "compensation/twin": Home(
+    "compensation/twin": DemoRun(
         {
             "twin": _run(f"{DAQIN}:twin"),
             "preview": _run(DAQIN),
@@ -233,4 +236,20 @@ HOMES: dict[str, Home] = {
         span=SCORED,
     ),
 }  # fmt: skip
-"""By kind and name; a block that is not here has a page of text alone."""
+"""Runs by kind and name of the component."""
+
+
+def default_demo(kind: str, name: str) -> DemoRun:
+    """Return the runs of a component without an entry: on the metro train, beside the baseline of its kind."""
+    scenario = f"{METRO}:disturbed"
+    if kind == "controller":
+        return DemoRun({name: _run(scenario, name), "pid": _run(scenario, "pid")})
+    if kind == "observer":
+        runs = {name: _run(scenario, observer=name), "none": _run(scenario, observer="none")}
+        return DemoRun(runs, lower="estimate")
+    return DemoRun({name: _run(METRO, compensation=name), "preview": _run(METRO, compensation="preview")})
+
+
+def demo_of(kind: str, name: str) -> DemoRun:
+    """Return the demonstration runs of a component."""
+    return DEMO_RUNS.get(f"{kind}/{name}") or default_demo(kind, name)

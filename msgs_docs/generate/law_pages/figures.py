@@ -9,19 +9,17 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
-from train_ato.figure import COLOURS, LONG_RUN_S
-from train_ato.history import History
-from train_ato.law_docs.blocks import Block
-from train_ato.law_docs.homes import Home
-from train_ato.reproduce.claims import Case, Result
-from train_ato.reproduce.freight_observers import truth as paper_002
-from train_ato.run_setup import RunSetup, prepare
-from train_ato.scenario import load
-from train_ato.types import Array
+from msgs_docs.generate.law_pages.components import Component
+from msgs_docs.generate.law_pages.demo_runs import DemoRun
+from train_ato.apps.report.run_figure import COLOURS, LONG_RUN_S
+from train_ato.loop.recording import Recording
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.types import Array
+from train_ato.papers.claims import Case, Result
+from train_ato.papers.p002_freight.observer_trials import truth as paper_002
 
 POINTS = 3000
 """Beyond so many points a line is drawn as the band between its extremes."""
@@ -29,31 +27,30 @@ COLOURS_OF_PNG = 64
 GREY = "#4b4b4b"
 
 
-def draw_home(block: Block, home: Home, runs: Mapping[str, tuple[Case, Result]], path: Path) -> None:
+def draw_demo(component: Component, demo: DemoRun, runs: Mapping[str, tuple[Case, Result]], path: Path) -> None:
     """Draw the first two runs of a page over each other."""
     figure = Figure(figsize=(8.4, 4.6), dpi=90, layout="constrained")
-    FigureCanvasAgg(figure)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    drawn = [(label, _setup(case), result.history) for label, (case, result) in list(runs.items())[:2]]
-    times = [history.time for _, _, history in drawn if history is not None]
+    drawn = [(label, case.setup(), result.recording) for label, (case, result) in list(runs.items())[:2]]
+    times = [recording.time for _, _, recording in drawn if recording is not None]
     minutes = max(time[-1] for time in times) > LONG_RUN_S
-    for index, (label, setup, history) in reversed(list(enumerate(drawn))):
-        assert history is not None
-        part = _part(home, history)
-        time = history.time[part] / (60.0 if minutes else 1.0)
+    for index, (label, setup, recording) in reversed(list(enumerate(drawn))):
+        assert recording is not None
+        part = _part(demo, recording)
+        time = recording.time[part] / (60.0 if minutes else 1.0)
         style = {"color": COLOURS[index], "lw": 1.8 if index else 1.0, "alpha": 0.7 if index else 1.0, "label": label}
-        _line(upper, time, _error(home, setup, history)[part], **style)
-        if home.lower == "force":
-            _line(lower, time, history.applied.sum(axis=1)[part] / 1e3, **style)
+        _line(upper, time, _error(demo, setup, recording)[part], **style)
+        if demo.lower == "force":
+            _line(lower, time, recording.applied.sum(axis=1)[part] / 1e3, **style)
             continue
         if index == 0:
-            _line(lower, time, _truth(setup, history)[part] / 1e3, color=GREY, lw=2.6, alpha=0.45, label="truth")
-        if np.any(history.estimate):
-            _line(lower, time, history.estimate[part, 0] / 1e3, **style)
-    upper.set_ylabel("speed error in km/h" if home.draw == "speed" else "position error in m")
-    lower.set_ylabel("force in kN" if home.lower == "force" else "disturbance in kN\n(front unit)")
+            _line(lower, time, _truth(setup, recording)[part] / 1e3, color=GREY, lw=2.6, alpha=0.45, label="truth")
+        if np.any(recording.estimate):
+            _line(lower, time, recording.estimate[part, 0] / 1e3, **style)
+    upper.set_ylabel("speed error in km/h" if demo.draw == "speed" else "position error in m")
+    lower.set_ylabel("force in kN" if demo.lower == "force" else "disturbance in kN\n(front unit)")
     lower.set_xlabel("time in min" if minutes else "time in s")
-    for panel in (upper, lower) if home.lower == "estimate" else (upper,):
+    for panel in (upper, lower) if demo.lower == "estimate" else (upper,):
         handles, labels = panel.get_legend_handles_labels()
         panel.legend(
             handles[::-1], labels[::-1], loc="lower right", bbox_to_anchor=(1.0, 0.98), ncols=3, fontsize="small",
@@ -67,7 +64,7 @@ def draw_home(block: Block, home: Home, runs: Mapping[str, tuple[Case, Result]],
 
 
 def save_small(figure: Figure, path: Path) -> None:
-    """Write a figure as a PNG with few colours: a fifth of the size, and nobody sees it."""
+    """Write a figure as a PNG with few colours: a fifth of the size, without a visible difference."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     buffer.seek(0)
@@ -85,25 +82,21 @@ def _line(panel: Axes, time: Array, values: Array, **style: Any) -> None:
     panel.plot(time, values, **style)
 
 
-def _setup(case: Case) -> RunSetup:
-    return prepare(*load(case.scenario, changes=dict(case.changes)))
-
-
-def _part(home: Home, history: History) -> slice:
-    if home.span is None:
-        return slice(0, history.time.size)
-    begin, end = np.searchsorted(history.time, home.span)
+def _part(demo: DemoRun, recording: Recording) -> slice:
+    if demo.span is None:
+        return slice(0, recording.time.size)
+    begin, end = np.searchsorted(recording.time, demo.span)
     return slice(int(begin), int(end))
 
 
-def _error(home: Home, setup: RunSetup, history: History) -> Array:
+def _error(demo: DemoRun, setup: RunSetup, recording: Recording) -> Array:
     """Return the front unit's error."""
-    if home.draw == "speed":
-        return 3.6 * (history.velocity[:, 0] - history.reference_velocity)
-    return np.asarray(history.position[:, 0] + setup.model.offsets[0] - history.reference_position)
+    if demo.draw == "speed":
+        return 3.6 * (recording.velocity[:, 0] - recording.reference_velocity)
+    return np.asarray(recording.position[:, 0] + setup.model.offsets[0] - recording.reference_position)
 
 
-def _truth(setup: RunSetup, history: History) -> Array:
+def _truth(setup: RunSetup, recording: Recording) -> Array:
     """Return the disturbance of the front unit [N].
 
     Of a train that is one vehicle it is what the nominal model leaves of the true motion, unknown grades included;
@@ -111,16 +104,16 @@ def _truth(setup: RunSetup, history: History) -> Array:
     paper 002).
     """
     if any(spec.kind == "paper002" for spec in setup.plant.disturbances):
-        _, pushed, offset_rate = paper_002(history.time)
+        _, pushed, offset_rate = paper_002(recording.time)
         return float(setup.model.unit_inertia[0]) * (pushed[:, 0] + offset_rate[:, 0])
-    if setup.shape.n_vehicles > 1:
-        return history.disturbance[:, 0]
+    if setup.layout.n_vehicles > 1:
+        return recording.disturbance[:, 0]
     model = setup.model
-    speed, place = history.front_velocity, history.front_position
-    later = np.roll(history.applied[:, 0], -1)
+    speed, place = recording.front_velocity, recording.front_position
+    later = np.roll(recording.applied[:, 0], -1)
     known = np.array([model.rigid_force(x, v, 0.0) for x, v in zip(place.tolist(), speed.tolist(), strict=True)])
     pull = np.append(np.diff(speed), 0.0) / setup.tick
-    found: Array = model.inertia * pull - 0.5 * (history.applied[:, 0] + later) + known
+    found: Array = model.inertia * pull - 0.5 * (recording.applied[:, 0] + later) + known
     found[np.abs(speed) < 0.5] = np.nan  # the holding brake and dry friction are no disturbance
     found[-1] = np.nan
     return found

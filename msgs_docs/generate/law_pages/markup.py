@@ -1,4 +1,4 @@
-"""From a docstring of this project to Markdown."""
+"""Conversion of a docstring of this project to Markdown."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ NEEDS = "Needs: "
 
 
 def sections(text: str, pages: Mapping[str, str]) -> tuple[str, str, str, str]:
-    """Split a block's docstring.
+    """Split a component's docstring.
 
     Parameters
     ----------
     text
-        The docstring, cleaned: a title, what the block does, the law itself, ``Needs: ...``.
+        The docstring, cleaned: a title, what the component does, the law itself, ``Needs: ...``.
     pages
         Module to page, for links.
 
@@ -38,7 +38,7 @@ def sections(text: str, pages: Mapping[str, str]) -> tuple[str, str, str, str]:
 
 
 def markdown(paragraph: str, pages: Mapping[str, str]) -> str:
-    """Return a paragraph, with the indented block behind it as code."""
+    """Return a paragraph in Markdown; an indented block after it becomes code."""
     lines, result, code = paragraph.splitlines(), [], False
     for line in lines:
         indented = line.startswith("    ") or (code and not line.strip())

@@ -1,4 +1,4 @@
-"""Runs of the pages: carried out, summarised, drawn."""
+"""Drive, summarise and draw the demonstration runs of the pages."""
 
 from __future__ import annotations
 
@@ -6,63 +6,61 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from train_ato.law_docs.blocks import Block
-from train_ato.law_docs.figures import draw_home
-from train_ato.law_docs.homes import HOMES
-from train_ato.reproduce.claims import Case, Result
-from train_ato.reproduce.pool import Finished, WorkerPool
+from msgs_docs.generate.law_pages.components import Component
+from msgs_docs.generate.law_pages.demo_runs import demo_of
+from msgs_docs.generate.law_pages.figures import draw_demo
+from train_ato.papers.claims import Case, Result
+from train_ato.papers.pool import Finished, WorkerPool
 
 KEPT = ("speed_rmse_kmh", "speed_error_max_kmh", "position_error_max_m", "command_variation_kn_per_s")
 WORKERS = 2
 
 
 def measure(
-    chosen: Iterable[Block], folder: Path, report: Callable[[float, str], None]
+    chosen: Iterable[Component], folder: Path, report: Callable[[float, str], None]
 ) -> dict[str, list[dict[str, Any]]]:
-    """Carry out the runs of some pages and draw their figures.
+    """Execute the runs of some pages and draw their figures.
 
     Parameters
     ----------
     chosen
-        The blocks whose pages are measured.
+        Components of these pages.
     folder
-        Where the figures go.
+        Folder of the figures.
     report
-        Takes the share that is done and what was done last.
+        Called with the finished share and the name of the last scenario.
 
     Returns
     -------
     dict
-        Rows of the tables, by the block's key.
+        Rows of the tables by key of the component.
 
     Raises
     ------
     OSError
         If a run fails.
     """
-    pages = [block for block in chosen if block.key in HOMES]
-    cases: dict[str, Case] = {}
-    for block in pages:
-        cases |= {repr(case): case for case in HOMES[block.key].runs.values()}
+    demos = [(component, demo_of(component.kind, component.name)) for component in chosen]
+    cases = {repr(case): case for _, demo in demos for case in demo.runs.values()}
     results: dict[str, Result] = {}
     with WorkerPool(WORKERS) as pool:
         for message in pool.run(cases.items()):
             if isinstance(message, Finished):
                 case, result = cases[message.key], message.result
-                if result.failure or result.history is None:
+                if result.failure or result.recording is None:
                     raise OSError(f"{command(case)}: {result.failure or 'no complete tick'}")
                 results[message.key] = result
                 report(len(results) / len(cases), case.scenario)
     found = {}
-    for block in pages:
-        runs = {label: (case, results[repr(case)]) for label, case in HOMES[block.key].runs.items()}
-        found[block.key] = [row(label, case, result) for label, (case, result) in runs.items()]
-        draw_home(block, HOMES[block.key], runs, folder / f"{block.page}.png")
+    for component, demo in demos:
+        runs = {label: (case, results[repr(case)]) for label, case in demo.runs.items()}
+        found[component.key] = [row(label, case, result) for label, (case, result) in runs.items()]
+        draw_demo(component, demo, runs, folder / f"{component.page}.png")
     return found
 
 
 def row(label: str, case: Case, result: Result) -> dict[str, Any]:
-    """Return one row of a table: what was run, how to run it again, and its figures to four digits."""
+    """Return one row of a table: label, scenario, command line and metrics to four digits."""
     figures: dict[str, Any] = {key: _rounded(result.summary[key]) for key in KEPT}
     buff, draft = result.summary["coupler_buff_max_kn"], result.summary["coupler_draft_max_kn"]
     figures["couplers"] = f"{buff:.0f} ... {draft:+.0f}" if buff or draft else None
@@ -74,7 +72,7 @@ def _rounded(value: float) -> float:
 
 
 def command(case: Case) -> str:
-    """Return the command line that drives a case."""
+    """Return the command line of a case."""
     options, settings = [], []
     for key, value in case.changes.items():
         if key in ("controller", "observer", "compensation"):

@@ -1,16 +1,17 @@
-"""The pages: text from docstrings and parameter dataclasses, figures as they were measured last."""
+"""Text of the pages, from docstrings, parameter dataclasses and the figures of the last measurement."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
-from train_ato.cli.screen import shown
+from msgs_docs.generate.law_pages.compatibility import companions, conflicts, trains
+from msgs_docs.generate.law_pages.components import KIND, PLURAL, REGISTRIES, Component, components
+from msgs_docs.generate.law_pages.demo_runs import demo_of
+from msgs_docs.generate.law_pages.markup import sections
+from train_ato.apps.runs.summary_table import format_value
 from train_ato.control.contract import Parameter
-from train_ato.law_docs.blocks import KIND, PLURAL, REGISTRIES, Block, blocks
-from train_ato.law_docs.fit import companions, misfits, trains
-from train_ato.law_docs.homes import HOMES
-from train_ato.law_docs.markup import sections
 
 COLUMNS = (
     ("speed_rmse_kmh", "speed error, rms km/h"),
@@ -19,50 +20,50 @@ COLUMNS = (
     ("command_variation_kn_per_s", "command variation kN/s"),
     ("couplers", "couplers kN"),
 )
-"""Key of a figure and its column."""
+"""Key of a figure and title of its column."""
 Measured = Mapping[str, list[Mapping[str, Any]]]
 
 
 def modules() -> dict[str, str]:
-    """Return the page of every block's module, for links."""
-    return {block.block.__module__: block.page for block in blocks()}
+    """Return the page of every module of a component, for links."""
+    return {component.cls.__module__: component.page for component in components()}
 
 
-def page(block: Block, measured: Measured) -> str:
-    """Return the page of one block."""
-    title, does, law, needs = sections(block.text, modules())
-    rows = measured.get(block.key, [])
-    parts = [f"# {block.name}", f"{title} {_origin(block)}", does]
+def page(component: Component, measured: Measured) -> str:
+    """Return the page of one component."""
+    title, does, law, needs = sections(component.text, modules())
+    rows = measured.get(component.key, [])
+    parts = [f"# {component.name}", f"{title} {_origin(component)}", does]
     if rows:
-        parts.append(_figure(block, rows))
-    parts += [f"## The {PLURAL[block.kind].rstrip('s')}", law] if law else []
-    parts += ["## Parameters", parameter_table(block)]
-    parts += ["## What it needs", *([needs] if needs else []), "\n".join(trains(block))]
-    if refused := companions(block):
+        parts.append(_figure(component, rows))
+    parts += [f"## The {PLURAL[component.kind].rstrip('s')}", law] if law else []
+    parts += ["## Parameters", parameter_table(component)]
+    parts += ["## Requirements", *([needs] if needs else []), "\n".join(trains(component))]
+    if refused := companions(component):
         parts.append("\n".join(refused))
     if rows:
         parts += ["## Measured", measured_table(rows), commands(rows)]
     return "\n\n".join(parts) + "\n"
 
 
-def _origin(block: Block) -> str:
-    kind = KIND[block.kind]
+def _origin(component: Component) -> str:
+    kind = KIND[component.kind]
     return (
-        f"A {kind}: `{block.kind}: {block.name}`. This page is made from the docstring and the parameters in "
-        f"`{block.source}` by `python -m train_ato.law_docs`; do not edit it."
+        f"A {kind}: `{component.kind}: {component.name}`. This page is generated from docstring and parameters in "
+        f"`{component.source}` by `python -m msgs_docs.generate`; do not edit it."
     )
 
 
-def _figure(block: Block, rows: list[Mapping[str, Any]]) -> str:
-    drawn, beside, home = rows[0], rows[1], HOMES[block.key]
-    lower = "force of all units" if home.lower == "force" else "estimate and truth"
-    caption = f"{home.draw.capitalize()} error and {lower}: {drawn['run']}, beside {beside['run']}"
-    return f"![{block.name}]({block.page}.png)\n\n{caption} (`{drawn['scenario']}`)."
+def _figure(component: Component, rows: list[Mapping[str, Any]]) -> str:
+    drawn, beside, demo = rows[0], rows[1], demo_of(component.kind, component.name)
+    lower = "force of all units" if demo.lower == "force" else "estimate and truth"
+    caption = f"{demo.draw.capitalize()} error and {lower}: {drawn['run']}, beside {beside['run']}"
+    return f"![{component.name}]({component.page}.png)\n\n{caption} (`{drawn['scenario']}`)."
 
 
-def parameter_table(block: Block) -> str:
-    """Return the table of a block's parameters."""
-    entries = block.parameters
+def parameter_table(component: Component) -> str:
+    """Return the table of a component's parameters."""
+    entries = component.parameters
     if not entries:
         return "None."
     lines = ["| parameter | default | unit | range | meaning |", "|---|---|---|---|---|"]
@@ -87,7 +88,7 @@ def _range(entry: Parameter) -> str:
 
 
 def measured_table(rows: list[Mapping[str, Any]]) -> str:
-    """Return the table of the runs that were measured."""
+    """Return the table of the measured runs."""
     used = [(key, title) for key, title in COLUMNS if any(row.get(key) is not None for row in rows)]
     lines = ["| run | " + " | ".join(title for _, title in used) + " |", "|---" * (len(used) + 1) + "|"]
     lines += ["| " + " | ".join([row["run"], *(_cell(row.get(key)) for key, _ in used)]) + " |" for row in rows]
@@ -95,21 +96,21 @@ def measured_table(rows: list[Mapping[str, Any]]) -> str:
 
 
 def _cell(value: Any) -> str:
-    return value if isinstance(value, str) else shown(value)
+    return value if isinstance(value, str) else format_value(value)
 
 
 def commands(rows: list[Mapping[str, Any]]) -> str:
-    """Return the commands that drive the runs of a table, in its order."""
-    return "In this order:\n\n```sh\n" + "\n".join(row["command"] for row in rows) + "\n```"
+    """Return the commands of the runs of a table, in its order."""
+    return "Commands, in the order of the table:\n\n```sh\n" + "\n".join(row["command"] for row in rows) + "\n```"
 
 
 def index(measured: Measured) -> str:
-    """Return the page that lists all others."""
+    """Return the index page."""
     parts = [
         "# Laws, observers, compensations",
-        "Every law runs with every observer, and with every compensation but for those marked below. These pages are "
-        "made from the docstrings, parameters and refusals in the code by `python -m train_ato.law_docs`; figures and "
-        "measured tables are made from runs by `python -m train_ato.law_docs --measure`.",
+        "Every law runs with every observer, and with every compensation except those marked below. These pages are "
+        "generated from docstrings, parameters and error messages by `python -m msgs_docs.generate`; "
+        "figures and measured tables are generated from runs by `python -m msgs_docs.generate --measure`.",
     ]
     for registry in REGISTRIES:
         parts += [f"## {PLURAL[registry.kind].capitalize()}", _list(registry.kind, measured)]
@@ -118,16 +119,21 @@ def index(measured: Measured) -> str:
 
 
 def _list(kind: str, measured: Measured) -> str:
-    lines = ["| name | what | at home | rms km/h | beside | rms km/h |", "|---|---|---|---|---|---|"]
-    for block in blocks():
-        if block.kind != kind:
+    lines = [
+        "| name | description | demonstration | rms km/h | compared with | rms km/h |",
+        "|---|---|---|---|---|---|",
+    ]
+    for component in components():
+        if component.kind != kind:
             continue
-        cells = [f"[`{block.name}`]({block.page}.md)", block.summary.rstrip(".")]
-        rows = measured.get(block.key, [])
+        cells = [f"[`{component.name}`]({component.page}.md)", component.summary.rstrip(".")]
+        rows = measured.get(component.key, [])
         if rows:
             own, beside = rows[0], rows[1]
-            cells += [f"`{own['scenario']}`", shown(own["speed_rmse_kmh"])]
-            cells += [beside["run"], shown(beside["speed_rmse_kmh"])]
+            law = re.search(r"--controller (\S+)", own["command"])
+            other = f" with `{law[1]}`" if law and kind != "controller" else ""
+            cells += [f"`{own['scenario']}`{other}", format_value(own["speed_rmse_kmh"])]
+            cells += [beside["run"], format_value(beside["speed_rmse_kmh"])]
         else:
             cells += ["-"] * 4
         lines.append("| " + " | ".join(cells) + " |")
@@ -135,15 +141,15 @@ def _list(kind: str, measured: Measured) -> str:
 
 
 def _matrix() -> str:
-    laws = [block.name for block in blocks() if block.kind == "controller"]
-    names = [block.name for block in blocks() if block.kind == "compensation"]
+    laws = [component.name for component in components() if component.kind == "controller"]
+    names = [component.name for component in components() if component.kind == "compensation"]
     lines = ["| law | " + " | ".join(f"`{name}`" for name in names) + " |", "|---" * (len(names) + 1) + "|"]
     for law in laws:
-        refused = dict(misfits(law))
-        lines.append(f"| `{law}` | " + " | ".join("refused" if name in refused else "yes" for name in names) + " |")
+        rejected = dict(conflicts(law))
+        lines.append(f"| `{law}` | " + " | ".join("rejected" if name in rejected else "yes" for name in names) + " |")
     note = (
-        "With the defaults; `smc` and `rbf_smc` take a feed-forward with `equivalent: feedforward`, `gpc` goes under a "
-        "predictor with `delay: none`. A refusal is one line with the reason, before anything starts or while the law "
-        "is swapped."
+        "With the defaults; `smc` and `rbf_smc` use a feed-forward with `equivalent: feedforward`, `gpc` accepts a "
+        "predictor with `delay: none`. An incompatible pair is rejected with one line that gives the reason, before "
+        "the start or at a change of the law."
     )
     return "\n".join(lines) + "\n\n" + note

@@ -1,0 +1,1 @@
+"""Generators of pages and schemas from the code."""

@@ -1,0 +1,130 @@
+"""Write every page and schema that is generated from the code.
+
+    python -m msgs_docs.generate                    text of all pages, and the JSON Schemas
+    python -m msgs_docs.generate --check            list files older than the code; exit status 1 if any
+    python -m msgs_docs.generate --measure [NAME]   first run the demonstrations of all or some law pages
+
+Start it in the top folder of the repository.  ``--measure`` of all pages takes five minutes on two cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from msgs_docs.generate import node_page, schemas, topic_page
+from msgs_docs.generate.law_pages.components import Component, components
+from msgs_docs.generate.law_pages.demo_runs import demo_of
+from msgs_docs.generate.law_pages.measure import command, measure
+from msgs_docs.generate.law_pages.pages import Measured, index, page
+from train_ato.apps.runs.progress import share_bar
+from train_ato.control.parameters import closest
+
+ROOT = Path(__file__).resolve().parents[2]
+LAWS = ROOT / "msgs_docs" / "laws"
+MEASURED = LAWS / "measured.json"
+
+
+def read_measured() -> Measured:
+    """Return the rows of the latest measurement by key of the component."""
+    found: Measured = json.loads(MEASURED.read_text(encoding="utf-8")) if MEASURED.is_file() else {}
+    return found
+
+
+def law_pages(measured: Measured) -> dict[Path, str]:
+    """Return the text of every law page by file."""
+    pages = {LAWS / f"{component.page}.md": page(component, measured) for component in components()}
+    return {LAWS / "README.md": index(measured), **pages}
+
+
+def generated() -> dict[Path, str]:
+    """Return the text of every generated file by path."""
+    return {
+        ROOT / topic_page.PAGE: topic_page.page(),
+        ROOT / node_page.PAGE: node_page.page(ROOT / node_page.PAGE),
+        **{schemas.schema_path(kind): schemas.schema_text(kind) for kind in schemas.MODELS},
+        **law_pages(read_measured()),
+    }
+
+
+def stale(files: dict[Path, str]) -> list[str]:
+    """Return one line per generated file that is missing or older than the code."""
+    lines = []
+    for path, text in files.items():
+        if not path.is_file():
+            lines.append(f"{path.relative_to(ROOT)}: is missing; run python -m msgs_docs.generate")
+        elif path.read_text(encoding="utf-8") != text:
+            lines.append(f"{path.relative_to(ROOT)}: is older than the code; run python -m msgs_docs.generate")
+    return lines
+
+
+def unmeasured(measured: Measured) -> list[str]:
+    """Return one line per component without current measured rows or figure, and per leftover file."""
+    lines = []
+    for component in components():
+        runs = demo_of(component.kind, component.name).runs
+        rows = [(row["run"], row["command"]) for row in measured.get(component.key, [])]
+        remedy = f"run python -m msgs_docs.generate --measure {component.page}"
+        if rows != [(label, command(case)) for label, case in runs.items()]:
+            lines.append(f"{component.key}: its demonstration runs are not measured; {remedy}")
+        if not (LAWS / f"{component.page}.png").is_file():
+            lines.append(f"{component.key}: its figure is missing; {remedy}")
+    known = {component.page for component in components()} | {"README", "measured"}
+    leftover = [path for path in sorted(LAWS.iterdir()) if path.stem not in known]
+    return lines + [f"{path.relative_to(ROOT)}: no component has this name; remove the file" for path in leftover]
+
+
+def chosen(names: list[str]) -> list[Component]:
+    """Return the components of the named pages; of all pages for an empty list.
+
+    Raises
+    ------
+    ValueError
+        If there is no such page.
+    """
+    known = {component.page: component for component in components()}
+    for name in names:
+        if name not in known:
+            raise ValueError(f"--measure {name}: no such page{closest(name, known)}; pages: {', '.join(known)}")
+    return [known[name] for name in names or known]
+
+
+def measure_pages(names: list[str]) -> None:
+    """Run the demonstrations of the named pages; write their figures and table rows."""
+    wanted = chosen(names)
+    LAWS.mkdir(parents=True, exist_ok=True)
+    measured: dict[str, Any] = dict(read_measured())
+    with share_bar("demonstration runs") as report:
+        measured |= measure(wanted, LAWS, report)
+    text = json.dumps(dict(sorted(measured.items())), indent=1, ensure_ascii=False)
+    MEASURED.write_text(text + "\n", encoding="utf-8")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Write or check the generated files; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="python -m msgs_docs.generate", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--check", action="store_true", help="list files older than the code, write nothing")
+    parser.add_argument("--measure", nargs="*", metavar="NAME", help="run demonstrations first; default: all")
+    options = parser.parse_args(arguments)
+    if options.measure is not None:
+        try:
+            measure_pages(options.measure)
+        except ValueError as error:
+            parser.error(str(error))
+    files = generated()
+    if options.check:
+        lines = stale(files) + unmeasured(read_measured())
+        sys.stdout.write("".join(f"{line}\n" for line in lines))
+        return 1 if lines else 0
+    for path, text in files.items():
+        path.write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
