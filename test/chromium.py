@@ -1,4 +1,4 @@
-"""A headless Chromium for tests, driven over a pipe: no port is opened, nothing but the page is loaded."""
+"""Headless Chromium for tests, controlled over a pipe; no port is opened, and only the page is loaded."""
 
 from __future__ import annotations
 
@@ -17,14 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import LIMIT_S, LOOK_S, pause
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 OPTIONS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update",
     "--disable-sync", "--no-first-run", "--hide-scrollbars", "--disable-dev-shm-usage", "--remote-debugging-pipe",
 )  # fmt: skip
-PATIENCE = 60.0
-"""Longest wait for an answer [s]."""
 
 
 class Page:
@@ -33,9 +32,9 @@ class Page:
     Attributes
     ----------
     console : list of str
-        Warnings and errors that the page wrote, and exceptions that nobody caught.
+        Warnings and errors of the page, and uncaught exceptions.
     requests : list of str
-        Addresses that the page asked for.
+        Requested addresses.
     """
 
     def __init__(self, reading: int, writing: int) -> None:
@@ -52,7 +51,7 @@ class Page:
             self.send(f"{domain}.enable")
 
     def send(self, method: str, **parameters: Any) -> dict[str, Any]:
-        """Give a command and return its result; events that come before it are noted."""
+        """Send a command and return its result; earlier events are stored."""
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters}
         if self._session is not None:
@@ -67,7 +66,7 @@ class Page:
             self._note(answer)
 
     def _receive(self) -> dict[str, Any]:
-        limit = time.monotonic() + PATIENCE
+        limit = time.monotonic() + LIMIT_S
         while b"\0" not in self._rest:
             if not select.select([self._reading], [], [], max(0.0, limit - time.monotonic()))[0]:
                 raise TimeoutError("Chromium does not answer")
@@ -93,7 +92,7 @@ class Page:
             self.console.append(told["entry"]["text"])
 
     def open(self, address: str, width: int = 1400, height: int = 1000) -> None:
-        """Load a page and wait until it is."""
+        """Load a page and wait for its completion."""
         self.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         self._loaded = False
         self.send("Page.navigate", url=address)
@@ -109,11 +108,11 @@ class Page:
 
     def wait_for(self, expression: str) -> Any:
         """Wait until an expression is true and return it."""
-        limit = time.monotonic() + PATIENCE
+        limit = time.monotonic() + LIMIT_S
         while not (value := self.evaluate(expression)):
             if time.monotonic() > limit:
                 raise TimeoutError(f"never true: {expression}; the page said {self.console}")
-            time.sleep(0.05)
+            pause(LOOK_S)
         return value
 
     def mouse(self, kind: str, x: float, y: float, clicks: int = 0) -> None:
@@ -122,19 +121,19 @@ class Page:
         self.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, clickCount=clicks)
 
     def close(self) -> None:
-        """Ask the browser to end."""
+        """Close the browser."""
         self._session = None
         with contextlib.suppress(RuntimeError, OSError):
             self.send("Browser.close")
 
     def screenshot(self, path: Path) -> None:
-        """Write what is in the window as PNG."""
+        """Write the content of the window as PNG."""
         path.write_bytes(base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"]))
 
 
 @contextmanager
 def browser() -> Iterator[Page]:
-    """Start Chromium and yield an empty page; the test is skipped where there is none."""
+    """Start Chromium and yield an empty page; the test is skipped without Chromium."""
     program = next((found for name in PROGRAMS if (found := shutil.which(name))), None)
     if program is None:
         pytest.skip(f"no Chromium here (looked for {', '.join(PROGRAMS)}); on Debian: apt-get install chromium")
@@ -161,7 +160,7 @@ def browser() -> Iterator[Page]:
 
 
 def _end(process: int) -> None:
-    """Wait a little for the browser to go by itself, so that it writes no more into its folder; then end it."""
+    """Wait for the end of the browser, so that it writes no more into its folder; then kill it."""
     limit = time.monotonic() + 5.0
     while os.waitpid(process, os.WNOHANG) == (0, 0):
         if time.monotonic() > limit:
@@ -169,4 +168,4 @@ def _end(process: int) -> None:
                 os.killpg(process, signal.SIGKILL)
             os.waitpid(process, 0)
             return
-        time.sleep(0.02)
+        pause(LOOK_S)

@@ -1,10 +1,10 @@
-"""Shared fixtures: open data, a scratch working folder, one hypothesis profile for all."""
+"""Fixtures for all tests: data of open projects, one hypothesis profile."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
+import open_data as tables
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -15,10 +15,8 @@ settings.load_profile("train_ato")
 
 
 @pytest.fixture(scope="session")
-def shared_data() -> Path:
-    """Folder of the open data; tests that need it are skipped where it is absent."""
-    named = os.environ.get("TRAIN_ATO_SHARED")
-    folder = Path(named) if named else Path(__file__).resolve().parents[2] / "shared" / "data"
-    if not folder.is_dir():
-        pytest.skip(f"open data not found at {folder}; set TRAIN_ATO_SHARED to their folder")
+def open_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write the trains and lines of open projects into a folder."""
+    folder = tmp_path_factory.mktemp("open_data")
+    tables.write(folder)
     return folder

@@ -1,4 +1,4 @@
-"""One draft gear alone: its force along a path of deflections, as on a test bench."""
+"""Force of a single draft gear along a path of deflections, as on a test bench."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from plant_sim.states import Array
 
 
 def force_along(gear: DraftGear, deflection: Array, step: float) -> Array:
-    """Return the force of a relaxed gear that is moved along a path.
+    """Return the force of an initially relaxed gear along a path of deflections.
 
     Parameters
     ----------
     gear : DraftGear
-        Any kind but a rigid one.
+        Any kind except a rigid one.
     deflection : Array, shape (m,)
-        Deflection of the coupling at every step [m], slack included, > 0 draft; starts relaxed at 0.
+        Deflection of the coupler at every step [m], slack included, > 0 draft; relaxed at 0.
     step : float
-        Time between entries [s]; gives the rates.
+        Time between the entries [s], for the rates.
 
     Returns
     -------
@@ -30,7 +30,7 @@ def force_along(gear: DraftGear, deflection: Array, step: float) -> Array:
     Raises
     ------
     ValueError
-        If the gear is rigid: it has no path.
+        If the gear is rigid.
 
     Examples
     --------
@@ -39,9 +39,15 @@ def force_along(gear: DraftGear, deflection: Array, step: float) -> Array:
     10000.0
     """
     if isinstance(gear, RigidGear):
-        raise ValueError("a rigid gear has no deflection to move along")
+        raise ValueError("a rigid gear has no deflection; choose another kind")
     columns, table, run, _ = pack_gears([gear], 2)
     rate = np.diff(deflection, prepend=deflection[:1]) / step
     state, vehicle = np.zeros((k.STATE_ROWS, 3)), np.zeros((k.VEHICLE_ROWS, 2))
-    path = np.ascontiguousarray(deflection, dtype=np.float64)
-    return np.asarray(k.force_along(path, rate, state, vehicle, columns, table, run))
+    x, v = state[k.X], state[k.V]
+    force = np.empty(deflection.size)
+    for j, (stretch, speed) in enumerate(zip(deflection, rate, strict=True)):
+        x[0] = x[1] + vehicle[k.GAP, 0] + stretch
+        v[0] = v[1] + speed
+        k.coupler_forces(x, v, state, vehicle, columns, table, run)
+        force[j] = state[k.COUPLER, 1]
+    return force

@@ -1,4 +1,4 @@
-"""Logs that the tests of the tables open: ours, of two trains, and of somebody else."""
+"""Logs for the tests of the tables: of train_ato, of two trains, and of another tool."""
 
 from __future__ import annotations
 
@@ -7,25 +7,26 @@ from mcap.writer import Writer
 from rosbags.typesys import get_types_from_msg
 from test_wire import message
 
-from train_ato.cdr import typestore
-from train_ato.record.definitions import from_typestore
-from train_ato.record.layout import qos_profiles, qos_text
-from train_ato.record.run_log import LogFile, RunLog
-from train_ato.topics import BY_NAME, EPOCH_NS, Rate
-from train_ato.types import Command
-from train_ato.wire import Shape, Wire
+from train_ato.log.bag_layout import qos_profiles, qos_text
+from train_ato.log.definitions import from_typestore
+from train_ato.log.run_log import LogFile, RunLog
+from train_ato.messages.codec.cdr import typestore
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topics import BY_NAME, EPOCH_NS, Rate, topics_of
+from train_ato.messages.types import Command
 
 TICK = 100_000_000
 
 
-def write_log(folder, shape, ticks) -> None:
+def write_log(folder, layout, ticks) -> None:
     """Write a run of random messages on every topic."""
-    wire = Wire(shape)
-    with RunLog(folder, shape.topics) as log:
+    wire = Wire(layout)
+    with RunLog(folder, topics_of(layout)) as log:
         for tick in range(ticks):
-            for topic in shape.topics:
+            for topic in topics_of(layout):
                 if topic.recorded and (topic.rate is Rate.TICK or tick in (0, 7)):
-                    content = message(topic.name, shape, tick * TICK, seed=tick)
+                    content = message(topic.name, layout, tick * TICK, seed=tick)
                     log.add(
                         topic.name, EPOCH_NS + tick * TICK, EPOCH_NS + tick * TICK, wire.encode(topic.name, content)
                     )
@@ -33,7 +34,7 @@ def write_log(folder, shape, ticks) -> None:
 
 def write_two_trains(folder) -> None:
     """Write the commands of two trains in two namespaces."""
-    topic, wire = BY_NAME["ato/command"], Wire(Shape(1, 1))
+    topic, wire = BY_NAME["ato/command"], Wire(TrainLayout(1, 1))
     known = from_typestore(topic.type)
     log = LogFile(folder)
     numbers = [

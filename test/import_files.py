@@ -1,4 +1,4 @@
-"""Files of an on-board recorder, made up, and the command that takes them."""
+"""Synthetic files of an on-board recorder, and the command that imports them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CRUISE = (5 + TOP / ACCELERATION, 65 + TOP / ACCELERATION)
 
 
 def metro(time):
-    """Return speed, position and force of a metro from stop to stop; it stands for 5 s first."""
+    """Return speed, position and force of a metro between two stops, with 5 s at rest at the start."""
     fine = np.linspace(0, 140, 140_001)
     a = np.where((fine > 5) & (fine < CRUISE[0]), ACCELERATION, 0.0)
     a = np.where((fine > CRUISE[1]) & (fine < CRUISE[1] + TOP / BRAKE), -BRAKE, a)
@@ -43,7 +43,7 @@ def recorded(step=0.2, end=120.0, **changes) -> str:
 
 
 def take(tmp_path: Path, capsys, text: str, *options: str, train=TRAIN, name="run.csv") -> dict:
-    """Import a text into the folder ``imported``; return what is told."""
+    """Import a text into the folder ``imported``; return the output."""
     (tmp_path / name).write_text(text)
     status = main(["import", str(tmp_path / name), *train, "--out", str(tmp_path / "imported"), "--json", *options])
     captured = capsys.readouterr()
@@ -52,7 +52,7 @@ def take(tmp_path: Path, capsys, text: str, *options: str, train=TRAIN, name="ru
 
 
 def refused(tmp_path: Path, capsys, text: str | bytes, *options: str, train=TRAIN) -> str:
-    """Import what must be refused; return the one line that is told."""
+    """Import an invalid text; return the error line."""
     (tmp_path / "rec.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
     try:
         status = main(["import", str(tmp_path / "rec.csv"), *train, "--out", str(tmp_path / "imported"), *options])

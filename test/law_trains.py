@@ -1,4 +1,4 @@
-"""Trains, profiles and inputs on which the laws, observers and compensations are tried."""
+"""Trains, profiles and inputs for the tests of laws, observers and compensations."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from train_ato.brake.policy import BrakeSpec, make_brake_policy
-from train_ato.compensate.registry import COMPENSATIONS
+from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
 from train_ato.control.contract import LawInput, Preview
+from train_ato.control.registry import COMPENSATIONS
 from train_ato.control.stack import ControlStack
-from train_ato.model import TrainModel
+from train_ato.control.train_model import TrainModel
+from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference
 from train_ato.profile.profile import Profile
-from train_ato.types import DisturbanceEstimate, Measurement, Reference
 
 LEVEL = Line.model_validate({"schema": "train_ato/line/1", "name": "level", "end": 100e3})
 HILLY = Line.model_validate(
@@ -99,7 +99,7 @@ def profile(tick: float = 0.1, speed: float = 20.0, pull: float = 0.5, cruise: f
 
 
 def inputs(of: TrainModel, **changes: Any) -> LawInput:
-    """Return a law's input for a train that runs at 10 m/s exactly as it should."""
+    """Return the input of a law for a train at 10 m/s without errors."""
     n, one = of.n_units, np.ones(of.n_units)
     base = LawInput(
         t=50.0,
@@ -109,9 +109,9 @@ def inputs(of: TrainModel, **changes: Any) -> LawInput:
         reference_position=500.0 - of.offsets,
         reference_velocity=10.0 * one,
         reference_acceleration=0.0 * one,
-        lead=0.0,
-        acting_acceleration=0.0,
-        acting_jerk=0.0,
+        delay_to_effect=0.0,
+        acceleration_at_effect=0.0,
+        jerk_at_effect=0.0,
         feedforward=0.0 * one,
         preview=Preview(np.full(60, 500.0), np.full(60, 10.0), np.zeros(60)),
         disturbance=0.0 * one,
@@ -120,7 +120,7 @@ def inputs(of: TrainModel, **changes: Any) -> LawInput:
         coupler_force=np.zeros(len(of.sensors)),
         shoe_force=0.0 * one,
         train_shoe_force=0.0,
-        under_way=np.zeros((0, n)),
+        commands_in_flight=np.zeros((0, n)),
         force_min=np.full(n, -400e3),
         force_max=np.full(n, 400e3),
         saturated=False,

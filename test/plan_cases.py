@@ -8,12 +8,12 @@ import numpy as np
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from train_ato.plan.planner import Plan
-from train_ato.plan.settings import PlanSettings
+from train_ato.profile.planner.planner import Plan
+from train_ato.profile.planner.settings import PlanSettings
 
 
 def random_train(rng: np.random.Generator, vehicles: int) -> tuple[Consist, float]:
-    """Return a train and the acceleration it reaches at low speed."""
+    """Return a train and its acceleration at low speed [m/s²]."""
     top, mass = float(rng.uniform(15, 90)), float(rng.uniform(20, 100)) * 1e3
     start = float(rng.uniform(0.1, 1.3))
     pull = start * vehicles * mass * 1.05 + vehicles * mass * 9.81 * 0.003
@@ -85,7 +85,7 @@ def random_case(seed: int) -> tuple[Line, Consist, PlanSettings]:
 
 
 def limit_by_hand(line: Line, front: float, length: float, top: float) -> float:
-    """Return the lowest limit under any part of the train, by the line's own words."""
+    """Return the lowest speed limit under the train, from the line file [m/s]."""
     limits = line.speed_limits
     ends = [limit.at for limit in limits[1:]] + [np.inf]
     under = [
@@ -97,7 +97,7 @@ def limit_by_hand(line: Line, front: float, length: float, top: float) -> float:
 
 
 def resistance_by_hand(line: Line, consist: Consist, front: float, speed: float) -> float:
-    """Return running, grade and curve resistance of the train, vehicle by vehicle, without the planner's tables."""
+    """Return running, grade and curve resistance, vehicle by vehicle, without the tables of the planner [N]."""
     total = 0.0
     half = consist.vehicles[0].length / 2
     for vehicle, offset in zip(consist.vehicles, consist.offsets, strict=True):
@@ -113,7 +113,7 @@ def resistance_by_hand(line: Line, consist: Consist, front: float, speed: float)
 
 
 def broken_promises(line: Line, consist: Consist, settings: PlanSettings, plan: Plan, period: float) -> list[str]:
-    """Return everything that a plan does not keep."""
+    """Return the violated properties of a plan."""
     profile, train = plan.profile, plan.train
     speed, front = profile.velocity, plan.front
     traction, electric, air = train.forces_at(speed)

@@ -1,4 +1,4 @@
-"""Trains, lines and demands that the plant's tests share."""
+"""Trains, lines and demands shared by the tests of the plant."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ GEARS: dict[str, dict[str, Any]] = {
 
 
 def plain_line(**entries: Any) -> Line:
-    """Return a level line of 200 km with whatever is added."""
+    """Return a level line of 200 km with additional entries."""
     return Line.model_validate({"schema": "train_ato/line/1", "name": "plain", "end_km": 200, **entries})
 
 
 def slope(grade_permille: float) -> Line:
-    """Return a line of one grade, under the train from the start."""
+    """Return a line of one grade from before the start on."""
     return plain_line(begin_km=-10, grades=[{"at_km": -10, "grade_permille": grade_permille}])
 
 
 def heavy(gear: dict[str, Any] | None = None, wagons: int = 105) -> Consist:
-    """Return the HXD1 with so many C80 wagons, every coupling with the gear given (default: those of the file)."""
+    """Return the HXD1 with a number of C80 wagons, by default with the draft gears of the file."""
     data = load_consist("hxd1_c80_105").model_dump(by_alias=True, exclude_none=True)
     data["train"] = [{"type": "hxd1"}, {"type": "c80", "count": wagons}] if wagons else [{"type": "hxd1"}]
     if gear is not None:
@@ -59,7 +59,7 @@ def heavy(gear: dict[str, Any] | None = None, wagons: int = 105) -> Consist:
 
 
 def chain(count: int, gear: dict[str, Any], mass: float = 1e5, resistance: float = 0.0) -> Consist:
-    """Return equal vehicles without engines."""
+    """Return equal vehicles without power units."""
     car = {"mass": mass, "length": 12.0, "resistance": {"n": [resistance, 0.0, 0.0]}}
     return Consist.model_validate(
         {
@@ -76,13 +76,13 @@ def chain(count: int, gear: dict[str, Any], mass: float = 1e5, resistance: float
 def train(
     consist: Consist, line: Line | None = None, step_ns: int = STEP_NS, tick_ns: int = TICK_NS, **setup: Any
 ) -> Train:
-    """Return a train on a line (default: level) with a setup given as in a scenario file."""
+    """Return a train on a line (default: level) with a setup as in a scenario file."""
     where = load_line("level") if line is None else line
     return Train(consist, where, PlantSetup.model_validate(setup), step_ns, tick_ns, seed=7)
 
 
 def drive(plant: Train, seconds: float, force: float | Array = 0.0, pipe: float | None = None) -> Train:
-    """Advance under a constant demand of every unit [N]; a brake-pipe demand holds from the first tick on."""
+    """Advance with a constant demand of every unit [N] and a brake-pipe demand from the first tick on."""
     demand = np.broadcast_to(np.asarray(force, dtype=np.float64), (plant.substeps, len(plant.units)))
     for _ in range(round(seconds * 1e9 / plant.tick_ns)):
         plant.advance(demand, pipe)

@@ -1,4 +1,4 @@
-"""A replay in a thread, and a real node that listens to it and gives it orders."""
+"""Replay in a thread, and a real node that receives its messages and calls its services."""
 
 from __future__ import annotations
 
@@ -6,16 +6,15 @@ import threading
 import time
 from pathlib import Path
 
-from train_ato.replay.options import ReplayOptions
-from train_ato.replay.player import NODE
-from train_ato.replay.publishing import Replayed, replay
+from waiting import wait_for
 
-LIMIT_S = 120.0
-"""After so long a condition counts as not coming."""
+from train_ato.apps.replay.options import ReplayOptions
+from train_ato.apps.replay.player import NODE
+from train_ato.apps.replay.publishing import Replayed, replay
 
 
 class Listener:
-    """A node with its own executor; it keeps the bytes of some topics, every message of them."""
+    """Node with its own executor that stores the bytes of all messages of some topics."""
 
     def __init__(self, context, executor, topics):
         from rclpy.node import Node
@@ -33,8 +32,8 @@ class Listener:
         """Subscribe to a topic that is published like one of the topic table."""
         from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-        from train_ato.nodes.shell import message_class
-        from train_ato.topics import BY_NAME
+        from train_ato.messages.topics import BY_NAME
+        from train_ato.ros.nodes.endpoints import message_class
 
         topic = BY_NAME[source]
         qos = QoSProfile(
@@ -52,19 +51,16 @@ class Listener:
         self.node.create_subscription(message_class(topic.type), name, receive, qos, raw=True)
 
     def until(self, condition, what):
-        """Turn until a condition holds."""
-        last = time.monotonic() + LIMIT_S
-        while not condition():
-            assert time.monotonic() < last, f"{what} did not come in {LIMIT_S} s"
-            self.executor.spin_once(timeout_sec=0.01)
+        """Run callbacks until a condition holds."""
+        wait_for(condition, what, lambda: self.executor.spin_once(timeout_sec=0.01))
 
     def hear(self, name, count):
-        """Turn until so many messages of a topic have come, and return all of it."""
+        """Run callbacks until a number of messages of a topic has arrived; return all of them."""
         self.until(lambda: len(self.heard[name]) >= count, f"message {count} of {name}")
         return self.heard[name]
 
     def stay(self, seconds=0.3):
-        """Turn for a while, so that what is on its way arrives."""
+        """Run callbacks for a time [s], so that messages in flight arrive."""
         last = time.monotonic() + seconds
         while time.monotonic() < last:
             self.executor.spin_once(timeout_sec=0.01)
@@ -78,13 +74,13 @@ class Listener:
         return future.result()
 
     def call(self, service):
-        """Call one of the services without a request."""
+        """Call a service without a request."""
         from std_srvs.srv import Trigger
 
         return self.answer(Trigger, f"/{NODE}/{service}", Trigger.Request())
 
     def set(self, name, value):
-        """Set a parameter of the replay; return the reason of a refusal."""
+        """Set a parameter of the replay; return the reason of a rejection."""
         from rcl_interfaces.srv import SetParameters
         from rclpy.parameter import Parameter
 
@@ -94,7 +90,7 @@ class Listener:
 
 
 class Replaying:
-    """A replay in a thread of its own; at the end of the block it is stopped and its outcome looked at."""
+    """Replay in a separate thread; at the end of the block it is stopped and its result is checked."""
 
     def __init__(self, run: Path, options: ReplayOptions, domain: int, listener: Listener) -> None:
         self._thread = threading.Thread(target=self._run, args=(run, options, domain), daemon=True)
@@ -121,6 +117,6 @@ class Replaying:
             raise self.error
 
     def wait(self):
-        """Turn until the replay is over."""
+        """Run callbacks until the end of the replay."""
         self._listener.until(lambda: not self._thread.is_alive(), "the end of the replay")
         self._thread.join()

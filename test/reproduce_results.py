@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+from recordings import recording_of
 
-from train_ato.history import History
-from train_ato.reproduce.claims import Claim, Paper, Result
-from train_ato.types import Array
+from train_ato.loop.recording import Recording
+from train_ato.messages.types import Array
+from train_ato.papers.claims import Claim, Paper, Result
 
 FIGURES = {
     "speed_rmse_kmh": 0.01,
@@ -21,37 +22,32 @@ FIGURES = {
 }
 
 
-def series(error: Array, command: Array, period: float = 0.05) -> History:
+def series(error: Array, command: Array, period: float = 0.05) -> Recording:
     """Return the series of a train at 20 m/s with this speed error [m/s] and command [N]."""
     count = error.size
     time = period * np.arange(count)
-    column = np.zeros((count, 1))
     speed = np.full(count, 20.0)
-    return History(
-        time=time,
-        position=(20.0 * time)[:, None],
-        velocity=(speed + error)[:, None],
+    return recording_of(
+        time,
+        position=20.0 * time,
+        velocity=speed + error,
         front_position=20.0 * time,
         front_velocity=speed + error,
-        coupler_high=np.zeros(count),
-        coupler_low=np.zeros(count),
-        coupler_some=np.zeros((count, 3)),
-        applied=command[:, None],
-        command=command[:, None],
-        estimate=column,
-        disturbance=column,
+        coupler_draft_max=np.zeros(count),
+        coupler_buff_max=np.zeros(count),
+        applied=command,
+        command=command,
+        estimate=np.zeros(count),
+        disturbance=np.zeros(count),
         reference_position=20.0 * time,
         reference_velocity=speed,
         reference_acceleration=np.zeros(count),
-        final_position=float(20.0 * time[-1]),
-        final_velocity=20.0,
-        totals={},
     )
 
 
-def result(history: History | None = None, **figures: float | None) -> Result:
+def result(recording: Recording | None = None, **figures: float | None) -> Result:
     """Return a result with the given figures in place of ordinary ones."""
-    return Result({**FIGURES, **figures}, history)
+    return Result({**FIGURES, **figures}, recording)
 
 
 def claim(paper: Paper, text: str) -> Claim:

@@ -1,4 +1,4 @@
-"""A benchmark that misses its goal widely says so and fails; one that is near it says so and passes."""
+"""Verdicts of benchmarks: a narrow miss is reported and passes, a wide miss fails."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SPEC.loader.exec_module(goals)
 def test_verdict_and_exit_status(
     value: float, at_least: bool, verdict: str, status: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Breaks if a bound is read the wrong way round, or a wide miss leaves the exit status at 0."""
+    """Breaks if an upper bound counts as a lower one, or a wide miss gives exit status 0."""
     goal = goals.Goal("something", value, 100.0, "us", at_least)
     assert goals.judge([goals.Goal("else", 1.0, 2.0), goal]) == status
     assert capsys.readouterr().out.splitlines()[1].endswith(f"100 us: {value:.3g}, {verdict}")

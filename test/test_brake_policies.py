@@ -1,4 +1,4 @@
-"""When the air brake is applied: the electric brake alone cannot hold a heavy train on a long fall."""
+"""Policies of the air brake: the electric brake alone cannot hold a heavy train on a long falling grade."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 import yaml
 
-from train_ato.brake.policy import BrakeSpec, make_brake_policy
-from train_ato.engine import run_engine
-from train_ato.outcome import Outcome
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
+from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
+from train_ato.loop.engine import run_engine
+from train_ato.loop.result import RunResult
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import load_scenario
 
 
 @pytest.fixture
 def long_fall(tmp_path: Path) -> Path:
-    """16 km, -10 per mille from km 3 to km 12."""
+    """Return a line of 16 km with -10 per mille from km 3 to km 12."""
     grades = [{"at": 0, "grade": 0}, {"at_km": 3, "grade_permille": -10}, {"at_km": 12, "grade": 0}]
     line = {"schema": "train_ato/line/1", "name": "fall", "end_km": 16, "grades": grades}
     path = tmp_path / "fall.yaml"
@@ -26,7 +26,7 @@ def long_fall(tmp_path: Path) -> Path:
     return path
 
 
-def run(line: Path, policy: str) -> Outcome:
+def run(line: Path, policy: str) -> RunResult:
     """Start at 50 km/h before the fall and hold it."""
     points = [{"time": 0, "speed_kmh": 50}, {"time": 760, "speed_kmh": 50}]
     changes = {
@@ -35,32 +35,32 @@ def run(line: Path, policy: str) -> Outcome:
         "profile": {"phases": None, "points": points, "start": 1500, "allow_rolling_end": True},
         "brake": {"policy": policy},
     }
-    setup = prepare(*load("demo", (), changes))
+    setup = prepare(*load_scenario("demo", (), changes))
     return run_engine(setup)
 
 
 def test_electric_brake_alone_runs_away(long_fall: Path) -> None:
-    """461 kN hold about -6.3 per mille; the surplus of 3.7 per mille makes 0.04 m/s²."""
+    """461 kN hold about -6.3 per mille; the remaining 3.7 per mille accelerate at 0.04 m/s²."""
     outcome = run(long_fall, "none")
-    assert outcome.history is not None
-    assert outcome.history.velocity.max() * 3.6 > 90
+    assert outcome.recording is not None
+    assert outcome.recording.velocity.max() * 3.6 > 90
 
 
 def test_blended_air_holds_the_speed(long_fall: Path) -> None:
-    """Breaks if air is never called, never released, or pumped on and off."""
+    """Breaks if the air brake is not applied, not released, or cycles."""
     outcome = run(long_fall, "blend")
-    history = outcome.history
-    assert history is not None
-    on_fall = (history.front_position > 5000) & (history.front_position < 11000)
-    speed = 3.6 * history.front_velocity[on_fall]
+    recording = outcome.recording
+    assert recording is not None
+    on_fall = (recording.front_position > 5000) & (recording.front_position < 11000)
+    speed = 3.6 * recording.front_velocity[on_fall]
     assert speed.min() > 35
     assert speed.max() < 65
     assert abs(outcome.summary["coupler_buff_max_kn"]) < 1000
 
 
 def test_blending_rules_on_the_share_of_the_electric_brake() -> None:
-    """Share .95 for 5 s calls, .2 for 5 s releases, and then nothing for 60 s."""
-    model = prepare(*load("demo")).model
+    """A part of .95 for 5 s applies, .2 for 5 s releases, and then no application for 60 s."""
+    model = prepare(*load_scenario("demo")).model
     policy = make_brake_policy(BrakeSpec.model_validate({"policy": "blend"}), model, model.line)
     there = -float(model.force_limits(np.array([15.0]))[0].sum())
 
@@ -77,8 +77,8 @@ def test_blending_rules_on_the_share_of_the_electric_brake() -> None:
 
 
 def test_air_is_not_released_below_the_limit() -> None:
-    """Paper 000: below 35 km/h a release risks a broken coupler."""
-    model = prepare(*load("demo")).model
+    """Paper 000: a release below 35 km/h can break a coupler."""
+    model = prepare(*load_scenario("demo")).model
     policy = make_brake_policy(BrakeSpec.model_validate({"policy": "blend"}), model, model.line)
     there = -float(model.force_limits(np.array([15.0]))[0].sum())
     for t in range(10):
@@ -87,8 +87,8 @@ def test_air_is_not_released_below_the_limit() -> None:
 
 
 def test_air_is_released_before_a_train_that_stood_departs() -> None:
-    """Held on for ever, the locomotive pulled the whole next run against it; a stand alone must not release it."""
-    model = prepare(*load("demo")).model
+    """Breaks if the air brake stays applied after a departure, or is released by standstill alone."""
+    model = prepare(*load_scenario("demo")).model
     policy = make_brake_policy(BrakeSpec.model_validate({"policy": "blend"}), model, model.line)
     there = -float(model.force_limits(np.array([15.0]))[0].sum())
     for t in range(10):
@@ -110,13 +110,13 @@ def test_air_is_released_before_a_train_that_stood_departs() -> None:
     ],
 )
 def test_a_plan_counts_on_no_more_air_than_the_policy_applies(brake: dict[str, Any], deepest: float) -> None:
-    """Planned with all the air brake and driven without, the train ran 1136 m past its stop."""
+    """Breaks if a plan with the full air brake is run without it: 1136 m past the stop."""
     changes = {
         "duration": 100,
         "profile": {"phases": None, "limits": None, "plan": {"end_km": 4, "deceleration": None}},
         "brake": brake,
     }
-    setup = prepare(*load("demo", ("plant.consist=hxd1_c80_105", "plant.line=level"), changes))
+    setup = prepare(*load_scenario("demo", ("plant.consist=hxd1_c80_105", "plant.line=level"), changes))
     model, profile = setup.model, setup.profile
     braking = np.flatnonzero((profile.acceleration < 0) & (profile.velocity > 2))
     motion = np.stack((profile.position, profile.velocity, profile.acceleration), axis=1)[braking].tolist()

@@ -1,4 +1,4 @@
-"""The control stack: guards, held output, bumpless swap, feed-forward through delay and lag, brake policy."""
+"""Control stack: guards, repeated output, change of the law without a jump, feed-forward, brake policy."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from law_trains import FIVE, HAULED, HILLY, LEVEL, SINGLE, asked, measured, mode
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from train_ato.brake.policy import BrakeSpec, make_brake_policy
+from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
 
 TICK = 100_000_000
 
 
 def run(control, of, along, count, error=0.0, start=0):
-    """Let a train run along the reference, off by a speed error; return forces and the last pressure."""
+    """Run a train along the reference with a speed error; return forces and the last pressure."""
     forces, pressure = [], None
     for k in range(start, start + count):
         reference, estimate = asked(of, along, k * TICK)
@@ -27,7 +27,7 @@ def run(control, of, along, count, error=0.0, start=0):
 
 
 def test_feedforward_is_newtons_law_on_the_hill():
-    """M a + R(v) + grade, along the whole run; breaks if a term or the air gap between knots is lost."""
+    """M a + R(v) + grade over the whole run; breaks if a term is missing or the table of the line is shifted."""
     of, along = model(SINGLE, HILLY), profile()
     forces, _ = run(stack(of, along=along), of, along, 1500)
     k = np.arange(1500)
@@ -37,7 +37,7 @@ def test_feedforward_is_newtons_law_on_the_hill():
 
 
 def test_preview_inverts_delay_and_lag():
-    """Sent through 0.8 s of delay and 0.4 s of lag the preview's force arrives as the one that is needed."""
+    """Through 0.8 s of delay and 0.4 s of lag, the force of the preview arrives as the needed force."""
     of, along = model(SINGLE, LEVEL, delay=0.8, lag=0.4), profile()
     needed, _ = run(stack(of, along=along), of, along, 1400)
     sent, _ = run(stack(of, compensation="preview", along=along), of, along, 1400)
@@ -53,7 +53,7 @@ def test_preview_inverts_delay_and_lag():
 
 
 def test_delay_by_the_sign_of_the_command():
-    """A braking unit looks ahead by its brake delay, a pulling one by its traction delay."""
+    """A braking unit uses its brake delay, a driving unit its traction delay."""
     of, along = model(SINGLE, LEVEL, delay=1.0, delay_brake=0.5), profile()
     sent, _ = run(stack(of, compensation="preview", along=along), of, along, 1700)
     needed = np.append(run(stack(of, along=along), of, along, 1700)[0][:, 0], np.zeros(20))
@@ -65,8 +65,8 @@ def test_delay_by_the_sign_of_the_command():
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf, 1e300])
 @pytest.mark.parametrize("field", ["position", "velocity", "applied"])
-def test_an_unsound_measurement_holds_the_last_command(wrong, field):
-    """Breaks if a NaN, an infinity or nonsense reaches the law, or the law does not go on afterwards."""
+def test_an_invalid_measurement_repeats_the_last_command(wrong, field):
+    """Breaks if a NaN, an infinity or an impossible value reaches the law, or the law does not continue afterwards."""
     of, along = model(FIVE), profile()
     control, other = stack(of, along=along), stack(of, along=along)
     before, _ = run(control, of, along, 50)
@@ -84,7 +84,7 @@ def test_an_unsound_measurement_holds_the_last_command(wrong, field):
 
 
 def test_output_stays_inside_the_limits_at_the_present_speed():
-    """An error of 9 m/s asks for far more than 400 kN."""
+    """An error of 9 m/s demands far more than 400 kN."""
     of, along = model(SINGLE), profile()
     control = stack(of, parameters={"kp": 5.0}, along=along)
     forces, _ = run(control, of, along, 100, error=-9.0)
@@ -92,8 +92,8 @@ def test_output_stays_inside_the_limits_at_the_present_speed():
     assert int(control.diagnostics()["saturated_steps"]) > 50
 
 
-def test_swap_is_bumpless_and_worn_off_after_a_second():
-    """First output equals the last command exactly; after 1 s the new law acts alone; in between a straight line."""
+def test_a_change_of_the_law_has_no_jump_and_its_offset_ends_after_a_second():
+    """The first output equals the last command; the offset falls linearly to 0 within 1 s."""
     of, along = model(SINGLE), profile()
     control, alone = stack(of, along=along), stack(of, "pid", {"kp": 0.5}, along=along)
     before, _ = run(control, of, along, 200, error=-0.1)
@@ -109,7 +109,7 @@ def test_swap_is_bumpless_and_worn_off_after_a_second():
 
 
 def test_a_refused_swap_leaves_the_old_law_running():
-    """Breaks if half a swap is left behind."""
+    """Breaks if a rejected swap changes the stack."""
     of, along = model(SINGLE), profile()
     control, other = stack(of, along=along), stack(of, along=along)
     run(control, of, along, 20)
@@ -120,17 +120,17 @@ def test_a_refused_swap_leaves_the_old_law_running():
 
 
 def test_longer_period_holds_the_output():
-    """A law at 0.5 s under a tick of 0.1 s answers every fifth tick; 0.25 s is refused."""
+    """A law at 0.5 s with a tick of 0.1 s computes in every fifth tick; 0.25 s is rejected."""
     of, along = model(SINGLE), profile()
     forces, _ = run(stack(of, along=along, period=0.5), of, along, 100)
     full, _ = run(stack(of, along=along), of, along, 100)
     assert (forces[:, 0] == np.repeat(full[::5, 0], 5)).all()
-    with pytest.raises(ValueError, match=r"control_period 0\.25 s is not a multiple of the tick 0\.1 s"):
+    with pytest.raises(ValueError, match=r"control_period: 0\.25 s is not a multiple of the tick 0\.1 s"):
         stack(of, along=along, period=0.25)
 
 
 def test_same_inputs_same_bits():
-    """Two stacks fed the same give the same bits."""
+    """Two stacks with the same inputs give the same bits."""
     of, along = model(FIVE, HILLY, delay=0.7, lag=0.4), profile()
     first, _ = run(stack(of, compensation="preview", along=along), of, along, 300, 0.03)
     second, _ = run(stack(of, compensation="preview", along=along), of, along, 300, 0.03)
@@ -166,7 +166,7 @@ BRAKED = Consist.model_validate(
 
 
 def test_planned_brake_is_demanded_and_taken_off_the_feedforward():
-    """50 kPa at 40 s: the pipe is asked for 550 kPa and the locomotive holds back less by the shoes' force."""
+    """50 kPa at 40 s: demand of 550 kPa, and a locomotive force reduced by that of the shoes."""
     of, along = model(BRAKED), profile()
     spec = BrakeSpec.model_validate({"policy": "planned", "events": [{"time": 40.0, "reduction_kpa": 50}]})
     braked, pressure = run(stack(of, along=along, brake=spec), of, along, 800)

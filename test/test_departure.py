@@ -1,4 +1,4 @@
-"""Departing where the grade does the work, as whole runs: the holding brake lets go."""
+"""Whole runs with a departure on a grade: release of the holding brake."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from train_ato.engine import run_engine
-from train_ato.run_setup import prepare
-from train_ato.scenario import check
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import check_scenario
 
 HERE = Path("departure.yaml")
 LIGHT = {"mass_t": 60, "length": 15, "resistance": {"n_per_kn": [1.0, 0.005, 0.0001]}}
@@ -59,14 +59,14 @@ def scenario(grade_permille: float, **changes: Any) -> dict[str, Any]:
 
 def driven(data: dict[str, Any]) -> tuple[np.ndarray, dict[str, Any]]:
     """Return the speed of vehicle 0 at every tick [m/s] and the summary."""
-    outcome = run_engine(prepare(check(data, HERE), HERE))
-    assert outcome.history is not None
-    return outcome.history.velocity[:, 0], outcome.summary
+    outcome = run_engine(prepare(check_scenario(data, HERE), HERE))
+    assert outcome.recording is not None
+    return outcome.recording.velocity[:, 0], outcome.summary
 
 
 @pytest.mark.parametrize("grade", [-15.0, -8.0, -4.0, 0.0, 8.0])
 def test_a_train_departs_on_any_grade(grade: float) -> None:
-    """On -15 per mille the profile needs brake from the first moment: the train was held for ever."""
+    """Breaks if the train stays held on -15 per mille, where the profile needs brake from the start."""
     speed, summary = driven(scenario(grade))
     assert (speed[:50] == 0.0).all()
     assert summary["speed_error_max_kmh"] < 0.4 and abs(summary["stop_error_m"]) < 0.3
@@ -74,7 +74,7 @@ def test_a_train_departs_on_any_grade(grade: float) -> None:
 
 
 def test_the_model_averages_grades_as_the_plant_does() -> None:
-    """With `grade_over_length` the plant enters a grade gradually: a feed-forward that does not jolts the train."""
+    """With `grade_over_length` the plant enters a grade gradually; another feed-forward would cause a jerk."""
     grades = [{"at": -500, "grade_permille": 0}, {"at": 12, "grade_permille": 30}]
     errors = []
     for over_length in (True, False):
@@ -82,7 +82,7 @@ def test_the_model_averages_grades_as_the_plant_does() -> None:
         whole = {**DRIVEN, "mass_t": 240, "length": 60}
         data["plant"]["consist"].update(vehicle_types={"engine": whole}, train=[{"type": "engine"}])
         data["plant"]["line"]["grades"] = grades
-        setup = prepare(check(data, HERE), HERE)
+        setup = prepare(check_scenario(data, HERE), HERE)
         gravity = setup.consist.gravity * 240e3
         assert setup.model.line_force(12.0) == pytest.approx(gravity * (0.015 if over_length else 0.030), rel=0.04)
         errors.append(run_engine(setup).summary["speed_error_max_kmh"])

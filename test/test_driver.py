@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 from train_ato.cli import main
-from train_ato.profile.driver import averaged
-from train_ato.scenario import shipped_scenarios
+from train_ato.profile.driver import average_speed
+from train_ato.scenario.scenario import shipped_scenarios
 
 SHIPPED = shipped_scenarios()["daqin_heavy_haul"]
 
@@ -20,7 +20,7 @@ SHIPPED = shipped_scenarios()["daqin_heavy_haul"]
 def test_shipped_profile_is_what_the_command_makes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if plant, line or driver change and the shipped reference or its brake events do not."""
     out = tmp_path / "driver.csv"
-    arguments = ["drive", "daqin_section", "hxd1_c80_105", "--until-km", "45", "--out", str(out), "--json"]
+    arguments = ["driver", "daqin_section", "hxd1_c80_105", "--until-km", "45", "--out", str(out), "--json"]
     assert main(arguments) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["events"] == yaml.safe_load(SHIPPED.read_text())["brake"]["events"]
@@ -44,9 +44,9 @@ def test_reference_keeps_the_limits_of_the_line() -> None:
 def test_average_keeps_a_ramp_and_spreads_a_step_over_three_windows() -> None:
     """Breaks if the average shifts in time or is taken once instead of three times."""
     ramp = np.arange(300) * 0.1
-    np.testing.assert_allclose(averaged(ramp, 0.1, 5.0)[80:-80], ramp[80:-80], atol=1e-9)
+    np.testing.assert_allclose(average_speed(ramp, 0.1, 5.0)[80:-80], ramp[80:-80], atol=1e-9)
     step = np.where(np.arange(400) < 200, 0.0, 1.0)
-    smooth = averaged(step, 0.1, 5.0)
+    smooth = average_speed(step, 0.1, 5.0)
     moving = np.flatnonzero((smooth > 1e-9) & (smooth < 1 - 1e-9))
     assert 140 <= moving.size <= 153
     assert smooth[199] + smooth[200] == pytest.approx(1.0, abs=1e-9)

@@ -1,4 +1,4 @@
-"""Runs of the engine that do not end as planned: what is recorded stays, and one line says what happened."""
+"""Failed and interrupted runs of the engine: recorded data are kept, and one line gives the reason."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
 import pytest
+from recordings import message_counts
+from waiting import LIMIT_S, wait_for
 
 from train_ato.cli import main
 from train_ato.control.contract import LawInput, LawOutput
 from train_ato.control.registry import LAWS
-from train_ato.record.reading import message_counts
 
 
 @dataclass(frozen=True)
 class NoParameters:
-    """Nothing to set."""
+    """No parameters."""
 
 
 class Breaks:
-    """A law of somebody else that raises in the middle of the run."""
+    """User-defined law that raises in the middle of the run."""
 
     Parameters: ClassVar[type] = NoParameters
 
@@ -46,7 +46,7 @@ class Breaks:
 def test_a_law_that_raises_fails_the_run_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Breaks if a foreign exception becomes a traceback, or what was recorded is lost."""
+    """Breaks if a foreign exception becomes a traceback, or recorded data are lost."""
     monkeypatch.setitem(LAWS._loaded, "breaks", Breaks)
     out = tmp_path / "run"
     assert main(["run", "demo", "--engine", "--controller", "breaks", "--set=duration=20", f"--out={out}"]) == 1
@@ -72,15 +72,20 @@ def test_signals_end_a_run_with_a_readable_log(number: signal.Signals, tmp_path:
     out = tmp_path / "run"
     command = [sys.executable, "-m", "train_ato", "run", "demo", "--engine", "--realtime", "20", "--out", str(out)]
     child = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ})
-    limit = time.monotonic() + 200
-    while not (out / "run.mcap.partial").exists():
-        assert child.poll() is None, child.communicate()[1]
-        assert time.monotonic() < limit
+    wait_for(lambda: (out / "run.mcap.partial").exists() or child.poll() is not None)
     child.send_signal(number)
-    _, errors = child.communicate(timeout=90)
+    _, errors = child.communicate(timeout=LIMIT_S)
     assert child.returncode == 1
-    assert "interrupted; what was recorded is in" in errors.strip().splitlines()[-1]
+    assert "interrupted; recorded data:" in errors.strip().splitlines()[-1]
     counts = message_counts(out)
     assert counts.get("/ato/command", 0) == counts.get("/train/measurement", 0)
     assert not (out / "run.mcap.partial").exists()
     assert main(["info", str(out), "--json"]) == 0
+
+
+@pytest.mark.parametrize("option", ["--pace", "--realtime"])
+def test_both_options_pace_the_engine(option: str, tmp_path: Path) -> None:
+    """Breaks if the engine refuses a pace, or runs ahead of the wall clock."""
+    out = tmp_path / "run"
+    assert main(["run", "demo", "--engine", option, "4", "--set", "duration=2", "--out", str(out)]) == 0
+    assert json.loads((out / "summary.json").read_text())["wall_s"] > 0.45

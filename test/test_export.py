@@ -1,4 +1,4 @@
-"""Tables as files: other tools read the numbers that were recorded, with their units, or there is no file."""
+"""Export of tables to files: recorded numbers with units for other tools, or no file."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from test_wire import LONG
 
 import train_ato
 from train_ato.cli.main import main
-from train_ato.frames import writing
-from train_ato.frames.writing import file_names
+from train_ato.log.tables import files as writing
+from train_ato.log.tables.files import file_names
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def bits(values) -> list[int]:
 
 
 def test_parquet_gives_the_same_tables_with_units(run, capsys):
-    """Breaks if a number loses a bit, the index is lost, or a unit stands nowhere but in our heads."""
+    """Breaks if a number loses a bit, the index is lost, or a unit is missing."""
     assert main(["export", str(run), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     frames = train_ato.load(run)
@@ -45,23 +45,23 @@ def test_parquet_gives_the_same_tables_with_units(run, capsys):
         assert (entry["rows"], entry["columns"]) == frame.shape
         pd.testing.assert_frame_equal(table, frame, check_exact=True)
         assert table.index.name == "time_s"
-    schema = pyarrow.parquet.read_schema(run / "export" / "train_cars.parquet")
+    schema = pyarrow.parquet.read_schema(run / "export" / "train_vehicles.parquet")
     assert schema.names[0] == "time_s"
     units = {name: schema.field(name).metadata[b"unit"].decode() for name in schema.names}
     assert units["time_s"] == "s"
-    assert units["car_17_coupler_force_n"] == "N"
-    assert units["car_105_speed_m_s"] == "m/s"
-    assert schema.metadata[b"topic"] == b"train/cars"
+    assert units["vehicle_17_coupler_force_n"] == "N"
+    assert units["vehicle_105_speed_m_s"] == "m/s"
+    assert schema.metadata[b"topic"] == b"train/vehicles"
 
 
 def test_csv_loses_no_bit(run, tmp_path, capsys):
-    """Breaks if numbers are rounded on their way to text, or a text with a comma tears a row apart."""
+    """Breaks if numbers are rounded in the text, or a text with a comma splits a row."""
     out = tmp_path / "tables"
-    assert main(["export", str(run), "--csv", "--out", str(out), "--topics", "train/cars", "/diagnostics"]) == 0
-    assert "train_cars.csv" in capsys.readouterr().out
-    assert sorted(path.name for path in out.iterdir()) == ["diagnostics.csv", "train_cars.csv"]
+    assert main(["export", str(run), "--csv", "--out", str(out), "--topics", "train/vehicles", "/diagnostics"]) == 0
+    assert "train_vehicles.csv" in capsys.readouterr().out
+    assert sorted(path.name for path in out.iterdir()) == ["diagnostics.csv", "train_vehicles.csv"]
     frames = train_ato.load(run)
-    for name, topic in (("train_cars", "train/cars"), ("diagnostics", "/diagnostics")):
+    for name, topic in (("train_vehicles", "train/vehicles"), ("diagnostics", "/diagnostics")):
         with (out / f"{name}.csv").open(newline="") as file:
             head, *rows = csv.reader(file)
         frame = frames[topic]
@@ -77,10 +77,10 @@ def test_csv_loses_no_bit(run, tmp_path, capsys):
 
 
 def test_both_formats_of_a_log_that_is_not_ours(tmp_path, capsys):
-    """Breaks if a log of another tool cannot be taken along, or what was left out is kept quiet."""
+    """Breaks if a log of another tool cannot be exported, or omitted topics are not reported."""
     write_foreign(tmp_path / "robot.mcap")
     assert main(["export", str(tmp_path / "robot.mcap"), "--csv", "--parquet"]) == 0
-    assert "left out: /camera" in capsys.readouterr().out
+    assert "omitted: /camera" in capsys.readouterr().out
     names = {path.name for path in (tmp_path / "robot-export").iterdir()}
     assert names == {
         f"{topic}.{ending}" for topic in ("imu", "rosout", "joints", "mine") for ending in ("csv", "parquet")
@@ -90,18 +90,21 @@ def test_both_formats_of_a_log_that_is_not_ours(tmp_path, capsys):
 
 
 REFUSED = [
-    ([], r"export: exists already; name another folder with --out"),
-    (["--out", "/proc/x/y"], r"/proc/x/y: cannot be made"),
-    (["--out", "{tmp}/new", "--topics", "train/carz"], r"holds no topic 'train/carz'; did you mean '/train/cars'"),
+    ([], r"export: exists already; give another folder with --out"),
+    (["--out", "/proc/x/y"], r"/proc/x/y: cannot be created"),
+    (
+        ["--out", "{tmp}/new", "--topics", "train/vehiclez"],
+        r"holds no topic 'train/vehiclez'; did you mean '/train/vehicles'",
+    ),
     (["--out", "{tmp}/new", "--topics"], r"--topics: expected at least one argument"),
 ]
 
 
 @pytest.mark.parametrize(("options", "text"), REFUSED)
 def test_what_cannot_be_is_refused_in_one_line(run, tmp_path, capsys, options, text):
-    """Breaks if files of an older export are overwritten, or a refused one leaves a folder."""
+    """Breaks if files of an earlier export are overwritten, or a rejected export leaves a folder."""
     (run / "export").mkdir()
-    (run / "export" / "train_cars.parquet").write_bytes(b"old")
+    (run / "export" / "train_vehicles.parquet").write_bytes(b"old")
     try:
         status = main(["export", str(run), *(entry.format(tmp=tmp_path) for entry in options)])
     except SystemExit as end:
@@ -111,12 +114,12 @@ def test_what_cannot_be_is_refused_in_one_line(run, tmp_path, capsys, options, t
     assert captured.out == ""
     assert len(captured.err.splitlines()) == 1
     assert re.search(text, captured.err), captured.err
-    assert (run / "export" / "train_cars.parquet").read_bytes() == b"old"
+    assert (run / "export" / "train_vehicles.parquet").read_bytes() == b"old"
     assert not (tmp_path / "new").exists()
 
 
 def test_a_full_disk_leaves_nothing(run, tmp_path, monkeypatch, capsys):
-    """Breaks if half an export stays and is taken for a whole one."""
+    """Breaks if an incomplete export remains."""
     real = writing.FORMATS["csv"]
 
     def full(table, path):

@@ -1,7 +1,8 @@
-"""A log as tables: the same bits as the decoder that reads message by message, whoever wrote the messages."""
+"""Tables of a log: equal bit for bit to single decoded messages, for logs of any tool."""
 
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 
@@ -12,48 +13,50 @@ from frames_logs import TICK, write_log
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.interfaces import Nodetype
-from test_wire import LONG, SHAPES, message
+from test_wire import LAYOUTS, LONG, message
 
 import train_ato
-from train_ato.cdr import typestore
-from train_ato.engine import run_engine
-from train_ato.frames.cdr_layout import layout_of
-from train_ato.frames.columns import column, has_column, suffix, unit_of
-from train_ato.record.layout import table_name
-from train_ato.record.reading import read_log
-from train_ato.record.run_log import RunLog
-from train_ato.run_folder import RunFolder
-from train_ato.run_setup import prepare
-from train_ato.scenario import load as load_scenario
-from train_ato.topics import BY_NAME, DIAGNOSTIC_UNITS, EPOCH_NS, TOPICS
-from train_ato.wire import Wire
+from train_ato.log.bag_layout import table_name
+from train_ato.log.reading import read_log
+from train_ato.log.run_folder import RunFolder
+from train_ato.log.run_log import RunLog
+from train_ato.log.tables.columns import column, suffix, unit_of
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import prepare
+from train_ato.messages.codec.byte_layout import layout_of
+from train_ato.messages.codec.cdr import typestore
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.layout import Owner
+from train_ato.messages.topics import BY_NAME, DIAGNOSTIC_UNITS, EPOCH_NS, TOPICS
+from train_ato.messages.types import Diagnostic, Trajectory
+from train_ato.scenario.scenario import load_scenario
 
 BLOCKS = {
-    "train/cars": [("{car}_position_m", "position"), ("{car}_speed_m_s", "velocity"),
-                   ("{car}_coupler_force_n", "coupler_force")],
+    "train/vehicles": [("{vehicle}_position_m", "position"), ("{vehicle}_speed_m_s", "velocity"),
+                   ("{vehicle}_coupler_force_n", "coupler_force")],
     "train/measurement": [("{unit}_position_m", "position"), ("{coupler}_deflection_m", "deflection"),
                           ("{unit}_speed_m_s", "velocity"), ("{coupler}_deflection_rate_m_s", "rate"),
                           ("{unit}_applied_force_n", "applied"), ("{coupler}_force_n", "force")],
     "train/brake_pipe": [("pressure_pa", "pressure")],
-    "train/brake_cylinders": [("{car}_shoe_force_n", "shoe_force")],
-    "train/disturbance": [("{car}_disturbance_force_n", "force")],
+    "train/brake_shoes": [("{vehicle}_shoe_force_n", "shoe_force")],
+    "train/disturbance": [("{vehicle}_disturbance_force_n", "force")],
     "ato/reference": [("position_m", "position"), ("speed_m_s", "velocity"), ("acceleration_m_s2", "acceleration")],
     "ato/estimate": [("{unit}_disturbance_force_n", "force")],
     "ato/command": [("{unit}_force_n", "force")],
-    "ato/brake_pipe": [("pressure_pa", "pressure")],
+    "ato/brake_pipe_command": [("pressure_pa", "pressure")],
     "/clock": [],
 }  # fmt: skip
-"""What the columns of every topic are called, and the field of the dataclass they hold."""
+"""Names of the columns of every topic, with their fields of the dataclass."""
 
 
 def bits(values) -> list[int]:
     return np.ascontiguousarray(values, dtype=np.float64).view(np.int64).tolist()
 
 
-def assert_equal(frames, run, shape) -> None:
-    """Compare tables with what the slow decoder says, message by message and bit by bit."""
+def assert_equal(frames, run, layout) -> None:
+    """Compare tables with the slow decoder, message by message and bit by bit."""
     slow: dict[str, list] = {}
-    for topic, _, decoded in read_log(run, Wire(shape).decode):
+    for topic, _, decoded in read_log(run, Wire(layout).decode):
         slow.setdefault(topic, []).append(decoded)
     assert set(slow) == set(frames)
     for topic, messages in slow.items():
@@ -65,9 +68,9 @@ def assert_equal(frames, run, shape) -> None:
         else:
             assert bits(table.index) == bits([entry.stamp * 1e-9 for entry in messages])
             expected = {
-                pattern.format(car=car, unit=unit, coupler=coupler): values
+                pattern.format(vehicle=vehicle, unit=unit, coupler=coupler): values
                 for pattern, field in BLOCKS[topic]
-                for car, unit, coupler, values in _entries(pattern, [getattr(m, field) for m in messages], shape)
+                for vehicle, unit, coupler, values in _entries(pattern, [getattr(m, field) for m in messages], layout)
             }
             assert [name for name in table.columns if name not in ("planned_s", "clock_s")] == list(expected)
             for name, values in expected.items():
@@ -76,15 +79,15 @@ def assert_equal(frames, run, shape) -> None:
                 assert bits(table["planned_s"]) == bits([entry.planned * 1e-9 for entry in messages])
 
 
-def _entries(pattern, rows, shape):
+def _entries(pattern, rows, layout):
     values = np.array(rows)
     if "{" not in pattern:
         return [("", "", "", values)]
     kind = pattern[1 : pattern.index("}")]
-    kinds = ("car", "unit", "coupler")
+    kinds = ("vehicle", "unit", "coupler")
     return [
         (*(name if entry == kind else "" for entry in kinds), values[:, index])
-        for index, name in enumerate(getattr(shape, f"{kind}s"))
+        for index, name in enumerate(layout.names(Owner(kind)))
     ]
 
 
@@ -118,22 +121,22 @@ def assert_diagnostics(table, messages) -> None:
                 assert bits([value]) == bits([float(expected[name])]), name
 
 
-@pytest.mark.parametrize("shape", SHAPES, ids=str)
-def test_tables_hold_what_was_written_bit_by_bit(tmp_path, shape):
-    """Breaks if a column gets another's numbers, a stamp is off, or the names of the shape are lost."""
-    write_log(tmp_path, shape, 60)
-    assert_equal(train_ato.load(tmp_path), tmp_path, shape)
+@pytest.mark.parametrize("layout", LAYOUTS, ids=str)
+def test_tables_hold_what_was_written_bit_by_bit(tmp_path, layout):
+    """Breaks if a column has the numbers of another one, a stamp is wrong, or the names of the layout are lost."""
+    write_log(tmp_path, layout, 60)
+    assert_equal(train_ato.load(tmp_path), tmp_path, layout)
 
 
 @pytest.mark.parametrize("name", ["daqin_heavy_haul:disturbed+noise", "freight_consensus", "crh380a_funnel:replanned"])
 def test_a_run_of_the_engine_opens_with_the_same_bits(tmp_path, name):
-    """Breaks if a real log has a layout that the made-up one has not: several units, disturbances, a planned stop."""
+    """Breaks if a real log has another layout: several units, disturbances, a planned stop."""
     setup = prepare(*load_scenario(name, (), {"duration": 12.0}))
     folder = RunFolder.make(tmp_path / "run", setup.scenario.name)
     with folder.sink(setup) as sink:
         run_engine(setup, sink=sink)
     frames = train_ato.load(folder.path)
-    assert_equal(frames, folder.path, setup.shape)
+    assert_equal(frames, folder.path, setup.layout)
     said = frames["/diagnostics"]
     numbers = {str(key) for key in said.columns[said.dtypes == np.float64]}
     counts = {"unsound_measurements", "saturated_steps", "swaps", "commands_lost", "knots", "replans", "refusals",
@@ -142,28 +145,32 @@ def test_a_run_of_the_engine_opens_with_the_same_bits(tmp_path, name):
 
 
 def test_every_number_of_the_topic_table_has_a_column():
-    """Breaks if a topic gets a field that no table shows."""
-    left_out = {("train/brake_pipe", "variance"), ("ato/brake_pipe", "variance")}  # always 0
+    """Breaks if a field of a topic is in no table."""
+    loaded = set()
     for topic in TOPICS:
-        for field, unit, _ in topic.fields:
-            trajectories = topic.name in ("ato/profile", "ato/limits") and field == "points[].time_from_start"  # index
-            if unit and topic.recorded and not trajectories and (topic.name, field) not in left_out:
-                assert has_column(topic.name, field), (topic.name, field)
-                names = [column(topic.name, field, owner) for owner in ("", "unit_3", "coupler_0", "car_7")]
-                assert all(unit_of(name) == unit for name in names if name), names
+        for place in topic.places:
+            unit = topic.description(place).unit
+            if unit:
+                owner = f"{place.owner.value}_3" if place.owner else ""
+                name = column(topic.name, place.path, owner)
+                assert unit_of(name) == unit, name
+                loaded.add((topic.name, place.field))
+        fields = {entry.name for entry in dataclasses.fields(topic.message)} - {"stamp", "name"}
+        if topic.message not in (Trajectory, Diagnostic):
+            assert {field for name, field in loaded if name == topic.name} >= fields, topic.name
 
 
 def test_topics_are_chosen_by_either_name(tmp_path):
-    """Breaks if a choice changes the numbers or brings other topics."""
+    """Breaks if a selection changes the numbers or adds topics."""
     write_log(tmp_path, LONG, 20)
     whole = train_ato.load(tmp_path)
-    some = train_ato.load(tmp_path / "run.mcap", topics=["ato/command", "/train/cars", "/clock"])
-    assert set(some) == {"ato/command", "train/cars", "/clock"}
+    some = train_ato.load(tmp_path / "run.mcap", topics=["ato/command", "/train/vehicles", "/clock"])
+    assert set(some) == {"ato/command", "train/vehicles", "/clock"}
     for topic, table in some.items():
         pd.testing.assert_frame_equal(table, whole[topic], check_exact=True)
     assert whole["/ato/command"] is whole["ato/command"]
-    with pytest.raises(KeyError, match=r"no table 'train/carz'; did you mean 'train/cars'"):
-        whole["train/carz"]
+    with pytest.raises(KeyError, match=r"no table 'train/vehiclez'; did you mean 'train/vehicles'"):
+        whole["train/vehiclez"]
 
 
 REFUSED = [
@@ -181,7 +188,7 @@ def test_a_wrong_choice_is_refused_in_one_line(tmp_path, options, text):
 
 
 def test_a_killed_run_names_the_remedy(tmp_path):
-    """Breaks if half a log is shown as a whole one."""
+    """Breaks if an incomplete log is shown as a complete one."""
     write_log(tmp_path, LONG, 50)
     whole = (tmp_path / "run.mcap").read_bytes()
     (tmp_path / "run.mcap").rename(tmp_path / "run.mcap.partial")
@@ -199,7 +206,7 @@ def test_a_killed_run_names_the_remedy(tmp_path):
 
 @pytest.mark.parametrize("seed", range(25))
 def test_damage_is_found_or_does_no_harm(tmp_path, seed):
-    """A flipped bit anywhere: the same tables as before, or one line; never other numbers."""
+    """A flipped bit anywhere gives the same tables or one error line, never other numbers."""
     write_log(tmp_path, LONG, 40)
     path = tmp_path / "run.mcap"
     before = train_ato.load(path)
@@ -219,13 +226,13 @@ def test_damage_is_found_or_does_no_harm(tmp_path, seed):
 
 
 def test_padding_byte_order_and_the_order_of_names_are_free(tmp_path):
-    """Rclpy leaves rubbish in padding; another publisher may write big-endian, or its names in another order."""
-    types, wire = typestore(), Wire(SHAPES[2])
+    """Padding of rclpy is undefined; another publisher may use big-endian numbers or another order of names."""
+    types, wire = typestore(), Wire(LAYOUTS[2])
     joint_state = types.types["sensor_msgs/msg/JointState"]
     log = RunLog(tmp_path, [BY_NAME["train/measurement"]])
     sent = []
     for tick in range(12):
-        seen = message("train/measurement", SHAPES[2], tick * TICK, seed=tick)
+        seen = message("train/measurement", LAYOUTS[2], tick * TICK, seed=tick)
         data = wire.encode("train/measurement", seen)
         layout = layout_of(types, joint_state.__msgtype__, data)
         if tick % 4 == 1:
@@ -251,7 +258,7 @@ def test_padding_byte_order_and_the_order_of_names_are_free(tmp_path):
     assert bits(table.index) == bits([entry.stamp * 1e-9 for entry in sent])
     for unit in range(3):
         assert bits(table[f"unit_{unit}_speed_m_s"]) == bits([entry.velocity[unit] for entry in sent])
-    for index, coupler in enumerate(SHAPES[2].couplers):
+    for index, coupler in enumerate(LAYOUTS[2].names(Owner.COUPLER)):
         assert bits(table[f"{coupler}_force_n"]) == bits([entry.force[index] for entry in sent])
 
 
@@ -268,7 +275,7 @@ def test_two_trains_in_one_log_do_not_mix(tmp_path):
 
 
 def test_logs_of_others_open_too(tmp_path):
-    """Breaks if a topic of somebody else is taken for one of ours, or stops the reading of the others."""
+    """Breaks if a foreign topic is read as one of the topic table, or stops the reading of the others."""
     from frames_logs import write_foreign
 
     write_foreign(tmp_path / "robot.mcap")
@@ -325,7 +332,7 @@ def _at(content, path):
 @settings(max_examples=300)
 @given(st.data())
 def test_a_layout_finds_every_part_of_any_message(data):
-    """Alignment is the trap: one wrong rule shifts every number behind it. Beside the deserialiser of rosbags."""
+    """Compare with rosbags: one wrong rule of alignment shifts all following numbers."""
     types = typestore()
     names = sorted(name for name in types.fielddefs if "wstring" not in str(types.fielddefs[name]).lower())
     name = data.draw(st.sampled_from(names))
@@ -345,7 +352,7 @@ def test_a_layout_finds_every_part_of_any_message(data):
 
 
 def test_importing_the_package_and_its_help_stay_light():
-    """Breaks if pandas is imported by those who only want help: a second on a slow machine."""
+    """Breaks if ``--help`` imports pandas, which takes a second on a slow machine."""
     for code in ("import train_ato", "import train_ato; from train_ato.cli.main import _parser; _parser()"):
         check = f"{code}; import sys; assert not {{'pandas', 'pyarrow'}} & set(sys.modules), 'heavy'"
         subprocess.run([sys.executable, "-c", check], check=True)

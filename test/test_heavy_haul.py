@@ -1,100 +1,108 @@
-"""Closed-loop table of the heavy-haul scenario, the whole 45 km and the stop."""
+"""Closed-loop figures of the heavy-haul scenario, 45 km and the stop, compared with measured ones.
+
+One machine always gives the same bits, so the bounds cover only other processors: 5 %, and 0.05 m for the stop.  The
+effect of a variant is larger in at least one figure.  A better figure also leaves its bounds: then the table is changed
+with the reason.
+"""
 
 from __future__ import annotations
 
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
-from train_ato.engine import run_engine
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import load_scenario
+
+pytestmark = pytest.mark.slow
 
 
 @functools.cache
 def summary(scenario: str, *assignments: str) -> dict[str, Any]:
-    outcome = run_engine(prepare(*load(scenario, assignments)))
+    outcome = run_engine(prepare(*load_scenario(scenario, assignments)))
     assert outcome.failure is None
     return outcome.summary
 
 
+class Figures(NamedTuple):
+    """Figures in the order of :data:`KEYS`."""
+
+    rms: float
+    worst: float
+    draft: float
+    buff: float
+    variation: float
+    stop: float
+
+
+KEYS = (
+    "speed_rmse_kmh", "speed_error_max_kmh", "coupler_draft_max_kn", "coupler_buff_max_kn",
+    "command_variation_kn_per_s", "stop_error_m",
+)  # fmt: skip
+NEAR, NEAR_STOP = 0.05, 0.05
+"""Half width of the bounds, relative, and of those on the stop [m]."""
 PRINTED = ("controller=smc", "controllers.smc.ks=0", "controllers.smc.anti_windup=false")
 """The sliding mode of paper 000 without what repairs it: the linear reaching term, and the anti-windup."""
-TRACKED: list[tuple[str, str, tuple[str, ...], float, float]] = [
-    ("printed smc, ideal actuator", "daqin_heavy_haul:ideal", PRINTED, 0.02, 0.15),
-    ("printed smc, ideal, disturbance (40)", "daqin_heavy_haul:ideal+disturbed", PRINTED, 0.02, 0.15),
-    ("default, lag .4 s and delay .8 s", "daqin_heavy_haul", (), 0.35, 1.2),
-    ("default, disturbance (40)", "daqin_heavy_haul:disturbed", (), 0.35, 1.2),
-    ("default, mismatch", "daqin_heavy_haul:mismatch", (), 0.35, 1.5),
-    ("default, brake by rule", "daqin_heavy_haul:triggered", (), 0.35, 1.5),
-]
+HARD = "+disturbed+strong_mismatch"
+MEASURED: dict[tuple[str, tuple[str, ...]], Figures] = {
+    # speed error rms and largest [km/h], draft and buff [kN], variation [kN/s], stop [m]
+    (":ideal", PRINTED): Figures(0.01079, 0.09026, 552.9, -717.1, 7.491, -0.2138),
+    (":ideal+disturbed", PRINTED): Figures(0.01234, 0.08363, 547.8, -715.6, 8.186, -0.03661),
+    ("", ()): Figures(0.1715, 0.9917, 552.0, -433.7, 23.77, -0.07914),
+    (":disturbed", ()): Figures(0.1712, 0.9995, 549.4, -435.1, 23.83, 0.1566),
+    (":mismatch", ()): Figures(0.1928, 1.057, 564.0, -439.8, 23.85, -0.5015),
+    (":triggered", ()): Figures(0.2002, 1.113, 552.0, -515.0, 23.18, -0.07922),
+    (f":tuned{HARD}", ()): Figures(0.2387, 1.052, 584.6, -455.0, 23.95, -1.163),
+    (":tuned", ("controller=smc",)): Figures(0.1348, 0.7486, 553.8, -458.3, 27.65, 0.2371),
+    (f":tuned{HARD}", ("controller=smc",)): Figures(0.1621, 0.6242, 587.8, -458.8, 26.89, 0.3473),
+    (":tuned", ("controller=rbf_smc",)): Figures(0.1260, 0.7128, 556.2, -487.0, 28.58, 0.01297),
+    (f":tuned{HARD}", ("controller=rbf_smc",)): Figures(0.1789, 1.288, 588.2, -507.9, 44.80, 0.04983),
+    (":tuned", ("controller=rbf_switching_smc",)): Figures(0.1534, 0.8695, 555.7, -430.7, 24.25, 0.2078),
+    (f":tuned{HARD}", ("controller=rbf_switching_smc",)): Figures(0.2057, 0.8849, 591.4, -453.7, 24.65, 0.1722),
+    (":tuned", ("controller=funnel",)): Figures(0.1401, 0.8928, 556.9, -467.6, 15.38, 0.1118),
+    (f":tuned{HARD}", ("controller=funnel",)): Figures(0.2218, 1.398, 590.9, -472.4, 28.80, -0.01897),
+    (":tuned", ("controller=gpc",)): Figures(0.2174, 1.275, 538.5, -497.2, 12.20, 0.4080),
+    (f":tuned{HARD}", ("controller=gpc",)): Figures(0.2517, 1.193, 570.4, -476.5, 12.38, 0.6756),
+    (":tuned", ("controller=lag_smc",)): Figures(0.1877, 0.8338, 566.7, -464.7, 5.351, 0.6395),
+    (f":tuned{HARD}", ("controller=lag_smc",)): Figures(0.2269, 0.8727, 601.9, -453.1, 5.621, 0.4824),
+    (":tuned+twin", ("controller=smc",)): Figures(0.01095, 0.1504, 545.6, -561.7, 9.467, 0.1834),
+    (":tuned+twin", ("controller=rbf_smc",)): Figures(0.01105, 0.1520, 545.5, -561.7, 9.486, 0.1644),
+    (":tuned+twin", ("controller=rbf_switching_smc",)): Figures(0.005501, 0.06896, 545.7, -561.9, 8.814, 0.1887),
+}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("scenario", "assignments", "rmse", "worst"), [c[1:] for c in TRACKED], ids=[c[0] for c in TRACKED]
+    ("variant", "assignments"), MEASURED, ids=[f"{case[0]} {' '.join(case[1])}" for case in MEASURED]
 )
-def test_the_profile_is_tracked(scenario: str, assignments: tuple[str, ...], rmse: float, worst: float) -> None:
-    """Breaks if plant, law, link or preview change what the train does; km/h over the section to km 45."""
-    result = summary(scenario, *assignments)
-    assert result["speed_rmse_kmh"] <= rmse
-    assert result["speed_error_max_kmh"] <= worst
-    assert result["coupler_draft_max_kn"] <= 800
-    assert result["coupler_buff_max_kn"] >= -800
+def test_the_figures_are_near_those_measured(variant: str, assignments: tuple[str, ...]) -> None:
+    """Breaks if plant, law, link or preview change the result: a lost gain, oscillating couplers."""
+    result = summary(f"daqin_heavy_haul{variant}", *assignments)
+    measured = MEASURED[variant, assignments]
+    assert [result[key] for key in KEYS[:-1]] == pytest.approx(list(measured[:-1]), rel=NEAR)
+    assert result["stop_error_m"] == pytest.approx(measured.stop, abs=NEAR_STOP)
     assert result["overspeed_max_kmh"] == 0
 
 
-TUNED = ("pid", "smc", "rbf_smc", "rbf_switching_smc", "funnel", "gpc", "lag_smc")
+@pytest.mark.parametrize(
+    ("law", "rms", "draft"),
+    [("smc", 0.4975, 729), ("rbf_switching_smc", 0.9986, 855), ("funnel", 1.016, 851), ("gpc", 1.682, 900)],
+)
+def test_published_gains_swing_in_the_couplers(law: str, rms: float, draft: float) -> None:
+    """Effect of the variant `tuned`; breaks if the defaults change in place of the gains of the scenario.
 
-
-@pytest.mark.slow
-@pytest.mark.parametrize("variants", ["", "+disturbed+strong_mismatch"])
-@pytest.mark.parametrize("law", TUNED)
-def test_every_law_tracks_with_the_gains_for_this_train(law: str, variants: str) -> None:
-    """Breaks if a gain of `tuned` is lost, or a law changes so that it swings in the couplers' waves again."""
-    result = summary(f"daqin_heavy_haul:tuned{variants}", f"controller={law}")
-    assert result["speed_rmse_kmh"] <= 0.35
-    assert result["coupler_draft_max_kn"] <= (620 if "strong" in variants else 600)
-    assert result["coupler_buff_max_kn"] >= -600
-    assert result["command_variation_kn_per_s"] <= 50
-    assert abs(result["stop_error_m"]) <= 1.5
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", ["smc", "rbf_smc", "rbf_switching_smc"])
-def test_tuned_laws_under_twin(law: str) -> None:
-    """The twin's force and the same gains: the goal of pid, .02 km/h."""
-    assert summary("daqin_heavy_haul:tuned+twin", f"controller={law}")["speed_rmse_kmh"] <= 0.02
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("law", ["smc", "rbf_switching_smc", "funnel", "gpc"])
-def test_published_gains_swing_in_the_couplers(law: str) -> None:
-    """What `tuned` is for; breaks if the defaults were changed in place of the scenario's gains."""
+    The laws oscillate without end: a bound of 10 % below the measured figure permits another phase.
+    """
     result = summary("daqin_heavy_haul", f"controller={law}")
-    assert result["speed_rmse_kmh"] > 0.35
-    assert result["coupler_draft_max_kn"] > 600
+    assert result["speed_rmse_kmh"] > 0.9 * rms
+    assert result["coupler_draft_max_kn"] > 0.9 * draft
 
 
-@pytest.mark.slow
-def test_the_train_stops_on_its_place() -> None:
-    """Within half a metre after 49 km, braked electrically on the level tail."""
-    assert abs(summary("daqin_heavy_haul")["stop_error_m"]) <= 0.5
-
-
-@pytest.mark.slow
 def test_the_printed_law_is_lost_with_lag_and_delay() -> None:
-    """Unstable beyond 0.17 s of total lag. With 1.2 s it winds up and misses the stop by far."""
+    """Unstable above a total lag of 0.17 s. At 1.2 s it winds up: 4.95 and 14.7 km/h, 1549 kN, 763 m past the stop."""
     result = summary("daqin_heavy_haul", *PRINTED, "compensation=none")
-    assert result["speed_rmse_kmh"] > 2
-    assert result["speed_error_max_kmh"] > 10
-    assert result["coupler_draft_max_kn"] > 1000
-
-
-@pytest.mark.slow
-def test_disturbance_costs_the_printed_law_little() -> None:
-    """By about a quarter; a disturbance that never reaches the train would cost nothing."""
-    calm = summary("daqin_heavy_haul:ideal", *PRINTED)["speed_rmse_kmh"]
-    rough = summary("daqin_heavy_haul:ideal+disturbed", *PRINTED)["speed_rmse_kmh"]
-    assert 1.05 * calm < rough < 1.6 * calm
+    assert result["speed_rmse_kmh"] > 0.9 * 4.95
+    assert result["speed_error_max_kmh"] > 0.9 * 14.7
+    assert result["coupler_draft_max_kn"] > 0.9 * 1549
+    assert result["stop_error_m"] > 0.9 * 763

@@ -1,4 +1,4 @@
-"""Measured runs: what a recorder wrote becomes a run and a profile that everything else accepts."""
+"""Import of measured runs: run folder and profile, and their use by the other commands."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import yaml
 from import_files import CRUISE, TRAIN, metro, recorded, take, text_of
 
 import train_ato
+from train_ato.apps.import_csv import run as measured_run
 from train_ato.cli.main import main
-from train_ato.measured import run as measured_run
 from train_ato.profile.file import read_profile
 
 
 def test_a_run_of_ours_comes_back_the_same(tmp_path, capsys):
-    """Export, import: speed, place and force are what they were, and so is the profile where nothing is averaged."""
+    """Breaks if export and import change speed, position or force, or the profile without averaging."""
     run, tables = tmp_path / "ours", tmp_path / "tables"
     scenario = ["demo", "--engine", "--set", "duration=60", "--set", "plant.sensors={couplers: [0]}"]
     main(["run", *scenario, "--out", str(run)])
@@ -32,17 +32,17 @@ def test_a_run_of_ours_comes_back_the_same(tmp_path, capsys):
     for column in ("unit_0_position_m", "unit_0_speed_m_s", "unit_0_applied_force_n"):
         assert np.allclose(after[column], before[column].iloc[:-1], rtol=0, atol=1e-7), column
     profile = read_profile(tmp_path / "imported" / "profile.csv")
-    truth = train_ato.load(run, ["train/cars"])["train/cars"]
+    truth = train_ato.load(run, ["train/vehicles"])["train/vehicles"]
     count = len(profile)
-    assert np.abs(profile.velocity - truth["car_0_speed_m_s"].to_numpy()[:count]).max() < 2e-3
-    assert np.abs(profile.position - truth["car_0_position_m"].to_numpy()[:count]).max() < 0.05
+    assert np.abs(profile.velocity - truth["vehicle_0_speed_m_s"].to_numpy()[:count]).max() < 2e-3
+    assert np.abs(profile.position - truth["vehicle_0_position_m"].to_numpy()[:count]).max() < 0.05
     assert told["measured_profile"] == "the speed as it is"
     energy = json.loads((run / "summary.json").read_text())["energy_traction_kwh"]
     assert told["energy_traction_kwh"] == pytest.approx(energy, rel=0.01)
 
 
 def test_a_coarse_recorder_gives_a_profile_that_can_be_driven(tmp_path, capsys):
-    """Whole km/h and 10 m once a second, decimal commas: breaks if their steps become accelerations of the train."""
+    """Breaks if steps of whole km/h and 10 m at 1 Hz, with decimal commas, become accelerations of the train."""
     time = np.arange(0.0, 121.0)
     v, x, f = metro(time)
     rows = text_of(
@@ -83,7 +83,7 @@ def test_a_coarse_recorder_gives_a_profile_that_can_be_driven(tmp_path, capsys):
 
 
 def test_the_profile_fits_into_another_scenario(tmp_path, capsys):
-    """Breaks if the command that the import prints does not work."""
+    """Breaks if the option printed by the import does not work."""
     (tmp_path / "run.csv").write_text(recorded(end=60.0))
     out = tmp_path / "imported"
     assert main(["import", str(tmp_path / "run.csv"), *TRAIN, "--out", str(out)]) == 0
@@ -99,7 +99,7 @@ def test_the_profile_fits_into_another_scenario(tmp_path, capsys):
 
 
 def test_what_reads_runs_reads_a_measured_one(tmp_path, capsys):
-    """info, replay with a law, report and compare accept it; verify says why it cannot."""
+    """Breaks if info, replay, report, compare or export refuse it, or verify has no reason for its refusal."""
     time = np.arange(0.0, 100.1, 0.2)
     v, _, f = metro(time)
     text = recorded(0.2, 100.0, reference_speed_kmh=3.6 * v + 0.36, command_force_kn=f / 1e3 + 1)
@@ -114,7 +114,7 @@ def test_what_reads_runs_reads_a_measured_one(tmp_path, capsys):
     assert info["coupler_draft_max_kn"] is None
     assert info["stop_error_m"] is None
     frames = train_ato.load(run)
-    assert "train/cars" not in frames, "nobody measured every vehicle"
+    assert "train/vehicles" not in frames, "vehicles were not measured"
     assert np.allclose(frames["ato/command"]["unit_0_force_n"].iloc[::2], f[:-1] + 1000.0, atol=1e-6)
     assert np.allclose(frames["ato/reference"]["speed_m_s"].iloc[::2], v[:-1] + 0.1, atol=1e-9)
     assert main(["replay", run, "--controller", "pid", "--json"]) == 0
@@ -123,14 +123,14 @@ def test_what_reads_runs_reads_a_measured_one(tmp_path, capsys):
     assert (tmp_path / "imported" / "report.html").stat().st_size > 10_000
     capsys.readouterr()
     assert main(["verify", run]) == 2
-    assert "is a measured run" in capsys.readouterr().err
+    assert "a measured run cannot be repeated" in capsys.readouterr().err
     scenario = str(tmp_path / "imported" / "scenario.yaml")
     assert main(["compare", scenario, "--controllers", "pid", "--json", "--out", str(tmp_path / "c")]) == 0
     assert main(["export", run, "--json"]) == 0
 
 
 def test_a_law_beside_a_measured_run_is_not_compared_with_a_law(tmp_path, capsys):
-    """Breaks if the recorded output goes under the name of the scenario's law, which never saw this run."""
+    """Breaks if the recorded output has the name of the law of the scenario."""
     take(tmp_path, capsys, recorded(0.2, 60.0))
     run = str(tmp_path / "imported")
     assert main(["replay", run, "--controller", "pid"]) == 0
@@ -147,26 +147,26 @@ def test_a_law_beside_a_measured_run_is_not_compared_with_a_law(tmp_path, capsys
 
 
 def test_the_log_of_a_measured_run_alone_says_that_it_is_one(tmp_path, capsys):
-    """Breaks if the log without its folder is taken for a run of the scenario's law: driven again, or summed up so."""
+    """Breaks if the log without its folder is verified or reported as a run of the law of the scenario."""
     take(tmp_path, capsys, recorded(0.2, 60.0))
     log = (tmp_path / "imported" / "run.mcap").rename(tmp_path / "alone.mcap")
     assert main(["verify", str(log)]) == 2
-    assert "is a measured run" in capsys.readouterr().err
+    assert "a measured run cannot be repeated" in capsys.readouterr().err
     assert main(["replay", str(log), "--controller", "pid", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["recorded_controller"] == "measured"
     assert main(["report", str(log), "--json", "--out", str(tmp_path / "alone.html")]) == 0
     page = (tmp_path / "alone.html").read_text()
-    assert "a measured run" in page
+    assert "measured run" in page
     assert "the command was not measured" in page
     log.rename(tmp_path / "imported" / "run.mcap")
     (tmp_path / "imported" / "summary.json").unlink()
     capsys.readouterr()
     assert main(["verify", str(tmp_path / "imported")]) == 2
-    assert "is a measured run" in capsys.readouterr().err
+    assert "a measured run cannot be repeated" in capsys.readouterr().err
 
 
 def test_uneven_rows_are_read_linearly_at_the_tick(tmp_path, capsys):
-    """Breaks if rows are taken as if they were evenly spaced, or held until the next."""
+    """Breaks if rows are treated as evenly spaced, or values are held between them."""
     time = np.sort(np.random.default_rng(3).uniform(0.1, 99.9, 400))
     time = np.concatenate(([0.0], time[np.diff(time, prepend=0.0) > 0.01], [100.0])) + 1234.5
     v, x, f = metro(time - 1234.5)
@@ -194,7 +194,7 @@ SPELLED = {
     ("time", "speed", "force"), list(zip(*(SPELLED[key] for key in ("time", "speed", "force")), strict=True))
 )
 def test_units_are_those_of_the_names(tmp_path, capsys, time, speed, place, force):
-    """Breaks if a factor is upside down or the front is taken for the first vehicle's centre."""
+    """Breaks if a factor is inverted or the front is used as the centre of vehicle 0."""
     moments = np.arange(0.0, 40.1, 0.5)
     v, x, f = metro(moments)
     x = x + 59.0 if place.startswith("front") else x  # half of the metro's 118 m
@@ -209,7 +209,7 @@ def test_units_are_those_of_the_names(tmp_path, capsys, time, speed, place, forc
 
 
 def test_moments_traction_and_brake_apart_empty_cells(tmp_path, capsys):
-    """A recorder that writes the time of day, force and brake apart, and a slow channel only in every fifth row."""
+    """Breaks if time of day, separate traction and brake, or a channel in every fifth row is read wrongly."""
     time = np.arange(0.0, 120.2, 0.2)
     v, x, f = metro(time)
     begin = datetime(2026, 3, 1, 23, 59, 30)
@@ -227,7 +227,7 @@ def test_moments_traction_and_brake_apart_empty_cells(tmp_path, capsys):
 
 
 def test_several_units_and_the_brake_pipe(tmp_path, capsys):
-    """A force of all units is shared, one for each is kept, and each unit stands where it is in the train."""
+    """Breaks if a total force is not distributed, forces per unit change, or units have wrong positions."""
     time = np.arange(0.0, 60.1, 0.5)
     v, x, f = metro(time)
     base = {"time_s": time, "speed_m_s": v / 4, "position_km": 10 + (x - 500) / 4000}
@@ -241,7 +241,7 @@ def test_several_units_and_the_brake_pipe(tmp_path, capsys):
     assert (table["unit_0_position_m"] - table["unit_1_position_m"]).between(1200, 1400).all()
     assert frames["train/brake_pipe"]["pressure_pa"].iloc[-1] == pytest.approx(550e3)
     brake = yaml.safe_load((tmp_path / "imported" / "scenario.yaml").read_text())["brake"]
-    assert brake["policy"] == "planned", "who drives the profile again brakes as the driver did"
+    assert brake["policy"] == "planned", "the scenario repeats the air brake of the driver"
     assert [event["reduction"] for event in brake["events"]] == [1e4, 2e4, 3e4, 4e4, 5e4]
     assert all(31 <= event["time"] <= 40 for event in brake["events"])
     other = tmp_path / "b"
@@ -253,7 +253,7 @@ def test_several_units_and_the_brake_pipe(tmp_path, capsys):
 
 
 def test_the_profile_alone_needs_no_force(tmp_path, capsys):
-    """Breaks if somebody who has only a speed cannot use it, or the place at the start is forgotten."""
+    """Breaks if a file with only a speed is refused, or --from-km has no effect."""
     (tmp_path / "gps.csv").write_text(recorded())
     out = tmp_path / "p.csv"
     options = ["--profile-only", "--ignore", "force_kn", "position_m", "--from-km", "12.5", "--out", str(out)]
@@ -267,7 +267,7 @@ def test_the_profile_alone_needs_no_force(tmp_path, capsys):
 
 
 def test_a_missing_file_and_a_taken_folder(tmp_path, capsys):
-    """Breaks if a folder that holds something is written into."""
+    """Breaks if an existing folder is overwritten."""
     assert main(["import", str(tmp_path / "no.csv"), *TRAIN]) == 2
     assert re.search(r"no\.csv: cannot be read .No such file", capsys.readouterr().err)
     (tmp_path / "run.csv").write_text(recorded())
@@ -278,9 +278,12 @@ def test_a_missing_file_and_a_taken_folder(tmp_path, capsys):
 
 
 def test_a_full_disk_leaves_nothing(tmp_path, capsys, monkeypatch):
-    """Breaks if half a run stays behind and is taken for a whole one."""
+    """Breaks if a partial run folder remains."""
+    written = measured_run.write_messages
 
-    def full(setup, series, sink, progress):
+    def full(setup, series, sink, progress=None):
+        if progress is None:  # into memory, not into the log
+            return written(setup, series, sink)
         sink.add("/clock", measured_run.Tick(0), 0)
         raise OSError(28, "No space left on device")
 

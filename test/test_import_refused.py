@@ -1,4 +1,4 @@
-"""Files that are no measured run: one line names the file, the row, the column and the remedy; nothing is left."""
+"""Invalid files for the import: errors of one line with file, row, column and remedy, without output."""
 
 from __future__ import annotations
 
@@ -22,47 +22,50 @@ def rows(*lines: str, head: str = FORCE) -> str:
 
 
 def under(head: str) -> str:
-    """Return the good rows under another head."""
+    """Return the valid rows under other column names."""
     return rows(*GOOD, head=head)
 
 
 def beside(name: str, value) -> str:
-    """Return the good rows with a column more; ``value`` makes it from the number of the row."""
+    """Return the valid rows with another column, a function ``value`` of the row number."""
     return rows(*(f"{line},{value(t)}" for t, line in enumerate(GOOD)), head=f"{FORCE},{name}")
 
 
 def but(number: int, line: str) -> str:
-    """Return good rows with one exchanged; the head is line 1."""
+    """Return the valid rows with one replaced line; the column names are line 1."""
     return rows(*GOOD[: number - 2], line, *GOOD[number - 1 :])
 
 
 def every(row) -> str:
-    """Return rows made from their number."""
+    """Return rows from a function of the row number."""
     return rows(*(row(t) for t in range(41)))
 
 
 COLUMNS = [
     (under("time_s,sped_kmh,force_kn"), r"unknown column 'sped_kmh'; did you mean 'speed_kmh'"),
     (under("time_s,Speed [km/h],force_kn"), r"unknown column 'Speed \[km/h\]'; did you mean 'speed_kmh'\?"),
-    (under("time_s,speed,force_kn"), r"'speed' names no unit; call it speed_m_s or speed_kmh"),
+    (under("time_s,speed,force_kn"), r"'speed' has no unit; name it speed_m_s or speed_kmh"),
     (beside("door", lambda t: 7), r"'door'.*--ignore 'door'"),
-    (under("time_s,reference_speed_kmh,force_kn"), r"no column of the speed; name one"),
-    (under("reference_speed_kmh,speed_kmh,force_kn"), r"no column of the time"),
-    (under("time_s,speed_kmh,reference_speed_kmh"), r"no column of the force.*--profile-only"),
-    (under("time_s,speed_kmh,speed_kmh"), r"'speed_kmh' stands there twice"),
-    (under("time_s,speed_kmh,speed_m_s"), r"'speed_kmh' and 'speed_m_s' say the same"),
+    (under("time_s,reference_speed_kmh,force_kn"), r"no speed column; name one"),
+    (under("reference_speed_kmh,speed_kmh,force_kn"), r"no time column"),
+    (under("time_s,speed_kmh,reference_speed_kmh"), r"no force column.*--profile-only"),
+    (under("time_s,speed_kmh,speed_kmh"), r"'speed_kmh' appears twice"),
+    (under("time_s,speed_kmh,speed_m_s"), r"'speed_kmh' and 'speed_m_s' are the same quantity"),
     (under("time_s,,force_kn"), r"column 2 has no name"),
-    (under("timestamp,speed_kmh,force_kn"), r"line 2, timestamp: '0' is no moment like"),
-    (beside("timestamp", lambda t: "2026-01-01"), r"both say the time"),
-    (beside("brake_force_kn", lambda t: 1), r"both say the force"),
-    (rows("0,1,2,3", "1,1,2,3", head="time_s,speed_kmh,position_m,front_position_m"), r"both say the position"),
-    (rows("0,1,2,3", "1,1,2,3", head="time_s,speed_kmh,force_n,unit_0_force_n"), r"is of all units.*; give either"),
+    (under("timestamp,speed_kmh,force_kn"), r"line 2, timestamp: '0' is not a date and time"),
+    (beside("timestamp", lambda t: "2026-01-01"), r"are both the time"),
+    (beside("brake_force_kn", lambda t: 1), r"are both the force"),
+    (rows("0,1,2,3", "1,1,2,3", head="time_s,speed_kmh,position_m,front_position_m"), r"are both the position"),
+    (
+        rows("0,1,2,3", "1,1,2,3", head="time_s,speed_kmh,force_n,unit_0_force_n"),
+        r"is the sum of all power units.*; remove one",
+    ),
     (under("time_s,speed_kmh,unit_4_force_kn"), r"'unit_4_force_kn': the train has 1 power units"),
-    (under("time_s,speed_kmh,unit_0_door"), r"'unit_0_door': a power unit has"),
+    (under("time_s,speed_kmh,unit_0_door"), r"'unit_0_door': not a quantity of a power unit; use"),
     (beside("brake_pipe_pressure_kpa", lambda t: 600), r"'brake_pipe_pressure_kpa': train .* has no air brake"),
     (every(lambda t: f"{t},{t},"), r"column 'force_kn' is empty"),
 ]
-"""What may be wrong with columns."""
+"""Invalid columns."""
 ROWS = [
     (but(12, "3,20,50"), r"line 12, time_s: 6 s before the row above"),
     (but(12, "9,20,50"), r"line 12, time_s: the same time as the row above"),
@@ -85,55 +88,61 @@ ROWS = [
         r"line 22, force_kn: '1,050' has a comma and '0\.5' a point; write all numbers with one decimal mark",
     ),
     (but(7, "5,-12,50"), r"line 7, speed_kmh: -12 is negative"),
-    (every(lambda t: f"{t},{t * 25},50"), r"line \d+, speed_kmh: .* faster than any train; is the unit"),
-    (but(20, "18,100,50"), r"line 20, speed_kmh: 100 is a jump that no train makes"),
+    (every(lambda t: f"{t},{t * 25},50"), r"line \d+, speed_kmh: .* faster than any train; check the unit"),
+    (but(20, "18,100,50"), r"line 20, speed_kmh: 100 is an impossible jump"),
     (
         under("time_s,speed_kmh,brake_force_kn").replace("20,40,50", "20,40,-3"),
         r"line 22, brake_force_kn: -3 is negative",
     ),
-    (every(lambda t: f"{t},{t},50000"), r"line 2, force_kn: 50000 kN is .* times what train 'xuzhou_metro_3' can do"),
-    (beside("position_m", lambda t: 900 - t), r"line 8, position_m: 894 lies behind the place that was reached"),
-    (beside("position_m", lambda t: 90 * t), r"'position_m' runs 3\.600 km, 'speed_kmh' adds up to 0\.4.*unit wrong"),
+    (every(lambda t: f"{t},{t},50000"), r"line 2, force_kn: 50000 kN is .* times the maximum of train"),
+    (beside("position_m", lambda t: 900 - t), r"line 8, position_m: 894 is behind an earlier position"),
+    (
+        beside("position_m", lambda t: 90 * t),
+        r"'position_m' covers 3\.600 km, the integral of 'speed_kmh' is 0\.4.*check the units",
+    ),
     (beside("reference_speed_kmh", lambda t: -t), r"line 3, reference_speed_kmh: -1 is negative"),
-    (every(lambda t: f"{t},0,0"), r"'speed_kmh': the train never moves"),
+    (every(lambda t: f"{t},0,0"), r"'speed_kmh': the train does not move"),
 ]
-"""What may be wrong with rows."""
+"""Invalid rows."""
 FILES = [
-    (rows("0,10,5"), r"1 rows of numbers; a history needs at least two"),
+    (rows("0,10,5"), r"1 rows of numbers; give at least two"),
     (rows(), r"0 rows of numbers"),
-    (rows("0,10,5", "0.05,10,5"), r"0\.05 s are no run"),
-    ("", r"no line of column names"),
-    ("# nothing\n\n", r"no line of column names"),
-    (b"\x00\x01\x02" * 50, r"is no text"),
-    (b"\xff\xfe\x00", r"unknown column|no line of column names"),
+    (rows("0,10,5", "0.05,10,5"), r"0\.05 s is too short"),
+    ("", r"no column names"),
+    ("# nothing\n\n", r"no column names"),
+    (b"\x00\x01\x02" * 50, r"not a text file"),
+    (b"\xff\xfe\x00", r"unknown column|no column names"),
 ]
-"""What may be wrong with the whole file."""
+"""Invalid files."""
 OPTIONS = [
-    (["--rename", "v:=speed_kmh"], r"--rename v: there is no such column; the file has time_s"),
-    (["--rename", "v"], r"--rename v: write it as from:=to"),
-    (["--ignore", "door"], r"--ignore door: there is no such column"),
-    (["--from-km", "299.9"], r"leads the front to km 300\.\d+ .* beyond the end of line"),
-    (["--from-km", "nan"], r"--from-km nan: give kilometres"),
-    (["--tick", "0.033"], r"--tick 0\.033: give a multiple of 0\.005 s"),
-    (["--largest-gap", "nan"], r"--largest-gap nan: give seconds"),
-    (["--smooth", "1e9"], r"--smooth 1000000000\.0: give seconds from 0 to 60"),
+    (["--rename", "v:=speed_kmh"], r"--rename v: no such column; the file has time_s"),
+    (["--rename", "v"], r"--rename v: not a renaming; write from:=to"),
+    (["--ignore", "door"], r"--ignore door: no such column"),
+    (["--from-km", "299.9"], r"moves the front to km 300\.\d+ .* beyond the end of line"),
+    (["--from-km", "nan"], r"--from-km nan: out of range; give kilometres"),
+    (["--tick", "0.033"], r"--tick 0\.033: out of range; give a multiple of 0\.005 s"),
+    (["--largest-gap", "nan"], r"--largest-gap nan: out of range; give more than 0 s"),
+    (["--smooth", "1e9"], r"--smooth 1000000000\.0: out of range; give 0 to 60 s"),
     (["--name", "../x"], r"rec\.csv: name = '\.\./x'"),
     (["--consist", "hxd1_c80_15"], r"train 'hxd1_c80_15' is neither shipped"),
     (["--line", "levle"], r"line 'levle' is neither shipped.*did you mean 'level'"),
 ]
-"""Options with which good rows make no run."""
-HOSTILE = [*((text, [], told) for text, told in (*COLUMNS, *ROWS, *FILES)), *((rows(*GOOD), *case) for case in OPTIONS)]
+"""Invalid options for valid rows."""
+HOSTILE = [
+    *((text, [], message) for text, message in (*COLUMNS, *ROWS, *FILES)),
+    *((rows(*GOOD), *case) for case in OPTIONS),
+]
 PIECES = [b"", b",", b"\n", b"-", b"e9", b"nan", b'"', b";", b"#", b"\xff", b"0", b"time_s"]
 
 
 @pytest.mark.parametrize(("text", "options", "message"), HOSTILE, ids=[case[2][:40] for case in HOSTILE])
 def test_what_cannot_be_is_refused_by_its_line(tmp_path, capsys, text, options, message):
-    """Each is something that a recorder's file or its user does; breaks if it becomes a run or a traceback."""
+    """Breaks if invalid input is imported or causes a traceback."""
     assert re.search(message, refused(tmp_path, capsys, text, *options))
 
 
 def test_the_good_rows_of_that_table_are_good(tmp_path, capsys):
-    """Else every case above would be refused for another reason than its own."""
+    """Breaks if the valid rows are refused; then the cases above would test nothing."""
     assert take(tmp_path, capsys, rows(*GOOD))["measured_rows"] == 41
     assert take(tmp_path, capsys, rows(*GOOD[:10], *GOOD[20:]), "--largest-gap", "11", "--out", str(tmp_path / "b"))
 
@@ -141,7 +150,7 @@ def test_the_good_rows_of_that_table_are_good(tmp_path, capsys):
 @settings(max_examples=100)
 @given(st.data())
 def test_no_file_brings_a_traceback(tmp_path_factory, data):
-    """Bytes of a good file are changed, cut and doubled: a profile comes out, or one line; never anything else."""
+    """Breaks if changed, removed or doubled bytes cause neither a profile nor an error of one line."""
     folder = tmp_path_factory.mktemp("fuzz")
     raw = bytearray(recorded(1.0, 40.0).encode())
     for _ in range(data.draw(st.integers(1, 6))):

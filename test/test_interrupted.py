@@ -1,31 +1,29 @@
-"""Ctrl-C, SIGTERM and a closed terminal end every command in one line, and nothing half-made stays."""
+"""Ctrl-C, SIGTERM and a closed terminal: every command ends with one line and leaves no incomplete result."""
 
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import signal
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
+from waiting import LIMIT_S, pause, wait_for
 
 import train_ato
+from train_ato.apps.runs.progress import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.cli.main import main
-from train_ato.cli.screen import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 
 ROOT = Path(train_ato.__file__).resolve().parents[1]
-"""Where the package that is tested lies: installed, or the source."""
+"""Path of the tested package: installed, or the source."""
 ENDED = (1, -signal.SIGINT)
 """Python itself leaves by SIGINT when Ctrl-C fell into an ``exec`` of a module that was being imported."""
-BREATH = threading.Event()
-"""Never set: waiting for it lets a moment pass between two looks."""
 
 
 @contextmanager
@@ -45,11 +43,11 @@ def started(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     finally:
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
-        process.communicate(timeout=30)
+        process.communicate(timeout=LIMIT_S)
 
 
 def descendants(folder: Path) -> list[str]:
-    """Return the processes that the command left, by the mark in their environment."""
+    """Return the remaining processes of the command, by the mark in their environment."""
     mark, found = f"MARK={folder}\0".encode(), []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit() and int(entry.name) != os.getpid():
@@ -59,13 +57,6 @@ def descendants(folder: Path) -> list[str]:
             except OSError:
                 continue
     return found
-
-
-def wait_for(condition, limit=200.0):
-    last = time.monotonic() + limit
-    while not condition():
-        assert time.monotonic() < last, "did not happen in time"
-        BREATH.wait(0.02)
 
 
 COMPARE = ["compare", "demo", "--controllers", "pid,smc", "--out", "out"]
@@ -85,35 +76,35 @@ RUN = ["run", "demo", "--engine", "--realtime", "20", "--out", "out"]
     ],
 )
 def test_the_end_is_one_line(arguments: list[str], number: signal.Signals, tmp_path: Path) -> None:
-    """Breaks on a traceback, a warning, a worker that goes on, a scratch folder or a folder of half a result."""
+    """Breaks on a traceback, a warning, a running worker, a scratch folder or an incomplete folder."""
     with started(tmp_path, *arguments) as process:
         wait_for(lambda: (tmp_path / "out").exists() or process.poll() is not None)
-        BREATH.wait(0.5)
+        pause(0.5)
         os.killpg(process.pid, number)
-        out, err = process.communicate(timeout=200)
+        out, err = process.communicate(timeout=LIMIT_S)
         assert process.returncode in ENDED, err
         assert out == "" or arguments[0] == "run"
-        # On a slow machine a line says before that kernels are compiled.
+        # The first run on a machine prints lines on compilation first.
         lines = [line for line in err.splitlines() if line not in (COMPILE_NOTE, PLANNER_NOTE)]
         assert len(lines) == 1, err
         assert lines[0].startswith("train-ato: interrupted")
         wait_for(lambda: not descendants(tmp_path))
     assert list((tmp_path / "scratch").iterdir()) == []
     left = {path.name for path in tmp_path.iterdir()} - {"scratch"}
-    whole_run = left == {"out"} and "in out" in err and (tmp_path / "out" / "run.mcap").exists()
+    whole_run = left == {"out"} and "recorded data: out" in err and (tmp_path / "out" / "run.mcap").exists()
     assert not left or whole_run, left
 
 
 def test_ctrl_c_in_a_callback_from_c_is_not_lost() -> None:
-    """Breaks if a command goes on after a Ctrl-C that came while the compiler called back, where Python drops it."""
+    """Breaks if a command continues after a Ctrl-C in a callback of the compiler, where Python drops it."""
 
     def press() -> None:
         signal.raise_signal(signal.SIGINT)
-        BREATH.wait(0.01)
+        pause(0.01)
 
     def wait() -> None:
         ctypes.CFUNCTYPE(None)(press)()
-        BREATH.wait(30)
+        pause(LIMIT_S)
 
     with ending_like_ctrl_c(Interrupt()), pytest.raises(KeyboardInterrupt):
         wait()
@@ -123,7 +114,7 @@ def test_ctrl_c_in_a_callback_from_c_is_not_lost() -> None:
 def test_an_error_that_a_library_makes_of_ctrl_c_is_ctrl_c(
     made_of_it: type[Exception], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Breaks if Ctrl-C in a compiler or validator ends in that library's error, as a traceback or as bad input."""
+    """Breaks if Ctrl-C in a compiler or validator is reported as an error of this library or as bad input."""
 
     def execute(options: object) -> int:
         try:
@@ -137,14 +128,39 @@ def test_an_error_that_a_library_makes_of_ctrl_c_is_ctrl_c(
     assert capsys.readouterr().err == "train-ato: interrupted\n"
 
 
+@pytest.mark.parametrize("interrupted", [True, False])
+def test_destructors_of_incomplete_objects_print_nothing_after_ctrl_c(
+    interrupted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if a compiler's incomplete object prints a traceback after Ctrl-C, or every such error is hidden."""
+
+    class Incomplete:
+        def __del__(self) -> None:
+            raise AttributeError("no compiled object yet")
+
+    def execute(options: object) -> int:
+        incomplete = Incomplete()
+        if interrupted:
+            signal.raise_signal(signal.SIGINT)
+        del incomplete
+        return 0
+
+    printed: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", printed.append)
+    monkeypatch.setattr("train_ato.cli.list.execute", execute)
+    assert main(["list"]) == int(interrupted)
+    gc.collect()
+    assert len(printed) == int(not interrupted)
+
+
 @pytest.mark.parametrize("moment", [0.4, 0.8, 1.6])
 def test_a_plan_is_interrupted_at_any_moment(moment: float, tmp_path: Path) -> None:
-    """Compiled code turns Ctrl-C into an error of its own; breaks if that reaches the user."""
+    """Compiled code converts Ctrl-C into its own exception; breaks if the user sees it."""
     arguments = ("plan", "highspeed_286km", "crh380a_one_mass", "--time", "4000", "--out", "plan.csv")
     with started(tmp_path, *arguments) as process:
-        BREATH.wait(moment)
+        pause(moment)
         process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=200)
+        out, err = process.communicate(timeout=LIMIT_S)
     if "init_import_site" in err:
         pytest.skip("Ctrl-C fell into the start of Python itself")
     assert "Traceback" not in err
@@ -157,7 +173,7 @@ def test_a_plan_is_interrupted_at_any_moment(moment: float, tmp_path: Path) -> N
 
 
 def test_nohup_is_respected(tmp_path: Path) -> None:
-    """Breaks if a closed terminal ends a command that was started to survive it."""
+    """Breaks if a closed terminal ends a command that ignores its signal, as with nohup."""
     code = (
         "import signal, sys; signal.signal(signal.SIGHUP, signal.SIG_IGN)\n"
         "from train_ato.interrupt import Interrupt, ending_like_ctrl_c, interruptible\n"

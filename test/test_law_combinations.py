@@ -1,4 +1,4 @@
-"""Every law with every observer and compensation on the trains of the shipped scenarios: it drives, or says why not."""
+"""Every law with every observer and compensation on the shipped trains: it runs or is rejected with a reason."""
 
 from __future__ import annotations
 
@@ -13,14 +13,12 @@ import yaml
 
 from plant_sim.library import consist_path
 from train_ato.cli import main
-from train_ato.compensate.registry import COMPENSATIONS
-from train_ato.control.registry import LAWS
-from train_ato.engine import run_engine
-from train_ato.observe.registry import OBSERVERS
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+from train_ato.loop.controller import ControllerStage
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import RunSetup, prepare
 from train_ato.profile.profile import Profile
-from train_ato.roles.controller import ControllerRole
-from train_ato.run_setup import RunSetup, prepare
-from train_ato.scenario import load
+from train_ato.scenario.scenario import load_scenario
 
 PLACES = {
     "demo": (100.0, 6.0, 0.8),
@@ -43,9 +41,9 @@ REFUSED |= {("gpc", "predictor"), ("gpc", "train_predictor")}
 
 @functools.cache
 def rolling(name: str) -> RunSetup:
-    """Return a scenario with the train in the middle of its profile, in place and at speed."""
+    """Return a scenario that starts in the middle of its profile, at the position and speed of the profile."""
     at, seconds, _ = PLACES[name]
-    setup = prepare(*load(name))
+    setup = prepare(*load_scenario(name))
     first, count = round(at / setup.tick), round(seconds / setup.tick)
     part = slice(first, first + count + round(AHEAD / setup.tick))
     whole = setup.profile
@@ -59,7 +57,7 @@ def rolling(name: str) -> RunSetup:
 
 
 def combined(name: str, law: str, observer: str, compensation: str) -> RunSetup:
-    """Return the run of one combination, refused like on the command line."""
+    """Return the run of one combination; raise the error of the command line for an incompatible one."""
     base = rolling(name)
     choice = {"controller": law, "observer": observer, "compensation": compensation}
     setup = dataclasses.replace(base, scenario=base.scenario.model_copy(update=choice))
@@ -67,8 +65,8 @@ def combined(name: str, law: str, observer: str, compensation: str) -> RunSetup:
     return setup
 
 
-def drives_or_says_why_not(name: str, law: str, observer: str, compensation: str) -> None:
-    """Assert a refusal where one is due, else finite forces inside the limits and a train about where it should be."""
+def check_combination(name: str, law: str, observer: str, compensation: str) -> None:
+    """Check a rejection if one is expected, otherwise finite forces inside the limits and a bounded speed error."""
     if (law, compensation) in REFUSED:
         with pytest.raises(ValueError, match=f"^controller '{law}' with compensation '{compensation}': .*choose") as no:
             combined(name, law, observer, compensation)
@@ -76,26 +74,26 @@ def drives_or_says_why_not(name: str, law: str, observer: str, compensation: str
         return
     setup = combined(name, law, observer, compensation)
     outcome = run_engine(setup)
-    history = outcome.history
+    recording = outcome.recording
     assert outcome.failure is None
-    assert history is not None
+    assert recording is not None
     assert outcome.summary["held_steps"] == 0
-    assert np.isfinite(history.command).all()
-    limits = [setup.model.force_limits(speed) for speed in history.velocity]
-    for command, (low, high) in zip(history.command, limits, strict=True):
+    assert np.isfinite(recording.command).all()
+    limits = [setup.model.force_limits(speed) for speed in recording.velocity]
+    for command, (low, high) in zip(recording.command, limits, strict=True):
         slack = 0.01 * (high - low)  # the limits are those at the measured speed
         assert ((command >= low - slack) & (command <= high + slack)).all()
-    assert np.abs(history.velocity - history.reference_velocity[:, None]).max() < PLACES[name][2]
+    assert np.abs(recording.velocity - recording.reference_velocity[:, None]).max() < PLACES[name][2]
 
 
 @pytest.mark.parametrize("name", PLACES)
 @pytest.mark.parametrize("law", LAWS.names())
 def test_every_law_with_every_compensation(name: str, law: str) -> None:
-    """The observers in turn; breaks on a failure, on nonsense, and on a refusal without need."""
+    """With alternating observers; breaks on a failure, invalid forces or an unexpected rejection."""
     observers = OBSERVERS.names()
     shift = LAWS.names().index(law)
     for index, compensation in enumerate(COMPENSATIONS.names()):
-        drives_or_says_why_not(name, law, observers[(index + shift) % len(observers)], compensation)
+        check_combination(name, law, observers[(index + shift) % len(observers)], compensation)
 
 
 @pytest.mark.slow
@@ -105,27 +103,28 @@ def test_every_combination(name: str, law: str) -> None:
     """The same with all observers."""
     for compensation in COMPENSATIONS.names():
         for observer in OBSERVERS.names():
-            drives_or_says_why_not(name, law, observer, compensation)
+            check_combination(name, law, observer, compensation)
 
 
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        (["--controller=smc", "--compensation=twin"], "set its equivalent: feedforward, or choose"),
-        (["--controller=funnel", "--compensation=pade"], "brings its own equivalent control: choose pid"),
-        (["--controller=gpc", "--compensation=predictor"], "predicts over the delay itself: set gpc.delay: none"),
+        (["--controller=smc", "--compensation=twin"], "set smc.equivalent: feedforward, or choose"),
+        (["--controller=funnel", "--compensation=pade"], "does not use it; choose controller pid"),
+        (["--controller=gpc", "--compensation=predictor"], "so does this law; set gpc.delay: none"),
         (["--compensation=twin", "--set=controllers.pid.feedforward=false"], "set pid.feedforward: true"),
-        (["--controller=smc", "--set=plant.sensors.couplers=[]"], "measured at coupler_0, or 184 t .*fit the sensors"),
-        (["--controller=fixed_time_smc", "--set=plant.sensors.couplers=[]"], "does not know coupler_0: drive every"),
+        (["--controller=smc", "--set=plant.sensors.couplers=[]"], "coupler_0, or a unit of 184 t .*fit the sensors"),
+        (["--controller=fixed_time_smc", "--set=plant.sensors.couplers=[]"], "coupler_0 beside driven .*; drive every"),
         (["--observer=ndo", "--set=observers.ndo.scope=vehicle", "--set=plant.sensors.couplers=[]"], "scope: train"),
         (["--compensation=predictor", "--set=compensations.predictor.train=chain"], "every vehicle driven, here 1"),
-        (["--set=swaps=[{at: 3, controller: smc}]", "--compensation=twin"], "'smc' with compensation 'twin'"),
+        (["--set=controller_changes=[{at: 3, controller: smc}]", "--compensation=twin"],
+         "'smc' with compensation 'twin'"),
     ],
 )  # fmt: skip
 def test_refused_before_the_start(
     changes: list[str], reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One line with the reason, exit status 2, no folder; what the remedy names is then accepted."""
+    """One line with the reason, exit status 2, no run folder."""
     out = tmp_path / "run"
     assert main(["run", "demo", "--engine", "--set=duration=5", f"--out={out}", *changes]) == 2
     said = capsys.readouterr().err
@@ -135,7 +134,7 @@ def test_refused_before_the_start(
 
 
 def test_a_train_that_nothing_drives_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Wagons alone: one line before the start, not a failure in the middle of some node."""
+    """A train of wagons only is rejected in one line before the start."""
     consist = yaml.safe_load(consist_path("hxd1_c80_105").read_text(encoding="utf-8"))
     consist["train"] = consist["train"][1:]
     path = tmp_path / "wagons.yaml"
@@ -155,17 +154,17 @@ def test_a_train_that_nothing_drives_is_refused(tmp_path: Path, capsys: pytest.C
     ],
 )
 def test_the_remedy_is_accepted(law: str, compensation: str, values: dict[str, object]) -> None:
-    """Breaks if a refusal names a way out that is none."""
+    """Breaks if the remedy of a rejection is rejected too."""
     setup = rolling("demo")
     scenario = setup.scenario.model_copy(update={"compensation": compensation, "controllers": {law: values}})
-    dataclasses.replace(setup, scenario=scenario).law(law)
+    assert isinstance(dataclasses.replace(setup, scenario=scenario).law(law), LAWS.get(law))
 
 
-def test_a_swap_under_way_is_refused_like_a_start() -> None:
-    """The running controller keeps its law; a law that fits is taken."""
+def test_a_swap_during_the_run_is_checked_like_a_start() -> None:
+    """The running controller keeps its law; a compatible law is accepted."""
     setup = rolling("demo")
     scenario = setup.scenario.model_copy(update={"compensation": "twin"})
-    role = ControllerRole(dataclasses.replace(setup, scenario=scenario))
+    role = ControllerStage(dataclasses.replace(setup, scenario=scenario))
     with pytest.raises(ValueError, match="controller 'funnel' with compensation 'twin'"):
         role.validate("controller", "funnel")
     with pytest.raises(ValueError, match=r"set pid\.feedforward: true"):
@@ -174,9 +173,9 @@ def test_a_swap_under_way_is_refused_like_a_start() -> None:
 
 
 def test_compare_leaves_out_what_does_not_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """All laws under `twin`: who takes its feed-forward drives, the others are named with the reason."""
+    """With `twin` the laws that use its feed-forward run, the others are listed with the reason."""
     arguments = ["compare", "demo", "--compensation=twin", "--set=duration=5", f"--out={tmp_path / 'run'}"]
     assert main(arguments) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "left out: smc: with compensation 'twin': all that 'twin' gives is a feed-forward, and this law" in said
-    assert "left out: pid" not in said
+    assert "omitted: smc: with compensation 'twin': 'twin' gives only a feed-forward, and this law" in said
+    assert "omitted: pid" not in said

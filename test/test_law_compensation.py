@@ -1,4 +1,4 @@
-"""Predictor, delay estimate and twin: what they foresee beside what a simulated train does."""
+"""Predictor, delay estimate and twin against a simulated train."""
 
 from __future__ import annotations
 
@@ -12,20 +12,32 @@ from law_trains import FIVE, HAULED, HILLY, LEVEL, SINGLE, SPRING, asked, consis
 
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train
-from train_ato.compensate.contract import Situation
-from train_ato.compensate.delay_estimate import DelayEstimate
-from train_ato.compensate.registry import COMPENSATIONS
-from train_ato.compensate.rigid import RigidForce
-from train_ato.compensate.twin import AheadTrain, TwinParameters
+from train_ato.control.compensation.contract import CompensationInput
+from train_ato.control.compensation.delay_estimate import DelayEstimate
+from train_ato.control.compensation.rigid import RigidForce
+from train_ato.control.compensation.twin import AheadTrain, TwinParameters
+from train_ato.control.registry import COMPENSATIONS
+from train_ato.messages.types import Measurement, Reference
 
 TICK_NS = 100_000_000
 
 
-def see(of, name, parameters, along, **situation):
-    """Return what a compensation shows the law."""
+def step_input(of, along, t, state, commands_in_flight, disturbance=None):
+    """Return the input of a compensation for a state (position, speed, force of every unit) on a profile."""
+    stamp, n = round(t * 1e9), of.n_units
+    none = np.zeros(len(of.sensors))
+    low, high = of.force_limits(state[1])
+    return CompensationInput(
+        Measurement(stamp, *state, none, none, none), Reference(stamp, *along.at(t)[:3]),
+        np.zeros(n) if disturbance is None else disturbance, commands_in_flight, None, low, high,
+    )  # fmt: skip
+
+
+def step(of, name, parameters, along, state, commands_in_flight, disturbance=None):
+    """Return the input of a law that a compensation gives at 20 s."""
     layer = COMPENSATIONS.make(name, parameters, of, of.tick)
     layer.set_profile(RigidForce(of, along))
-    return layer.see(Situation(**situation))
+    return layer.step(step_input(of, along, 20.0, state, commands_in_flight, disturbance))
 
 
 def plant(of, position, speed, lag, step_ns=1_000_000):
@@ -35,8 +47,8 @@ def plant(of, position, speed, lag, step_ns=1_000_000):
 
 
 @pytest.mark.parametrize(("train", "how"), [(SINGLE, "rigid"), (FIVE, "chain"), (FIVE, "rigid")])
-def test_prediction_is_what_the_train_then_does(train, how):
-    """0.8 s of changing commands through lag 0.4 s: position within 2 mm, speed within 2 mm/s, force within 1 %."""
+def test_prediction_equals_the_simulated_train(train, how):
+    """0.8 s of changing commands through lag 0.4 s: within 2 mm, 2 mm/s and 1 % of the force."""
     of, along = model(train, LEVEL, delay=0.8, lag=0.4), profile()
     real = plant(of, 500.0, 10.0, 0.4)
     n = of.n_units
@@ -46,11 +58,8 @@ def test_prediction_is_what_the_train_then_does(train, how):
     for command in commands[:8]:
         real.advance(np.tile(command, (real.substeps, 1)))
     seen = real.observe().measurement
-    view = see(
-        of, "predictor", {"train": how}, along,
-        t=20.0, position=seen.position, velocity=seen.velocity, applied=seen.applied,
-        disturbance=np.zeros(n), under_way=commands[8:], reference=along.at(20.0)[:3], pressure=None,
-    )  # fmt: skip
+    state = (seen.position, seen.velocity, seen.applied)
+    view = step(of, "predictor", {"train": how}, along, state, commands[8:])
     for command in commands[8:]:
         real.advance(np.tile(command, (real.substeps, 1)))
     then = real.observe().measurement
@@ -62,27 +71,19 @@ def test_prediction_is_what_the_train_then_does(train, how):
 
 
 def test_prediction_over_part_of_a_tick_and_with_a_disturbance():
-    """A delay of 0.25 s on ticks of 0.1 s, 4 kN of head wind that the observer knows."""
+    """A delay of 0.25 s on ticks of 0.1 s with an estimated head wind of 4 kN."""
     of, along = model(SINGLE, LEVEL, delay=0.25), profile()
-    view = see(
-        of, "predictor", {}, along,
-        t=20.0, position=np.array([500.0]), velocity=np.array([10.0]), applied=np.array([9e3]),
-        disturbance=np.array([-4e3]), under_way=np.array([[10e3], [20e3], [30e3]]),
-        reference=along.at(20.0)[:3], pressure=None,
-    )  # fmt: skip
+    state = (np.array([500.0]), np.array([10.0]), np.array([9e3]))
+    view = step(of, "predictor", {}, along, state, np.array([[10e3], [20e3], [30e3]]), np.array([-4e3]))
     given_off = (0.05 * 10e3 + 0.1 * 20e3 + 0.1 * 30e3) / 80e3 - 0.25 * (4e3 + of.running_resistance(10.0)) / 80e3
     assert view.velocity[0] == pytest.approx(10.0 + given_off, abs=8e-3)
 
 
 def test_a_newer_command_that_arrives_first_replaces_older_ones():
-    """Traction 1.0 s, braking 0.5 s late: the brake command sent 0.3 s ago acts before the pulls sent before it."""
+    """Delay 1.0 s in traction, 0.5 s in braking: a brake command sent 0.3 s ago acts before older traction commands."""
     of, along = model(SINGLE, LEVEL, delay=1.0, delay_brake=0.5), profile()
     sent = np.array([[40e3]] * 7 + [[-60e3]] + [[-60e3]] * 2)
-    view = see(
-        of, "predictor", {}, along,
-        t=20.0, position=np.array([500.0]), velocity=np.array([10.0]), applied=np.array([40e3]),
-        disturbance=np.zeros(1), under_way=sent, reference=along.at(20.0)[:3], pressure=None,
-    )  # fmt: skip
+    view = step(of, "predictor", {}, along, (np.array([500.0]), np.array([10.0]), np.array([40e3])), sent)
     expected = 10.0 + (0.2 * 40e3 - 0.3 * 60e3 - 0.5 * of.running_resistance(10.0)) / 80e3
     assert view.velocity[0] == pytest.approx(expected, abs=5e-3)
     assert view.applied[0] == -60e3
@@ -90,25 +91,25 @@ def test_a_newer_command_that_arrives_first_replaces_older_ones():
 
 @given(ticks=st.integers(1, 15), seed=st.integers(0, 5))
 def test_the_delay_is_found(ticks, seed):
-    """From any first guess, within 40 s of an ordinary command."""
+    """From any initial delay, within 40 s of an ordinary command."""
     of = model(SINGLE, LEVEL, delay=0.5, lag=0.4)
     estimate = DelayEstimate(of, 2.0)
     rng = np.random.default_rng(seed)
     keep, acting, command = math.exp(-0.1 / 0.4), 0.0, 0.0
     queue = [0.0] * ticks
     for _ in range(400):
-        under_way = estimate.step(np.array([[command]]), acting)
+        commands_in_flight = estimate.step(np.array([[command]]), acting)
         command += float(rng.normal()) * 2e3
         queue.append(command)
         due = queue.pop(0)
         acting = due + (acting - due) * keep
     assert estimate.delay == pytest.approx(0.1 * ticks)
-    assert under_way.shape[0] == max(1, ticks)
+    assert commands_in_flight.shape[0] == max(1, ticks)
 
 
 @pytest.mark.parametrize("every", [3, 5])
 def test_the_delay_is_found_at_a_longer_control_period(every):
-    """A law at 0.3 or 0.5 s on ticks of 0.1 s, and two gaps of a second; breaks if a call is taken for a tick."""
+    """A law at 0.3 or 0.5 s on ticks of 0.1 s, and two gaps of a second; breaks if a call counts as one tick."""
     of = model(SINGLE, LEVEL, delay=0.5, lag=0.4)
     estimate = DelayEstimate(of, 2.0)
     rng = np.random.default_rng(3)
@@ -125,18 +126,18 @@ def test_the_delay_is_found_at_a_longer_control_period(every):
     assert estimate.delay == pytest.approx(0.9)
 
 
-def test_estimating_a_delay_needs_a_first_guess():
-    with pytest.raises(ValueError, match="compensation 'predictor': delay: estimated needs a first guess"):
+def test_estimating_a_delay_needs_an_initial_delay():
+    with pytest.raises(ValueError, match="compensation 'predictor': delay: estimated needs an initial delay"):
         COMPENSATIONS.make("predictor", {"delay": "estimated"}, model(SINGLE), 0.1)
 
 
 def test_chains_need_every_vehicle_driven():
-    with pytest.raises(ValueError, match="a chain of units needs every vehicle driven, here 1 of 5 are"):
+    with pytest.raises(ValueError, match="a chain of units needs every vehicle driven, here 1 of 5"):
         COMPENSATIONS.make("predictor", {"train": "chain"}, model(HAULED, delay=0.5), 0.1)
 
 
 def test_the_twin_of_one_vehicle_is_the_rigid_force():
-    """Along a hilly run its force is Newton's law at the same time, within 1 % of the largest."""
+    """On a hilly line its force is Newton's law within 2 % of the largest force."""
     of, along = model(SINGLE, HILLY), profile()
     ahead = AheadTrain(of, along, TwinParameters(), None, 0.0)
     ahead.run(150.0, keep_from=0.0)
@@ -147,7 +148,7 @@ def test_the_twin_of_one_vehicle_is_the_rigid_force():
 
 
 def test_the_twin_of_a_long_train_keeps_it_on_the_profile():
-    """Its force, sent open loop through delay and lag, holds a sprung train within 3 cm/s; the rigid one's does not."""
+    """Its force through delay and lag, open loop, keeps a sprung train within 3 cm/s; a rigid feed-forward not."""
     soft = consist(
         {"loco": HAULED.vehicle_types["loco"].model_dump(), "wagon": HAULED.vehicle_types["wagon"].model_dump()},
         [("loco", 1), ("wagon", 20)],
@@ -171,8 +172,8 @@ def test_the_twin_of_a_long_train_keeps_it_on_the_profile():
 
 
 @pytest.mark.parametrize("gap", [(), (20, 21, 22)])
-def test_the_copy_of_the_whole_train_is_what_it_then_is(gap):
-    """Without lag and mismatch the predicted state and coupler force are those of 0.5 s later, with gaps or not."""
+def test_the_simulated_copy_predicts_the_train(gap):
+    """Without lag and mismatch, predicted state and coupler force are those 0.5 s later, with or without gaps."""
     of, along = model(HAULED, HILLY, delay=0.5, sensors=(0,)), profile(pull=0.3)
     layer = COMPENSATIONS.make("train_predictor", {"step": 0.001}, of, of.tick)
     layer.set_profile(RigidForce(of, along))
@@ -182,13 +183,9 @@ def test_the_copy_of_the_whole_train_is_what_it_then_is(gap):
         truth.append((float(seen.position[0]), float(seen.velocity[0]), float(real.coupler_force[0])))
         command = np.array([30e3 + 10e3 * math.sin(0.5 * k)]) if k not in gap else queue[-1]
         if k not in gap:
-            views[k] = layer.see(
-                Situation(
-                    0.1 * k, seen.position, seen.velocity, seen.applied, np.zeros(1), np.array(queue),
-                    along.at(0.1 * k)[:3], None,
-                )
-            )  # fmt: skip
-            layer.sent(command)
+            state = (seen.position, seen.velocity, seen.applied)
+            views[k] = layer.step(step_input(of, along, 0.1 * k, state, np.array(queue)))
+            layer.on_command_sent(command)
         queue.append(command)
         real.advance(np.tile(queue.pop(0), (real.substeps, 1)))
     for k, view in views.items():
@@ -199,7 +196,7 @@ def test_the_copy_of_the_whole_train_is_what_it_then_is(gap):
 
 
 def test_units_of_a_twin_get_their_own_forces():
-    """Five driven vehicles on a crest: the forces differ from unit to unit and sum to the train's."""
+    """Five driven vehicles on a crest: different forces, with the sum of the force of the train."""
     of, along = model(FIVE, HILLY), profile()
     ahead = AheadTrain(of, along, TwinParameters(), None, 0.0)
     ahead.run(105.0, keep_from=0.0)
@@ -211,15 +208,11 @@ def test_units_of_a_twin_get_their_own_forces():
 
 
 def test_measured_state_passes_through_twin_and_preview():
-    """They change the feed-forward alone: state and reference of now stay."""
+    """They change the feed-forward only: state and reference are those of the present."""
     of, along = model(FIVE, LEVEL, delay=0.5, lag=0.4), profile()
     seen = measured(of, 0, 500.0, 10.0, 1e3)
     for name in ("preview", "twin", "pade", "none"):
-        view = see(
-            of, name, {}, along,
-            t=20.0, position=seen.position, velocity=seen.velocity, applied=seen.applied,
-            disturbance=np.zeros(5), under_way=np.zeros((5, 5)), reference=along.at(20.0)[:3], pressure=None,
-        )  # fmt: skip
+        view = step(of, name, {}, along, (seen.position, seen.velocity, seen.applied), np.zeros((5, 5)))
         assert (view.position == seen.position).all()
         assert view.reference_velocity[0] == along.at(20.0)[1]
-        assert view.lead == pytest.approx(0.5 if name in ("preview", "twin") else 0.0)
+        assert view.delay_to_effect == pytest.approx(0.5 if name in ("preview", "twin") else 0.0)

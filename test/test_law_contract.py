@@ -1,4 +1,4 @@
-"""Every law under hostile inputs, and the checker itself: what it must let through and what it must find."""
+"""Every law with invalid inputs, and the checker itself: accepted laws and detected faults."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, SINGLE, inputs, model
 
+from train_ato.apps.check_component.checking import check_component, findings_table
 from train_ato.cli import main
-from train_ato.control.check import check_law, table
 from train_ato.control.contract import LawInput, LawOutput
 from train_ato.control.laws.pid import Pid
-from train_ato.control.registry import LAWS, load
+from train_ato.control.registry import LAWS, load_class
 
 TEMPLATE = Path(__file__).parents[1] / "examples" / "my_law.py"
 NAMES = LAWS.names()
 FIELDS = [
     entry.name
     for entry in dataclasses.fields(LawInput)
-    if entry.name not in ("preview", "saturated", "force_min", "force_max", "under_way", "deflection", "rate")
+    if entry.name not in ("preview", "saturated", "force_min", "force_max", "commands_in_flight", "deflection", "rate")
 ]
 WILD = st.one_of(
     st.floats(allow_nan=True, allow_infinity=True), st.floats(-1e12, 1e12), st.sampled_from([math.nan, 1e300, -1e300])
@@ -39,15 +39,15 @@ def failures(findings):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_law_passes_the_contract(name):
     """Bounds, determinism, reset, hostile inputs, recovery after NaN, on four shipped trains."""
-    found = check_law(LAWS.get(name))
-    assert not failures(found), table(found)
+    found = check_component("law", LAWS.get(name))
+    assert not failures(found), findings_table(found)
     assert sum(finding.test == "recovers after NaN" for finding in found) >= 2
 
 
 @pytest.mark.parametrize("name", NAMES)
 @given(steps=st.lists(st.dictionaries(st.sampled_from(FIELDS), WILD, max_size=4), min_size=1, max_size=8))
 def test_no_law_ever_returns_a_force_that_may_not_be_sent(name, steps):
-    """Any sequence of any values: every force is finite and within the limits."""
+    """For any sequence of values every force is finite and inside the limits."""
     of = model(FIVE)
     law = LAWS.make(name, {}, of, 0.1)
     for spoilt in steps:
@@ -62,14 +62,14 @@ def test_no_law_ever_returns_a_force_that_may_not_be_sent(name, steps):
 
 
 def test_the_template_passes(monkeypatch):
-    """The example that newcomers copy is itself fit for the loop, and as short as it says."""
+    """The example passes the contract tests, and has at most 55 lines."""
     monkeypatch.syspath_prepend(str(TEMPLATE.parent))
-    assert not failures(check_law("my_law:MyLaw"))
+    assert not failures(check_component("law", "my_law:MyLaw"))
     assert len(TEMPLATE.read_text(encoding="utf-8").splitlines()) <= 55
 
 
 class Leaky(Pid):
-    """Does not forget on reset()."""
+    """Keeps its state on reset()."""
 
     def reset(self):
         pass
@@ -80,7 +80,7 @@ class Leaky(Pid):
 
 
 class Unbounded(Pid):
-    """Sends what it likes."""
+    """Returns forces beyond the limits."""
 
     def step(self, given):
         return LawOutput(np.array(self.demand(given)) * 50.0)
@@ -95,7 +95,7 @@ class Scribbler(Pid):
 
 
 class Poisoned(Pid):
-    """One NaN stays in its state for ever."""
+    """Keeps a NaN in its state."""
 
     total = 0.0
 
@@ -114,7 +114,7 @@ class Brittle(Pid):
 
 
 class Deaf(Pid):
-    """Never moves again after a NaN."""
+    """Returns 0 N after a NaN."""
 
     dead = False
 
@@ -127,8 +127,8 @@ class Deaf(Pid):
 class Throwing(Pid):
     """Raises from its hundredth step on."""
 
-    def forget(self):
-        super().forget()
+    def clear_state(self):
+        super().clear_state()
         self.steps = 0
 
     def demand(self, given):
@@ -146,7 +146,7 @@ class Leaving(Pid):
 
 
 class Unmade(Pid):
-    """Cannot be made, and not for the train's sake."""
+    """Raises in its constructor, for any train."""
 
     def __init__(self, parameters, of, period):
         raise TypeError("not made")
@@ -165,13 +165,13 @@ class Mute:
 
 
 class Backward(Pid):
-    """Wants a preview of less than nothing."""
+    """Declares a negative horizon."""
 
     horizon = -3
 
 
 class LateScribbler(Pid):
-    """Writes into its preview, and not at once."""
+    """Writes into its preview after 10 s."""
 
     horizon = 5
 
@@ -187,8 +187,8 @@ class LateScribbler(Pid):
         (Throwing, "time of a step"),
         (Leaving, "same inputs, same bits"),
         (Unmade, "accepts the train"),
-        (Mute, "has the methods and words of a law"),
-        (Backward, "has the methods and words of a law"),
+        (Mute, "has the methods and attributes of a law"),
+        (Backward, "has the methods and attributes of a law"),
         (LateScribbler, "leaves its inputs alone"),
         (Leaky, "reset forgets everything"),
         (Unbounded, "finite and inside the limits"),
@@ -199,14 +199,14 @@ class LateScribbler(Pid):
     ],
 )
 def test_the_checker_finds_faults(law, test):
-    """Breaks if a contract test lets a law through that it exists to stop."""
-    assert test in {finding.test for finding in failures(check_law(law))}
+    """Breaks if a contract test does not detect its fault."""
+    assert test in {finding.test for finding in failures(check_component("law", law))}
 
 
-def test_a_law_slower_than_its_period_fails_and_is_left_at_that(monkeypatch):
-    """Breaks if a law that no loop can wait for passes, or is driven for the thousands of steps of the other tests."""
-    monkeypatch.setattr("train_ato.control.check.PATIENCE", 0.0)
-    monkeypatch.setattr("train_ato.control.check.TRAINS", ("xuzhou_metro_3",))
+def test_a_law_slower_than_its_period_fails_without_further_tests(monkeypatch):
+    """Breaks if such a law passes, or runs the thousands of steps of the other tests."""
+    monkeypatch.setattr("train_ato.apps.check_component.common.TIMING_BUDGET", 0.0)
+    monkeypatch.setattr("train_ato.apps.check_component.checking.TRAINS", ("xuzhou_metro_3",))
     steps = []
 
     class Sleeping(Pid):
@@ -214,12 +214,12 @@ def test_a_law_slower_than_its_period_fails_and_is_left_at_that(monkeypatch):
             steps.append(time.sleep(0.11))
             return super().step(given)
 
-    assert [finding.test for finding in failures(check_law(Sleeping))] == ["time of a step"]
+    assert [finding.test for finding in failures(check_component("law", Sleeping))] == ["time of a step"]
     assert len(steps) == 1
 
 
-def test_what_a_law_prints_is_not_taken_for_the_findings(monkeypatch, tmp_path, capsys):
-    """Breaks if --json gives a reader anything beside one JSON value."""
+def test_output_of_a_law_does_not_mix_with_the_findings(monkeypatch, tmp_path, capsys):
+    """Breaks if --json writes more than one JSON value to standard output."""
     lines = ["from train_ato.control.laws.pid import Pid", "class Loud(Pid):", "    def demand(self, given):"]
     lines += ["        print('step')", "        return super().demand(given)"]
     (tmp_path / "loud_law.py").write_text("\n".join(lines), encoding="utf-8")
@@ -230,11 +230,11 @@ def test_what_a_law_prints_is_not_taken_for_the_findings(monkeypatch, tmp_path, 
     assert "step" in err
 
 
-def test_the_checker_wants_described_parameters():
+def test_the_checker_needs_declared_parameters():
     class Bare:
         pass
 
-    assert failures(check_law(Bare))[0].test == "describes its parameters"
+    assert failures(check_component("law", Bare))[0].test == "describes its parameters"
 
 
 @pytest.mark.parametrize(
@@ -245,13 +245,13 @@ def test_the_checker_wants_described_parameters():
         ("law", "'law' does not name a class; write package.module:Class"),
     ],
 )
-def test_what_names_no_law_is_refused(target, message):
+def test_a_target_that_is_no_class_is_refused(target, message):
     with pytest.raises(ValueError, match=message):
-        load(target)
+        load_class(target)
 
 
 def test_refusals_are_reported_not_raised():
-    """A law that only likes trains with one unit is fit, and says which trains it refused."""
+    """A law for trains with one unit passes, and the rejected trains are listed."""
 
     class Picky(Pid):
         def __init__(self, parameters, of, period):
@@ -259,7 +259,7 @@ def test_refusals_are_reported_not_raised():
                 raise ValueError("one unit only")
             super().__init__(parameters, of, period)
 
-    found = check_law(Picky)
+    found = check_component("law", Picky)
     assert not failures(found)
     assert sum("one unit only" in finding.detail for finding in found) == 2
     assert model(SINGLE).n_units == 1

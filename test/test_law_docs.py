@@ -1,4 +1,4 @@
-"""The pages of laws, observers and compensations are those of the code, and their figures those of our own runs."""
+"""The pages of laws, observers and compensations agree with the code, and their figures with their runs."""
 
 from __future__ import annotations
 
@@ -9,79 +9,82 @@ from pathlib import Path
 import pytest
 from matplotlib import image
 
+from msgs_docs.generate import __main__ as command_line
+from msgs_docs.generate.__main__ import LAWS as FOLDER
+from msgs_docs.generate.__main__ import chosen, law_pages, read_measured, stale, unmeasured
+from msgs_docs.generate.law_pages.components import Component, components
+from msgs_docs.generate.law_pages.demo_runs import DEMO_RUNS, DemoRun, demo_of
+from msgs_docs.generate.law_pages.markup import sections
+from msgs_docs.generate.law_pages.measure import command, measure
+from msgs_docs.generate.law_pages.pages import parameter_table
 from train_ato.cli import run as run_command
 from train_ato.cli.scenario_options import prepare_from
-from train_ato.law_docs import __main__ as command_line
-from train_ato.law_docs.__main__ import FOLDER as PLACE
-from train_ato.law_docs.__main__ import chosen, read_measured, texts
-from train_ato.law_docs.blocks import Block, blocks
-from train_ato.law_docs.homes import HOMES, Home
-from train_ato.law_docs.markup import sections
-from train_ato.law_docs.measure import command, measure
-from train_ato.law_docs.pages import parameter_table
-from train_ato.reproduce.claims import Case
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
+from train_ato.control.registry import LAWS
+from train_ato.loop.setup import prepare
+from train_ato.papers.claims import Case
+from train_ato.scenario.scenario import load_scenario
 
-BLOCKS = {block.key: block for block in blocks()}
-CASES = {command(case): case for home in HOMES.values() for case in home.runs.values()}
-FOLDER = Path(__file__).resolve().parents[1] / PLACE
-MEASURED = read_measured(FOLDER)
-PAGES = texts(MEASURED)
+COMPONENTS = {component.key: component for component in components()}
+CASES = {command(case): case for entry in COMPONENTS.values() for case in demo_of(entry.kind, entry.name).runs.values()}
+MEASURED = read_measured()
 LARGEST_PNG = 60_000
 
 
-@pytest.mark.parametrize("name", PAGES)
-def test_page_is_that_of_the_code(name: str) -> None:
-    """Breaks if a docstring, a parameter or a refusal changes and its page does not: python -m train_ato.law_docs."""
-    assert (FOLDER / name).read_text(encoding="utf-8") == PAGES[name]
+def test_the_pages_are_those_of_the_code() -> None:
+    """Breaks if a docstring, a parameter or a refusal changes and its page does not."""
+    assert stale(law_pages(MEASURED)) == []
 
 
-def test_no_page_is_left_over() -> None:
-    """Breaks if a block is renamed or taken out and its page or figure stays."""
-    figures = {f"{BLOCKS[key].page}.png" for key in HOMES}
-    assert {path.name for path in FOLDER.iterdir()} == {*PAGES, *figures, "measured.json"}
+def test_every_component_is_measured_and_drawn() -> None:
+    """Breaks if demonstration runs change and are not driven again, or a page or figure of a former component stays."""
+    assert unmeasured(MEASURED) == []
 
 
-@pytest.mark.parametrize("key", BLOCKS)
-def test_every_block_says_what_it_does_and_needs(key: str) -> None:
-    """Breaks if the docstring of a module loses its words on what the block does, or the paragraph Needs."""
-    title, does, law, needs = sections(BLOCKS[key].text, {})
-    assert min(map(len, (title, does))) > 20
-    assert len(needs) >= len("Nothing.")
-    assert law or BLOCKS[key].name == "none"
+def test_a_new_law_is_documented_by_one_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a new law needs more than its file and its line in the registry, or a missing part is not named."""
+    monkeypatch.setitem(LAWS._targets, "lqi", "train_ato.control.laws.pid:Pid")
+    (text,) = [text for path, text in law_pages(MEASURED).items() if path.stem == "lqi"]
+    assert text.startswith("# lqi")
+    remedy = "run python -m msgs_docs.generate --measure lqi"
+    assert unmeasured(MEASURED) == [
+        f"controller/lqi: its demonstration runs are not measured; {remedy}",
+        f"controller/lqi: its figure is missing; {remedy}",
+    ]
+    assert "msgs_docs/laws/lqi.md: is missing; run python -m msgs_docs.generate" in stale(law_pages(MEASURED))
 
 
-@pytest.mark.parametrize("key", BLOCKS)
+@pytest.mark.parametrize("key", COMPONENTS)
+def test_every_component_says_what_it_does_and_needs(key: str) -> None:
+    """Breaks if the docstring of a module loses its words on what the component does, or the paragraph Needs."""
+    title, does, law, needs = sections(COMPONENTS[key].text, {})
+    assert min(map(len, (title, does))) > 20, f"{key}: begin its module's docstring with a title and a paragraph"
+    assert len(needs) >= len("Nothing."), f"{key}: end its module's docstring with a paragraph 'Needs: ...'"
+    assert law or COMPONENTS[key].name == "none", f"{key}: describe its equations in the docstring of its module"
+
+
+@pytest.mark.parametrize("key", COMPONENTS)
 def test_figure_is_there_and_small(key: str) -> None:
     """Breaks if a page has no figure, or one that swells the repository."""
-    path = FOLDER / f"{BLOCKS[key].page}.png"
+    path = FOLDER / f"{COMPONENTS[key].page}.png"
     assert path.stat().st_size < LARGEST_PNG
     assert min(image.imread(path).shape[:2]) > 300
 
 
-def test_measured_tables_are_those_of_the_homes() -> None:
-    """Breaks if a home changes and its runs were not driven again: python -m train_ato.law_docs --measure."""
-    stored = {key: [(row["run"], row["command"]) for row in rows] for key, rows in MEASURED.items()}
-    assert stored == {key: [(label, command(case)) for label, case in home.runs.items()] for key, home in HOMES.items()}
-    assert set(HOMES) == set(BLOCKS)
-
-
 @pytest.mark.parametrize("line", CASES)
 def test_the_command_beside_a_figure_drives_its_run(line: str) -> None:
-    """Breaks if a command on a page is refused, or means another run than the one that was measured."""
+    """Breaks if a command on a page is rejected, or is not the measured run."""
     parser = argparse.ArgumentParser()
     run_command.add_arguments(parser)
     program, name, *arguments = shlex.split(line)
     assert (program, name) == ("train-ato", "run")
     options = parser.parse_args(arguments)
     case = CASES[line]
-    measured = prepare(*load(case.scenario, changes=dict(case.changes)))
+    measured = prepare(*load_scenario(case.scenario, changes=dict(case.changes)))
     assert prepare_from(options, controller=options.controller).resolved_yaml() == measured.resolved_yaml()
 
 
 def test_docstrings_become_markdown() -> None:
-    """Code stays code, what is linked is linked, nothing turns into emphasis by accident."""
+    """Code stays code, references become links, no accidental emphasis."""
     title, does, law, needs = sections(
         "A law, paper 000.\n\nDoes ``this``.\n\n"
         "Per unit, x*_i of :mod:`a.smc`::\n\n    S = e' + l1 e\n\n    u = -m S\n\n"
@@ -96,37 +99,37 @@ def test_docstrings_become_markdown() -> None:
 
 def test_parameter_table_by_hand() -> None:
     """Default, unit, range and choices as declared; a bar in a meaning does not end its cell."""
-    rows = parameter_table(BLOCKS["observer/cascaded"]).splitlines()
+    rows = parameter_table(COMPONENTS["observer/cascaded"]).splitlines()
     assert "| `method` | implicit | - | implicit, levant | implicit signs, or Levant's differentiators |" in rows
     assert "| `unmatched` | true | - | true, false | estimate the speed offset d1 as well |" in rows
     assert "| `jerk_offset` | 100 | m/s³ | 1e-06 ... 1e+06 | bound of \\|d1''\\|, levant only |" in rows
 
 
-def short(monkeypatch: pytest.MonkeyPatch, **changes: object) -> Block:
-    block = BLOCKS["controller/pid"]
+def short(monkeypatch: pytest.MonkeyPatch, **changes: object) -> Component:
+    component = COMPONENTS["controller/pid"]
     runs = {
         name: Case("xuzhou_metro", {"duration": 40, **changes, "seed": seed}) for seed, name in enumerate(("a", "b"))
     }
-    monkeypatch.setitem(HOMES, block.key, Home(runs))
-    return block
+    monkeypatch.setitem(DEMO_RUNS, component.key, DemoRun(runs))
+    return component
 
 
 def test_measuring_drives_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if the command no longer makes a table and a small figure out of runs."""
-    block = short(monkeypatch)
+    component = short(monkeypatch)
     shares: list[float] = []
-    found = measure([block], tmp_path, lambda share, _: shares.append(share))
+    found = measure([component], tmp_path, lambda share, _: shares.append(share))
     assert shares == [0.5, 1.0]
-    assert [row["run"] for row in found[block.key]] == ["a", "b"]
-    assert 0.0 < found[block.key][0]["speed_rmse_kmh"] < 1.0
+    assert [row["run"] for row in found[component.key]] == ["a", "b"]
+    assert 0.0 < found[component.key][0]["speed_rmse_kmh"] < 1.0
     assert (tmp_path / "pid.png").stat().st_size < LARGEST_PNG
 
 
 def test_a_run_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a figure of half a run is put on a page."""
-    block = short(monkeypatch, controller="smcc")
+    component = short(monkeypatch, controller="smcc")
     with pytest.raises(OSError, match=r"train-ato run xuzhou_metro .*unknown controller 'smcc'"):
-        measure([block], tmp_path, lambda *_: None)
+        measure([component], tmp_path, lambda *_: None)
     assert not list(tmp_path.iterdir())
 
 

@@ -1,4 +1,4 @@
-"""A law that finds no force: the last command is held, counted and reported, and not for ever."""
+"""A law without a valid force: the last command is repeated, counted and reported, up to a limit."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from train_ato.cli import main
 from train_ato.control.contract import LawInput, LawOutput
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS
-from train_ato.failure import RunFailed
-from train_ato.record.reading import read_log
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
-from train_ato.wire import Wire
+from train_ato.errors import RunFailed
+from train_ato.log.reading import read_log
+from train_ato.loop.setup import prepare
+from train_ato.messages.codec.codec import Wire
+from train_ato.scenario.scenario import load_scenario
 
 TICK = 100_000_000
 
 
 class Silent(Pid):
-    """Answers NaN in the steps of ``silent``, without the guard that the laws here have."""
+    """Returns NaN in the steps of ``silent``, without the guard of the laws here."""
 
     silent: range = range(50, 10**9)
 
@@ -38,20 +38,20 @@ class Silent(Pid):
 
 
 class Brief(Silent):
-    """Is silent once, then for just less than the limit."""
+    """Returns NaN once for just less than the limit."""
 
     silent = range(50, 59)
 
 
 class Overflowing(Pid):
-    """One of ours whose own arithmetic fails for good: the guard holds."""
+    """Computes infinities from 5 s on; the guard repeats the last force."""
 
     def demand(self, inputs: LawInput) -> list[float]:
         return [math.inf] * self.n if inputs.t > 5.0 else super().demand(inputs)
 
 
 class Short(Silent):
-    """Forgets a unit."""
+    """Returns an empty force."""
 
     def step(self, inputs: LawInput) -> LawOutput:
         return LawOutput(np.zeros(0))
@@ -64,7 +64,7 @@ def _laws(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def drive(control, of, along, count, spoil=lambda k, seen: seen):
-    """Let a train run along the reference; return the forces."""
+    """Run a train along the reference; return the forces."""
     forces = []
     for k in range(count):
         reference, estimate = asked(of, along, k * TICK)
@@ -76,13 +76,17 @@ def drive(control, of, along, count, spoil=lambda k, seen: seen):
 @pytest.mark.parametrize(
     ("law", "first", "said"),
     [
-        ("silent", 50, r"law 'silent' answered \[nan\] N in 10 consecutive steps \(1 s, hold_limit\)"),
-        ("overflowing", 51, r"law 'overflowing' found no force \(its result was \[inf\] N\) in 10 consecutive steps"),
-        ("short", 0, r"law 'short' answered \[\] N in 10 consecutive steps"),
+        ("silent", 50, r"law 'silent' returned \[nan\] N in 10 consecutive steps \(1 s, hold_limit\)"),
+        (
+            "overflowing",
+            51,
+            r"law 'overflowing' repeated its last force \(computed \[inf\] N\) in 10 consecutive steps",
+        ),
+        ("short", 0, r"law 'short' returned \[\] N in 10 consecutive steps"),
     ],
 )
-def test_a_law_without_an_answer_is_held_for_a_second_and_no_longer(law, first, said):
-    """Breaks if the last force is held for ever, or the line names neither the law nor the count."""
+def test_invalid_forces_are_held_for_a_second_and_no_longer(law, first, said):
+    """Breaks if the last force is held for ever, or the line lacks the law or the count."""
     of, along = model(SINGLE), profile()
     control = stack(of, law, along=along)
     forces = drive(control, of, along, first + 10)
@@ -93,8 +97,8 @@ def test_a_law_without_an_answer_is_held_for_a_second_and_no_longer(law, first, 
         drive(control, of, along, 1)
 
 
-def test_less_than_the_limit_is_forgiven_and_counted():
-    """Nine steps of silence: the law goes on from the tenth, and the next gap starts from nothing."""
+def test_less_than_the_limit_is_counted_and_tolerated():
+    """Nine invalid steps: the law continues with the tenth, and the count of the next gap starts at 0."""
     of, along = model(SINGLE), profile()
     control = stack(of, "brief", along=along)
     forces = drive(control, of, along, 200)
@@ -106,8 +110,8 @@ def test_less_than_the_limit_is_forgiven_and_counted():
 
 
 @pytest.mark.parametrize("gap", [1, 9])
-def test_a_gap_in_the_measurement_is_forgiven_and_a_lost_sensor_is_not(gap):
-    """NaN speeds once or for 0.9 s: held and counted; for good: the run fails and says that it was the measurement."""
+def test_a_gap_in_the_measurement_is_tolerated_and_a_lost_sensor_is_not(gap):
+    """NaN speeds for up to 0.9 s are counted; for ever the run fails and names the measurement."""
     of, along = model(SINGLE), profile()
 
     def spoil(k, seen):
@@ -117,12 +121,12 @@ def test_a_gap_in_the_measurement_is_forgiven_and_a_lost_sensor_is_not(gap):
     control = stack(of, along=along)
     drive(control, of, along, 100, spoil)
     assert control.diagnostics()["held_steps"] == control.diagnostics()["unsound_measurements"] == str(gap)
-    with pytest.raises(RunFailed, match="no measurement of the power units could be used in 10 consecutive steps"):
+    with pytest.raises(RunFailed, match="no valid measurement of the power units in 10 consecutive steps"):
         drive(control, of, along, 200, lambda k, seen: spoil(100, seen))
 
 
 def test_a_dead_coupler_sensor_is_named():
-    """The state is measured, the force that `smc` needs is not: the guard says which input it lacks."""
+    """The state is valid, the coupler force of `smc` is not: the guard names the input."""
     of, along = model(HAULED, sensors=(0,)), profile(pull=0.1)
     control = stack(of, "smc", along=along)
     reference, estimate = asked(of, along, 0)
@@ -130,12 +134,12 @@ def test_a_dead_coupler_sensor_is_named():
     seen.force[:] = math.nan
     for _ in range(10):
         control.step(seen, reference, estimate)
-    with pytest.raises(RunFailed, match=r"law 'smc' found no force \(unusable inputs: coupler_force\) in 10"):
+    with pytest.raises(RunFailed, match=r"law 'smc' repeated its last force \(invalid inputs: coupler_force\) in 10"):
         control.step(seen, reference, estimate)
 
 
-def test_a_slow_law_is_always_forgiven_a_few_steps():
-    """At a period of 2 s one NaN would already be longer than the limit of 1 s: three steps are forgiven."""
+def test_a_slow_law_is_allowed_three_steps():
+    """At a period of 2 s one NaN exceeds the limit of 1 s: three steps are allowed."""
     of, along = model(SINGLE), profile()
     control = stack(of, "short", along=along, period=2.0)
     drive(control, of, along, 41)
@@ -143,35 +147,35 @@ def test_a_slow_law_is_always_forgiven_a_few_steps():
         drive(control, of, along, 1)
 
 
-LINE = "node controller failed: law 'silent' answered [nan] N in 10 consecutive steps (1 s, hold_limit)"
+LINE = "node controller failed: law 'silent' returned [nan] N in 10 consecutive steps (1 s, hold_limit)"
 
 
 def test_the_run_fails_in_one_line_and_keeps_its_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a run whose law went silent ends with status 0, or neither log nor summary tell of it."""
+    """Breaks if such a run ends with status 0, or log or summary lacks the failure."""
     out = tmp_path / "run"
     assert main(["run", "demo", "--controller", "silent", "--set=duration=30", f"--out={out}", "--engine"]) == 1
     assert capsys.readouterr().err.strip().splitlines()[-1] == f"train-ato: {LINE}"
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["status"], summary["held_steps"], summary["ticks"]) == ("failed", 10, 60)
-    wire = Wire(prepare(*load("demo")).shape)
+    wire = Wire(prepare(*load_scenario("demo")).layout)
     reports = [m for _, _, m in read_log(out, wire.decode, ("/diagnostics",)) if m.node == "controller"]
     assert [m.values["held_steps"] for m in reports if m.level == 1] == [str(k) for k in range(1, 11)]
 
 
 def test_the_graph_ends_the_same_way(tmp_path: Path) -> None:
-    """Breaks if the controller's node lets the failure pass, or reports another count than the engine."""
-    from train_ato.graph.runner import run_graph
+    """Breaks if the controller node ignores the failure, or reports another count than the engine."""
+    from train_ato.ros.graph.runner import run_graph
 
-    setup = prepare(*load("demo", ("duration=30",), {"controller": "silent"}))
-    outcome = run_graph(setup, tmp_path, way="composed")
+    setup = prepare(*load_scenario("demo", ("duration=30",), {"controller": "silent"}))
+    outcome = run_graph(setup, tmp_path, mode="composed")
     assert outcome.failure == LINE
     assert outcome.summary["held_steps"] == 10
 
 
 def test_the_limit_is_a_key_of_the_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if hold_limit is not passed on, not checked, or a short silence is not reported on the screen."""
-    run = ["run", "demo", "--controller", "silent", "--engine", "--set=duration=7", f"--out={tmp_path / 'run'}"]
-    assert main([*run, "--set=hold_limit=5"]) == 0
-    assert "in 20 steps the last command was repeated" in capsys.readouterr().out
-    assert main([*run, "--set=hold_limit=0"]) == 2
+    """Breaks if hold_limit is not used, not checked, or a short gap is not reported on the screen."""
+    run = ["run", "demo", "--controller", "silent", "--engine", "--set=duration=7"]
+    assert main([*run, "--set=hold_limit=5", f"--out={tmp_path / 'run'}"]) == 0
+    assert "in 20 ticks the last command was repeated" in capsys.readouterr().out
+    assert main([*run, "--set=hold_limit=0", f"--out={tmp_path / 'none'}"]) == 2
     assert "hold_limit" in capsys.readouterr().err

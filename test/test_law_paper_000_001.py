@@ -1,4 +1,4 @@
-"""Papers 000 and 001: the networks, the Padé form, the learnt switching term, against numbers worked out by hand."""
+"""Papers 000 and 001: networks, Padé form and learnt switching term against values by hand."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, HILLY, LEVEL, SINGLE, asked, inputs, measured, model, profile, stack
 
-from train_ato.compensate.pade import pade_coefficients
-from train_ato.control.parts.rbf import CENTRES, Weights, bells
-from train_ato.control.parts.sliding import sig
+from train_ato.control.algorithms.rbf import RBF_CENTERS, Weights, activations
+from train_ato.control.algorithms.sliding import sig
+from train_ato.control.compensation.pade import pade_coefficients
 from train_ato.control.registry import LAWS
 
 MASS = 80e3
 
 
-def test_bells_and_weights_by_hand():
-    """h_j of (25); dw with momentum; a weight never leaves its bound."""
-    hidden = bells((0.01, -0.005), [0.01 * c for c in CENTRES], 0.005)
+def test_activations_and_weights_by_hand():
+    """h_j of (25); dw with momentum; a weight stays inside its bound."""
+    hidden = activations((0.01, -0.005), [0.01 * c for c in RBF_CENTERS], 0.005)
     assert hidden[4] == pytest.approx(math.exp(-(0.015**2) / (2 * 0.005**2)))
     assert hidden[2] == pytest.approx(math.exp(-(0.01**2 + 0.005**2) / (2 * 0.005**2)))
     weights = Weights([0.0, 0.0], 0.25, momentum=0.5)
@@ -32,7 +32,7 @@ def test_bells_and_weights_by_hand():
 
 
 def test_rbf_smc_learns_by_gamma_s_h():
-    """(28), then (35): the second step's force holds m W'h of the first one's learning, with the minus sign."""
+    """(28), then (35): the force of the second step contains m W'h of the first learning step, with minus sign."""
     of = model(SINGLE)
     plain = LAWS.make("smc", {}, of, 0.1)
     net = LAWS.make("rbf_smc", {"gamma": 0.2, "clip": False}, of, 0.1)
@@ -41,15 +41,15 @@ def test_rbf_smc_learns_by_gamma_s_h():
         difference = net.step(given_now).force[0] - plain.step(given_now).force[0]
         if step == 0:
             assert difference == 0.0
-            learnt = 0.2 * 0.1 * (de + e) * np.array(bells((e, de), [0.01 * c for c in CENTRES], 0.005))
+            learnt = 0.2 * 0.1 * (de + e) * np.array(activations((e, de), [0.01 * c for c in RBF_CENTERS], 0.005))
         else:
-            seen = np.array(bells((e, de), [0.01 * c for c in CENTRES], 0.005))
+            seen = np.array(activations((e, de), [0.01 * c for c in RBF_CENTERS], 0.005))
             assert difference == pytest.approx(-MASS * float(learnt @ seen), rel=1e-6)
             assert difference < -0.1
 
 
 def test_the_network_holds_in_saturation():
-    """At the limit for 100 s: the weights are those of the first step, not the product of a hundred seconds."""
+    """At the limit for 100 s the weights are those of the first step."""
     of = model(SINGLE)
     law = LAWS.make("rbf_smc", {"gamma": 5.0}, of, 0.1)
     stuck = inputs(of, position=np.array([480.0]), velocity=np.array([9.99]))
@@ -64,9 +64,9 @@ def test_the_network_holds_in_saturation():
 
 @given(lag=st.floats(0.05, 2.0), delay=st.floats(0.05, 2.0), omega=st.floats(0.01, 30.0))
 def test_pade_form_equals_the_pade_plant(lag, delay, omega):
-    """(5) as corrected, a (1 - b1 s² - b2 s) = a_s (1 + b3 s), is (lam - s)/((lam + s)(tau s + 1)) to rounding.
+    """The corrected (5), a (1 - b1 s² - b2 s) = a_s (1 + b3 s), is (lam - s)/((lam + s)(tau s + 1)) to rounding.
 
-    The printed b1 = -2/lam misses it by far more.
+    The printed b1 = -2/lam has a much larger error.
     """
     s = 1j * omega
     lam = 2.0 / delay
@@ -80,7 +80,7 @@ def test_pade_form_equals_the_pade_plant(lag, delay, omega):
 
 
 def test_pade_compensation_leads_a_ramp_exactly():
-    """On a force that rises linearly the Padé lead (sigma + tau) F' is exact; without it the force is 1.2 s late."""
+    """For a linear force the Padé lead (sigma + tau) F' is exact; without it the force is 1.2 s late."""
     of, along = model(SINGLE, LEVEL, delay=0.8, lag=0.4), profile()
     control, now = stack(of, compensation="pade", along=along), stack(of, along=along)
     k = 100
@@ -94,15 +94,15 @@ def test_pade_compensation_leads_a_ramp_exactly():
 
 
 def test_rbf_switching_term_by_hand():
-    """(11)-(13): start weights, clipped input, one step of learning down the gradient of s²/2."""
+    """(11)-(13): initial weights, clipped input, one learning step down the gradient of s²/2."""
     of = model(FIVE)
     p = {"c": 0.4, "k_w": 1.4, "phi": 1.0, "eta": 0.5, "alpha": 0.0, "width": 0.5, "identify": False}
     law = LAWS.make("rbf_switching_smc", p, of, 0.1)
     e, de = 0.3, 0.1
     s = 0.4 * e + de
     out = law.step(inputs(of, position=500.0 + e - of.offsets, velocity=np.full(5, 10.0 + de)))
-    hidden = np.array(bells((s,), CENTRES, 0.5))
-    weights = -0.9 * 1.4 * np.array(CENTRES) - 0.5 * 0.1 * s * hidden
+    hidden = np.array(activations((s,), RBF_CENTERS, 0.5))
+    weights = -0.9 * 1.4 * np.array(RBF_CENTERS) - 0.5 * 0.1 * s * hidden
     assert out.force == pytest.approx(np.full(5, MASS * (float(weights @ hidden) - 0.4 * de)), rel=1e-9)
     far = LAWS.make("rbf_switching_smc", p | {"eta": 0.0}, of, 0.1)
     forces = [far.step(inputs(of, position=500.0 + x - of.offsets)).force[0] for x in (2.6, 40.0)]
@@ -113,7 +113,7 @@ def test_rbf_switching_term_by_hand():
     ("switching", "value"), [("sign", -1.4), ("tanh", -1.4 * math.tanh(0.05 / 0.2)), ("rbf", None)]
 )
 def test_other_switching_terms(switching, value):
-    """(9) with the relay and with its smooth form; the network pushes the same way."""
+    """(9) as a relay and in its smooth form; the network has the same sign."""
     of = model(SINGLE)
     law = LAWS.make("rbf_switching_smc", {"switching": switching, "phi": 0.2}, of, 0.1)
     out = law.step(inputs(of, velocity=np.array([10.05])))
@@ -130,7 +130,7 @@ def test_sig_is_odd_and_monotone(surface, power):
 
 
 def drive(law, of, steps, start=(0.0, 0.0), push=0.0, period=0.05):
-    """Let a law drive one vehicle without lag on a level line at 10 m/s against a constant force; return e and e'."""
+    """Simulate one vehicle without lag on a level line at 10 m/s against a constant force; return e and e'."""
     e, de = start
     found = []
     for _ in range(steps):
@@ -144,7 +144,7 @@ def drive(law, of, steps, start=(0.0, 0.0), push=0.0, period=0.05):
 
 
 def test_smc_reaches_its_surface_monotonically():
-    """Lyapunov: V = S²/2 falls at every sample until it is below what one sample of the switching term moves."""
+    """Lyapunov: V = S²/2 falls in every sample down to the step of one sample of the switching term."""
     of = model(SINGLE, HILLY)
     law = LAWS.make("smc", {"model_error": 0.0, "l2": 0.0}, of, 0.05)
     path = drive(law, of, 400, start=(0.5, -0.2))
@@ -156,7 +156,7 @@ def test_smc_reaches_its_surface_monotonically():
 
 
 def test_the_network_takes_over_a_constant_push():
-    """400 N that nobody told of: smc with ks alone keeps S = d/(m ks), with the network S goes on to 0."""
+    """Unmodelled 400 N: smc with ks alone keeps S = d/(m ks); with the network S goes to 0."""
     of = model(SINGLE)
     plain = LAWS.make("smc", {"model_error": 0.0, "kappa": 0.0, "l2": 0.0}, of, 0.05)
     net = LAWS.make("rbf_smc", {"model_error": 0.0, "kappa": 0.0, "l2": 0.0, "gamma": 0.5}, of, 0.05)

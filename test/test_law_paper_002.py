@@ -1,4 +1,4 @@
-"""Paper 002: the alternating surface, one step by hand, and the fixed time it promises."""
+"""Paper 002: the alternating surface, one step by hand, and the fixed settling time."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, HAULED, inputs, model
 
+from train_ato.control.algorithms.sliding import sig
 from train_ato.control.laws.fixed_time_smc import SpeedOffset, alternating
-from train_ato.control.parts.sliding import sig
 from train_ato.control.registry import LAWS
 
 MASS = 80e3
@@ -39,7 +39,9 @@ def test_one_step_by_hand():
     place = 500.0 - of.offsets + np.array([0, 0, 0.5, 0, 0])
     speed = np.full(5, 10.0) + np.array([0, 0, 0.1, 0, 0])
     out = law.step(
-        inputs(of, position=place, velocity=speed, acting_acceleration=0.05, disturbance=np.array([0, 0, 800.0, 0, 0]))
+        inputs(
+            of, position=place, velocity=speed, acceleration_at_effect=0.05, disturbance=np.array([0, 0, 800.0, 0, 0])
+        )
     )
     own = float(of.own_resistance(speed, place)[2])
     pull_back = 2 * (160e3 * 0.5 + 800.0 * 0.1)
@@ -54,7 +56,7 @@ def test_one_step_by_hand():
 
 @pytest.mark.parametrize("start", [1.0, 10.0, 108.0, 1e4])
 def test_settling_time_is_bounded_whatever_the_start(start):
-    """(23) + (34) with gain 2: from 1 m or 10 km the error is under 1 cm within the same bound."""
+    """(23) + (34) with gain 2: from 1 m or 10 km the error is below 1 cm within the same time."""
     gain = 2.0
     reach = 1 / (2 * gain * (1 - 6 / 7)) + 1 / (2 * gain * (4 / 3 - 1))
     slide = 1 / (gain * (5 / 3 - 1)) * math.log(2) + 1 / (gain * (1 - 5 / 7)) * math.log(2)
@@ -70,7 +72,7 @@ def test_settling_time_is_bounded_whatever_the_start(start):
 
 
 def test_speed_offset_is_found():
-    """An offset of 0.4 m/s: found without offset, within 1 % after 2 s at 10 1/s."""
+    """An offset of 0.4 m/s is estimated within 1 % after 2 s at 10 1/s, without steady error."""
     offset = SpeedOffset(10.0, 0.05)
     for k in range(60):
         found = offset.step(10.4 * 0.05 * k, 10.0)
@@ -78,8 +80,8 @@ def test_speed_offset_is_found():
 
 
 def test_needs_its_neighbours():
-    """A hauled train without sensors is refused by the name of the coupler."""
-    with pytest.raises(ValueError, match=r"fixed_time_smc': .*does not know coupler_0"):
+    """A hauled train without sensors is rejected with the name of the coupler."""
+    with pytest.raises(ValueError, match=r"fixed_time_smc': .*needs the force of coupler_0"):
         LAWS.make("fixed_time_smc", {}, model(HAULED), 0.1)
 
 
@@ -93,8 +95,8 @@ def test_lag_smc_by_hand():
         position=500.0 + e - of.offsets,
         velocity=np.full(5, 10.0 + de),
         applied=np.full(5, applied),
-        acting_acceleration=0.04,
-        acting_jerk=0.02,
+        acceleration_at_effect=0.04,
+        jerk_at_effect=0.02,
         disturbance=np.full(5, 400.0),
     )
     own = float(of.own_resistance(np.full(5, 9.9), np.full(5, 0.0))[0])

@@ -1,4 +1,4 @@
-"""Paper 003: one step by hand, the delay state, the funnels, what saturation does, printed beside corrected."""
+"""Paper 003: one step by hand, delay state, funnels, saturation, printed and corrected form."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from law_trains import FIVE, SINGLE, inputs, model
 from train_ato.control.registry import LAWS
 
 MASS = 80e3
-QUIET = {"resistance": "model", "gamma_w": 0.0, "gamma_eps": 0.0}
+QUIET = {"resistance": "model", "gamma_w": 0.0, "bias_rate": 0.0}
 
 
 def make(of, period=0.05, **parameters):
@@ -19,7 +19,7 @@ def make(of, period=0.05, **parameters):
 
 
 def test_one_step_by_hand():
-    """(6), (12), (20), (23) with alpha1' = a_d - k1 (v - v_d) and the funnels of the start."""
+    """(6), (12), (20), (23) with alpha1' = a_d - k1 (v - v_d) and the initial funnels."""
     of = model(FIVE)
     e, de = 0.2, -0.03
     out = make(of).step(
@@ -40,7 +40,7 @@ def test_one_step_by_hand():
 
 
 def test_delay_state_by_hand():
-    """(21), exactly sampled: a force sent and not yet acting lowers e2, and leaks away with lam_h."""
+    """(21), sampled exactly: a force sent and not yet in effect lowers e2, and decays with lam_h."""
     of = model(SINGLE)
     law = make(of, lam_h=5.0)
     first = law.step(inputs(of, velocity=np.array([9.95]), applied=np.array([0.0])))
@@ -63,16 +63,16 @@ def law_phi2(of):
 
 
 def test_gains_never_turn_negative_outside_the_funnel():
-    """The print's sign flip pushes the train away: corrected it pulls back, ``outside: printed`` shows the flip."""
+    """The printed sign flip pushes the train away; the corrected law pulls back (``outside_funnel: printed`` flips)."""
     of = model(SINGLE)
     far = inputs(of, position=np.array([505.0]))
     own = of.running_resistance(10.0)
     assert make(of).step(far).force[0] < own
-    assert make(of, outside="printed").step(far).force[0] > own
+    assert make(of, outside_funnel="printed").step(far).force[0] > own
 
 
 def test_funnels_widen_in_saturation_and_narrow_to_their_floor():
-    """(7), (8): phi2 grows while the force is cut, then both fall to beta1/a1 and beta2/a2."""
+    """(7), (8): phi2 grows during saturation, then both fall to beta1/a1 and beta2/a2."""
     of = model(SINGLE)
     law = make(of, period=1.0)
     for _ in range(2):
@@ -103,8 +103,8 @@ def test_learning_has_the_repaired_sign_and_holds_in_saturation():
 
 
 def drive(law, of, period, steps, limit, force_of):
-    """Drive one vehicle whose command acts ``law.late`` samples later; return the position errors."""
-    place, speed, under_way, errors, acting = 0.0, 10.0, [0.0] * 4, [], 0.0
+    """Simulate one vehicle with a command delay of ``late`` samples; return the position errors."""
+    place, speed, commands_in_flight, errors, acting = 0.0, 10.0, [0.0] * 4, [], 0.0
     for k in range(steps):
         target, aim, pull = force_of(k * period)
         seen = inputs(
@@ -119,15 +119,15 @@ def drive(law, of, period, steps, limit, force_of):
             force_max=np.array([limit]),
         )
         errors.append(place - target)
-        under_way.append(float(law.step(seen).force[0]))
-        acting = under_way.pop(0)
+        commands_in_flight.append(float(law.step(seen).force[0]))
+        acting = commands_in_flight.pop(0)
         net = (acting - of.running_resistance(speed)) / MASS
         place, speed = place + (speed + 0.5 * net * period) * period, speed + net * period
     return np.array(errors)
 
 
 def swing(t):
-    """Return a reference that swings by 2 m/s with 60 s."""
+    """Return a reference with a sinusoidal speed of 2 m/s amplitude and 60 s period."""
     w = 2 * math.pi / 60
     return 10 * t + 2 / w * (1 - math.cos(w * t)), 10 + 2 * math.sin(w * t), 2 * w * math.cos(w * t)
 
@@ -136,7 +136,7 @@ def swing(t):
     ("parameters", "largest"), [({}, 0.03), ({"resistance": "network"}, 0.03), ({"variant": "printed"}, 0.3)]
 )
 def test_tracks_through_a_delay_of_02_s(parameters, largest):
-    """Corrected within 3 cm; the printed one carries h/k1, 5 cm here."""
+    """The corrected law stays within 3 cm; the printed one has an offset h/k1 of 5 cm."""
     of = model(SINGLE)
     errors = drive(make(of, **parameters), of, 0.05, 2400, 400e3, swing)
     assert np.abs(errors[1200:]).max() < largest
@@ -145,7 +145,7 @@ def test_tracks_through_a_delay_of_02_s(parameters, largest):
 
 
 def test_recovers_after_saturation():
-    """Cut to 12 kN of the 17 it needs: metres off, then back within 10 cm in less than a swing."""
+    """With 12 kN of the 17 kN needed: metres of error, then within 10 cm in less than a period."""
     of = model(SINGLE)
     law = make(of)
     errors = drive(law, of, 0.05, 1200, 12e3, swing)

@@ -1,4 +1,4 @@
-"""Paper 004: the sampled model, the Diophantine identity, the optimum, identification, the sampling that decides."""
+"""Paper 004: sampled model, Diophantine identity, optimum, identification, sampling period."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, HILLY, SINGLE, inputs, model
 
+from train_ato.control.algorithms.coupled_units import matrix_exponential
+from train_ato.control.algorithms.diophantine import diophantine, response_and_past, sampled_actuator
+from train_ato.control.algorithms.identification import Increments, ResidualNetwork
+from train_ato.control.algorithms.predictive_law import linear_law
 from train_ato.control.contract import Preview
-from train_ato.control.laws.gpc import Gpc, GpcParameters, linear_law
-from train_ato.control.parts.chain import exponential
-from train_ato.control.parts.diophantine import diophantine, response_and_past, sampled_actuator
-from train_ato.control.parts.identification import Increments, Residual
+from train_ato.control.laws.gpc import Gpc, GpcParameters
 from train_ato.control.registry import LAWS
 
 
 def multiply(p, q, length):
-    """Return the product of two polynomials in z⁻¹, cut or filled to a length."""
+    """Return the product of two polynomials in z⁻¹ with a given length."""
     product = np.convolve(p, q)
     return np.pad(product, (0, max(0, length - product.size)))[:length]
 
@@ -42,7 +43,7 @@ def test_diophantine_identity(a, b, horizon):
 
 @pytest.mark.parametrize(("delay", "lag", "period"), [(1.0, 0.4, 1.2), (0.6, 0.4, 0.4), (1.2, 0.4, 0.1)])
 def test_sampled_model_is_the_padé_plant_under_a_held_command(delay, lag, period):
-    """Simulated in 20 000 steps a sample; a bilinear transform would answer within the first sample's instant."""
+    """Simulated in 20 000 steps per sample; breaks for a bilinear transform, which has a feed-through."""
     a, b = sampled_actuator(delay, lag, period)
     assert abs(a.sum()) < 1e-9
     rng = np.random.default_rng(1)
@@ -65,16 +66,16 @@ def test_sampled_model_is_the_padé_plant_under_a_held_command(delay, lag, perio
 
 
 def test_matrix_exponential():
-    """Against a rotation and a nilpotent shift, where it is known exactly."""
-    turn = exponential(np.array([[0.0, -30.0], [30.0, 0.0]]))
+    """Against a rotation and a nilpotent matrix, where it is exact."""
+    turn = matrix_exponential(np.array([[0.0, -30.0], [30.0, 0.0]]))
     assert turn == pytest.approx(np.array([[np.cos(30), -np.sin(30)], [np.sin(30), np.cos(30)]]), abs=1e-10)
-    assert exponential(np.array([[0.0, 2.0], [0.0, 0.0]])) == pytest.approx(np.array([[1.0, 2.0], [0.0, 1.0]]))
+    assert matrix_exponential(np.array([[0.0, 2.0], [0.0, 0.0]])) == pytest.approx(np.array([[1.0, 2.0], [0.0, 1.0]]))
 
 
 @pytest.mark.parametrize("beyond", ["zero", "hold"])
 def test_first_command_minimises_the_cost(beyond):
-    """Brute force: roll (7) out for any U and minimise (12) by least squares; its first command is (18)'s."""
-    p = GpcParameters(n=5, nu=2, lam=0.3, beyond=beyond)
+    """Simulate (7) for any U and minimise (12) by least squares: its first command is that of (18)."""
+    p = GpcParameters(n=5, nu=2, command_weight=0.3, beyond_horizon=beyond)
     a, b = sampled_actuator(1.0, 0.4, 1.2)
     v, u, xi = [5.0, 4.9, 4.85], [0.1, -0.2], 0.03
     target = np.array([5.2, 5.3, 5.5, 5.6, 5.8])
@@ -90,16 +91,16 @@ def test_first_command_minimises_the_cost(beyond):
 
     base = rollout(0.0, 0.0)
     effect = np.column_stack((rollout(1.0, 0.0) - base, rollout(0.0, 1.0) - base))
-    rows = np.vstack((effect, np.sqrt(p.lam) * np.eye(2)))
+    rows = np.vstack((effect, np.sqrt(p.command_weight) * np.eye(2)))
     best = np.linalg.lstsq(rows, np.concatenate((target - base, np.zeros(2))), rcond=None)[0]
     law = linear_law(a, b, p)
-    found = law.tracking @ target - law.feedback @ np.array(v) - law.past @ np.array(u) - xi * law.unmodelled
+    found = law.tracking @ target - law.feedback @ np.array(v) - law.past @ np.array(u) - xi * law.residual
     assert found == pytest.approx(best[0], rel=1e-9)
     assert law.scale == pytest.approx(1.0, abs=1e-9)
 
 
 def test_identification_on_increments_finds_the_gain():
-    """A plant of 0.8 the gain and a constant push: the model's static gain goes from 1 to 0.8, the pole at 1 stays."""
+    """Plant with 0.8 of the gain and a constant force: the static gain goes from 1 to 0.8, the pole at 1 stays."""
     a, b = sampled_actuator(1.0, 0.4, 1.2)
     found = Increments(a, b)
     rng = np.random.default_rng(2)
@@ -121,7 +122,7 @@ def test_identification_on_increments_finds_the_gain():
 
 def test_residual_network_integrates_slowly_to_a_constant():
     """A constant residual is learnt without offset, in tens of samples and not in one."""
-    net = Residual(6)
+    net = ResidualNetwork(6)
     estimates = []
     for _ in range(200):
         net.learn(0.05, 0.15)
@@ -131,7 +132,7 @@ def test_residual_network_integrates_slowly_to_a_constant():
 
 
 def drive(law, of, delay, period, steps, push=0.0):
-    """Drive one vehicle through delay and lag 0.4 s from 10 m/s at a reference of 11 m/s; return its speeds."""
+    """Simulate one vehicle through delay and lag 0.4 s from 10 m/s to a reference of 11 m/s; return its speeds."""
     speed, acting, queue, speeds = 10.0, 0.0, [0.0] * round(delay / period), []
     keep = np.exp(-period / 0.4)
     for _ in range(steps):
@@ -151,7 +152,7 @@ def drive(law, of, delay, period, steps, push=0.0):
 
 @pytest.mark.parametrize(("sampling", "good"), [(1.2, True), (0.4, False), (0.2, False)])
 def test_the_sampling_period_decides(sampling, good):
-    """N = 3, Nu = 2 with a delay of 1.2 s: settled at a sampling of 1.2 s, swinging at 0.4 s and below."""
+    """N = 3, Nu = 2 with a delay of 1.2 s: settled at a sampling of 1.2 s, oscillating at 0.4 s and below."""
     of = model(SINGLE, delay=1.2, lag=0.4)
     law = LAWS.make("gpc", {"sampling": sampling, "identify": "none"}, of, 0.1)
     speeds = drive(law, of, 1.2, 0.1, 2400)
@@ -170,12 +171,12 @@ def test_between_samples_the_command_is_held():
 
 
 def test_one_step_by_hand():
-    """(12), (18) on three units: minimise the cost by least squares for the reference ahead, take d_hat off, share it.
+    """(12), (18) on three units: least squares for the reference ahead, minus d_hat, split over the units.
 
-    At the first step the past is steady at 10 m/s with no command, and nothing is unexplained.
+    At the first step the past is steady at 10 m/s without command and without residual.
     """
     of = model(FIVE, delay=1.0, lag=0.4)
-    law = LAWS.make("gpc", {"sampling": 1.2, "lam": 0.3}, of, 0.4)
+    law = LAWS.make("gpc", {"sampling": 1.2, "command_weight": 0.3}, of, 0.4)
     ahead = 10.0 + 0.05 * np.arange(10)
     out = law.step(inputs(of, preview=Preview(np.zeros(10), ahead, np.zeros(10)), disturbance=np.full(5, 700.0)))
     a, b = sampled_actuator(1.0, 0.4, 1.2)
@@ -197,11 +198,11 @@ def test_one_step_by_hand():
 
 
 def test_the_reference_is_read_between_the_entries_of_the_preview():
-    """A preview that begins 0.25 s ahead, entries 0.1 s apart: a ramp is read at 1.2, 2.4, 3.6 s exactly."""
+    """A preview from 0.25 s on, entries 0.1 s apart: a ramp is interpolated at 1.2, 2.4, 3.6 s exactly."""
     of = model(SINGLE)
     law = LAWS.make("gpc", {}, of, 0.1)
     times = 0.25 + 0.1 * np.arange(law.horizon)
-    seen = inputs(of, lead=0.25, preview=Preview(np.zeros(37), 10.0 + 0.3 * times, np.zeros(37)))
+    seen = inputs(of, delay_to_effect=0.25, preview=Preview(np.zeros(37), 10.0 + 0.3 * times, np.zeros(37)))
     assert law._ahead(seen) == pytest.approx(10.0 + 0.3 * np.array([1.2, 2.4, 3.6]), rel=1e-12)
 
 
@@ -210,17 +211,17 @@ def test_horizons_must_nest():
         Gpc(GpcParameters(nu=4), model(SINGLE), 0.1)
 
 
-def test_the_modelled_resistance_is_added_and_taken_off_what_was_sent():
-    """Nominal resistance, grade and air brake, 20 m ahead where the command acts; breaks if xi or u saw it as well."""
+def test_the_resistance_feedforward_is_not_part_of_the_command_history():
+    """Nominal resistance, grade and air brake 20 m ahead, at the time of effect; breaks if xi or u contains it."""
     of = model(SINGLE, HILLY, delay=2.0, lag=0.4)
     plain = {"sampling": 0.4, "identify": "none"}
-    bare, full = (LAWS.make("gpc", plain | {"modelled": added}, of, 0.1) for added in (False, True))
+    bare, full = (LAWS.make("gpc", plain | {"resistance_feedforward": added}, of, 0.1) for added in (False, True))
     rng = np.random.default_rng(5)
     for step in range(60):
         place = np.array([990.0 + step])
         given_now = inputs(
-            of, position=place, reference_position=place, velocity=np.array([10.0 + 0.01 * rng.normal()]), lead=2.0,
-            reference_acceleration=np.array([0.05]), train_shoe_force=700.0,
+            of, position=place, reference_position=place, velocity=np.array([10.0 + 0.01 * rng.normal()]),
+            delay_to_effect=2.0, reference_acceleration=np.array([0.05]), train_shoe_force=700.0,
         )  # fmt: skip
         speed = 10.0 + 0.05 * 2.0
         held_back = 80e3 * (1.176e-2 + 7.7616e-4 * speed + 1.6e-5 * speed**2) + 700.0

@@ -1,4 +1,4 @@
-"""What the papers prove of their laws and observers, sample by sample: Lyapunov functions, contraction, fixed time."""
+"""Properties proved in the papers, sample by sample: Lyapunov functions, contraction, fixed time."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, SINGLE, inputs, measured, model
 
+from train_ato.control.algorithms.diophantine import sampled_actuator
+from train_ato.control.algorithms.predictive_law import linear_law
+from train_ato.control.algorithms.rbf import RBF_CENTERS, activations
+from train_ato.control.algorithms.sliding import sig
 from train_ato.control.laws.fixed_time_smc import alternating
-from train_ato.control.laws.gpc import GpcParameters, linear_law
-from train_ato.control.parts.diophantine import sampled_actuator
-from train_ato.control.parts.rbf import CENTRES, bells
-from train_ato.control.parts.sliding import sig
-from train_ato.control.registry import LAWS
-from train_ato.observe.contract import ObserverInput
-from train_ato.observe.registry import OBSERVERS
+from train_ato.control.laws.gpc import GpcParameters
+from train_ato.control.observers.contract import ObserverInput
+from train_ato.control.registry import LAWS, OBSERVERS
 
 MASS = 80e3
 
 
 class OnePoint:
-    """One vehicle on a level line that should run at 10 m/s, without lag: e and e' under a law and an own pull."""
+    """One vehicle on a level line with a reference of 10 m/s, without lag: e and e' under a law and a disturbance."""
 
     def __init__(self, law, period, e=0.0, de=0.0):
         self.of = model(SINGLE)
@@ -32,7 +32,7 @@ class OnePoint:
         self.applied = 0.0
 
     def step(self, own_pull=0.0, **seen):
-        """Move on by one period with an acceleration of its own [m/s²] besides the law's."""
+        """Advance one period with a disturbance [m/s²] in addition to the law."""
         position, velocity = np.array([500.0 + self.e]), np.array([10.0 + self.de])
         self.applied = float(self.law.step(inputs(self.of, position=position, velocity=velocity, **seen)).force[0])
         resisting = float(self.of.own_resistance(velocity, position)[0])
@@ -49,12 +49,12 @@ class OnePoint:
 def test_rbf_smc_falls_along_its_lyapunov_function(target, e, de):
     """Paper 000, (36), (37): L = S²/2 + |W* - W|²/(2 gamma) falls by S (zeta sgn S + xi |S|^alpha sgn S + ks S).
 
-    The unknown part is W*'h itself. Breaks with the wrong sign of (28), and with a term of (21) lost or doubled.
+    The unmodelled part is W*'h. Breaks with the wrong sign of (28), and with a missing or doubled term of (21).
     """
     gamma, period, ks = 0.5, 1e-3, 0.5
     values = {"model_error": 0.0, "gamma": gamma, "clip": False, "ks": ks, "l2": 0.0}
     point = OnePoint(("rbf_smc", values), period, e, de)
-    centres, weights = [0.01 * centre for centre in CENTRES], point.law._weights[0]
+    centres, weights = [0.01 * centre for centre in RBF_CENTERS], point.law._weights[0]
     levels, proved = [], []
     for _ in range(150):
         surface = point.de + point.e
@@ -62,17 +62,17 @@ def test_rbf_smc_falls_along_its_lyapunov_function(target, e, de):
         levels.append(0.5 * surface**2 + 0.5 * miss / gamma)
         zeta = 0.05 * math.tanh(abs(point.e) / 2)
         proved.append(-(zeta * abs(surface) + 0.005 * abs(surface) ** 6 + ks * surface**2))
-        hidden = bells((point.e, point.de), centres, 0.005)
+        hidden = activations((point.e, point.de), centres, 0.005)
         point.step(sum(t * h for t, h in zip(target, hidden, strict=True)))
     assert np.diff(levels) / period == pytest.approx(np.array(proved)[:-1], abs=5e-6)
 
 
 @given(surface=st.floats(0.1, 5.0), push=st.floats(-0.8, 0.8), switching=st.sampled_from(["sign", "rbf", "tanh"]))
 def test_rbf_switching_smc_pulls_to_its_surface(surface, push, switching):
-    """Paper 001, (8)-(12): s s' < 0 outside a layer, for any push below the switching gain of 1.4 m/s².
+    """Paper 001, (8)-(12): s s' < 0 outside a layer, for any disturbance below the switching gain of 1.4 m/s².
 
-    At the surface the relay has all of its 1.4, the learnt term 0.9 of it at |s| = phi; breaks if start weights or the
-    clip of the input lose their sign.
+    At the surface the relay has 1.4, the learnt term 0.9 of it at |s| = phi; breaks with a wrong sign of the initial
+    weights or of the clipped input.
     """
     phi = 0.05
     point = OnePoint(("rbf_switching_smc", {"switching": switching, "phi": phi, "eta": 0.0}), 0.02, 0.0, surface)
@@ -87,7 +87,7 @@ def test_rbf_switching_smc_pulls_to_its_surface(surface, push, switching):
 
 
 def test_the_learnt_switching_term_does_not_chatter():
-    """Paper 001's claim: on its surface the relay changes its force by 2.8 m/s² a sample, the network hardly at all."""
+    """Paper 001: on the surface the force of the relay changes by 2.8 m/s² per sample, that of the network little."""
     variation = {}
     for switching in ("sign", "rbf"):
         point = OnePoint(("rbf_switching_smc", {"switching": switching}), 0.05, 0.01, 0.0)
@@ -102,11 +102,11 @@ def test_the_learnt_switching_term_does_not_chatter():
 
 
 @pytest.mark.parametrize("gain", [0.5, 2.0])
-def test_fixed_time_smc_falls_as_its_lyapunov_function_says(gain):
+def test_fixed_time_smc_falls_along_its_lyapunov_function(gain):
     """Paper 002, (22): V = S² falls by 2 alpha2 V^((p2+1)/2) + 2 beta2 V^((g2+1)/2) on every car of a coupled train.
 
-    The law itself drives five sprung cars, 2 to 6 m out of place, each with its own speed; breaks if a coupler, the
-    resistance or dS_au/dE is not cancelled, or an exponent is wrong.
+    Five sprung cars, 2 to 6 m out of place, with different speeds; breaks if a coupler, the resistance or dS_au/dE is
+    not cancelled, or an exponent is wrong.
     """
     of, period = model(FIVE), 1e-4
     law = LAWS.make("fixed_time_smc", {"surface": gain, "reaching": gain}, of, period)
@@ -132,9 +132,9 @@ def test_fixed_time_smc_falls_as_its_lyapunov_function_says(gain):
 
 @given(e=st.floats(-0.5, 0.5), de=st.floats(-0.2, 0.2), start=st.floats(-20e3, 20e3))
 def test_lag_smc_contracts_to_its_surface_through_the_lag(e, de, start):
-    """With s3' = -k s3/(|s3| + phi) - k_i s3 the surface is left by no sample and shrinks by exp(-k_i t) at the least.
+    """With s3' = -k s3/(|s3| + phi) - k_i s3 the surface shrinks at least by exp(-k_i t) in every sample.
 
-    The actuator is a lag of 0.4 s that holds its demand for 0.1 s; breaks if that hold is not taken into account.
+    The actuator is a lag of 0.4 s with a constant demand for 0.1 s; breaks if that is not part of the law.
     """
     of, period = model(SINGLE, lag=0.4), 0.02
     law = LAWS.make("lag_smc", {"k_i": 1.0}, of, period)
@@ -157,10 +157,10 @@ def test_lag_smc_contracts_to_its_surface_through_the_lag(e, de, start):
 
 @pytest.mark.parametrize("funnel", ["dynamic", "prescribed", "fixed"])
 @pytest.mark.parametrize("start", [(0.12, 0.0), (-0.2, 0.02), (0.1, -0.1)])
-def test_funnel_errors_stay_inside_and_go_to_nothing(funnel, start):
-    """Paper 003, theorem 1, without saturation: |e1| < phi1 and |e2| < phi2 at every sample, and e1 goes to 0.
+def test_funnel_errors_stay_inside_and_go_to_zero(funnel, start):
+    """Paper 003, theorem 1, without saturation: |e1| < phi1 and |e2| < phi2 in every sample, and e1 goes to 0.
 
-    Breaks with a gain or a sign of (12), (20), (23); the print (leak of (21) inside the mass) does not get to 0.
+    Breaks with a gain or a sign of (12), (20), (23); the printed form (leak of (21) inside the mass) does not reach 0.
     """
     point = OnePoint(("funnel", {"resistance": "model", "funnel": funnel}), 0.01, *start)
     ratios: list[float] = []
@@ -181,7 +181,7 @@ def test_funnel_errors_stay_inside_and_go_to_nothing(funnel, start):
 def closed_loop_radius(delay: float, sampling: float, lam: float) -> float:
     """Return the largest closed-loop pole: the roots of A (1 + z⁻¹ sum P H) + z⁻¹ B sum P F, (22)."""
     a, b = sampled_actuator(delay, 0.4, sampling)
-    law = linear_law(a, b, GpcParameters(lam=lam))
+    law = linear_law(a, b, GpcParameters(command_weight=lam))
     characteristic = np.convolve(a, np.concatenate(([1.0], law.past)))
     fed_back = np.concatenate(([0.0], np.convolve(b, law.feedback)))
     size = max(characteristic.size, fed_back.size)
@@ -190,10 +190,10 @@ def closed_loop_radius(delay: float, sampling: float, lam: float) -> float:
 
 
 @given(lam=st.floats(1e-6, 1e4), delay=st.floats(0.6, 1.2))
-def test_gpc_with_n_3_is_stable_at_a_sampling_of_1_2_s_alone(lam, delay):
-    """N = 3, Nu = 2: at 1.2 s all poles are inside the unit circle whatever the delay.
+def test_gpc_with_n_3_is_stable_only_at_a_sampling_of_1_2_s(lam, delay):
+    """N = 3, Nu = 2: at 1.2 s all poles are inside the unit circle for any delay.
 
-    At 0.4 s with 1.2 s of delay, 0.3 s with 1.1 s, and 0.2 s with any, no weight of the command brings them inside.
+    At 0.4 s with 1.2 s of delay, 0.3 s with 1.1 s, and 0.2 s with any, no command weight stabilises the loop.
     """
     assert closed_loop_radius(delay, 1.2, min(lam, 10.0)) < 0.95
     assert closed_loop_radius(1.2, 0.4, lam) > 1.0 - 1e-4
@@ -203,9 +203,9 @@ def test_gpc_with_n_3_is_stable_at_a_sampling_of_1_2_s_alone(lam, delay):
 
 @pytest.mark.parametrize(("sampling", "beyond"), [(1.2, "zero"), (0.8, "hold")])
 def test_gpc_has_no_static_error(sampling, beyond):
-    """(22): A(1) Hc(1) + B(1) Fc(1) = B(1) Rc(1), so a constant reference is met exactly."""
+    """(22): A(1) Hc(1) + B(1) Fc(1) = B(1) Rc(1), so a constant reference has no steady error."""
     a, b = sampled_actuator(1.0, 0.4, sampling)
-    law = linear_law(a, b, GpcParameters(beyond=beyond))
+    law = linear_law(a, b, GpcParameters(beyond_horizon=beyond))
     left = a.sum() * (1.0 + law.past.sum()) + b.sum() * law.feedback.sum()
     assert left == pytest.approx(b.sum() * law.scale * law.tracking.sum(), abs=1e-12)
 
@@ -215,7 +215,7 @@ def test_gpc_has_no_static_error(sampling, beyond):
 def test_the_estimate_follows_a_moving_disturbance_within_its_rate_over_omega(name, omega, swing):
     """Paper 000, (34): e' = -omega e + d', so |e| stays below max|d'|/omega (twice that with two equal poles).
 
-    A push of 0.1 m/s² that swings; a sample of the difference quotient is allowed for.
+    A sinusoidal disturbance of 0.1 m/s², with a tolerance of one sample of the difference quotient.
     """
     period, amplitude = 0.02, 0.1
     of = model(SINGLE, tick=period)
@@ -235,9 +235,9 @@ def test_the_estimate_follows_a_moving_disturbance_within_its_rate_over_omega(na
 
 
 def test_cascaded_by_hand_and_in_finite_time():
-    """(7), (11) with implicit signs on one vehicle: d2 within one sample when the filter is off, then d1; m (d2 + d1').
+    """(7), (11) with implicit signs: d2 within one sample without filter, then d1; estimate m (d2 + d1').
 
-    0.5 m/s² more than the forces explain, and a place that runs ahead of the speed by 0.4 m/s.
+    0.5 m/s² of unmodelled acceleration, and a position rate 0.4 m/s above the speed.
     """
     of, period = model(SINGLE, tick=0.01), 0.01
     observer = OBSERVERS.make("cascaded", {"filter_time": 0.0}, of, period)

@@ -1,4 +1,4 @@
-"""Laws by name and their parameters: what is wrong is refused in one line, before anything runs."""
+"""Components by name and their parameters: errors are reported in one line before the start."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from importlib.metadata import EntryPoint
 import pytest
 from law_trains import FIVE, HAULED, PUSHED, SINGLE, inputs, model
 
-from train_ato.compensate.registry import COMPENSATIONS
 from train_ato.control import registry
 from train_ato.control.contract import parameter, parameters_of
 from train_ato.control.laws.pid import Pid
 from train_ato.control.parameters import make_parameters
-from train_ato.control.registry import LAWS, Registry
-from train_ato.observe.registry import OBSERVERS
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import load_scenario
 
 ALL = [(kind, name) for kind in (LAWS, OBSERVERS, COMPENSATIONS) for name in kind.names()]
 
@@ -41,13 +41,13 @@ class Sample:
     ],
 )
 def test_wrong_parameters_are_refused(values, message):
-    """Breaks if a check is lost or the message stops naming key, value and remedy."""
+    """Breaks if a check is missing or the message lacks key, value or remedy."""
     with pytest.raises(ValueError, match=message):
         make_parameters(Sample, values, "x")
 
 
 def test_right_parameters_keep_their_types():
-    """Breaks if an integer for a float is refused, or a float arrives where a count is due."""
+    """Breaks if an integer for a float is rejected, or a count becomes a float."""
     made = make_parameters(Sample, {"gain": 2, "count": 4.0, "on": False, "mode": "fast"}, "x")
     assert made == Sample(2.0, 4, False, "fast")
     assert isinstance(made.gain, float)
@@ -55,8 +55,8 @@ def test_right_parameters_keep_their_types():
 
 
 @pytest.mark.parametrize(("kind", "name"), ALL, ids=[f"{kind.kind}-{name}" for kind, name in ALL])
-def test_every_registered_block_describes_itself(kind, name):
-    """Breaks if a default lies outside its own range, a unit or meaning is missing, or a docstring is."""
+def test_every_registered_component_is_described(kind, name):
+    """Breaks if a default is outside its range, or a unit, a description or a docstring is missing."""
     assert len(kind.summary(name)) > 10
     for entry in parameters_of(kind.get(name).Parameters):
         assert entry.meaning, entry.name
@@ -66,8 +66,66 @@ def test_every_registered_block_describes_itself(kind, name):
             assert entry.low <= entry.default <= entry.high, entry.name
 
 
+@dataclass(frozen=True)
+class Renamed:
+    weight: float = parameter(1.0, "1", 0.0, 10.0, "a weight", formerly="lam")
+    count: int = parameter(3, "1", 1, 9, "a number")
+
+
+def test_a_former_name_is_accepted_with_one_warning(caplog):
+    """Breaks if a former name is refused, ignored, silent or reported at every use."""
+    for value in (2.0, 3.0):
+        assert make_parameters(Renamed, {"lam": value}, "former") == Renamed(value)
+    assert [record.getMessage() for record in caplog.records] == [
+        "former.lam: former name of former.weight; use the new name, the former is accepted until 0.3"
+    ]
+    assert make_parameters(Renamed, {"weight": 1.0, "lam": 4.0}, "later") == Renamed(4.0)
+    with pytest.raises(ValueError, match=r"former\.weight: 11 is outside 0 \.\.\. 10 1"):
+        make_parameters(Renamed, {"lam": 11}, "former")
+
+
+@pytest.mark.parametrize(("kind", "name"), ALL, ids=[f"{kind.kind}-{name}" for kind, name in ALL])
+def test_no_former_name_is_in_use(kind, name):
+    """Breaks if a former name of one parameter is the name of another of the same component."""
+    entries = kind.parameters(name)
+    former = [entry.formerly for entry in entries if entry.formerly]
+    assert len(set(former)) == len(former)
+    assert not set(former) & {entry.name for entry in entries}
+
+
+def test_a_scenario_with_former_names_is_the_same_run():
+    """Breaks if the run, its resolved scenario or a planned change of the law keeps a former name."""
+    swap = "swaps=[{at: 3, controller: funnel, controllers: {funnel: {%s: 0.1}}}]"
+    former = prepare(*load_scenario("daqin_heavy_haul:tuned", ("controllers.gpc.lam=0.5", swap % "gamma_eps")))
+    current = prepare(
+        *load_scenario("daqin_heavy_haul:tuned", ("controllers.gpc.command_weight=0.5", swap % "bias_rate"))
+    )
+    assert former.controller_parameters["gpc"]["command_weight"] == 0.5
+    assert former.resolved_yaml() == current.resolved_yaml()
+
+
+def test_a_former_name_given_to_a_node_at_its_start():
+    """Breaks if ``--ros-args -p gpc.lam:=0.5`` is refused or lost."""
+    rclpy = pytest.importorskip("rclpy")
+    from rclpy.node import Node
+
+    from train_ato.ros.graph.environment import claim_domain
+    from train_ato.ros.nodes.parameters import block_parameters, declare
+
+    with claim_domain() as domain:
+        context = rclpy.Context()
+        rclpy.init(args=["--ros-args", "-p", "gpc.lam:=0.5"], context=context, domain_id=domain)
+        try:
+            node = Node("former_names", context=context)
+            values = declare(node, block_parameters("gpc", LAWS.parameters("gpc"), {}))
+            node.destroy_node()
+        finally:
+            context.try_shutdown()
+    assert values["gpc.command_weight"] == 0.5
+
+
 def test_unknown_names_get_a_hint():
-    """Breaks if a misspelt law is not answered with the near one and the list."""
+    """Breaks if the message for a misspelt law lacks the nearest name or the list."""
     with pytest.raises(ValueError, match=r"unknown controller 'smcc' \(did you mean 'smc'\?\); known: .*pid"):
         LAWS.make("smcc", {}, None, 0.1)
     with pytest.raises(ValueError, match=r"smc\.kss: no such parameter.*'ks'"):
@@ -75,7 +133,7 @@ def test_unknown_names_get_a_hint():
 
 
 def test_other_packages_register_by_entry_point(monkeypatch):
-    """Breaks if entry points are not read, hide a built-in law, or a broken one ends in a traceback."""
+    """Breaks if entry points are ignored, replace a built-in law, or a broken one gives a traceback."""
     points = {
         "train_ato.controllers": [
             EntryPoint("theirs", "train_ato.control.laws.pid:Pid", "train_ato.controllers"),
@@ -93,7 +151,7 @@ def test_other_packages_register_by_entry_point(monkeypatch):
 
 
 def test_registration_by_class_and_only_once():
-    """Breaks if a name can be taken twice."""
+    """Breaks if a name can be registered twice."""
     laws = Registry("controller", "none.such", {})
     laws.register("mine", Pid)
     of = model(SINGLE)
@@ -102,12 +160,27 @@ def test_registration_by_class_and_only_once():
         laws.register("mine", Pid)
 
 
-def test_a_law_that_makes_no_sense_says_why():
-    """Breaks if smc runs on a hauled train without the first coupler's sensor, or refuses one that has it."""
-    with pytest.raises(ValueError, match=r"controller 'smc': needs the force measured at coupler_0, or 184 t"):
+def test_a_law_rejects_an_unsuitable_train_with_the_reason():
+    """Breaks if smc accepts a hauled train without the sensor of its first coupler, or rejects one with it."""
+    with pytest.raises(
+        ValueError, match=r"controller 'smc': equivalent: measured needs the force of coupler_0, or a unit of 184 t"
+    ):
         LAWS.make("smc", {}, model(HAULED), 0.1)
     LAWS.make("smc", {}, model(HAULED, sensors=(0,)), 0.1)
     LAWS.make("smc", {}, model(SINGLE), 0.1)
     LAWS.make("smc", {}, model(FIVE), 0.1)
-    with pytest.raises(ValueError, match=r"observer 'ndo': .*coupler_0, coupler_3: fit the sensors"):
+    with pytest.raises(ValueError, match=r"observer 'ndo': .*coupler_0, coupler_3; fit the sensors"):
         OBSERVERS.make("ndo", {"scope": "vehicle"}, model(PUSHED), 0.1)
+
+
+class Unregistered(Pid):
+    """Law that no test registers."""
+
+
+def test_an_unregistered_class_is_no_registered_name():
+    """Breaks if the lists of names, and the parameters of the nodes, depend on the laws that a process has used."""
+    before = LAWS.names()
+    name = LAWS.name_of(Unregistered)
+    assert name == f"{__name__}:Unregistered" and LAWS.get(name) is Unregistered
+    assert LAWS.names() == before and name not in LAWS.loadable()
+    assert name in prepare(*load_scenario("demo", ("duration=1",), {"controller": name})).laws

@@ -1,4 +1,4 @@
-"""One step of every law of paper 000 and its baseline, worked out by hand."""
+"""One step of every law of paper 000 and its baseline, by hand."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from train_ato.control.registry import LAWS
 
 
 def test_pid_forces_of_paper_000():
-    """1e7 N/(m/s), 1 N/m, 1 N s²/m; breaks if a gain is scaled by the mass or a sign is lost."""
+    """1e7 N/(m/s), 1 N/m, 1 N s²/m; breaks if a gain is scaled by the mass or a sign is wrong."""
     of = model(SINGLE)
     law = LAWS.make(
         "pid",
@@ -27,7 +27,7 @@ def test_pid_forces_of_paper_000():
 
 
 def test_pid_per_mass_with_feedforward_and_disturbance():
-    """Law: u = u_ff - d - M (kp e' + ki e); breaks if the estimate is added instead of taken off."""
+    """Law: u = u_ff - d - M (kp e' + ki e); breaks if the estimate is added instead of subtracted."""
     of = model(FIVE)
     law = LAWS.make("pid", {"kp": 0.1, "ki": 0.01}, of, 0.1)
     out = law.step(
@@ -43,7 +43,7 @@ def test_pid_per_mass_with_feedforward_and_disturbance():
 
 
 def test_pid_integral_holds_in_saturation_and_is_clamped():
-    """Breaks without anti-windup: after 100 s at the limit the integral would be 500 m, clamped 20."""
+    """Breaks without anti-windup: after 100 s at the limit the integral would be 500 m; the clamp is 20 m."""
     of = model(SINGLE)
     law = LAWS.make("pid", {"integral": "speed", "feedforward": False, "kp": 1.0, "ki": 0.1}, of, 0.1)
     for _ in range(1000):
@@ -58,7 +58,7 @@ def test_pid_integral_holds_in_saturation_and_is_clamped():
 
 
 def test_smc_of_paper_000_by_hand():
-    """(19), (21), (22) on the locomotive with the first coupler's force; breaks on any lost or wrong term."""
+    """(19), (21), (22) on the locomotive with the force of its first coupler; breaks on any wrong term."""
     of = model(HAULED, HILLY, sensors=(0,))
     law = LAWS.make("smc", {"ks": 0.0}, of, 0.1)
     e, de = 0.2, -0.05
@@ -69,7 +69,7 @@ def test_smc_of_paper_000_by_hand():
             position=np.array([2000.0 + e]),
             velocity=np.array([10.0 + de]),
             reference_position=np.array([2000.0]),
-            acting_acceleration=0.03,
+            acceleration_at_effect=0.03,
             coupler_force=np.array([250e3]),
             shoe_force=np.array([1e3]),
             disturbance=np.array([500.0]),
@@ -97,7 +97,7 @@ def test_smc_integral_and_linear_reaching():
 
 
 def test_smc_with_feedforward_weighs_the_train():
-    """Under lag and delay the equivalent control is the feed-forward, the mass that of the train."""
+    """With lag and delay the equivalent control is the feed-forward, and the mass that of the train."""
     of = model(HAULED)
     law = LAWS.make(
         "smc",

@@ -1,4 +1,4 @@
-"""Delays on topics: what arrives, when, in which order, and that nothing depends on how a window is cut."""
+"""Delays of topics: content, time and order of arrivals, independent of the length of a window."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from train_ato.engine import run_engine
-from train_ato.links import DelayJump, Link, LinkSpec, MessageLink, VaryingDelay
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import prepare
+from train_ato.messages.links import DelayJump, Link, LinkSpec, MessageLink, VaryingDelay
+from train_ato.scenario.scenario import load_scenario
 
 STEP = 5_000_000
 TICK = 20 * STEP
 
 
 def run(link: Link, values: list[float], window: int = 20) -> np.ndarray:
-    """Push one value each tick and return what acts at every step."""
+    """Push one value per tick and return the acting value at every step."""
     parts = []
     for tick, value in enumerate(values):
         link.push(tick * TICK, np.array([value]))
@@ -38,7 +38,7 @@ def test_constant_delay_shifts_by_whole_steps(delay_ms: float, first_step: int) 
 
 
 def test_newer_command_overtakes_and_replaces_older_ones() -> None:
-    """Traction 1 s, brake .3 s: a brake command sent .4 s later arrives first and the traction never comes."""
+    """Traction 1 s, brake .3 s: a brake command sent .4 s later arrives first and replaces the traction command."""
     link = Link(LinkSpec(delay=1.0, delay_brake=0.3), 1, STEP, 1, "c")
     acting = run(link, [5.0, 5.0, 5.0, 5.0, *[-3.0] * 20])
     assert 5.0 not in acting
@@ -64,7 +64,7 @@ def test_varying_delay_is_that_of_the_receiver() -> None:
 
 
 def test_jump_changes_the_delay_from_its_time_on() -> None:
-    """Breaks if a jump is ignored or acts on commands already under way."""
+    """Breaks if a jump is ignored or acts on commands in flight."""
     link = Link(LinkSpec(delay=0.2, jump=DelayJump(at=0.5, factor=2.0)), 1, STEP, 1, "c")
     acting = run(link, [float(k + 1) for k in range(20)])
     first_seen = {value: int(np.flatnonzero(acting == value).min()) for value in (5.0, 6.0)}
@@ -77,10 +77,10 @@ def test_jump_changes_the_delay_from_its_time_on() -> None:
     loss=st.floats(0, 0.9),
     window=st.sampled_from([1, 2, 4, 5, 10, 20]),
 )
-def test_what_acts_is_ordered_known_and_independent_of_the_window(
+def test_acting_values_are_ordered_and_independent_of_the_window(
     delay: float, jitter: float, loss: float, window: int
 ) -> None:
-    """Breaks if a late old command comes back after a newer one, a value is made up, or windows change the result."""
+    """Breaks if an old command acts after a newer one, a value was never sent, or windows change the result."""
     spec = LinkSpec(delay=delay, jitter=jitter, loss=loss)
     values = [float(k + 1) for k in range(40)]
     acting = run(Link(spec, 1, STEP, 3, "c"), values, window)
@@ -115,13 +115,13 @@ def test_loss_holds_the_last_value_and_seeds_differ() -> None:
     ],
 )
 def test_wrong_delays_are_refused(spec: LinkSpec, message: str) -> None:
-    """Breaks if a wrong list is spread silently."""
+    """Breaks if a list of a wrong length is accepted."""
     with pytest.raises(ValueError, match=message):
         Link(spec, 3, STEP, 1, "x")
 
 
-def test_messages_arrive_late_and_the_first_counts_until_then() -> None:
-    """Breaks if a delayed topic starts from nothing, or a message overtakes a newer one."""
+def test_first_message_is_valid_until_the_first_arrival() -> None:
+    """Breaks if a delayed topic has no initial message, or a message arrives after a newer one."""
     link = MessageLink(LinkSpec(delay=0.3), STEP, 1, "measurement")
     assert [link.pass_on(tick * TICK, tick) for tick in range(8)] == [0, 0, 0, 0, 1, 2, 3, 4]
     at_once = MessageLink(LinkSpec(), STEP, 1, "measurement")
@@ -130,11 +130,11 @@ def test_messages_arrive_late_and_the_first_counts_until_then() -> None:
 
 @pytest.mark.parametrize("topic", ["measurement", "reference", "estimate"])
 def test_a_delay_on_a_topic_reaches_the_law(topic: str) -> None:
-    """Breaks if a link that a scenario names is not in the loop."""
+    """Breaks if a link of the scenario has no effect in the loop."""
 
     def commands(*assignments: str) -> np.ndarray:
-        outcome = run_engine(prepare(*load("demo", ("duration=30", "observer=ndo", *assignments))))
-        assert outcome.history is not None
-        return outcome.history.command
+        outcome = run_engine(prepare(*load_scenario("demo", ("duration=30", "observer=ndo", *assignments))))
+        assert outcome.recording is not None
+        return outcome.recording.command
 
     assert not np.array_equal(commands(), commands(f"links.{topic}.delay=0.5"))

@@ -1,4 +1,4 @@
-"""`train-ato list`: every name with one line, and everything about one name."""
+"""`train-ato list`: all names with one line each, and the details of one name."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def listed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, dic
 
 
 def test_every_name_has_one_line(capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if something that is shipped is not listed, or without a word on what it is."""
+    """Breaks if a shipped name is missing or has no summary."""
     found = listed(capsys)
     assert list(found) == ["scenarios", "controllers", "observers", "compensations", "consists", "lines"]
     assert all(summary and "\n" not in summary for entries in found.values() for summary in entries.values())
@@ -28,22 +28,22 @@ def test_every_name_has_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_listed_name_is_known_in_detail(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a name that the list shows cannot be asked for."""
+def test_every_listed_name_has_details(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a listed name is refused or has no summary."""
     for title, facts in listed(capsys, name).items():
         assert title.endswith(f" {name}")
         assert facts["summary"]
 
 
 def test_figures_of_a_train_a_line_and_a_law(capsys: pytest.CaptureFixture[str]) -> None:
-    """Worked out by hand in test_plan_checks.py and test_plant_library.py; a parameter with its unit and range."""
+    """Values calculated by hand in test_plan_checks.py and test_plant_library.py; a parameter with unit and range."""
     train = listed(capsys, "hxd1_c80_105")["consist hxd1_c80_105"]
     assert train["balancing speed"].startswith("110 km/h at 0 per mille, 80 km/h at 2 per mille")
-    assert train["steepest start"] == "6.3 per mille"
+    assert train["steepest starting grade"] == "6.3 per mille"
     line = listed(capsys, "daqin_section")["line daqin_section"]
     assert line["grades"] == "-11.2 ... 2 per mille"
-    assert line["reaches"] == "from km 0 to km 52"
-    assert listed(capsys, "pid")["controller pid"]["filter_time"].startswith("0.0 s (0 ... 60): low-pass")
+    assert line["extent"] == "from km 0 to km 52"
+    assert listed(capsys, "pid")["controller pid"]["filter_time"].startswith("0.0 s (0 ... 60): time constant")
     assert list(listed(capsys, "none")) == ["observer none", "compensation none"]
     assert listed(capsys, "daqin_heavy_haul:ideal")["scenario daqin_heavy_haul:ideal"]["compensation"] == "none"
 

@@ -1,4 +1,4 @@
-"""The cascaded observer of paper 002 over sampling periods, and the discrete extended-state observer."""
+"""Cascaded observer of paper 002 over the sampling period, and the discrete extended-state observer."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, PUSHED, SINGLE, measured, model
 
-from train_ato.observe.balance import lag_weight
-from train_ato.observe.cascade import ImplicitCascade, LevantCascade
-from train_ato.observe.contract import ObserverInput
-from train_ato.observe.registry import OBSERVERS
+from train_ato.control.observers.cascade import ImplicitCascade, LevantCascade
+from train_ato.control.observers.contract import ObserverInput
+from train_ato.control.observers.force_balance import lag_weight
+from train_ato.control.registry import OBSERVERS
 
 
 def follow(cascade, period, duration, amplitude=1.0):
-    """Drive x' = v + d1, v' = d2 with the paper's d11 and d12; return the relative rms errors after 1 s."""
+    """Simulate x' = v + d1, v' = d2 with d11 and d12 of the paper; return the relative rms errors after 1 s."""
     t = np.arange(0.0, duration, period)
     d1, rate = 3 * np.sin(t + np.pi / 6), 3 * np.cos(t + np.pi / 6)
     d2 = amplitude * 6 * np.sin(3 * t) * np.cos(t)
@@ -46,7 +46,7 @@ def test_accuracy_over_the_period(period, levant, implicit):
 
 
 def test_implicit_signs_do_not_chatter():
-    """On a constant disturbance the estimate comes to rest to rounding; explicit signs would ripple by k Tc."""
+    """For a constant disturbance the estimate is constant to rounding; explicit signs would ripple by k Tc."""
     cascade = ImplicitCascade(0.01, 20, 20, 10, 100, 0.02)
     found = []
     for k in range(400):
@@ -79,8 +79,8 @@ def test_eso_error_is_the_closed_form(omega, period, push):
 
 @pytest.mark.parametrize("name", ["ndo", "eso", "cascaded"])
 @given(values=st.lists(st.floats(allow_nan=True, allow_infinity=True), min_size=3, max_size=12))
-def test_no_estimate_is_ever_unsound(name, values):
-    """Whatever is measured, the estimate is finite; after reset() the same inputs give the same bits."""
+def test_every_estimate_is_finite(name, values):
+    """For any measurement the estimate is finite; after reset() the same inputs give the same bits."""
     of = model(FIVE)
     observer = OBSERVERS.make(name, {}, of, 0.1)
 
@@ -99,8 +99,8 @@ def test_no_estimate_is_ever_unsound(name, values):
 
 
 @pytest.mark.parametrize("name", ["ndo", "eso", "cascaded"])
-def test_vehicles_know_their_neighbours(name):
-    """A stretched coupler between two driven vehicles is no disturbance: 160 kN/m by 0.2 m would be 32 kN."""
+def test_coupler_forces_between_units_are_no_disturbance(name):
+    """A stretched coupler between two driven vehicles gives no estimate: 160 kN/m by 0.2 m would be 32 kN."""
     of = model(FIVE)
     observer = OBSERVERS.make(name, {} if name != "ndo" else {"model_error": 0.0}, of, 0.1)
     place = 500.0 - of.offsets + np.array([0.2, 0, 0, 0, 0])
@@ -112,8 +112,8 @@ def test_vehicles_know_their_neighbours(name):
     assert np.abs(out).max() < 1.0
 
 
-def test_trains_without_known_couplers_are_lumped():
-    """Two locomotives with wagons between: the whole train's balance, split by share."""
+def test_trains_without_coupler_forces_use_the_train_balance():
+    """Two locomotives with wagons between them: balance of the train, split by the shares."""
     of = model(PUSHED)
     eso = OBSERVERS.make("eso", {"omega": 20.0}, of, 0.1)
     for k in range(40):
@@ -124,7 +124,7 @@ def test_trains_without_known_couplers_are_lumped():
 
 @given(period=st.floats(0.005, 1.0), lag=st.floats(0.01, 5.0), start=st.floats(-1, 1), aim=st.floats(-1, 1))
 def test_mean_force_of_a_lag_is_exact(period, lag, start, aim):
-    """From the forces at both ends of a tick alone; without lag it is the force of the end."""
+    """From the forces at both ends of a tick only; without lag it is the force of the end."""
     keep = math.exp(-period / lag)
     end = aim + (start - aim) * keep
     mean = aim + (start - aim) * (1 - keep) * lag / period

@@ -1,4 +1,4 @@
-"""The disturbance observer of paper 000: exact between samples, held over gaps, right in its units."""
+"""Disturbance observer of paper 000: exact between samples, held over gaps, correct units."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from law_trains import FIVE, HAULED, SINGLE, measured, model
 
-from train_ato.brake.policy import BrakeSpec, make_brake_policy
-from train_ato.observe.contract import ObserverInput
-from train_ato.observe.registry import OBSERVERS
-from train_ato.observe.stack import ObserverStack
+from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
+from train_ato.control.observers.contract import ObserverInput
+from train_ato.control.observers.stack import ObserverStack
+from train_ato.control.registry import OBSERVERS
 
 
 def observe(observer, of, speeds, applied, period, **more):
-    """Feed a run of speeds and forces; return the estimates."""
+    """Run an observer over speeds and forces; return the estimates."""
     found = []
     for k, (speed, force) in enumerate(zip(speeds, applied, strict=True)):
         seen = measured(of, round(k * period * 1e9), 0.0, speed, force)
@@ -27,7 +27,7 @@ def observe(observer, of, speeds, applied, period, **more):
 
 @given(omega=st.floats(0.01, 1e5), period=st.floats(0.001, 1.0), push=st.floats(-0.5, 0.5))
 def test_exact_for_any_bandwidth(omega, period, push):
-    """A constant push appears as 1 - exp(-omega t), for omega Tc from 1e-5 to 1e5; explicit Euler diverges above 2."""
+    """A constant force gives 1 - exp(-omega t), for omega Tc from 1e-5 to 1e5; explicit Euler diverges above 2."""
     of = model(SINGLE, tick=period)
     observer = OBSERVERS.make("ndo", {"omega": omega, "model_error": 0.0}, of, period)
     count = 12
@@ -41,7 +41,7 @@ def test_exact_for_any_bandwidth(omega, period, push):
 
 
 def test_train_scope_is_shared_over_the_units():
-    """400 t pushed at 0.1 m/s²: 40 kN in all, 8 kN a unit; breaks if every unit is given the whole."""
+    """400 t at 0.1 m/s²: 40 kN in total, 8 kN per unit; breaks if every unit gets the total."""
     of = model(FIVE)
     observer = OBSERVERS.make("ndo", {"scope": "train", "omega": 50.0}, of, 0.1)
     for k in range(20):
@@ -52,7 +52,7 @@ def test_train_scope_is_shared_over_the_units():
 
 
 def test_vehicle_scope_uses_the_coupler():
-    """With the coupler's force known a hauled locomotive in balance shows no disturbance; without it 200 kN."""
+    """With the coupler force a hauled locomotive in balance has no disturbance; without it 200 kN."""
     of = model(HAULED, sensors=(0,))
     observer = OBSERVERS.make("ndo", {"model_error": 0.0}, of, 0.1)
     own = float(of.own_resistance(np.array([10.0]), np.array([500.0]))[0])
@@ -65,8 +65,8 @@ def test_vehicle_scope_uses_the_coupler():
     assert abs(out[0]) < 1e-6
 
 
-def test_gaps_and_unsound_samples_are_left_out():
-    """A NaN neither ends up in the estimate nor in the difference quotient of the next sample."""
+def test_gaps_and_invalid_samples_are_not_used():
+    """A NaN changes neither the estimate nor the difference quotient of the next sample."""
     of = model(SINGLE)
     observer = OBSERVERS.make("ndo", {"omega": 1e3, "model_error": 0.0}, of, 0.1)
     force = float(of.own_resistance(np.array([10.0]), np.zeros(1))[0])
@@ -79,7 +79,7 @@ def test_gaps_and_unsound_samples_are_left_out():
 
 
 def test_observer_stack_passes_stamps_and_none_is_zero():
-    """The stack is what the loop calls; without an observer the estimate is 0 N for every unit."""
+    """The stack keeps the stamp; without an observer the estimate is 0 N for every unit."""
     of = model(FIVE)
     observer = ObserverStack(of, OBSERVERS.make("none", {}, of, 0.1), make_brake_policy(BrakeSpec(), of, of.line))
     estimate = observer.step(measured(of, 700_000_000, 0.0, 10.0, 0.0))

@@ -1,4 +1,4 @@
-"""Judges of paper 000: each must change its verdict when the figure that it judges does."""
+"""Judges of paper 000: the verdict changes with the figure."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import pytest
 from law_trains import SINGLE, inputs, model
 from reproduce_results import claim, result, series
 
-from plant_sim.streams import stream
+from plant_sim.streams import random_stream
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
 from train_ato.control.registry import LAWS
-from train_ato.reproduce.claims import Result, Verdict
-from train_ato.reproduce.heavy_haul_cases import CASES, DURATION
-from train_ato.reproduce.heavy_haul_series import LOCOMOTIVE, disturbance_40, network_estimate, unexplained
-from train_ato.reproduce.paper000 import PAPER
+from train_ato.papers.claims import Result, Verdict
+from train_ato.papers.p000_heavy_haul.cases import CASES, DURATION
+from train_ato.papers.p000_heavy_haul.claims import PAPER
+from train_ato.papers.p000_heavy_haul.series import LOCOMOTIVE, disturbance_40, network_estimate, unexplained
 
 GOOD, ELSEWHERE, BAD = Verdict.REPRODUCED, Verdict.OTHER_SETTING, Verdict.NOT_REPRODUCED
 COUNT = 8000
@@ -25,7 +25,7 @@ CALM = series(np.zeros(COUNT), np.zeros(COUNT))
 
 
 def swinging(amplitude_kmh: float) -> Result:
-    """Return a run whose speed error swings; its figures say so too."""
+    """Return a run with an oscillating speed error and its figures."""
     run = series(amplitude_kmh / 3.6 * WAVE, np.zeros(COUNT))
     return result(run, speed_rmse_kmh=amplitude_kmh / 2**0.5, speed_error_max_kmh=amplitude_kmh)
 
@@ -94,14 +94,22 @@ FLIPS: list[tuple[str, Callable[[], dict[str, Result]], Verdict]] = [
     ("the printed law is unstable", lambda: delayed(0.03, 0.05), BAD),
     ("the printed law is unstable", lambda: delayed(0.3, 0.3), BAD),
     (
-        "goal with lag .4 s and delay .8 s, twin + PID: nominal",
+        "goal with lag 0.4 s and delay 0.8 s, twin + PID: nominal",
         lambda: {"twin_pid nominal": tracked(0.019, 0.29)},
         GOOD,
     ),
-    ("goal with lag .4 s and delay .8 s, twin + PID: nominal", lambda: {"twin_pid nominal": tracked(0.021, 0.1)}, BAD),
-    ("goal with lag .4 s and delay .8 s, twin + PID: nominal", lambda: {"twin_pid nominal": tracked(0.01, 0.31)}, BAD),
     (
-        "goal with lag .4 s and delay .8 s, twin + PID: + mismatch",
+        "goal with lag 0.4 s and delay 0.8 s, twin + PID: nominal",
+        lambda: {"twin_pid nominal": tracked(0.021, 0.1)},
+        BAD,
+    ),
+    (
+        "goal with lag 0.4 s and delay 0.8 s, twin + PID: nominal",
+        lambda: {"twin_pid nominal": tracked(0.01, 0.31)},
+        BAD,
+    ),
+    (
+        "goal with lag 0.4 s and delay 0.8 s, twin + PID: + mismatch",
         lambda: {"twin_pid mismatch": tracked(float("nan"))},
         BAD,
     ),
@@ -129,7 +137,7 @@ FLIPS: list[tuple[str, Callable[[], dict[str, Result]], Verdict]] = [
 
 @pytest.mark.parametrize(("text", "runs", "verdict"), FLIPS)
 def test_a_verdict_follows_its_figure(text: str, runs: Callable[[], dict[str, Result]], verdict: Verdict) -> None:
-    """Breaks if a judge says what it is expected to say instead of what was measured."""
+    """Breaks if a judge returns the expected verdict instead of the measured one."""
     entry = claim(PAPER, text)
     results = runs()
     assert set(entry.cases) <= set(results)
@@ -137,7 +145,7 @@ def test_a_verdict_follows_its_figure(text: str, runs: Callable[[], dict[str, Re
 
 
 def test_unchanged_rmse_is_judged_against_smc() -> None:
-    """Breaks if a disturbance that costs the observed law as much as SMC passes."""
+    """Breaks if a disturbance with an equal effect on the observed law and on SMC passes."""
     judge = claim(PAPER, "RMSE with NDO unchanged").judge
 
     def runs(rough: float) -> dict[str, Result]:
@@ -154,7 +162,7 @@ def test_network_estimate_is_the_law_s_own(clip: bool) -> None:
     period, train = 0.05, model(SINGLE)
     learning = LAWS.make("rbf_smc", {"clip": clip}, train, period)
     plain = LAWS.make("smc", {}, train, period)
-    random = stream(3, "test/network")
+    random = random_stream(3, "test/network")
     errors, rates = 0.02 * random.standard_normal(40), 0.008 * random.standard_normal(40)
     added = []
     for error, rate in zip(errors, rates, strict=True):
@@ -180,7 +188,7 @@ def test_unexplained_motion_is_the_model_error_and_the_disturbance() -> None:
 
 
 def test_both_tables_are_run() -> None:
-    """Breaks if a row or a column of the two tables is not run, or not over the whole run."""
+    """Breaks if a row or a column of the two tables is not run over the whole run."""
     ideal = ("pid", "smc", "rbf", "rbf_ndo", "smc_ks", "rbf_ks", "rbf_ks_ndo")
     lagged = ("twin_pid", "twin_smc_ndo", "predicted")
     wanted = [f"{law}{suffix}" for law in ideal for suffix in ("", " disturbed")]

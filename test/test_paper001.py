@@ -1,4 +1,4 @@
-"""Judges of paper 001: each must change its verdict when the figure that it judges does; the paper from end to end."""
+"""Judges of paper 001: the verdict changes with the figure; the whole reproduction of the paper."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ import pytest
 from reproduce_results import claim, result, series
 
 from train_ato.cli.main import main
-from train_ato.reproduce.claims import Result, Verdict
-from train_ato.reproduce.metro_cases import CASES, INERTIA, TRAINS
-from train_ato.reproduce.metro_judges import shaking, truth_and_estimate
-from train_ato.reproduce.paper001 import PAPER
+from train_ato.papers.claims import Result, Verdict
+from train_ato.papers.p001_metro.cases import CASES, INERTIA, TRAINS
+from train_ato.papers.p001_metro.checks import shaking
+from train_ato.papers.p001_metro.claims import PAPER
+from train_ato.papers.p001_metro.figures import truth_and_estimate
 
 GOOD, ELSEWHERE, BAD = Verdict.REPRODUCED, Verdict.OTHER_SETTING, Verdict.NOT_REPRODUCED
 
@@ -110,7 +111,7 @@ FLIPS: list[tuple[str, Callable[[], dict[str, Result]], Verdict]] = [
 
 @pytest.mark.parametrize(("text", "runs", "verdict"), FLIPS)
 def test_a_verdict_follows_its_figure(text: str, runs: Callable[[], dict[str, Result]], verdict: Verdict) -> None:
-    """Breaks if a judge says what it is expected to say instead of what was measured."""
+    """Breaks if a judge returns the expected verdict instead of the measured one."""
     entry = claim(PAPER, text)
     results = runs()
     assert set(entry.cases) <= set(results)
@@ -118,7 +119,7 @@ def test_a_verdict_follows_its_figure(text: str, runs: Callable[[], dict[str, Re
 
 
 def test_relay_period_is_measured() -> None:
-    """A swing of 3.2 s is reported as one; breaks if crossings are miscounted."""
+    """An oscillation of 3.2 s is reported; breaks if crossings are miscounted."""
     judgement = claim(PAPER, "the sliding mode (9)").judge(swinging(0.3))
     assert "period 3.2 s" in judgement.measured
 
@@ -129,7 +130,7 @@ def test_variation_is_per_inertial_mass() -> None:
 
 
 def test_truth_of_the_disturbance_is_what_the_model_leaves() -> None:
-    """At a steady 20 m/s (72 km/h) with the force of the resistance alone nothing is left; 0.1 m/s² more is 0.1."""
+    """The running resistance alone at 20 m/s (72 km/h) gives an error of 0; 0.1 m/s² more gives 0.1."""
     resistance = (0.11 + 0.0029 * 72 + 0.00013 * 72**2) * 9.8e-3 * 181_292.5
     run = series(np.zeros(200), np.full(200, resistance - 0.1 * INERTIA))
     _, truth, found = truth_and_estimate(Result({}, run))
@@ -147,9 +148,8 @@ def test_every_row_of_the_table_is_run() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_the_whole_paper_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if the command's JSON, its folder or what is to be shown of paper 001 is lost."""
+    """Breaks if JSON output, folder or figures of paper 001 are missing."""
     folder = tmp_path / "out"
     assert main(["reproduce", "001", "--json", "--out", str(folder)]) == 0
     rows = json.loads(capsys.readouterr().out)

@@ -1,27 +1,27 @@
-"""Paper 002: every judge changes its verdict with its figure; the observers and the surface against exact values."""
+"""Paper 002: the verdict changes with the figure; observers and surface against exact values."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from recordings import with_series
 from reproduce_results import claim
 from tracking_results import run
 
-from train_ato.engine import run_engine
-from train_ato.history import History
-from train_ato.reproduce.claims import Case, Result, Verdict
-from train_ato.reproduce.freight_cases import CASES, DELAYS, LAWS, OBSERVER_TICKS, RATIOS
-from train_ato.reproduce.freight_observers import observer_accuracy, truth
-from train_ato.reproduce.freight_surface import fixed_time_bound, nominal_settling
-from train_ato.reproduce.paper002 import PAPER
-from train_ato.reproduce.tracking import mean_speed_error, position_error, rms
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
+from train_ato.loop.engine import run_engine
+from train_ato.loop.recording import Recording
+from train_ato.loop.setup import prepare
+from train_ato.papers.claims import Case, Result, Verdict
+from train_ato.papers.p002_freight.cases import CASES, DELAYS, LAWS, OBSERVER_TICKS, RATIOS
+from train_ato.papers.p002_freight.claims import PAPER
+from train_ato.papers.p002_freight.error_dynamics import fixed_time_bound, nominal_settling
+from train_ato.papers.p002_freight.observer_trials import observer_accuracy, truth
+from train_ato.papers.tracking import mean_speed_error, position_error, rms
+from train_ato.scenario.scenario import load_scenario
 
 GOOD, ELSEWHERE, BAD = Verdict.REPRODUCED, Verdict.OTHER_SETTING, Verdict.NOT_REPRODUCED
 OFFSETS = 80.0 * np.arange(5)
@@ -32,7 +32,7 @@ def figures(**values: float) -> Result:
 
 
 def observed(settling: float, error: float, **more: float) -> Result:
-    """Return figures of all forms, the printed one as given, the others good."""
+    """Return figures of all forms: the printed form as given, the others good."""
     found = {f"{name} {part}": 0.02 for name in ("implicit", "levant", "eso") for part in ("d1", "d2", "d1'")}
     found |= {f"{name} {key}": 0.05 for name in ("implicit", "levant", "eso") for key in ("settling", "again")}
     found |= {f"printed {part}": error for part in ("d1", "d2", "d1'")}
@@ -46,16 +46,16 @@ def sampled(at_10_ms: float) -> dict[str, Result]:
 
 
 def five(place: float = 0.0, speed: float = 0.0, until: float = 20.0, **more: Any) -> Result:
-    history = run(place, speed, units=5, until=until, duration=30.0, tick=0.01, **more)
-    return Result({"coupler_draft_max_kn": 0.0, "coupler_buff_max_kn": 0.0}, history)
+    recording = run(place, speed, units=5, until=until, duration=30.0, tick=0.01, **more)
+    return Result({"coupler_draft_max_kn": 0.0, "coupler_buff_max_kn": 0.0}, recording)
 
 
 def backwards(stretch: float, place: float) -> dict[str, Result]:
-    """Return a run in the printed order whose couplers start so far in buff and whose cars end so far off."""
+    """Return a run in the printed order with couplers in buff at the start and position errors at the end."""
     result = five(place)
-    assert result.history is not None
-    position = result.history.position + stretch * np.arange(5)
-    return {"ideal": five(), "printed order": Result(result.summary, replace(result.history, position=position))}
+    assert result.recording is not None
+    position = result.recording.position + stretch * np.arange(5)
+    return {"ideal": five(), "printed order": Result(result.summary, with_series(result.recording, position=position))}
 
 
 def settled(at: float, printed: float) -> dict[str, Result]:
@@ -73,18 +73,18 @@ def bounded(settling: float) -> dict[str, Result]:
 
 
 def offset(place: float, d1: float) -> dict[str, Result]:
-    """Return a run whose cars stand in their places while the measured speed is off by d1."""
+    """Return a run with vehicles on their positions and a measured speed error of d1."""
     result = five(place, 0.0, until=40.0)
-    assert result.history is not None
-    return {"ideal": Result(result.summary, replace(result.history, velocity=result.history.velocity - d1))}
+    assert result.recording is not None
+    return {"ideal": Result(result.summary, with_series(result.recording, velocity=result.recording.velocity - d1))}
 
 
 def stretched(at_first_step: float, later: float) -> dict[str, Result]:
     result = five()
-    assert result.history is not None
-    t = result.history.time
+    assert result.recording is not None
+    t = result.recording.time
     force = 160e3 * np.where((t >= 10) & (t < 11), at_first_step, np.where(t > 11, later, 0.0))
-    return {"ideal": Result(result.summary, replace(result.history, coupler_high=force))}
+    return {"ideal": Result(result.summary, with_series(result.recording, coupler_draft_max=force))}
 
 
 def faster(ours: float, slow: float, fast: float) -> dict[str, Result]:
@@ -99,7 +99,7 @@ def real(print_error: float, predicted: float) -> dict[str, Result]:
 
 def pulled(place: float, stretch: float) -> Result:
     result = five(place, until=40.0)
-    return Result({"coupler_draft_max_kn": 160 * stretch, "coupler_buff_max_kn": -10.0}, result.history)
+    return Result({"coupler_draft_max_kn": 160 * stretch, "coupler_buff_max_kn": -10.0}, result.recording)
 
 
 def goals(place: float, stretch: float) -> dict[str, Result]:
@@ -164,17 +164,17 @@ FLIPS: list[tuple[str, Callable[[], dict[str, Result]], Verdict]] = [
 
 @pytest.mark.parametrize(("text", "results", "verdict"), FLIPS)
 def test_judges_flip_with_their_figures(text: str, results: Callable[[], dict[str, Result]], verdict: Verdict) -> None:
-    """Breaks if a judge says the same whatever was measured."""
+    """Breaks if the verdict does not depend on the measured figure."""
     assert claim(PAPER, text).judge(results()).verdict is verdict
 
 
 def test_every_claim_has_its_cases_and_every_case_a_scenario() -> None:
-    """Breaks if a claim or a table names a case that is not run, or a case a scenario that is not there."""
+    """Breaks if a claim or a table names a missing case, or a case a missing scenario."""
     assert {key for entry in PAPER.claims for key in entry.cases} <= set(CASES)
     assert {f"{key} {delay}" for key in LAWS for delay in DELAYS} <= set(CASES)
     for case in CASES.values():
         if isinstance(case, Case):
-            load(case.scenario, changes=dict(case.changes))
+            load_scenario(case.scenario, changes=dict(case.changes))
 
 
 def test_truth_is_the_printed_set() -> None:
@@ -197,7 +197,7 @@ def test_on_the_surface_the_time_is_the_integral_of_it(gain: float, error: float
 
 
 def test_bound_by_hand_and_never_exceeded() -> None:
-    """(23) is 3.5/g + 1.5/g, (34) is ln 2 (1.5 + 3.5)/g; a hundredfold start takes hardly longer, but 10⁶ of force."""
+    """(23) is 3.5/g + 1.5/g, (34) is ln 2 (1.5 + 3.5)/g; 100 times the start: little more time, 10⁶ of force."""
     assert fixed_time_bound(2.0) == pytest.approx((2.5, 2.5 * math.log(2)))
     near, far = (nominal_settling(2.0, error, 0.0)[0] for error in (10.0, 1000.0))
     assert near["settling"] < far["settling"] < 1.15 * near["settling"] < near["bound"]
@@ -215,28 +215,28 @@ def test_observers_at_1_ms() -> None:
     assert series["levant"].shape == series["truth"].shape == (3, series["time"].size, 5)
 
 
-def drive(name: str, duration: float, **changes: Any) -> History:
-    outcome = run_engine(prepare(*load(name, changes={**changes, "duration": duration})))
-    assert outcome.history is not None
-    return outcome.history
+def drive(name: str, duration: float, **changes: Any) -> Recording:
+    outcome = run_engine(prepare(*load_scenario(name, changes={**changes, "duration": duration})))
+    assert outcome.recording is not None
+    return outcome.recording
 
 
 def test_ideal_train_is_in_its_place_after_two_seconds() -> None:
-    """All five start 108 m ahead and are within 0.1 m from 1.7 s on; without the speed offset d1 they never are."""
-    history = drive("freight_consensus", 2.5)
-    error = position_error(history, OFFSETS)
+    """All five start 108 m ahead and are within 0.1 m from 1.7 s on, but never without the speed offset d1."""
+    recording = drive("freight_consensus", 2.5)
+    error = position_error(recording, OFFSETS)
     assert error[0] == pytest.approx(np.full(5, 108.0))
-    assert np.abs(error[history.time > 1.7]).max() < 0.1
+    assert np.abs(error[recording.time > 1.7]).max() < 0.1
     blind = drive("freight_consensus", 2.5, controllers={"fixed_time_smc": {"unmatched": False}})
     assert np.abs(position_error(blind, OFFSETS)[blind.time > 1.7]).max() > 0.3
 
 
 def test_realistic_train_at_a_delay_of_1_s() -> None:
-    """The common command stays within the goals where the paper's law at gain 2 is lost in half a minute."""
-    history = drive("freight_consensus:realistic+delay_1_0", 60.0, **dict(LAWS["common damped"][1]))
-    scored = history.time > 5
-    assert rms(position_error(history, OFFSETS)[scored]) < 0.2
-    assert rms(mean_speed_error(history)[scored]) < 0.08
-    assert max(history.coupler_high.max(), -history.coupler_low.min()) / 160e3 < 0.45
+    """The common command meets the goals; the law of the paper at gain 2 diverges within half a minute."""
+    recording = drive("freight_consensus:realistic+delay_1_0", 60.0, **dict(LAWS["common damped"][1]))
+    scored = recording.time > 5
+    assert rms(position_error(recording, OFFSETS)[scored]) < 0.2
+    assert rms(mean_speed_error(recording)[scored]) < 0.08
+    assert max(recording.coupler_draft_max.max(), -recording.coupler_buff_max.min()) / 160e3 < 0.45
     lost = drive("freight_consensus:realistic+delay_1_0", 60.0, **dict(LAWS["print"][1]))
     assert rms(position_error(lost, OFFSETS)[scored]) > 5.0

@@ -1,4 +1,4 @@
-"""Paper 003: every judge changes its verdict with its figure; short runs of the law with and without saturation."""
+"""Paper 003: the verdict changes with the figure; short runs of the law with and without saturation."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import pytest
 from reproduce_results import claim
 from tracking_results import tracked, with_command
 
-from train_ato.engine import run_engine
-from train_ato.history import History
-from train_ato.reproduce import funnel_judges
-from train_ato.reproduce.claims import Case, Result, Verdict
-from train_ato.reproduce.funnel_cases import CASES, LAWS, TRAINS
-from train_ato.reproduce.funnel_series import ALONE, boundaries, last_saturation, off_profile
-from train_ato.reproduce.paper003 import PAPER
-from train_ato.reproduce.tracking import last_outside, position_error, speed_error, written
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
+from train_ato.loop.engine import run_engine
+from train_ato.loop.recording import Recording
+from train_ato.loop.setup import prepare
+from train_ato.papers.claims import Case, Result, Verdict
+from train_ato.papers.p003_funnel import checks as funnel_judges
+from train_ato.papers.p003_funnel.cases import CASES, LAWS, TRAINS
+from train_ato.papers.p003_funnel.claims import PAPER
+from train_ato.papers.p003_funnel.series import boundaries, last_saturation, off_profile
+from train_ato.papers.tracking import last_outside, position_error, speed_error, written
+from train_ato.scenario.scenario import load_scenario
 
 GOOD, ELSEWHERE, BAD = Verdict.REPRODUCED, Verdict.OTHER_SETTING, Verdict.NOT_REPRODUCED
 COUNT = 2000
@@ -30,7 +30,7 @@ def demanding(newton: float) -> Result:
 
 
 def in_saturation(place: float, speed: float, until: float = 20.0) -> Result:
-    """Return a run at the limit from 5 to 15 s whose errors last until a time."""
+    """Return a run at the limit from 5 to 15 s with errors up to a given time."""
     t = 0.05 * np.arange(COUNT)
     return with_command(tracked(place, speed, until=until), np.where((t > 5) & (t < 15), -200e3, 0.0))
 
@@ -115,7 +115,7 @@ FLIPS: list[tuple[str, Callable[[], dict[str, Result]], Verdict]] = [
 
 @pytest.mark.parametrize(("text", "results", "verdict"), FLIPS)
 def test_judges_flip_with_their_figures(text: str, results: Callable[[], dict[str, Result]], verdict: Verdict) -> None:
-    """Breaks if a judge says the same whatever was measured."""
+    """Breaks if the verdict does not depend on the measured figure."""
     assert claim(PAPER, text).judge(results()).verdict is verdict
 
 
@@ -126,35 +126,35 @@ def test_judges_flip_with_their_figures(text: str, results: Callable[[], dict[st
 def test_judge_of_the_planned_run_flips(
     monkeypatch: pytest.MonkeyPatch, off: float, fast: float, own: float, verdict: Verdict
 ) -> None:
-    """Breaks if the judge overlooks position, speed, or whether the new profile itself is followed."""
-    monkeypatch.setattr(funnel_judges, "off_profile", lambda history, scenario: (np.array([off]), np.array([fast])))
+    """Breaks if the judge ignores position, speed, or the tracking of the new profile."""
+    monkeypatch.setattr(funnel_judges, "off_profile", lambda recording, scenario: (np.array([off]), np.array([fast])))
     runs = {key: tracked(own) for key in ("predictor planned", "predictor replanned")}
     assert claim(PAPER, "goal at 200 kN").judge(runs).verdict is verdict
 
 
 def test_every_claim_has_its_cases_and_every_case_a_scenario() -> None:
-    """Breaks if a claim names a case that is not run, or a case a scenario or a variant that is not there."""
+    """Breaks if a claim names a missing case, or a case a missing scenario or variant."""
     assert {key for entry in PAPER.claims for key in entry.cases} <= set(CASES)
     assert {f"{key} nominal" for key in LAWS} <= set(CASES)
     for case in CASES.values():
-        load(case.scenario, changes=dict(case.changes))
+        load_scenario(case.scenario, changes=dict(case.changes))
 
 
 def test_last_saturation_bridges_gaps_and_takes_the_longest() -> None:
-    """Breaks if a moment inside the limits splits a stretch, or a short stretch is taken."""
+    """Breaks if a sample inside the limits splits an interval, or a short interval counts."""
     t = 0.05 * np.arange(COUNT)
     command = np.where((t > 5) & (t < 8), 200e3, 0.0) + np.where(
         (t > 30) & (t < 60) & (np.abs(t - 40) > 2), -200e3, 0.0
     )
-    history = with_command(tracked(), command).history
-    assert history is not None
-    assert last_saturation(history, 200e3) == pytest.approx((30.05, 59.95), abs=0.06)
+    recording = with_command(tracked(), command).recording
+    assert recording is not None
+    assert last_saturation(recording, 200e3) == pytest.approx((30.05, 59.95), abs=0.06)
     with pytest.raises(ValueError, match="never at its limit"):
-        last_saturation(history, 240e3)
+        last_saturation(recording, 240e3)
 
 
 def test_last_outside_and_how_figures_are_written() -> None:
-    """Breaks if a later excursion is missed or a unit is wrong by a thousand."""
+    """Breaks if a later excursion is missed or a unit is wrong by a factor of 1000."""
     time = np.arange(6.0)
     values = np.array([[5.0], [0.0], [-3.0], [0.1], [0.0], [9.0]])
     assert last_outside(time, values, 1.0, end=5.0) == 2.0
@@ -169,32 +169,32 @@ def test_last_outside_and_how_figures_are_written() -> None:
     assert texts == ["2.4 mm", "44 m", "7.35 km", "never", "0.698 m/s"]
 
 
-def drive(case: Case, **changes: Any) -> History:
-    outcome = run_engine(prepare(*load(case.scenario, changes={**case.changes, **changes})))
-    assert outcome.history is not None
-    return outcome.history
+def drive(case: Case, **changes: Any) -> Recording:
+    outcome = run_engine(prepare(*load_scenario(case.scenario, changes={**case.changes, **changes})))
+    assert outcome.recording is not None
+    return outcome.recording
 
 
 def test_printed_law_carries_an_offset_and_the_corrected_one_does_not() -> None:
-    """While it accelerates: the print stands off by h/k1, centimetres; with lambda in 1/s it is a third of it."""
+    """During acceleration the printed law has an offset of h/k1, centimetres; with lambda in 1/s a third of it."""
     found = {}
     for key in ("printed nominal", "corrected nominal"):
-        history = drive(CASES[key], duration=60.0)
-        found[key] = np.abs(position_error(history, ALONE)[history.time > 30.0]).max()
+        recording = drive(CASES[key], duration=60.0)
+        found[key] = np.abs(position_error(recording)[recording.time > 30.0]).max()
     assert 0.02 < found["printed nominal"] < 0.05
     assert found["corrected nominal"] < found["printed nominal"] / 3
 
 
 @pytest.mark.slow
 def test_saturation_recovers_and_its_funnels_are_wide_open() -> None:
-    """44 m off, then back within 10 cm; the printed funnel ends far wider than any error ever was."""
+    """An error of 44 m returns below 10 cm; the printed funnel ends far wider than the largest error."""
     case = CASES["printed saturated"]
-    history = drive(case)
-    error = np.abs(position_error(history, ALONE)[:, 0])
+    recording = drive(case)
+    error = np.abs(position_error(recording)[:, 0])
     assert 43.0 < error.max() < 46.0
     assert error[-200:].max() < 0.1
-    assert np.abs(speed_error(history)).max() < 4.0
-    phi1, phi2 = boundaries(case, history)
+    assert np.abs(speed_error(recording)).max() < 4.0
+    phi1, phi2 = boundaries(case, recording)
     assert phi1[-1] > 10 * error.max()
     assert phi2[-1] > 100.0
     assert phi2[0] == pytest.approx(0.1)
@@ -202,19 +202,19 @@ def test_saturation_recovers_and_its_funnels_are_wide_open() -> None:
 
 @pytest.mark.slow
 def test_planned_for_200_kn_stays_within_13_m_of_the_other_profile() -> None:
-    """Breaks if the shipped variant asks for more force than there is, or leads farther off."""
-    history = drive(CASES["pid planned"])
-    off, fast = off_profile(history, "crh380a_funnel:short")
+    """Breaks if the shipped variant demands more than the available force, or increases the error."""
+    recording = drive(CASES["pid planned"])
+    off, fast = off_profile(recording, "crh380a_funnel:short")
     assert 5.0 < np.abs(off).max() < 13.0
     assert np.abs(fast).max() < 1.0
-    assert np.abs(position_error(history, ALONE)).max() < 0.05
+    assert np.abs(position_error(recording)).max() < 0.05
 
 
 def test_trains_are_variants_of_the_short_run() -> None:
-    """Breaks if a mismatch reaches the model: the law would know of it."""
-    nominal = prepare(*load("crh380a_funnel:short"))
+    """Breaks if a mismatch of the plant is also in the model of the law."""
+    nominal = prepare(*load_scenario("crh380a_funnel:short"))
     for train in ("half_more", "later", "lagging", "light"):
-        setup = prepare(*load(f"crh380a_funnel:short{TRAINS[train][1]}"))
+        setup = prepare(*load_scenario(f"crh380a_funnel:short{TRAINS[train][1]}"))
         assert setup.model.inertia == nominal.model.inertia
         assert setup.model.lag == nominal.model.lag
         assert list(setup.model.delay) == list(nominal.model.delay)

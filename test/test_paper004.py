@@ -1,22 +1,23 @@
-"""Paper 004: every judge changes its verdict with its figure; the sampling period and the couplers in short runs."""
+"""Paper 004: the verdict changes with the figure; short runs on sampling period and couplers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from recordings import with_series
 from reproduce_results import claim
 from tracking_results import tracked
 
-from train_ato.engine import run_engine
-from train_ato.reproduce import gpc_judges
-from train_ato.reproduce.claims import Result, Verdict
-from train_ato.reproduce.gpc_cases import CASES, LAWS, SAMPLINGS, TRAINS, WEIGHTS
-from train_ato.reproduce.paper004 import PAPER
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import prepare
+from train_ato.papers.claims import Result, Verdict
+from train_ato.papers.p004_gpc import checks as gpc_judges
+from train_ato.papers.p004_gpc.cases import CASES, LAWS, SAMPLINGS, TRAINS, WEIGHTS
+from train_ato.papers.p004_gpc.claims import PAPER
+from train_ato.papers.tracking import largest_speed_error
+from train_ato.scenario.scenario import load_scenario
 
 GOOD, ELSEWHERE, BAD = Verdict.REPRODUCED, Verdict.OTHER_SETTING, Verdict.NOT_REPRODUCED
 
@@ -63,7 +64,7 @@ def sturdy(mass: float, delay: float) -> dict[str, Result]:
 
 def comfortable(stop: float, acceleration: float) -> dict[str, Result]:
     result = moving(0.1, stop_error_m=stop)
-    return {"gpc long": Result({**result.summary, "acceleration_max": acceleration}, result.history)}
+    return {"gpc long": Result({**result.summary, "acceleration_max": acceleration}, result.recording)}
 
 
 FLIPS: list[tuple[str, Callable[[], dict[str, Result]], Verdict]] = [
@@ -97,7 +98,7 @@ FLIPS: list[tuple[str, Callable[[], dict[str, Result]], Verdict]] = [
 
 @pytest.mark.parametrize(("text", "results", "verdict"), FLIPS)
 def test_judges_flip_with_their_figures(text: str, results: Callable[[], dict[str, Result]], verdict: Verdict) -> None:
-    """Breaks if a judge says the same whatever was measured."""
+    """Breaks if the verdict does not depend on the measured figure."""
     assert claim(PAPER, text).judge(results()).verdict is verdict
 
 
@@ -105,44 +106,44 @@ def test_judges_flip_with_their_figures(text: str, results: Callable[[], dict[st
 def test_judge_of_the_limited_run_flips(
     monkeypatch: pytest.MonkeyPatch, ours: float, off: float, verdict: Verdict
 ) -> None:
-    """Breaks if the judge overlooks what law or profile make of 200 kN."""
-    monkeypatch.setattr(gpc_judges, "off_profile", lambda history, scenario: (np.array([off]), np.array([0.5])))
+    """Breaks if the judge ignores the effect of law or profile with 200 kN."""
+    monkeypatch.setattr(gpc_judges, "off_profile", lambda recording, scenario: (np.array([off]), np.array([0.5])))
     keys = ("gpc limited", "pid limited", "pid preview limited", "pid preview planned")
     assert claim(PAPER, "with 200 kN").judge({key: moving(0.1, ours) for key in keys}).verdict is verdict
 
 
 def test_every_claim_has_its_cases_and_every_case_a_scenario() -> None:
-    """Breaks if a claim or the table names a case that is not run, or a case a scenario that is not there."""
+    """Breaks if a claim or the table names a missing case, or a case a missing scenario."""
     assert {key for entry in PAPER.claims for key in entry.cases} <= set(CASES)
     assert {f"{key} {train}" for key in LAWS for train in TRAINS} <= set(CASES)
     for case in CASES.values():
-        load(case.scenario, changes=dict(case.changes))
+        load_scenario(case.scenario, changes=dict(case.changes))
 
 
 def test_largest_speed_error_leaves_the_standstill_out() -> None:
-    """Breaks if the holding brake's last centimetres per second are taken for tracking."""
+    """Breaks if the last cm/s under the holding brake count as tracking."""
     result = moving(0.5)
-    assert result.history is not None
-    halted = replace(result.history, reference_velocity=np.zeros(result.history.time.size))
-    assert gpc_judges.speed(result) == pytest.approx(0.5)
+    assert result.recording is not None
+    halted = with_series(result.recording, reference_velocity=np.zeros(result.recording.time.size))
+    assert largest_speed_error(result) == pytest.approx(0.5)
     with pytest.raises(ValueError):
-        gpc_judges.speed(Result(result.summary, halted))
+        largest_speed_error(Result(result.summary, halted))
 
 
 def drive(key: str, duration: float) -> Result:
     case = CASES[key]
-    outcome = run_engine(prepare(*load(case.scenario, changes={**case.changes, "duration": duration})))
-    return Result(outcome.summary, outcome.history, outcome.failure)
+    outcome = run_engine(prepare(*load_scenario(case.scenario, changes={**case.changes, "duration": duration})))
+    return Result(outcome.summary, outcome.recording, outcome.failure)
 
 
 def test_sampling_period_decides() -> None:
-    """N = 3, Nu = 2: tracks at 1.2 s; at 0.4 s the delay lies beyond what three samples see."""
+    """N = 3, Nu = 2: tracks at 1.2 s; at 0.4 s the delay is longer than three samples."""
     assert gpc_judges.speed_rms(drive("Ts 1.2", 120.0)) < 0.02
     assert gpc_judges.speed_rms(drive("Ts 0.4", 120.0)) > 0.05
 
 
 def test_three_laws_lean_on_each_other_through_the_couplers() -> None:
-    """Breaks if independent loops on coupled units hold, or fail where there are no couplers, or one loop does."""
+    """Breaks if independent loops are stable with couplers or unstable without them, or the common loop is unstable."""
     duration = 260.0
     assert gpc_judges.coupler(drive("per unit", duration)) > 60.0
     assert gpc_judges.coupler(drive("gpc normal", duration)) < 20.0
@@ -150,7 +151,7 @@ def test_three_laws_lean_on_each_other_through_the_couplers() -> None:
 
 
 def test_jump_is_held_on_increments_alone() -> None:
-    """Two minutes after the jump: identified on the speed itself, the loop swings by a metre per second."""
-    increments, absolute = (gpc_judges.speed(drive(f"{key} jump", 260.0)) for key in ("gpc", "gpc absolute"))
+    """Two minutes after the jump a loop identified on the speed itself oscillates by 1 m/s."""
+    increments, absolute = (largest_speed_error(drive(f"{key} jump", 260.0)) for key in ("gpc", "gpc absolute"))
     assert increments < 0.6
     assert absolute > 2 * increments

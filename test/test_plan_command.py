@@ -9,16 +9,17 @@ from pathlib import Path
 import pytest
 
 from plant_sim.library import load_consist, load_line
-from train_ato.plan.command import add_arguments, execute, planned
-from train_ato.plan.planner import plan
-from train_ato.plan.settings import PlanSettings
+from train_ato.cli.plan import add_arguments, execute, plan_from_options
 from train_ato.profile.file import read_profile
-from train_ato.profile.spec import ProfileSpec
+from train_ato.profile.planner.planner import plan
+from train_ato.profile.planner.settings import PlanSettings
+from train_ato.scenario.profile_spec import ProfileSpec
 
 
 def options(*words: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser()
     add_arguments(parser)
+    parser.add_argument("--json", action="store_true")  # train_ato.cli.main adds it to every command
     return parser.parse_args(words)
 
 
@@ -40,7 +41,7 @@ def test_the_table_names_them_too(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_files_hold_the_profile_and_a_figure(tmp_path: Path) -> None:
     names = [tmp_path / name for name in ("run.csv", "run.yaml", "run.png")]
-    result = planned(options(*METRO, "--to", "2", *(word for name in names for word in ("--out", str(name)))))
+    result = plan_from_options(options(*METRO, "--to", "2", *(word for name in names for word in ("--out", str(name)))))
     first, second = read_profile(names[0]), read_profile(names[1])
     assert first == second
     assert first.position[-1] + 59 == pytest.approx(2000)
@@ -49,20 +50,20 @@ def test_files_hold_the_profile_and_a_figure(tmp_path: Path) -> None:
 
 
 def test_options_reach_the_plan() -> None:
-    slow = planned(options(*METRO, "--to", "2", "--time", "150"))
+    slow = plan_from_options(options(*METRO, "--to", "2", "--time", "150"))
     assert slow["running_time_s"] == pytest.approx(150, abs=0.1)
-    free = planned(options(*METRO, "--to", "2", "--jerk", "none", "--margin", "0", "--acceleration", "none"))
-    usual = planned(options(*METRO, "--to", "2"))
+    free = plan_from_options(options(*METRO, "--to", "2", "--jerk", "none", "--margin", "0", "--acceleration", "none"))
+    usual = plan_from_options(options(*METRO, "--to", "2"))
     assert free["running_time_s"] < usual["running_time_s"] < slow["running_time_s"]
-    capped = planned(options(*METRO, "--to", "2", "--speed-max-kmh", "50"))
+    capped = plan_from_options(options(*METRO, "--to", "2", "--speed-max-kmh", "50"))
     assert capped["speed_max_kmh"] == pytest.approx(50, abs=0.1)
 
 
-def test_foreign_lines_and_trains_are_read(shared_data: Path) -> None:
-    path = str(shared_data / "ttobench" / "00_var_speed_limit_100.json")
-    result = planned(options(path, str(shared_data / "railtoolkit" / "longdistance.yaml")))
+def test_foreign_lines_and_trains_are_read(open_data: Path) -> None:
+    path = str(open_data / "limit.json")
+    result = plan_from_options(options(path, str(open_data / "longdistance.yaml")))
     assert result["distance_m"] == 48531.0 and result["settings"]["deceleration"] == 0.375
-    assert planned(options(path, "crh380a_one_mass"))["speed_max_kmh"] == pytest.approx(140, abs=0.1)
+    assert plan_from_options(options(path, "crh380a_one_mass"))["speed_max_kmh"] == pytest.approx(140, abs=0.1)
 
 
 def test_a_scenario_can_ask_for_a_plan() -> None:
@@ -90,7 +91,7 @@ def test_a_scenario_can_ask_for_a_plan() -> None:
 )
 def test_bad_input_is_one_line(words: tuple[str, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message) as caught:
-        planned(options(*words))
+        plan_from_options(options(*words))
     assert "\n" not in str(caught.value)
 
 

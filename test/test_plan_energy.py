@@ -1,4 +1,4 @@
-"""A timetable is kept to the second, with the least energy that an independent search finds."""
+"""Timetables: accuracy of the running time, and energy not above that of an independent search."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from plan_cases import random_case
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from train_ato.plan.passes import clip_peaks
-from train_ato.plan.planner import Plan, plan
-from train_ato.plan.settings import PlanSettings
+from train_ato.profile.planner.passes import flatten_peaks
+from train_ato.profile.planner.planner import Plan, plan
+from train_ato.profile.planner.settings import PlanSettings
 
 
 def metro() -> Consist:
@@ -36,7 +36,7 @@ def metro() -> Consist:
 
 
 def hills(limit_kmh: float | None = None) -> Line:
-    """Return 8 km with a climb, a fall that a cruising train would brake on, and a milder fall before the stop."""
+    """Return 8 km with a climb, a descent on which a cruising train brakes, and a smaller descent before the stop."""
     grades = ((0, 0), (1000, 12), (2500, -15), (4200, 3), (6000, -8))
     limits = [(0, 80)] if limit_kmh is None else [(0, 80), (3000, limit_kmh), (3600, 80)]
     return Line.model_validate(
@@ -51,19 +51,19 @@ def hills(limit_kmh: float | None = None) -> Line:
 
 
 def braked_kwh(plan: Plan, until: float) -> float:
-    """Return the energy that brakes take before a place of the front."""
+    """Return the brake energy before a place of the front [kWh]."""
     power = np.maximum(-plan.force, 0.0) * plan.profile.velocity
     return float(power[plan.front < until].sum() * plan.profile.period / 3.6e6)
 
 
 SEARCHED = [(1.03, 48.61), (1.10, 38.91), (1.25, 28.48)]
-"""Time over the least and kWh of a search over 900 energies x 400 places, made for this test alone (2 % too much: its
-grid), point mass, no jerk limit, no margin.  The rule of one cruise and coasting before stops needs 14-21 % more."""
+"""Running time relative to the minimum, and kWh of an independent search over 900 energies x 400 places (2 % too high
+because of its grid), point mass, no jerk limit, no margin.  Cruise with coasting before stops needs 14-21 % more."""
 
 
 @pytest.mark.parametrize(("factor", "kwh"), SEARCHED)
 def test_no_more_energy_than_a_search_over_all_runs(factor: float, kwh: float) -> None:
-    """Coasting before the fall, not only before the stop: without it the speed gained there is braked away."""
+    """Breaks without coasting before the descent: the speed gained there is then braked."""
     settings = PlanSettings(jerk=None, point_mass=True, force_margin=0.0)
     least = plan(hills(60), metro(), settings).running_time
     kept = plan(hills(60), metro(), settings.model_copy(update={"time": factor * least}))
@@ -71,8 +71,8 @@ def test_no_more_energy_than_a_search_over_all_runs(factor: float, kwh: float) -
     assert kept.summary()["energy_kwh"] < kwh
 
 
-def test_a_fall_is_coasted_into() -> None:
-    """With jerk, lengths and margin: the train tops the hill at 55 km/h instead of 68 and hardly brakes on the fall."""
+def test_coasting_starts_before_a_descent() -> None:
+    """With jerk, lengths and margin: 55 km/h instead of 68 at the summit, nearly no braking on the descent."""
     least = plan(hills(), metro()).running_time
     kept = plan(hills(), metro(), PlanSettings(time=1.1 * least))
     at_top = kept.profile.velocity[np.searchsorted(kept.front, 2500.0)]
@@ -84,7 +84,7 @@ def test_a_fall_is_coasted_into() -> None:
 @pytest.mark.parametrize("seed", [11, 14, 40, 55])
 @pytest.mark.parametrize("factor", [1.0, 1.0003, 1.003, 1.04])
 def test_a_timetable_near_the_least_time_is_kept(seed: int, factor: float) -> None:
-    """A style once widened the window of the jerk limit, and with it the run: late by up to 9 s, or refused."""
+    """Breaks if a larger averaging window of a strategy is not part of the running time: up to 9 s late, or refused."""
     line, consist, settings = random_case(seed)
     asked = factor * plan(line, consist, settings).running_time
     kept = plan(line, consist, settings.model_copy(update={"time": asked}))
@@ -92,26 +92,26 @@ def test_a_timetable_near_the_least_time_is_kept(seed: int, factor: float) -> No
 
 
 def energy_of(speeds: list[float]) -> np.ndarray:
-    """Return v²/2 of speeds."""
+    """Return v²/2 of speeds [m²/s²]."""
     return np.array(speeds) ** 2 / 2
 
 
-def test_a_peak_beside_a_dip_is_cut_to_the_dip() -> None:
-    """The cut once reached through the dip into the faster part before it and left a step of 5 m/s² there."""
+def test_a_peak_beside_a_dip_is_flattened_to_the_dip() -> None:
+    """Breaks if flattening continues through the dip: a step of 5 m/s² in the faster part before it."""
     places = np.arange(0.0, 61.0)
     speed = np.concatenate((np.linspace(20, 17, 31), np.linspace(17, 17.2, 11)[1:], np.linspace(17.2, 14, 21)[1:]))
     energy = energy_of(speed.tolist())
     before = energy.copy()
-    clip_peaks(energy, places, 1.6, 0.8)
+    flatten_peaks(energy, places, 1.6, 0.8)
     assert (energy <= before).all()
     assert np.abs(np.diff(energy)).max() <= np.abs(np.diff(before)).max() + 1e-9
     assert energy[40] == pytest.approx(before[30])
 
 
-def test_a_peak_is_cut_where_coasting_parts_traction_from_braking() -> None:
-    """Traction, a moment of coasting, braking, all within the window of the jerk: the speed is held for its length."""
+def test_a_peak_with_coasting_between_traction_and_braking_is_flattened() -> None:
+    """Traction, short coasting and braking within one window: the speed is constant over the window."""
     places = np.arange(0.0, 41.0)
     energy = energy_of(np.concatenate((np.linspace(8, 10, 21), [9.99, 9.98], np.linspace(9.8, 6, 18))).tolist())
-    assert clip_peaks(energy, places, 1.0, 0.5) == 1
+    assert flatten_peaks(energy, places, 1.0, 0.5) == 1
     top = np.flatnonzero(energy > energy.max() - 1e-9)
     assert places[top[-1]] - places[top[0]] >= 1.0 * np.sqrt(2 * energy.max()) - 1.0

@@ -1,4 +1,4 @@
-"""A plan can be followed: the plant that does so, lag, delay and couplers included, is hardly ever at a force limit."""
+"""Tracking of plans by the plant with lag, delay and couplers, nearly without saturation."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from train_ato.engine import run_engine
-from train_ato.run_setup import prepare
-from train_ato.scenario import check
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import check_scenario
 
 CASES: dict[str, dict[str, Any]] = {
     "metro on grades": {
@@ -37,11 +37,11 @@ CASES: dict[str, dict[str, Any]] = {
 def test_a_plan_is_followed_within_the_force_limits(case: str) -> None:
     """Planned without its margin, the train of 106 vehicles is at a limit for 297 s and misses the stop by 78 m.
 
-    No brake policy applies its air brake: a plan that counted on it would lead it past the stop.
+    No brake policy applies its air brake: a plan with the air brake would overrun the stop.
     """
     data = {"schema": "train_ato/scenario/1", "name": "followed", "controller": "pid", "compensation": "preview"}
     path = Path("followed.yaml")
-    setup = prepare(check(data | CASES[case], path), path)
+    setup = prepare(check_scenario(data | CASES[case], path), path)
     summary = run_engine(setup).summary
     assert summary["ticks"] == setup.ticks
     assert summary["saturated_s"] < 0.01 * CASES[case]["duration"]

@@ -1,4 +1,4 @@
-"""Property tests of the planner over random lines and trains: what a plan promises it keeps."""
+"""Property tests of the planner over random lines and trains."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plan_cases import broken_promises, limit_by_hand, random_case, resistance_by_hand
 
-from train_ato.plan.planner import Plan, plan
-from train_ato.plan.replan import State, replan
-from train_ato.plan.train_tables import AvailableForce
+from train_ato.profile.planner.plan_from_state import TrainState, replan
+from train_ato.profile.planner.planner import Plan, plan
+from train_ato.profile.planner.train_tables import AvailableForce
 
 PERIOD = 0.1
 SEEDS = st.integers(0, 10**6)
@@ -28,7 +28,7 @@ def planned(seed: int) -> Plan | None:
 @given(SEEDS)
 @settings(max_examples=60, deadline=None)
 def test_a_plan_keeps_forces_limits_comfort_and_stops(seed: int) -> None:
-    """Averaging without the reserve for grades or for jumps of the envelope breaks the force within a few cases."""
+    """Breaks within a few cases without the reserves for grades and for steps of the envelope."""
     line, consist, asked = random_case(seed)
     result = planned(seed)
     if result is not None:
@@ -38,7 +38,7 @@ def test_a_plan_keeps_forces_limits_comfort_and_stops(seed: int) -> None:
 @given(SEEDS)
 @settings(max_examples=15, deadline=None)
 def test_force_and_limit_agree_with_a_sum_by_hand(seed: int) -> None:
-    """The plan's force and limit are read again from the data files, vehicle by vehicle."""
+    """Force and limit of the plan against a calculation from the data files, vehicle by vehicle."""
     line, consist, _ = random_case(seed)
     result = planned(seed)
     if result is None:
@@ -65,7 +65,7 @@ def test_a_replan_starts_here_needs_what_is_left_and_meets_the_stops(seed: int, 
     knot = int(when * (len(old) - 2))
     speed = float(old.velocity[knot]) * (0.97 + 0.03 * left)
     behind = 2.0 * (1 - left) if speed > 1 else 0.0
-    now = State(float(old.time[knot]), float(old.position[knot]) - behind, speed, float(old.acceleration[knot]))
+    now = TrainState(float(old.time[knot]), float(old.position[knot]) - behind, speed, float(old.acceleration[knot]))
     force = AvailableForce(traction=0.8 + 0.2 * left, brake=0.85 + 0.15 * left)
     try:
         again = replan(now, old, line, consist, asked, force)
@@ -90,7 +90,7 @@ def test_a_replan_starts_here_needs_what_is_left_and_meets_the_stops(seed: int, 
 @given(SEEDS, st.floats(1.01, 1.4))
 @settings(max_examples=15, deadline=None)
 def test_a_timetable_is_kept_with_no_more_energy(seed: int, slack: float) -> None:
-    """A rule that coasts without looking at the energy fails on rolling lines."""
+    """Breaks for a coasting rule that ignores the energy on lines with hills."""
     line, consist, asked = random_case(seed)
     fastest = planned(seed)
     if fastest is None or len(line.grades) > 8:

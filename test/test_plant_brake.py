@@ -1,4 +1,4 @@
-"""The air brake: waves, cylinders, shoe forces by hand, cancelled releases, reservoirs, and the closed form."""
+"""Air brake: waves, cylinders, shoe forces by hand, cancelled releases, reservoirs, and the closed form."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def fine(consist: Consist | None = None, **start: Any) -> Train:
 
 
 def arrivals(plant: Train, seconds: float, braking: bool) -> Array:
-    """Time after which every vehicle's cylinder moved [s]; NaN where it did not."""
+    """Return the time of the first cylinder motion of every vehicle [s]; NaN without one."""
     first = np.full(plant.n, np.nan)
     begin, none = plant.time, np.zeros((1, 1))
     before = plant.arrays.state[k.CYLINDER, : plant.n].copy()
@@ -76,8 +76,8 @@ def test_shoe_forces_by_hand() -> None:
     assert plant.arrays.state[k.CYLINDER, 0] == pytest.approx(0.17 * np.exp(-1.0), rel=2e-3)
 
 
-def test_a_new_application_cancels_a_release_under_way() -> None:
-    """The last issued event wins.  Released at 60 s, applied again at 70 s: the rear never released."""
+def test_a_new_application_cancels_a_propagating_release() -> None:
+    """The newest event counts: released at 60 s and applied again at 70 s, the rear does not release."""
     plant = fine()
     plant.advance(np.zeros((1, 1)), APPLIED)
     drive(plant, 60.0)
@@ -95,7 +95,7 @@ def test_a_new_application_cancels_a_release_under_way() -> None:
 
 
 def test_factor_table_and_pressure() -> None:
-    """Half the reduction gives half the factor; the head shows the demanded pressure; beyond the table it holds."""
+    """Half the reduction gives half the factor; constant beyond the table; the head has the demanded pressure."""
     brake = load_consist("hxd1_c80_105").air_brake
     assert brake is not None
     assert braking_factor(brake, 575e3) == pytest.approx(0.085)
@@ -110,7 +110,7 @@ def test_factor_table_and_pressure() -> None:
 
 
 def test_second_locomotive_vents_the_pipe_too() -> None:
-    """With a locomotive in the middle the wave starts at both: no vehicle is further than half the train."""
+    """With a second locomotive in the middle the wave starts at both, so the longest distance is half the train."""
     plant = fine(load_consist("hxd1_c80_210"))
     plant.advance(np.zeros((1, 1 * 2)), APPLIED)
     distance = plant.arrays.vehicle[k.PIPE_DISTANCE]
@@ -129,7 +129,7 @@ def with_brake(**changes: Any) -> Consist:
 
 
 def test_reservoirs_are_used_up_and_recharge() -> None:
-    """A second application too soon finds less air; after the recharge time it is whole again.  Off by default."""
+    """A second application soon after the first has less air, one after the recharge time not. Off by default."""
     reached = {}
     for wait in (5.0, 600.0):
         plant = train(with_brake(reservoir_use=0.4, recharge_time=60.0), start={"speed_kmh": 70})
@@ -154,7 +154,7 @@ def test_reservoirs_are_used_up_and_recharge() -> None:
     ahead=st.floats(0.0, 60.0),
 )
 def test_forecast_equals_the_kernel(gaps: list[float], levels: list[float], ahead: float) -> None:
-    """The closed form says for any later time what the kernel then has, whatever waves overtake each other."""
+    """The closed form equals the kernel at any later time, also with waves that overtake each other."""
     consist = with_brake(apply_wave=200.0)
     plant = train(consist, plain_line(begin_km=-10), tick_ns=20_000_000, start={"speed_kmh": 70})
     forecast = BrakeForecast(consist)
@@ -172,7 +172,7 @@ def test_forecast_equals_the_kernel(gaps: list[float], levels: list[float], ahea
 
 
 def test_forecast_force_and_rest() -> None:
-    """The forecast's total is the 743 kN by hand; a released brake is idle again; no air brake, no forecast."""
+    """The forecast is the 743 kN by hand, idle after a release, and rejected without an air brake."""
     forecast = BrakeForecast(load_consist("hxd1_c80_105"))
     assert forecast.idle
     forecast.demand(0.0, APPLIED)
@@ -185,8 +185,8 @@ def test_forecast_force_and_rest() -> None:
         BrakeForecast(load_consist("xuzhou_metro_3"))
 
 
-def test_many_events_under_way() -> None:
-    """A pressure moved every tick puts hundreds of waves on the way; all are kept and the last one wins."""
+def test_many_propagating_events() -> None:
+    """A new pressure in every tick makes hundreds of waves; all are kept and the last one counts."""
     plant = train(heavy(RIGID), plain_line(begin_km=-10), start={"speed_kmh": 70})
     for tick in range(200):
         drive(plant, 0.1, 0.0, 600e3 - 250.0 * tick)
@@ -197,16 +197,16 @@ def test_many_events_under_way() -> None:
 
 
 def test_air_brake_needs_shoes_to_act() -> None:
-    """Vehicles without shoes feel nothing, and a train without air brake reports no cylinders."""
+    """Vehicles without shoes are not braked; a train without air brake has no cylinder message."""
     plant = drive(train(chain(3, RIGID), start={"speed": 5.0}), 1.0)
     seen = plant.observe()
     assert seen.brake_pipe is None
-    assert seen.brake_cylinders is None
+    assert seen.brake_shoes is None
     assert not plant.shoe_force.any()
 
 
 def level_after(consist: Consist, reductions_kpa: list[float]) -> float:
-    """Return the level a wagon's cylinder has after each reduction held for 20 s in turn."""
+    """Return the cylinder level of a wagon after each reduction of 20 s in turn."""
     plant = train(consist, plain_line(begin_km=-10), start={"speed_kmh": 100})
     for reduction in reductions_kpa:
         drive(plant, 20.0, 0.0, CHARGED - 1e3 * reduction)
@@ -214,7 +214,7 @@ def level_after(consist: Consist, reductions_kpa: list[float]) -> float:
 
 
 def test_braking_in_steps_reaches_what_one_application_reaches() -> None:
-    """A supply scaled by what its own first step took would end at 28 % less; a step down asks for less, no more."""
+    """Breaks if the supply is scaled by the first step (28 % less), or a step down does not reduce the level."""
     consist = with_brake(
         reservoir_use=0.5, recharge_time=600.0, reduction=(0.0, 50e3, 100e3, 170e3), braking_factor=(0, 0.17, 0.34, 0.6)
     )
@@ -225,7 +225,7 @@ def test_braking_in_steps_reaches_what_one_application_reaches() -> None:
 
 
 def test_no_brake_without_air() -> None:
-    """Each rise takes its part; pumping up and down without releasing ends when the reservoir is empty."""
+    """Each rise uses its part; repeated rises without a release end with an empty reservoir."""
     consist = with_brake(
         reservoir_use=0.8, recharge_time=60.0, reduction=(0.0, 100e3, 170e3), braking_factor=(0, 0.34, 0.6)
     )
@@ -236,9 +236,9 @@ def test_no_brake_without_air() -> None:
 
 @pytest.mark.parametrize("electric", [0.0, 20e3])
 def test_rails_limit_the_shoes(electric: float) -> None:
-    """Shoes take no more than the adhesion times the weight; on a locomotive its electric brake takes of it first.
+    """Shoe forces are limited by adhesion times weight, less the electric brake of a locomotive.
 
-    Empty wagons of 20 t at 70 km/h: 30 kN of shoes on rails that hold 3.9 kN.
+    Empty wagons of 20 t at 70 km/h: shoes of 30 kN, adhesion limit 3.9 kN.
     """
     data = load_consist("hxd1_c80_105").model_dump(by_alias=True, exclude_none=True)
     data["vehicle_types"]["c80"]["mass"] = 20e3
@@ -257,7 +257,7 @@ def test_rails_limit_the_shoes(electric: float) -> None:
 
 
 def test_a_fall_of_adhesion_reaches_the_shoes() -> None:
-    """A jump for all acts on every wagon; one for listed units on their own vehicles only."""
+    """A jump for all acts on every wagon; one for listed units acts on their vehicles only."""
     for units, expected in ((None, 0.01), ([0], 0.5)):
         jump = {"at": 20.0, "what": "adhesion", "factor": 0.02}
         plant = train(

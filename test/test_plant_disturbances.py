@@ -1,4 +1,4 @@
-"""Disturbances and sensors: values by hand, seeds, streams that do not disturb each other."""
+"""Disturbances and sensors: values by hand, seeds, independent random streams."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import pytest
 from plant_trains import RIGID, chain, drive, heavy, plain_line, train
 from pydantic import TypeAdapter, ValidationError
 
-from plant_sim.disturbances import Disturbance
+from plant_sim.disturbances import DisturbanceSource
 from plant_sim.library import load_consist
 from plant_sim.states import Array
-from plant_sim.streams import stream
+from plant_sim.streams import random_stream
 from plant_sim.train import Train
 
 LEVEL = plain_line(begin_km=-10)
-_SOURCE: TypeAdapter[Any] = TypeAdapter(Disturbance)
+_SOURCE: TypeAdapter[Any] = TypeAdapter(DisturbanceSource)
 
 
 def acting(t: float, mass: list[float], **data: Any) -> tuple[Array, Array, Array]:
-    """Force, force per speed and drift at one time."""
+    """Return force, force per speed and drift at one time."""
     parts = _SOURCE.validate_python(data).tick(np.array([t]), np.array(mass), np.zeros(len(mass)))
     force, per_speed, drift = (np.zeros((1, len(mass))) if part is None else part for part in parts)
     return force[0], per_speed[0], drift[0]
@@ -38,7 +38,7 @@ def test_equation_40_by_hand() -> None:
 
 
 def test_paper_002_by_hand() -> None:
-    """The printed set at t = 15 s, 80 t: d21 has changed sign, drift and force come in their own units."""
+    """The printed set at t = 15 s, 80 t: d21 has changed sign; drift and force have their own units."""
     force, _, drift = acting(15.0, [8e4] * 5, kind="paper002", unmatched_scale=0.05, matched_scale=0.02)
     t = 15.0
     d21 = -6 * np.sin(3 * t) * np.cos(t)
@@ -71,7 +71,7 @@ def test_gust_and_travelling_load() -> None:
 
 
 def test_forces_act_in_the_plant() -> None:
-    """0.1 m/s² on every vehicle for 2 s gives 0.2 m/s; their work is accounted; the sum of sources acts."""
+    """0.1 m/s² on every vehicle for 2 s gives 0.2 m/s; the work is accounted; sources add up."""
     gusts = [{"kind": "gust", "begin": 1, "end": 3, "ramp": 0, "acceleration": a} for a in (0.06, 0.04)]
     plant = drive(train(chain(4, RIGID), LEVEL, disturbances=gusts, start={"speed": 5.0}), 5.0)
     assert plant.velocity == pytest.approx(5.2)
@@ -81,8 +81,8 @@ def test_forces_act_in_the_plant() -> None:
 
 
 def test_drift_moves_without_speed() -> None:
-    """Paper 002: x' = v + d1.  A standing train held by its holding brake is moved by the drift alone."""
-    setup = {"disturbances": [{"kind": "paper002", "matched_scale": 0.0}], "holding": 1.0}
+    """Paper 002: x' = v + d1. The drift alone moves a train at rest with its holding brake."""
+    setup = {"disturbances": [{"kind": "paper002", "matched_scale": 0.0}], "holding_brake_ratio": 1.0}
     plant = train(load_consist("freight_five"), LEVEL, **setup)
     drive(plant, 1.0)
     expected = 3 * (np.cos(np.pi / 6) - np.cos(1 + np.pi / 6))
@@ -92,7 +92,7 @@ def test_drift_moves_without_speed() -> None:
 
 
 def test_unmodelled_grade_is_line() -> None:
-    """An extra grade adds to the line's under every vehicle, at its place only."""
+    """An extra grade adds to that of the line under every vehicle, in its section only."""
     pieces = [{"begin": 0, "end": 100, "grade_permille": 10}]
     on = train(heavy(wagons=0), LEVEL, start={"position": 50}, disturbances=[{"kind": "grade", "pieces": pieces}])
     off = train(heavy(wagons=0), LEVEL, start={"position": 150}, disturbances=[{"kind": "grade", "pieces": pieces}])
@@ -101,7 +101,7 @@ def test_unmodelled_grade_is_line() -> None:
 
 
 def test_turbulence() -> None:
-    """Random wind has the rms asked for, the correlation time asked for, and the run's seed."""
+    """Random wind has the configured rms and correlation time, and depends on the seed of the run."""
     wind = {"kind": "turbulence", "acceleration_rms": 0.05, "correlation": 2.0, "vehicles": [0]}
     plant = train(heavy(RIGID, 3), LEVEL, disturbances=[wind], start={"speed": 20})
     seen = []
@@ -114,15 +114,15 @@ def test_turbulence() -> None:
 
 
 def test_a_disturbance_on_a_missing_vehicle_is_refused() -> None:
-    """Listing vehicle 100 of a train of 6 is an error that names it; so is a gust that ends before it begins."""
+    """A disturbance of vehicle 100 in a train of 6 is rejected, and a gust with its end before its begin."""
     with pytest.raises(ValueError, match="lists vehicle 10"):
         train(heavy(wagons=5), disturbances=[{"kind": "eq40"}])
-    with pytest.raises(ValidationError, match="end after its begin"):
+    with pytest.raises(ValidationError, match="gust: end 2 s must be after begin 3 s"):
         _SOURCE.validate_python({"kind": "gust", "begin": 3, "end": 2})
 
 
 def test_a_vehicle_listed_twice_is_refused() -> None:
-    """It would have been pushed once."""
+    """Breaks if the force would act once."""
     twice = {"kind": "gust", "begin": 0, "end": 5, "force": 1e3, "vehicles": [1, 1]}
     with pytest.raises(ValueError, match="lists a vehicle twice"):
         train(heavy(wagons=3), disturbances=[twice])
@@ -130,26 +130,26 @@ def test_a_vehicle_listed_twice_is_refused() -> None:
 
 def test_streams_are_named_and_seeded() -> None:
     """Key (seed, crc32(name)): equal for equal, different for another name or seed."""
-    first = stream(3, "sensor/position").standard_normal(4)
-    assert (stream(3, "sensor/position").standard_normal(4) == first).all()
-    assert (stream(4, "sensor/position").standard_normal(4) != first).any()
-    assert (stream(3, "sensor/velocity").standard_normal(4) != first).any()
+    first = random_stream(3, "sensor/position").standard_normal(4)
+    assert (random_stream(3, "sensor/position").standard_normal(4) == first).all()
+    assert (random_stream(4, "sensor/position").standard_normal(4) != first).any()
+    assert (random_stream(3, "sensor/velocity").standard_normal(4) != first).any()
 
 
 def measured(ticks: int, **sensors: Any) -> tuple[Train, Array, Array]:
-    """Measured position and velocity errors of unit 0 of a train at 10 m/s, one row per tick."""
+    """Return the errors of measured position and speed of unit 0 at 10 m/s, one row per tick."""
     plant = train(heavy(RIGID, 3), LEVEL, start={"speed": 10}, sensors=sensors)
     x, v = [], []
     for _ in range(ticks):
         seen = plant.observe()
-        x.append(seen.measurement.position[0] - seen.cars.position[0])
-        v.append(seen.measurement.velocity[0] - seen.cars.velocity[0])
+        x.append(seen.measurement.position[0] - seen.vehicles.position[0])
+        v.append(seen.measurement.velocity[0] - seen.vehicles.velocity[0])
         drive(plant, 0.1)
     return plant, np.array(x), np.array(v)
 
 
 def test_noise_and_bias() -> None:
-    """Errors have the rms and the mean asked for; without any the measurement is the truth."""
+    """Errors have the configured rms and mean; without errors the measurement is the true state."""
     _, x, v = measured(2000, position_noise=0.5, velocity_noise=0.02, velocity_bias=0.1)
     assert x.std() == pytest.approx(0.5, rel=0.08)
     assert v.std() == pytest.approx(0.02, rel=0.08)
@@ -158,14 +158,14 @@ def test_noise_and_bias() -> None:
 
 
 def test_one_noise_does_not_change_another() -> None:
-    """Switching position noise on leaves every velocity error as it was."""
+    """With position noise every speed error is unchanged."""
     _, _, alone = measured(50, velocity_noise=0.02)
     _, _, both = measured(50, velocity_noise=0.02, position_noise=1.0, couplers=[0], force_noise=10.0)
     np.testing.assert_array_equal(alone, both)
 
 
 def test_quantisation_freeze_and_slip() -> None:
-    """Speeds in steps of 0.1 m/s; a frozen channel repeats; slip of 10 % for 2 s leaves 2 m in the odometer."""
+    """Speeds in steps of 0.1 m/s; a frozen channel repeats; 10 % slip for 2 s adds 2 m to the odometer."""
     plant = train(heavy(RIGID, 3), LEVEL, start={"speed": 9.97}, sensors={"velocity_quantum": 0.1})
     assert plant.observe().measurement.velocity[0] == pytest.approx(10.0)
     _, x, v = measured(60, freeze=[{"begin": 1.0, "end": 2.0, "quantity": "position"}])
@@ -183,11 +183,11 @@ def test_quantisation_freeze_and_slip() -> None:
 
 
 def test_coupler_sensors() -> None:
-    """A sensor behind vehicle i sees deflection, rate and force of that coupling."""
+    """A sensor behind vehicle i measures deflection, rate and force of that coupling."""
     plant = train(heavy(wagons=4), LEVEL, sensors={"couplers": [0, 2]})
     drive(plant, 3.0, 3e5)
     seen = plant.observe()
-    x, v, force = seen.cars.position, seen.cars.velocity, seen.cars.coupler_force
+    x, v, force = seen.vehicles.position, seen.vehicles.velocity, seen.vehicles.coupler_force
     assert seen.measurement.force.tolist() == force[[0, 2]].tolist()
     assert seen.measurement.deflection == pytest.approx([x[0] - x[1] - 23.611, x[2] - x[3] - 12.0])
     assert seen.measurement.rate.tolist() == [v[0] - v[1], v[2] - v[3]]

@@ -1,4 +1,4 @@
-"""Draft gears on the test bench: curves by hand, loops, and energy that never comes from nothing."""
+"""Draft gears on a test bench: curves by hand, loops, and conservation of energy."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from draft_gear_bench import force_along
 from hypothesis import given
 from hypothesis import strategies as st
 from plant_trains import GEARS, QKX, RIGID, heavy, train
 from pydantic import TypeAdapter
 
-from plant_sim.draft_gear import force_along
 from plant_sim.gears import DraftGear
 from plant_sim.states import Array
 
@@ -26,7 +26,7 @@ def gear(data: dict[str, Any], **changes: Any) -> Any:
 
 
 def path(*turns: float, step: float = 2e-5) -> Array:
-    """Deflections from 0 through the turning points at steps of at most `step`."""
+    """Return deflections from 0 through the turning points in steps of at most `step`."""
     parts = [np.zeros(1)]
     for a, b in zip((0.0, *turns), turns, strict=False):
         parts.append(np.linspace(a, b, 2 + int(abs(b - a) / step))[1:])
@@ -34,7 +34,7 @@ def path(*turns: float, step: float = 2e-5) -> Array:
 
 
 def work(force: Array, deflection: Array) -> Array:
-    """Work done on the gear so far [J]."""
+    """Return the work done on the gear up to each entry [J]."""
     return np.concatenate(([0.0], np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(deflection))))
 
 
@@ -66,7 +66,7 @@ def test_curves_of_the_spec(data: dict[str, Any], stroke: float, at_stroke: floa
 
 @pytest.mark.parametrize("name", ["slack", "clip", "printed clip", "smoothed", "table"])
 def test_no_force_in_the_slack(name: str) -> None:
-    """Between -5 mm and +5 mm a coupling with 10 mm of slack carries nothing, after any history."""
+    """Between -5 mm and +5 mm a coupling with 10 mm of slack has no force, after any history."""
     deflection = path(0.08, -0.06, 0.03, 0.0)
     force = force_along(gear(GEARS[name]), deflection, SLOW)
     inside = np.abs(deflection) < 0.005
@@ -76,7 +76,7 @@ def test_no_force_in_the_slack(name: str) -> None:
 
 
 def test_transition_between_branches() -> None:
-    """Eqs. (7)-(9): after a turn the force falls by k = 60 MN/m times the way, until it meets the unloading branch."""
+    """Eqs. (7)-(9): after a turn the force falls by k = 60 MN/m times the path down to the unloading branch."""
     deflection = path(0.08, 0.079)
     force = force_along(gear(CLIP, damping=0.0), deflection, SLOW)
     top = int(np.argmax(deflection))
@@ -84,15 +84,15 @@ def test_transition_between_branches() -> None:
 
 
 def test_smoothed_law_has_no_jump() -> None:
-    """Eq. (6) as printed (factor sgn(dv)) jumps by twice the mean at dv = 0; ours passes through the mean."""
+    """The printed eq. (6) (factor sgn(dv)) jumps by twice the mean at dv = 0; this form passes the mean."""
     deflection = np.full(5, 0.05)
     slow = force_along(gear(QKX, damping=0.0), np.concatenate((path(0.05), deflection)), FAST)
     top, rest = slow[len(slow) - 6], slow[-1]
     assert rest == pytest.approx(top * (1 + 0.4) / 2, rel=1e-3)
 
 
-def test_table_equals_the_law_it_was_made_from() -> None:
-    """A user's table of the MT-2 curve gives the MT-2 loop to the error of its linear pieces."""
+def test_table_equals_its_source_curve() -> None:
+    """A table of the MT-2 curve gives the MT-2 loop within the error of its linear pieces."""
     d = np.linspace(0.0, 0.166, 333)
     loading = force_along(gear(CLIP, damping=0.0, slack=0.0), d, SLOW)
     table = {
@@ -107,14 +107,14 @@ def test_table_equals_the_law_it_was_made_from() -> None:
     assert np.abs(difference).max() < 2.5e3
 
 
-def test_table_beyond_its_end_meets_the_stop() -> None:
+def test_table_beyond_its_end_adds_the_stop() -> None:
     """Beyond the last deflection the stop of 200 MN/m adds to the last loading force."""
     force = force_along(gear(GEARS["table"], damping=0.0), path(0.005 + 0.166 + 0.001), SLOW)
     assert force[-1] == pytest.approx(2270e3 + 200e3, rel=1e-6)
 
 
 def test_transition_damping_stays_between_the_branches() -> None:
-    """However fast, it moves the force between the branches only: a quick turn meets the lower one, no less."""
+    """At any rate the damping acts between the branches only: a fast turn ends at the lower branch."""
     turn = path(0.08, 0.0799)
     damped = gear({**CLIP, "transition_damping": 5e6}, damping=0.0)
     slow, fast = (force_along(damped, turn, step) for step in (1.0, 1e-6))
@@ -126,7 +126,7 @@ def test_transition_damping_stays_between_the_branches() -> None:
 
 @pytest.mark.parametrize("name", ["clip", "printed clip", "smoothed", "table"])
 def test_a_loop_dissipates(name: str) -> None:
-    """Draft to 80 mm and back loses more than half of what went in (r = 0.25 and 0.20), and buff the same."""
+    """A loop to 80 mm and back dissipates more than half of the work (r = 0.25 and 0.20), in draft and buff."""
     deflection = path(0.08, 0.0, -0.08, 0.0)
     done = work(force_along(gear(GEARS[name], damping=0.0), deflection, 1e-4), deflection)
     half = len(deflection) // 2
@@ -140,20 +140,20 @@ def test_a_loop_dissipates(name: str) -> None:
     step=st.sampled_from([1e-5, 1e-3]),
 )
 def test_a_gear_never_creates_energy(turns: list[float], name: str, step: float) -> None:
-    """From rest no path gives energy back that was not put in, at any moment of it."""
+    """From rest, no path returns more energy than its input, at any time."""
     deflection = path(*turns, 0.0)
     done = work(force_along(gear(GEARS[name]), deflection, step), deflection)
     assert done.min() >= -1e-3 * done.max() - 1.0
 
 
 def test_rigid_gear_has_no_path() -> None:
-    """Asking for the loop of a rigid coupling is an error, not a zero."""
+    """The loop of a rigid coupling is rejected."""
     with pytest.raises(ValueError, match="rigid"):
         force_along(gear(RIGID), path(0.01), SLOW)
 
 
 def test_curve_that_falls_is_refused() -> None:
-    """A force at the stroke too small for the stiffness would bend the curve down: refused with the remedy."""
+    """A force at the stroke that is too small for the stiffness is rejected with a remedy."""
     with pytest.raises(ValueError, match="raise it or lower stiffness"):
         train(heavy({**CLIP, "force_at_stroke": 200e3}, 2))
 
@@ -164,14 +164,14 @@ TABLE = {"kind": "table", "deflection": [0, 0.02, 0.06], "loading": [0, 4e5, 2e6
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"unloading": [5e4, 1e5, 6e5], "loading": [8e4, 4e5, 2e6]}, "a relaxed gear gives no force"),
+        ({"unloading": [5e4, 1e5, 6e5], "loading": [8e4, 4e5, 2e6]}, "a relaxed gear has no force"),
         ({"loading": [0, 7e5, 6.5e5]}, "loading must rise"),
         ({"unloading": [0, 3e5, 2e5]}, "unloading must rise"),
-        ({"transition_stiffness": 1e7}, "below the steepest loading of 4e.07"),
+        ({"transition_stiffness": 1e7}, "below the largest slope 4e.07"),
     ],
 )
 def test_curves_that_no_gear_has_are_refused(changes: dict[str, Any], says: str) -> None:
-    """A table that pulls at rest chatters there; one steeper than its transition never reaches its own loading."""
+    """Breaks if a table with a force at rest, or with a slope above the transition stiffness, is accepted."""
     assert gear(TABLE)
     with pytest.raises(ValueError, match=says):
         gear(TABLE, **changes)

@@ -21,7 +21,7 @@ from plain_numpy_train import PlainTrain
 
 
 def partly_rigid() -> Consist:
-    """Locomotive and first wagon rigid, wagons 3 to 6 rigid, the rest on their draft gears."""
+    """Return a train with rigid couplings behind the locomotive and between wagons 3 to 6."""
     data = heavy(wagons=20).model_dump(by_alias=True, exclude_none=True)
     data["draft_gears"]["bar"] = RIGID
     data["couplings"] = [{"behind": [0, 3, 4, 5], "gear": "bar"}, {"behind": [10], "gear": "qkx100_mt2"}]
@@ -40,7 +40,7 @@ def partly_rigid() -> Consist:
     ids=["daqin", "linear", "slack", "partly rigid", "locomotive alone"],
 )
 def test_kernel_equals_plain_numpy(consist: Consist, setup: dict[str, Any]) -> None:
-    """12 s over grades and curves with traction, brake, air: any change of the step in one of the two breaks it."""
+    """12 s over grades and curves with traction, brake and air; breaks if the step changes in one of the two."""
     line = load_line("daqin_section")
     compiled = train(consist, line, start={"position_km": 20.15, "speed_kmh": 30}, **setup)
     plain = PlainTrain(compiled.arrays, compiled.step_ns * 1e-9)
@@ -61,7 +61,7 @@ def test_kernel_equals_plain_numpy(consist: Consist, setup: dict[str, Any]) -> N
 
 @pytest.mark.parametrize("name", GEARS)
 def test_energy_closes_for_every_draft_gear(name: str) -> None:
-    """Kinetic energy is explained by the works to 1e-9 of them (1e-6 would do); a force left out misses by far."""
+    """The works equal the change of kinetic energy to 1e-9; a missing force gives a much larger error."""
     line = plain_line(
         begin_km=-5,
         grades=[{"at": -5000, "grade_permille": 4}, {"at": 300, "grade_permille": -6}],
@@ -78,21 +78,25 @@ def test_energy_closes_for_every_draft_gear(name: str) -> None:
 
 @pytest.mark.parametrize("name", GEARS)
 def test_momentum_without_outer_forces(name: str) -> None:
-    """Newton's third law: vehicles that run into each other keep their momentum to rounding."""
+    """Newton's third law: colliding vehicles keep their momentum to rounding."""
     speeds = [3.0, 2.0, 2.0, -1.0, 0.5, 4.0] if name != "rigid" else [2.0] * 6
-    plant = train(chain(6, GEARS[name]), start={"speeds": speeds}, holding=0.0)
+    plant = train(chain(6, GEARS[name]), start={"speeds": speeds}, holding_brake_ratio=0.0)
     before = plant.momentum
     drive(plant, 5.0)
     assert abs(plant.momentum - before) < 1e-9 * 6e5
 
 
 def test_linear_spring_and_damper_energy() -> None:
-    """Kinetic + elastic + dissipated energy is constant; what is missing halves with the step (order one)."""
+    """Kinetic + elastic + dissipated energy is constant; the error halves with the step (first order)."""
     missing = []
     for step_ns in (1_000_000, 500_000, 250_000):
         gear = {"kind": "linear", "stiffness": 5e6, "damping": 2e4}
         plant = train(
-            chain(4, gear), step_ns=step_ns, tick_ns=step_ns, start={"speeds": [1.0, 0.0, 0.0, -1.0]}, holding=0
+            chain(4, gear),
+            step_ns=step_ns,
+            tick_ns=step_ns,
+            start={"speeds": [1.0, 0.0, 0.0, -1.0]},
+            holding_brake_ratio=0,
         )
         start, dissipated, none = plant.kinetic_energy, 0.0, np.zeros((1, 0))
         for _ in range(round(2e9 / step_ns)):
@@ -108,7 +112,7 @@ def test_linear_spring_and_damper_energy() -> None:
 
 
 def test_rigid_train_is_one_mass() -> None:
-    """A rigid train moves as its locomotive with all masses and resistances on it."""
+    """A rigid train moves like one vehicle with all masses and resistances."""
     parts = heavy(RIGID, 40)
     mass = parts.mass
     whole = np.sum([v.resistance.polynomial(v.mass, parts.gravity) for v in parts.vehicles], axis=0)
@@ -142,14 +146,14 @@ def test_convergence_of_the_largest_coupler_force() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in GEARS if name != "rigid"])
 def test_convergence_of_every_draft_gear(name: str) -> None:
-    """At 5 ms every law gives the largest force of 0.5 ms within 1 %, couplings all alike."""
+    """At 5 ms every kind has the largest force of 0.5 ms within 1 %."""
     coarse = run_ramps(train(heavy(GEARS[name]), start={"speed_kmh": 50})).totals
     fine = run_ramps(train(heavy(GEARS[name]), step_ns=500_000, start={"speed_kmh": 50})).totals
     assert abs(coarse.draft_max / fine.draft_max - 1.0) < 0.01
 
 
 def test_same_seed_same_bits_other_seed_other_noise() -> None:
-    """Two runs agree in every bit; the seed is what changes them."""
+    """Two runs agree in every bit; another seed changes them."""
     setup: dict[str, Any] = {"disturbances": [{"kind": "turbulence", "acceleration_rms": 0.01}]}
     runs = [run_ramps(train(heavy(wagons=5), **setup)) for _ in range(2)]
     assert runs[0].arrays.state.tobytes() == runs[1].arrays.state.tobytes()
@@ -171,7 +175,7 @@ def test_tick_length_changes_nothing() -> None:
     grade=st.floats(-12, 12),
 )
 def test_no_drive_creates_energy(forces: list[float], gear: str, grade: float) -> None:
-    """Whatever is demanded: no energy from draft gears or resistance, and the balance closes."""
+    """For any demand draft gears and resistance create no energy, and the balance closes."""
     line = plain_line(begin_km=-5, grades=[{"at_km": -5, "grade_permille": grade}])
     plant = train(heavy(GEARS[gear], 6), line, start={"speed_kmh": 20})
     for force in forces:
@@ -183,7 +187,7 @@ def test_no_drive_creates_energy(forces: list[float], gear: str, grade: float) -
 
 
 def test_a_thousand_vehicles() -> None:
-    """Any number of vehicles from 1 on: a thousand start together and none is lost."""
+    """From 1 to 1000 vehicles: all start together."""
     plant = drive(train(heavy(wagons=999)), 30.0, 700e3)
     assert plant.velocity.shape == (1000,)
     assert 0.0 < plant.velocity[0] < 3.0
@@ -191,7 +195,7 @@ def test_a_thousand_vehicles() -> None:
 
 
 def test_demand_is_checked() -> None:
-    """A wrong shape or a NaN of a law is refused by name, before the state is touched."""
+    """A wrong shape or a NaN is rejected before the state changes."""
     plant = train(heavy(wagons=2))
     with pytest.raises(ValueError, match="shape"):
         plant.advance(np.zeros((plant.substeps, 2)))

@@ -1,4 +1,4 @@
-"""Shipped trains and lines say what their sources say; wrong files are refused in one line."""
+"""Shipped trains and lines have the data of their sources; wrong files are rejected in one line."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from plant_sim.library import consist_names, line_names, load_consist, load_line
     ],
 )
 def test_trains(name: str, vehicles: int, mass_t: float, length: float, units: int) -> None:
-    """Counts, masses and lengths of the papers; every file names its source and runs."""
+    """Numbers, masses and lengths of the papers; every file has a source and runs."""
     consist = load_consist(name)
     assert (len(consist.vehicles), len(consist.power_units)) == (vehicles, units)
     assert consist.mass == pytest.approx(1e3 * mass_t)
@@ -36,7 +36,7 @@ def test_trains(name: str, vehicles: int, mass_t: float, length: float, units: i
 
 
 def test_every_shipped_file_is_tested() -> None:
-    """A file added without a row above or a line below would go untested."""
+    """Breaks if a file is added without a test."""
     assert set(consist_names()) == {
         "hxd1_c80_105", "hxd1_c80_210", "xuzhou_metro_3", "crh380a_one_mass", "crh380a_three_units",
         "crh380a_eight_cars", "freight_five",
@@ -56,8 +56,8 @@ def test_resistance_of_crh380a_is_shared() -> None:
         assert sum(v.traction[0].force for v in consist.vehicles if v.traction) == pytest.approx(240e3)
 
 
-def test_daqin_section_obeys_the_spec() -> None:
-    """The long falls and their pieces, the undulation, 13 curves, 80 km/h, level before 0 and beyond 45 km."""
+def test_daqin_section_has_the_described_shape() -> None:
+    """Long falling grades and their pieces, undulation, 13 curves, 80 km/h, level before 0 and beyond 45 km."""
     line = load_line("daqin_section")
     at = np.array([entry.at for entry in line.grades] + [line.end])
     grade = 1e3 * np.array([entry.grade for entry in line.grades])
@@ -82,10 +82,10 @@ def test_daqin_section_obeys_the_spec() -> None:
     assert [entry.speed for entry in line.speed_limits] == [pytest.approx(80 / 3.6)]
 
 
-def test_trigger_sees_four_falls_ahead() -> None:
-    """The brake trigger needs 4 pieces steeper than -8 per mille with over 500 m inside the next 2500 m.
+def test_trigger_finds_four_steep_segments_ahead() -> None:
+    """The brake trigger needs 4 pieces below -8 per mille with over 500 m inside the next 2500 m.
 
-    On each long fall there must be places where that holds, and none on the undulating rest.
+    Each long falling grade has positions with that, the undulating part has none.
     """
     line = load_line("daqin_section")
     at = np.array([entry.at for entry in line.grades] + [line.end])
@@ -105,17 +105,17 @@ BAD = {
     "[1, 2]": "keys and values",
     "schema: train_ato/line/1\nname: x\nend_km: 1\ngradez: []": "gradez",
     "schema: train_ato/line/1\nname: x": "end",
-    "schema: train_ato/line/1\nname: x\nend: -5": "end must lie beyond begin",
+    "schema: train_ato/line/1\nname: x\nend: -5": "end -5 m must be beyond begin 0 m",
     "schema: train_ato/line/1\nname: x\nend: .nan": "end",
     "schema: train_ato/line/9\nname: x\nend: 5": "schema",
-    "schema: train_ato/line/1\nname: x\nend: 5\nend_km: 1": "same thing",
+    "schema: train_ato/line/1\nname: x\nend: 5\nend_km: 1": "the same quantity",
     "schema: train_ato/line/1\nname: x\nend: 5\ngrades: [{at: 0, grade: 12}]": "write grade_permille",
 }
 
 
 @pytest.mark.parametrize("text", BAD)
 def test_bad_line_files(tmp_path: Path, text: str) -> None:
-    """One line that names the file and the key or place; never a traceback of YAML or pydantic."""
+    """One line with file and key or position; no traceback of YAML or pydantic."""
     file = tmp_path / "own.yaml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=r"own\.yaml") as caught:
@@ -129,7 +129,7 @@ def test_bad_line_files(tmp_path: Path, text: str) -> None:
     [
         ("mass_t: 184", "mass_t: -184", "mass"),
         ("count: 105", "count: 0", "count"),
-        ("count: 105", "count: 2000000", "2000001 vehicles, at most 5000"),
+        ("count: 105", "count: 2000000", "2000001 vehicles, more than 5000"),
         ("default_gear: mt2_mt2", "default_gear: mt3", "mt3"),
         ("kind: clip", "kind: clap", "draft_gears"),
         ("name: hxd1_c80_105", "nom: hxd1_c80_105", "nom"),
@@ -142,13 +142,13 @@ def test_bad_line_files(tmp_path: Path, text: str) -> None:
         ("transition_stiffness: 60.0e+6", "transition_stiffness: 6.0e+6", "raise it"),
         ("behind: [0]", "behind: [0, 0]", "twice"),
         ("reduction_kpa: [0, 50]", "reduction_kpa: [10, 50]", "begin at 0"),
-        ("braking_factor: [0, 0.17]", "braking_factor: [0, 1.7]", "not beyond 1"),
+        ("braking_factor: [0, 0.17]", "braking_factor: [0, 1.7]", "up to 1"),
         ("braking_factor: [0, 0.17]", "braking_factor: [0.3, 0.17]", "must rise"),
         ("charged_kpa: 600", "charged: 6", "absolute"),
     ],
 )
 def test_bad_consist_files(tmp_path: Path, old: str, new: str, names: str) -> None:
-    """The mistakes of a user's own train file, each named."""
+    """Typical mistakes in a train file, each with its own message."""
     from plant_sim import library
 
     shipped = Path(library.__file__).parent / "data" / "consists" / "hxd1_c80_105.yaml"
@@ -163,7 +163,7 @@ def test_bad_consist_files(tmp_path: Path, old: str, new: str, names: str) -> No
 
 
 def test_unknown_names() -> None:
-    """Neither shipped nor a file: the message lists what is shipped and the nearest name."""
+    """Breaks if the message lacks the shipped names or the nearest one."""
     with pytest.raises(ValueError, match="did you mean 'daqin_section'"):
         load_line("daquin_section")
     with pytest.raises(ValueError, match="freight_five"):

@@ -1,6 +1,6 @@
 """Statics and modes of the heavy-haul train: one HXD1 of 184 t and 105 C80 of 100 t, 10 684 t.
 
-Numbers worked out by hand there from masses, resistances and eq. (1) of paper 000, g = 9.81.
+The expected values are computed by hand from masses, resistances and eq. (1) of paper 000, g = 9.81.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from plant_sim.train import Train
 
 
 def acceleration(plant: Train, demand: float) -> float:
-    """Acceleration of vehicle 0 over one step of 1 ms [m/s²]."""
+    """Return the acceleration of vehicle 0 over one step of 1 ms [m/s²]."""
     before = plant.velocity[0]
     plant.advance(np.full((1, 1), demand))
     return float((plant.velocity[0] - before) / 1e-3)
@@ -42,11 +42,11 @@ def test_pull_of_760_kn_at_the_first_instant() -> None:
 
 
 def test_pull_through_linear_couplers_settles_to_the_same() -> None:
-    """The same distribution through springs, once the start's waves are damped (resistance of v = 0 kept)."""
+    """The same distribution through springs after the initial waves (resistance of v = 0 kept)."""
     data = heavy({**LINEAR, "damping": 2e7}).model_dump(by_alias=True, exclude_none=True)
     data["vehicle_types"]["hxd1"]["resistance"] = {"n_per_kn": (1.20, 0, 0)}
     data["vehicle_types"]["c80"]["resistance"] = {"n_per_kn": (0.92, 0, 0)}
-    plant = drive(train(Consist.model_validate(data), step_ns=1_000_000, unlimited=True), 100.0, 760e3)
+    plant = drive(train(Consist.model_validate(data), step_ns=1_000_000, ideal_actuator=True), 100.0, 760e3)
     force = plant.coupler_force[:-1]
     assert force[[0, 52, 104]] == pytest.approx([746.4e3, 376.8e3, 7.11e3], rel=5e-3)
 
@@ -59,20 +59,20 @@ def test_balancing_speed(grade: float, speed: float) -> None:
 
 
 def test_steepest_start() -> None:
-    """The train starts on 6.3 per mille at most; on 6.4 it stands, and dry friction lets nothing roll."""
+    """The train starts on up to 6.3 per mille; on 6.4 it stays at rest without rolling back."""
     assert acceleration(one_step(6.3, 0.0), 1e6) > 0.0
     assert acceleration(one_step(6.4, 0.0), 1e6) == 0.0
 
 
 def test_electric_brake_alone_cannot_hold_the_fall() -> None:
-    """1060 kN would hold 70 km/h on -12 per mille, the electric brake has 461 kN: 599 kN are missing."""
+    """70 km/h on -12 per mille need 1060 kN, the electric brake has 461 kN: 599 kN are missing."""
     plant = one_step(-12.0, 70.0)
     missing = 10_684e3 * acceleration(plant, -1e6)
     assert missing == pytest.approx(1060e3 - 461e3, rel=0.01)
     assert plant.applied[0] == pytest.approx(-461e3, rel=1e-9)
 
 
-def test_what_the_brakes_hold_at_70_kmh() -> None:
+def test_grades_that_the_brakes_hold_at_70_kmh() -> None:
     """The electric brake alone holds about -6.3 per mille at 70 km/h, with 50 kPa of air about -13.4."""
     assert acceleration(one_step(-6.2, 70.0), -1e6) < 0.0 < acceleration(one_step(-6.4, 70.0), -1e6)
     for grade, sign in ((-13.2, -1.0), (-13.6, 1.0)):
@@ -86,13 +86,13 @@ def test_what_the_brakes_hold_at_70_kmh() -> None:
 
 
 def stiffness_matrix(plant: Train) -> Array:
-    """Force on every vehicle per displacement of every vehicle [N/m], from the kernel's own couplers."""
+    """Return force per displacement of all vehicles [N/m], from the couplers of the kernel."""
     a, n = plant.arrays, plant.n
     columns = []
     for i in range(n):
         x, v = plant.arrays.state[k.X].copy(), np.zeros(n + 1)
         x[i] += 1e-3
-        k.couplers(x, v, a.state, a.vehicle, a.gear, a.table, a.run)
+        k.coupler_forces(x, v, a.state, a.vehicle, a.gear, a.table, a.run)
         columns.append(-np.diff(a.state[k.COUPLER]) / 1e-3)
     return np.array(columns).T
 
@@ -112,11 +112,11 @@ def test_free_modes(stiffness: float, lowest: tuple[float, ...], highest: float)
 
 
 def test_first_mode_rings_at_its_frequency() -> None:
-    """The integrated chain swings at the frequency of the first mode: 106 wagons at 98 MN/m, by hand 0.1477 Hz."""
+    """The train oscillates at the frequency of its first mode: 106 wagons at 98 MN/m, 0.1477 Hz by hand."""
     n, mass, stiffness = 106, 1e5, 98e6
     shape = np.cos(np.pi * (np.arange(n) + 0.5) / n)
     gear = {"kind": "linear", "stiffness": stiffness}
-    plant = train(chain(n, gear, mass), start={"speeds": (0.1 * shape).tolist()}, holding=0.0)
+    plant = train(chain(n, gear, mass), start={"speeds": (0.1 * shape).tolist()}, holding_brake_ratio=0.0)
     times, signs = [], []
     for _ in range(200):
         drive(plant, 0.1)
@@ -130,7 +130,7 @@ def test_first_mode_rings_at_its_frequency() -> None:
 
 
 def ringing(transition_damping: float) -> float:
-    """Return what still swings in mid-train after three minutes of a steady pull of 300 kN, over its mean."""
+    """Return the oscillation in mid-train after three minutes of a steady pull of 300 kN, over its mean."""
     data = heavy().model_dump(by_alias=True, exclude_none=True)
     data["draft_gears"]["mt2_mt2"]["transition_damping"] = transition_damping
     plant = train(Consist.model_validate(data), start={"speed_kmh": 20})
@@ -146,10 +146,10 @@ def ringing(transition_damping: float) -> float:
 
 
 def test_steady_pull_decays_to_the_tail_without_ringing() -> None:
-    """In a steady pull the coupler force falls towards the tail; nothing rings on below 0.2 Hz.
+    """In a steady pull the coupler force falls towards the tail, without oscillation below 0.2 Hz.
 
-    A known fault of two of the nine simulators of the international benchmark (Wu et al. 2018).  The clip law
-    as printed has it too: 11 % of the mean, against 1 % with the transition damping of the shipped train.
+    Two of the nine simulators of the international benchmark (Wu et al. 2018) have this fault, and so has the printed
+    clip law: 11 % of the mean, against 1 % with the transition damping of the shipped train.
     """
     assert ringing(5e6) < 0.015
     assert ringing(0.0) > 0.08
@@ -157,7 +157,7 @@ def test_steady_pull_decays_to_the_tail_without_ringing() -> None:
 
 @pytest.mark.parametrize("grade", [-8.0, -3.0, 0.0, 3.0, 12.0, 25.0])
 def test_standstill_never_rolls_back_or_creeps(grade: float) -> None:
-    """Stopped on any grade, brakes and holding brake; then without demand: not a micrometre in 60 s.
+    """After a stop on any grade with brakes and holding brake, the train moves less than 1 µm in 60 s.
 
     On 12 and 25 per mille the air brake alone (about 1000 kN) would let the train roll back.
     """
@@ -171,8 +171,8 @@ def test_standstill_never_rolls_back_or_creeps(grade: float) -> None:
 
 
 def test_dry_friction_stops_without_reversing() -> None:
-    """A coasting train on level track comes to rest and stays there; its speed never changes sign."""
-    plant = train(heavy(RIGID, 10), plain_line(begin_km=-5), start={"speed_kmh": 2}, holding=0.0)
+    """A coasting train on level track comes to rest; its speed does not change sign."""
+    plant = train(heavy(RIGID, 10), plain_line(begin_km=-5), start={"speed_kmh": 2}, holding_brake_ratio=0.0)
     lowest = 1.0
     for _ in range(1200):
         drive(plant, 0.1)
@@ -182,8 +182,8 @@ def test_dry_friction_stops_without_reversing() -> None:
 
 
 def test_electric_brake_never_reverses() -> None:
-    """Full electric braking to standstill, with an envelope that does not fade (metro): the train stays put."""
-    setup: dict[str, Any] = {"start": {"speed_kmh": 10}, "holding": 0.0, "lag": 0.3}
+    """Full electric braking to standstill with a constant envelope (metro): the train stays at rest."""
+    setup: dict[str, Any] = {"start": {"speed_kmh": 10}, "holding_brake_ratio": 0.0, "lag": 0.3}
     plant = train(load_consist("xuzhou_metro_3"), plain_line(begin_km=-5), **setup)
     for _ in range(100):
         drive(plant, 0.1, -3e5)

@@ -1,7 +1,8 @@
-"""Every node in a process of its own: whatever dies is named, and nothing stays behind."""
+"""Nodes in separate processes: a failed process is named, and no process remains."""
 
 from __future__ import annotations
 
+import functools
 import os
 import queue
 import re
@@ -9,36 +10,37 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
-from train_ato.graph import processes, shared_memory
-from train_ato.graph.child import Child
-from train_ato.graph.environment import claim_domain
-from train_ato.graph.run_end import GraphOptions
-from train_ato.graph.runner import run_graph
-from train_ato.nodes.shell import ROLES
-from train_ato.record.reading import iter_raw, message_counts, read_log, stream
-from train_ato.record.recover import recover
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
-from train_ato.topics import Rate
-from train_ato.wire import Wire
+from recordings import message_counts
+from waiting import LIMIT_S, LOOK_S, wait_for
+
+from train_ato.log.reading import iter_raw, read_log, stream
+from train_ato.log.recover import recover
+from train_ato.loop.setup import prepare
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import Rate, Role, topics_of
+from train_ato.ros.graph import processes, shared_memory
+from train_ato.ros.graph.environment import claim_domain
+from train_ato.ros.graph.graph_result import GraphOptions, GraphResult
+from train_ato.ros.graph.processes import NodeProcess
+from train_ato.ros.graph.runner import run_graph
+from train_ato.ros.nodes.endpoints import ROLES
+from train_ato.scenario.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 PACED = 20.0
-BREATH = threading.Event()
-"""Never set: waiting for it lets a moment pass between two looks."""
 
 
 @pytest.fixture(scope="module")
 def setup():
-    return prepare(*load("demo", ("duration=600",)))
+    return prepare(*load_scenario("demo", ("duration=600",)))
 
 
 def processes_of(folder: Path) -> dict[str, int]:
@@ -51,16 +53,8 @@ def processes_of(folder: Path) -> dict[str, int]:
             except OSError:
                 continue
             if str(folder / "scenario.yaml") in words:
-                role = next(word for word in words if word.startswith("train_ato.nodes."))
-                found[role.rsplit(".", 1)[1]] = int(entry.name)
+                found[words[words.index("train_ato.ros.standalone") + 1]] = int(entry.name)
     return found
-
-
-def wait_for(condition, limit=30.0):
-    last = time.monotonic() + limit
-    while not condition():
-        assert time.monotonic() < last, "did not happen in time"
-        BREATH.wait(0.02)
 
 
 def commands_in(log: Path) -> int:
@@ -75,19 +69,20 @@ def nothing_left(folder: Path) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("victim", "number", "says"),
+    ("victim", "number", "limit", "says"),
     [
-        ("observer", signal.SIGKILL, "node observer failed: its process was ended by SIGKILL"),
+        ("observer", signal.SIGKILL, LIMIT_S, "node observer failed: its process was ended by SIGKILL"),
         pytest.param(
-            "plant", signal.SIGKILL, "node plant failed: its process was ended by SIGKILL", marks=pytest.mark.slow
+            "plant", signal.SIGKILL, LIMIT_S, "node plant failed: its process was ended by SIGKILL",
+            marks=pytest.mark.slow,
         ),
         pytest.param(
-            "controller", signal.SIGSTOP, "node controller failed: no answer to stamp", marks=pytest.mark.slow
+            "controller", signal.SIGSTOP, 5.0, "node controller failed: no answer to stamp", marks=pytest.mark.slow
         ),
     ],
-)
-def test_a_node_that_dies_or_hangs_is_named(victim, number, says, setup, tmp_path):
-    """Fails when the run goes on with old values, blames another node, or leaves the stopped process behind."""
+)  # fmt: skip
+def test_a_node_that_dies_or_hangs_is_named(victim, number, limit, says, setup, tmp_path):
+    """Fails if the run continues with old values, names another node, or leaves the stopped process."""
     started = []
 
     def strike(progress):
@@ -95,7 +90,7 @@ def test_a_node_that_dies_or_hangs_is_named(victim, number, says, setup, tmp_pat
             started.append(processes_of(tmp_path))
             os.kill(started[0][victim], number)
 
-    outcome = run_graph(setup, tmp_path, way="processes", progress=strike, timeout=0.5, realtime=PACED)
+    outcome = run_graph(setup, tmp_path, mode="processes", progress=strike, timeout=limit, realtime=PACED)
     assert sorted(started[0]) == ["controller", "observer", "plant", "profile", "recorder"]
     assert outcome.failure.startswith(says)
     assert outcome.summary["status"] == "failed"
@@ -104,9 +99,23 @@ def test_a_node_that_dies_or_hangs_is_named(victim, number, says, setup, tmp_pat
     assert message_counts(tmp_path)["/train/measurement"] >= 50
 
 
+@pytest.mark.parametrize(
+    ("recorded", "failure"),
+    [(12, None), (11, "node recorder failed: ato/command: 11 of 12 messages are recorded")],
+)
+def test_a_message_lost_at_the_end_fails_the_run(recorded, failure):
+    """Breaks if a run whose log has fewer messages than were published counts as complete."""
+    nodes = {role: SimpleNamespace(counts={"ignored": [0]}, tick=12) for role in ROLES}
+    nodes[Role.CONTROLLER].counts["published ato/command"] = [12]
+    nodes[Role.RECORDER].counts["recorded ato/command"] = [recorded]
+    end = GraphResult()
+    processes._collect(nodes, end)
+    assert (end.failure, end.published, end.ticks) == (failure, {"ato/command": 12}, 12)
+
+
 @pytest.mark.slow
 def test_a_killed_recorder_leaves_a_log_that_can_be_recovered(setup, tmp_path):
-    """Every message whose chunk was closed before the kill comes back, without a gap."""
+    """All messages of the chunks closed before the kill are recovered, without a gap."""
     partial = tmp_path / "run.mcap.partial"
     struck = []
 
@@ -115,28 +124,28 @@ def test_a_killed_recorder_leaves_a_log_that_can_be_recovered(setup, tmp_path):
             struck.append(list(stream(partial, broken=True)))
             os.kill(processes_of(tmp_path)["recorder"], signal.SIGKILL)
 
-    outcome = run_graph(setup, tmp_path, way="processes", progress=strike, realtime=PACED)
+    outcome = run_graph(setup, tmp_path, mode="processes", progress=strike, timeout=LIMIT_S, realtime=PACED)
     assert outcome.failure == "node recorder failed: its process was ended by SIGKILL"
     assert nothing_left(tmp_path)
     assert partial.exists()
     count = recover(tmp_path).messages
     assert count >= len(struck[0]) > 1000
     assert [m.data for m in stream(tmp_path / "run.mcap")][: len(struck[0])] == [m.data for m in struck[0]]
-    stamps = [stamp for _, stamp, _ in read_log(tmp_path, Wire(setup.shape).decode, ("train/cars",))]
+    stamps = [stamp for _, stamp, _ in read_log(tmp_path, Wire(setup.layout).decode, ("train/vehicles",))]
     assert stamps == [k * setup.tick_ns for k in range(len(stamps))]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("role", list(ROLES), ids=lambda role: role.value)
 def test_a_node_that_cannot_start_is_named(role, setup, tmp_path, monkeypatch):
-    """One node alone is told something that it refuses: its name and its reason come, not those of who waits for it."""
+    """Breaks if a refused parameter of one node is reported with the name of a waiting node."""
 
-    class Misled(Child):
+    class Misled(NodeProcess):
         def __init__(self, started, arguments, *rest):
             super().__init__(started, [*arguments, *(["--set=observer=nosuch"] if started is role else [])], *rest)
 
-    monkeypatch.setattr(processes, "Child", Misled)
-    outcome = run_graph(setup, tmp_path, way="processes")
+    monkeypatch.setattr(processes, "NodeProcess", Misled)
+    outcome = run_graph(setup, tmp_path, mode="processes")
     assert re.fullmatch(rf"node {role.value} failed: \S+: unknown observer 'nosuch'; known: .*", outcome.failure)
     assert outcome.summary["status"] == "failed"
     assert nothing_left(tmp_path)
@@ -165,20 +174,20 @@ def _command_line(folder: Path, *options: str) -> subprocess.Popen[str]:
     ],
 )
 def test_ctrl_c_ends_a_run_cleanly(way, number, tmp_path):
-    """One line, status 1, a whole log, no process and no shared memory left."""
+    """One line, exit status 1, a complete log, no remaining process or shared memory."""
     folder = tmp_path / "run"
     options = [way] if way == "--processes" else []
     process = _command_line(folder, *options, f"--realtime={PACED:g}")
     log = folder / "run.mcap.partial"
     wait_for(lambda: commands_in(log) > 10)
     process.send_signal(number)
-    _, err = process.communicate(timeout=30)
+    _, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 1, err
     lines = [line for line in err.splitlines() if line.strip()]
     assert len(lines) == 1
     assert "interrupted" in lines[0]
     counts = message_counts(folder)
-    assert counts["/ato/command"] == counts["/train/measurement"] == counts["/train/cars"] - 1 > 5
+    assert counts["/ato/command"] == counts["/train/measurement"] == counts["/train/vehicles"] - 1 > 5
     assert not log.exists()
     assert nothing_left(folder)
     wait_for(lambda: not shared_memory.abandoned())
@@ -186,7 +195,7 @@ def test_ctrl_c_ends_a_run_cleanly(way, number, tmp_path):
 
 @pytest.mark.slow
 def test_a_killed_runner_leaves_no_orphans(setup, tmp_path):
-    """Its nodes notice the closed pipe and end; the recorder closes the log with everything that it had before."""
+    """The nodes detect the closed pipe and end; the recorder closes the log with all earlier messages."""
     folder = tmp_path / "run"
     process = _command_line(folder, "--processes", f"--realtime={PACED:g}")
     log = folder / "run.mcap.partial"
@@ -194,10 +203,10 @@ def test_a_killed_runner_leaves_no_orphans(setup, tmp_path):
     assert sorted(processes_of(folder)) == ["controller", "observer", "plant", "profile", "recorder"]
     seen = commands_in(log)
     process.kill()
-    process.communicate(timeout=30)
+    process.communicate(timeout=LIMIT_S)
     wait_for(lambda: nothing_left(folder))
     assert not log.exists()
-    stamps = {topic.name: [] for topic in setup.shape.topics if topic.rate is Rate.TICK}
+    stamps = {topic.name: [] for topic in topics_of(setup.layout) if topic.rate is Rate.TICK}
     for topic, stamp, _ in iter_raw(folder, stamps):
         stamps[topic].append(stamp)
     for topic, found in stamps.items():
@@ -207,17 +216,17 @@ def test_a_killed_runner_leaves_no_orphans(setup, tmp_path):
 
 
 def test_a_law_is_swapped_from_another_process_without_a_jump(setup, tmp_path):
-    """The set call comes over the graph while the train runs; the force goes on from the last command."""
+    """The law is set over the graph during the run; the force continues from the last command."""
     from rcl_interfaces.srv import SetParameters
     from rclpy.node import Node
     from rclpy.parameter import Parameter
 
-    from train_ato.graph.assembly import executor_of
-    from train_ato.graph.environment import applied, variables
-    from train_ato.graph.processes import run_processes
+    from train_ato.ros.graph.assembly import executor_of
+    from train_ato.ros.graph.environment import applied, variables
+    from train_ato.ros.graph.processes import run_processes
 
-    # In lockstep a busy machine cannot make the law late; ten minutes of line give the call time to arrive.
-    long = prepare(*load("daqin_heavy_haul", ("duration=900",)))
+    # In lockstep a loaded machine cannot delay the law; the call arrives within ten minutes of the run.
+    long = prepare(*load_scenario("daqin_heavy_haul", ("duration=900",)))
     ends: queue.Queue = queue.Queue()
     with claim_domain() as domain, applied(variables(domain, tmp_path / "log")):
         run = threading.Thread(target=lambda: ends.put(run_processes(long, tmp_path, domain, GraphOptions())))
@@ -227,20 +236,21 @@ def test_a_law_is_swapped_from_another_process_without_a_jump(setup, tmp_path):
             executor.add_node(node)
             client = node.create_client(SetParameters, "controller/set_parameters")
             results = {}
-            wait_for(lambda: (executor.spin_once(timeout_sec=0.02), client.service_is_ready())[1])
+            turn = functools.partial(executor.spin_once, timeout_sec=LOOK_S)
+            wait_for(client.service_is_ready, "the controller", turn)
             wait_for(lambda: commands_in(tmp_path / "run.mcap.partial") > 10)
             for law in ("nosuch", "smc"):
                 request = SetParameters.Request(parameters=[Parameter("controller", value=law).to_parameter_msg()])
                 future = client.call_async(request)
-                wait_for(lambda future=future: (executor.spin_once(timeout_sec=0.02), future.done())[1])
+                wait_for(future.done, "an answer", turn)
                 results[law] = future.result().results[0]
-        run.join(timeout=60)
-    end = ends.get(timeout=1)
+        run.join(timeout=LIMIT_S)
+    end = ends.get_nowait()
     assert end.failure is None
     assert not results["nosuch"].successful
     assert "nosuch" in results["nosuch"].reason
     assert results["smc"].successful
-    decode = Wire(long.shape).decode
+    decode = Wire(long.layout).decode
     laws = [
         m.values["controller"] for _, _, m in read_log(tmp_path, decode, ("/diagnostics",)) if m.node == "controller"
     ]
@@ -249,7 +259,7 @@ def test_a_law_is_swapped_from_another_process_without_a_jump(setup, tmp_path):
     force = np.array([m.force[0] for _, _, m in read_log(tmp_path, decode, ("ato/command",))])
     first = laws.index("smc") * 10
     steps = np.sort(np.abs(np.diff(force[first - 15 : first + 15])))
-    # The difference of the laws is worn off evenly over ten ticks: one step that towers over the tenth is a jump.
+    # The difference of the laws falls evenly over ten ticks: one step far above a tenth of it is a jump.
     assert steps[-1] < 1.5 * steps[-10] + 0.005 * np.abs(force).max()
 
 
@@ -270,5 +280,5 @@ def test_a_held_domain_leaves_no_folder(setup, tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()
     with claim_domain() as held, pytest.raises(ValueError, match="another run holds it"):
-        run_graph(setup, folder, way="processes", domain=held)
+        run_graph(setup, folder, mode="processes", domain=held)
     assert not folder.exists()

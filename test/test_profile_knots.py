@@ -1,4 +1,4 @@
-"""The profile as knots: exact at them, smooth between them, at rest beyond them."""
+"""Knots of a profile: exact at the knots, smooth between them, at rest outside."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_every_knot_is_returned_bit_for_bit() -> None:
 @given(st.floats(0.0, 10.0))
 @settings(max_examples=50, deadline=None)
 def test_constant_jerk_is_reproduced_between_knots(t: float) -> None:
-    """A linear or quadratic interpolation misses this by 1e-5 and more."""
+    """Breaks for linear or quadratic interpolation: errors of 1e-5 and more."""
     x, v, a, j = constant_jerk().at(t)
     stamp = round(t * 1e9) * 1e-9
     assert x == pytest.approx(3 + 2 * stamp + 0.05 * stamp**3 / 6, abs=1e-12)
@@ -63,15 +63,15 @@ def test_an_aligned_window_is_a_view_also_past_the_end() -> None:
     assert window[0][-1] == profile.position[-1] and window[1][-1] == 0.0
 
 
-def test_outside_it_rests_where_it_began_and_ended() -> None:
+def test_profile_is_at_rest_before_its_start_and_after_its_end() -> None:
     rolling = constant_jerk()
     assert rolling.ends_rolling
     assert rolling.at(-1.0) == (rolling.position[0], 0.0, 0.0, 0.0)
     assert rolling.at(11.0) == (rolling.position[-1], 0.0, 0.0, 0.0)
 
 
-def test_a_step_of_the_speed_is_not_smeared() -> None:
-    """Hermite polynomials through a step would ask for hundreds of m/s² and overshoot the place."""
+def test_a_step_of_the_speed_is_not_interpolated() -> None:
+    """Breaks if a step is interpolated: hundreds of m/s² and an overshoot of the position."""
     time = 0.1 * np.arange(41)
     speed = np.where(time < 1.95, 12.0, -12.0)
     place = np.where(time < 1.95, 12 * time, 24 - 12 * (time - 2))
@@ -99,13 +99,13 @@ def test_equality_and_fingerprint_follow_the_bits() -> None:
     assert other != profile and other.fingerprint() != profile.fingerprint()
 
 
-def test_joining_goes_over_at_the_second_start() -> None:
+def test_joined_profile_changes_at_the_start_of_the_second() -> None:
     first, late = wavy(), constant_jerk().resampled(0.1)
     shifted = Profile(late.time + 60.0, late.position, late.velocity, late.acceleration)
     both = first.followed_by(shifted)
     assert both.at(50.0) == (first.position[-1], 0.0, 0.0, 0.0)
     assert both.at(65.0) == shifted.at(65.0)
-    with pytest.raises(ValueError, match="fall together"):
+    with pytest.raises(ValueError, match="do not coincide"):
         first.followed_by(Profile(late.time + 60.03, late.position, late.velocity, late.acceleration))
 
 

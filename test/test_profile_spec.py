@@ -1,4 +1,4 @@
-"""Profiles from phases, points, steps and files: limits kept, places met, bad input refused in one line."""
+"""Profiles from phases, points, steps and files: limits, places, and one-line refusals."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.profile.file import read_profile, write_profile
 from train_ato.profile.profile import Profile
-from train_ato.profile.spec import ProfileSpec
+from train_ato.scenario.profile_spec import ProfileSpec
 
 CONSIST = Consist.model_validate(
     {
@@ -58,8 +58,8 @@ METRO = {
 }
 
 
-def test_phases_run_the_trapezoid_that_can_be_worked_out_by_hand() -> None:
-    """A change of speed dv takes dv/a + a/j and is run at the mean speed: S-curves are symmetric."""
+def test_phases_agree_with_a_hand_calculation() -> None:
+    """A change of speed dv takes dv/a + a/j at the mean speed, because S-curves are symmetric."""
     profile = build(**METRO)
     top, low, extra = 80 / 3.6, 60 / 3.6, 0.8 / 0.6
     full, part = top / 0.8 + extra, (top - low) / 0.8 + extra
@@ -146,7 +146,7 @@ def test_steps_are_the_reference_of_paper_002() -> None:
         assert profile.at(t)[:2] == (pytest.approx(x, abs=1e-9), v)
 
 
-def test_a_file_comes_back_bit_for_bit_and_inlined(tmp_path: Path) -> None:
+def test_a_file_is_restored_bit_for_bit_and_inlined(tmp_path: Path) -> None:
     profile = build(**METRO)
     for name in ("run.csv", "run.yaml"):
         write_profile(profile, tmp_path / name, "a source\nof two lines")
@@ -169,11 +169,11 @@ def test_units_missing_columns_and_uneven_times(tmp_path: Path) -> None:
         read_profile(tmp_path / "a.csv")
 
 
-def test_phases_go_on_where_a_rolling_file_ends(tmp_path: Path) -> None:
+def test_phases_continue_a_file_that_ends_rolling(tmp_path: Path) -> None:
     time = 0.1 * np.arange(101)
     rolling = Profile(time, 10 * time, np.full(101, 10.0), np.zeros(101))
     write_profile(rolling, tmp_path / "rolling.csv")
-    block = {"file": "rolling.csv", "limits": {"deceleration": 0.5, "jerk": 0.5}, "then": [{"brake_to": 0}]}
+    block = {"file": "rolling.csv", "limits": {"deceleration": 0.5, "jerk": 0.5}, "append": [{"brake_to": 0}]}
     profile = ProfileSpec.model_validate(block).build(CONSIST, LINE, 0.1, tmp_path)
     assert profile.position[-1] == pytest.approx(100 + 5 * (20 + 1), abs=1e-6)
     with pytest.raises(ValueError, match=r"ends rolling at 36\.0 km/h"):
@@ -187,7 +187,7 @@ def test_phases_go_on_where_a_rolling_file_ends(tmp_path: Path) -> None:
         ({"file": "a", "phases": [{"cruise_for": 1}]}, "exactly one of"),
         ({"steps": [{"at": 0, "speed": 1}]}, "until"),
         ({"phases": [{"cruise_for": 1, "brake_to": 0}]}, "exactly one of"),
-        ({"phases": [{"cruise_for": 1, "at": 0}]}, "'at' goes with"),
+        ({"phases": [{"cruise_for": 1, "at": 0}]}, "'at' has no effect with"),
         ({"phases": [{"accelerate_to": math.inf}]}, "finite"),
         ({"phases": [{"accelerate_to": 5}], "limits": {"jerk": -1}}, "greater than 0"),
         ({"points": [{"time": 0, "place": 0, "speed": 1}, {"time": 1, "speed": 0}]}, "either a time or a place"),
@@ -202,10 +202,16 @@ def test_a_wrong_block_is_refused_by_its_model(block: dict[str, Any], message: s
     ("block", "message"),
     [
         ({"phases": [{"accelerate_to_kmh": 80}, {"stop_at_km": 12}]}, r"km 12\.000 .* beyond the end of line 'flat'"),
-        ({"phases": [{"accelerate_to_kmh": 80}, {"stop_at": 200}]}, r"phase 1: stop_at = km 0\.200 .* earliest is km"),
+        (
+            {"phases": [{"accelerate_to_kmh": 80}, {"stop_at": 200}]},
+            r"phase 1: stop_at = km 0\.200 .* earliest place is km",
+        ),
         ({"phases": [{"accelerate_to_kmh": 80}]}, "ends rolling"),
         ({"phases": [{"accelerate_to_kmh": 50}, {"accelerate_to_kmh": 20}]}, "phase 1: accelerate_to is below"),
-        ({"phases": [{"cruise_for": 9}, {"cruise_until": 5}]}, r"phase 1: cruise_until = 5 s, but it is already 9\.00"),
+        (
+            {"phases": [{"cruise_for": 9}, {"cruise_until": 5}]},
+            r"phase 1: cruise_until = 5 s is before the begin of the phase at 9\.00",
+        ),
         ({"phases": [{"accelerate_to_kmh": 150}, {"brake_to": 0}], "limits": {"traction_fraction": 0.8}}, "150.0 km/h"),
         ({"start": 100, "phases": [{"accelerate_to": -9}, {"cruise_for": 60}, {"brake_to": 0}]}, "before the begin"),
         ({"points": [{"time": 0, "speed": 1}, {"time": 0, "speed": 0}]}, "number 1"),
@@ -213,15 +219,15 @@ def test_a_wrong_block_is_refused_by_its_model(block: dict[str, Any], message: s
         ({"file": "missing.csv"}, "missing.csv: cannot be read"),
         ({"knots": "time,speed\n0,0\n1,x\n"}, "line 3, speed"),
         ({"knots": "time,speed\n0,0\n1\n"}, "line 3: 1 values for the 2 columns"),
-        ({"knots": "time,pace\n0,0\n1,1\n"}, "column 'pace' is not known"),
-        ({"knots": "time,speed\n0,0\n1,nan\n2,0\n"}, "it must be finite"),
-        ({"knots": "time,speed\n1,0\n0,0\n"}, "does not lie beyond"),
+        ({"knots": "time,pace\n0,0\n1,1\n"}, "column 'pace' is unknown"),
+        ({"knots": "time,speed\n0,0\n1,nan\n2,0\n"}, "give a finite number"),
+        ({"knots": "time,speed\n1,0\n0,0\n"}, "is not after that of the previous row"),
         ({"knots": "time,speed\n0,0\n1e12,0\n"}, "at most"),
         ({"knots": "time,speed\n0,0\n5e7,0\n"}, "5e.08 knots"),
         ({"knots": "# nothing\n"}, "no row of column names"),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(block: dict[str, Any], message: str) -> None:
+def test_an_impossible_profile_is_refused_in_one_line(block: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message) as caught:
         ProfileSpec.model_validate(block).build(CONSIST, LINE, 0.1, Path())
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""Readers of foreign files: their rules, and one line for whatever is wrong with a file."""
+"""Readers of other formats: their rules, and one line for every fault of a file."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from train_ato.plan.inputs import find_line, find_train
-from train_ato.readers import railtoolkit, ttobench
+from plant_sim.formats import railtoolkit, ttobench
+from train_ato.profile.planner.inputs import find_line, find_train
 
 TRAIN: dict[str, Any] = {
     "schema": "https://railtoolkit.org/schema/rolling-stock.json",
@@ -50,9 +50,9 @@ BENCH: dict[str, Any] = {
 }
 
 
-def test_resistance_of_the_published_freight_train(shared_data: Path) -> None:
+def test_resistance_of_the_published_freight_train(open_data: Path) -> None:
     """At 15 m/s: 5461.127 N (locomotive, with 15 km/h of head wind) and 20900.733 N (wagons, without)."""
-    consist = find_train(str(shared_data / "railtoolkit" / "freight.yaml"))[0]
+    consist = find_train(str(open_data / "freight.yaml"))[0]
     force = []
     for vehicle in consist.vehicles:
         a, b, c = vehicle.resistance.polynomial(vehicle.mass, consist.gravity)
@@ -63,7 +63,7 @@ def test_resistance_of_the_published_freight_train(shared_data: Path) -> None:
 
 
 def test_rules_by_hand() -> None:
-    """Full load, wind on coaches too, driven and other axles of the locomotive, rotating masses weighted by mass."""
+    """Full load, wind on coaches, driven and other axles of the locomotive, rotating masses weighted by mass."""
     read = railtoolkit.train_from(TRAIN, "hand")
     consist = read.consist
     g = 9.80665
@@ -90,14 +90,14 @@ def test_tractive_effort_is_linear_between_its_points() -> None:
 
 
 def test_a_path_becomes_a_line() -> None:
-    line = railtoolkit.line_from(PATH, "hand")
+    line = railtoolkit.railtoolkit_line(PATH, "hand")
     assert (line.begin, line.end) == (0, 3000)
     assert [(g.at, g.grade) for g in line.grades] == [(0, 0), (1000, 0.005)]
     assert [limit.speed * 3.6 for limit in line.speed_limits] == pytest.approx([100, 80])
 
 
 def test_a_bench_line_with_curves() -> None:
-    line = ttobench.line_from(BENCH, "bench.json")
+    line = ttobench.ttobench_line(BENCH, "bench.json")
     assert [stop.at for stop in line.stops] == [0, 5000] and line.end == 5000
     assert [g.grade for g in line.grades] == pytest.approx([0.002, -0.0035])
     assert (line.curves[0].begin, line.curves[-1].end) == (300, 600)
@@ -105,12 +105,12 @@ def test_a_bench_line_with_curves() -> None:
     turned = sum((c.end - c.begin) / c.radius for c in line.curves)  # of 1/800 falling to -1/500, linear with its sign
     assert turned == pytest.approx(300 / 2 * (800**-2 + 500**-2) / (1 / 800 + 1 / 500), rel=0.02)
     plain = BENCH | {"curvatures": BENCH["curvatures"] | {"values": [[300.0, -500.0, -500.0], [600.0, 0, 0]]}}
-    assert [(c.begin, c.end, c.radius) for c in ttobench.line_from(plain, "plain").curves] == [(300, 600, 500)]
+    assert [(c.begin, c.end, c.radius) for c in ttobench.ttobench_line(plain, "plain").curves] == [(300, 600, 500)]
 
 
-@pytest.mark.parametrize("name", ["00_var_gradient_minusplus_6", "00_var_speed_limit_100", "CH_StGallen_Wil"])
-def test_the_open_bench_lines_are_read_whole(shared_data: Path, name: str) -> None:
-    path = shared_data / "ttobench" / f"{name}.json"
+@pytest.mark.parametrize("name", ["slopes", "limit", "stgallen_wil"])
+def test_the_open_bench_lines_are_read_whole(open_data: Path, name: str) -> None:
+    path = open_data / f"{name}.json"
     raw, line = json.loads(path.read_text()), find_line(str(path))
     assert len(line.stops) == len(raw["stops"]["values"]) and len(line.grades) == len(raw["gradients"]["values"])
     speeds = [3.6 * limit.speed for limit in line.speed_limits]
@@ -135,7 +135,7 @@ def changed(base: dict[str, Any], path: tuple[Any, ...], value: Any) -> dict[str
     [
         ("train", ("vehicles",), KeyError, "vehicles: this key is missing"),
         ("train", ("trains",), [], "must be a list of at least 1"),
-        ("train", ("trains", 0, "formation"), ["loco", "van"], "formation names 'van'"),
+        ("train", ("trains", 0, "formation"), ["loco", "van"], "formation: 'van' is not in vehicles"),
         ("train", ("trains", 0, "formation"), ["coach"], "no traction unit"),
         ("train", ("vehicles", 0, "mass"), -80, "mass = -80"),
         ("train", ("vehicles", 0, "mass"), "heavy", "mass = 'heavy': must be a finite number"),
@@ -169,7 +169,7 @@ def test_every_fault_is_named_with_file_key_and_value(
 
 @given(st.data())
 def test_a_file_with_anything_anywhere_is_read_or_refused_in_one_line(data: st.DataObject) -> None:
-    """Some value of a good file is replaced by anything YAML can hold; a traceback of another kind fails."""
+    """A value of a valid file is replaced by any YAML value; breaks on any other exception."""
     base = data.draw(st.sampled_from([TRAIN, PATH, BENCH]))
     path: list[Any] = []
     target: Any = base
@@ -182,7 +182,11 @@ def test_a_file_with_anything_anywhere_is_read_or_refused_in_one_line(data: st.D
         st.dictionaries(st.text(max_size=4), st.integers(), max_size=2),
     )  # fmt: skip
     broken = changed(base, tuple(path), data.draw(anything))
-    reader = {id(TRAIN): railtoolkit.train_from, id(PATH): railtoolkit.line_from, id(BENCH): ttobench.line_from}
+    reader = {
+        id(TRAIN): railtoolkit.train_from,
+        id(PATH): railtoolkit.railtoolkit_line,
+        id(BENCH): ttobench.ttobench_line,
+    }
     try:
         reader[id(base)](broken, "some file")
     except ValueError as error:

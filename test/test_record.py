@@ -1,35 +1,35 @@
-"""The log of a run: readable by other tools, complete, and never worse than the disk allows."""
+"""Log of a run: readable by other tools and complete as far as the disk permits."""
 
 import errno
 import re
 import threading
-import time
 
 import pytest
 import yaml
 from mcap.reader import make_reader
+from recordings import message_counts
 from rosbags.rosbag2 import Reader
 from test_wire import LONG, message, same
+from waiting import pause, wait_for
 
-from train_ato.record.definitions import definition, from_typestore, installed
-from train_ato.record.layout import log_name, table_name
-from train_ato.record.reading import iter_raw, log_file, message_counts, read_log, stream
-from train_ato.record.recover import recover
-from train_ato.record.run_log import CLOSE_AFTER_S, RunLog
-from train_ato.topics import EPOCH_NS, TOPICS, Rate
-from train_ato.wire import Wire
+from train_ato.log.bag_layout import log_name, table_name
+from train_ato.log.chunk_thread import CLOSE_AFTER_S
+from train_ato.log.definitions import definition, from_typestore, installed
+from train_ato.log.reading import iter_raw, log_file, read_log, stream
+from train_ato.log.recover import recover
+from train_ato.log.run_log import RunLog
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import EPOCH_NS, TOPICS, Rate, topics_of
 
 TICK = 100_000_000
 WIRE = Wire(LONG)
-BREATH = threading.Event()
-"""Never set: waiting for it lets a moment pass between two looks."""
 
 
 def write(folder, ticks, close=True):
-    """Write a run of so many ticks; return the log and what was sent."""
-    log, sent = RunLog(folder, LONG.topics), []
+    """Write a run of a number of ticks; return the log and the sent messages."""
+    log, sent = RunLog(folder, topics_of(LONG)), []
     for tick in range(ticks):
-        for topic in LONG.topics:
+        for topic in topics_of(LONG):
             if topic.recorded and (topic.rate is Rate.TICK or tick == 0):
                 content = message(topic.name, LONG, tick * TICK, seed=tick)
                 moment = EPOCH_NS + tick * TICK
@@ -41,7 +41,7 @@ def write(folder, ticks, close=True):
 
 
 def test_everything_comes_back_in_order(tmp_path):
-    """Fails when a message is lost, doubled, reordered or decoded to other bits."""
+    """Fails if a message is lost, repeated, reordered or decoded to other bits."""
     log, sent = write(tmp_path, 300)
     back = list(read_log(tmp_path, WIRE.decode))
     assert [entry[:2] for entry in back] == [entry[:2] for entry in sent]
@@ -53,7 +53,7 @@ def test_everything_comes_back_in_order(tmp_path):
 
 
 def test_other_tools_read_the_log(tmp_path):
-    """Rosbags gives no message at all when the QoS texts differ; mcap checks every checksum and the summary."""
+    """Read with rosbags, which returns no message with other QoS texts, and with mcap, which checks all checksums."""
     _, sent = write(tmp_path, 120)
     with (tmp_path / "run.mcap").open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
@@ -103,7 +103,7 @@ def _sections(text):
 
 @pytest.mark.parametrize("kind", sorted({topic.type for topic in TOPICS}))
 def test_definitions_are_the_installed_ones(kind):
-    """The engine's log (no ROS needed) must say the same as the recorder's."""
+    """The engine's log, without ROS, equals that of the recorder."""
     there, shipped = installed(kind), from_typestore(kind)
     assert there is not None, "the message packages are installed with the tests"
     assert there.hash == shipped.hash
@@ -124,7 +124,7 @@ def test_names_in_the_log(namespace, name, expected):
 
 @pytest.mark.parametrize("cut", [0, 1, 1000, 100_000])
 def test_a_killed_run_is_recovered(tmp_path, cut):
-    """Every closed chunk comes back wherever the file breaks off; index readers alone would refuse it."""
+    """Every closed chunk of a log cut at any place is recovered; readers of the index would reject it."""
     log, sent = write(tmp_path, 700, close=False)
     log._file.flush()
     whole = (tmp_path / "run.mcap.partial").read_bytes()
@@ -165,7 +165,7 @@ def test_damage_is_an_error_of_one_line(tmp_path):
 
 
 class FullDisk:
-    """A raw file whose disk is full after some bytes."""
+    """Raw file on a disk that is full after a number of bytes."""
 
     def __init__(self, raw, room):
         self._raw, self._room = raw, room
@@ -183,17 +183,22 @@ class FullDisk:
 
 
 def test_after_a_failed_write_nothing_more_is_written(tmp_path):
-    """A second attempt on a full disk can leave a file that looks whole and is not."""
-    log = RunLog(tmp_path, LONG.topics)
+    """Breaks if a second attempt on a full disk leaves an incomplete file that looks complete."""
+    log = RunLog(tmp_path, topics_of(LONG))
     disk = FullDisk(log._file._raw, 40_000)
     log._file._writer._stream = disk
-    data = WIRE.encode("train/cars", message("train/cars", LONG, 0))
+    data = WIRE.encode("train/vehicles", message("train/vehicles", LONG, 0))
     with pytest.raises(OSError, match=r"writing failed .No space left"):
         for tick in range(5000):
-            log.add("train/cars", tick, tick, WIRE.encode("train/cars", message("train/cars", LONG, tick, seed=tick)))
+            log.add(
+                "train/vehicles",
+                tick,
+                tick,
+                WIRE.encode("train/vehicles", message("train/vehicles", LONG, tick, seed=tick)),
+            )
     for _ in range(3):
         with pytest.raises(OSError, match="writing failed"):
-            log.add("train/cars", 0, 0, data)
+            log.add("train/vehicles", 0, 0, data)
     log.close()
     assert disk.refused == 1
     assert not (tmp_path / "run.mcap").exists()
@@ -204,55 +209,49 @@ def test_an_existing_log_is_never_overwritten(tmp_path):
     write(tmp_path, 2)
     before = (tmp_path / "run.mcap").read_bytes()
     with pytest.raises(ValueError, match="exists already"):
-        RunLog(tmp_path, LONG.topics)
+        RunLog(tmp_path, topics_of(LONG))
     assert (tmp_path / "run.mcap").read_bytes() == before
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):
     with pytest.raises(ValueError, match="cannot be written"):
-        RunLog(tmp_path / "absent", LONG.topics)
+        RunLog(tmp_path / "absent", topics_of(LONG))
 
 
 def whole_messages(path):
-    """Return how many messages stand in closed chunks that have reached the file."""
+    """Return the number of messages in the closed chunks of the file."""
     return sum(1 for _ in stream(path, broken=True))
 
 
-def wait_for(condition, limit=10.0):
-    last = time.monotonic() + limit
-    while not condition():
-        assert time.monotonic() < last, "did not happen in time"
-        BREATH.wait(0.02)
-
-
 def test_the_last_messages_of_a_stalled_run_reach_the_file(tmp_path):
-    """Breaks if a chunk waits for the next message before it is closed: a run that stalls sends none."""
+    """Breaks if a chunk closes only with the next message: a stalled run sends none."""
     log, sent = write(tmp_path, 3, close=False)
     partial = tmp_path / "run.mcap.partial"
     assert whole_messages(partial) == 0
     wait_for(lambda: whole_messages(partial) == len(sent))
     before = partial.stat().st_size
-    BREATH.wait(2.5 * CLOSE_AFTER_S)
+    pause(2.5 * CLOSE_AFTER_S)
     assert partial.stat().st_size == before, "an empty chunk is written again and again"
     log.close()
-    assert message_counts(tmp_path)["/train/cars"] == 3
+    assert message_counts(tmp_path)["/train/vehicles"] == 3
 
 
 def test_slow_messages_are_never_older_than_a_second(tmp_path):
     """Breaks if the age of a chunk is counted from its last message: a slow run would never close one."""
-    log = RunLog(tmp_path, LONG.topics)
+    log = RunLog(tmp_path, topics_of(LONG))
     data = WIRE.encode("ato/command", message("ato/command", LONG, 0))
     partial = tmp_path / "run.mcap.partial"
-    begin = time.monotonic()
-    while whole_messages(partial) == 0:
+
+    def add():
         log.add("ato/command", EPOCH_NS, EPOCH_NS, data)
-        BREATH.wait(0.05)
-        assert time.monotonic() - begin < 10
+        pause(0.05)
+
+    wait_for(lambda: whole_messages(partial) > 0, turn=add)
     log.close()
 
 
 def test_a_full_disk_is_told_even_if_no_message_comes_any_more(tmp_path):
-    """Breaks if the failure of a write that nobody waited for is lost, and the run passes for recorded."""
+    """Breaks if the failure of a write in the background is lost, and the run counts as recorded."""
     log, _ = write(tmp_path, 3, close=False)
     log._file._writer._stream = FullDisk(log._file._raw, 0)
     wait_for(lambda: log.failure is not None)
@@ -263,7 +262,7 @@ def test_a_full_disk_is_told_even_if_no_message_comes_any_more(tmp_path):
 
 
 def test_no_thread_is_left(tmp_path):
-    """Breaks if a log leaves its clock behind, closed or forgotten."""
+    """Breaks if the thread of a log remains, closed or not."""
     for number in range(5):
         folder = tmp_path / str(number)
         folder.mkdir()

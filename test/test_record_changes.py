@@ -1,4 +1,4 @@
-"""What is changed while a run goes on stands in its log, and the run can be driven again with it."""
+"""Changes during a run: their entries in the log, and the repetition of the run with them."""
 
 from __future__ import annotations
 
@@ -7,80 +7,77 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 import yaml
+from engine_runs import record_run
+from waiting import LIMIT_S, LOOK_S, wait_for
 
-from train_ato.changes import Told, changes_of, from_text, swap_of
-from train_ato.engine import run_engine
-from train_ato.record.changes import late_commands, told_by
-from train_ato.record.difference import compare
-from train_ato.run_folder import STARTED, RunFolder, open_run
-from train_ato.run_setup import prepare
-from train_ato.scenario import Swap, load
-from train_ato.types import Diagnostic
-from train_ato.wire import Wire
+from train_ato.log.changes import late_commands, read_changes
+from train_ato.log.difference import compare_logs
+from train_ato.log.run_folder import STARTED, RunFolder, read_run_folder
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import prepare
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.types import Diagnostic
+from train_ato.scenario.changes import RunChanges, change_at, changes_from_json, values_of
+from train_ato.scenario.scenario import ControllerChange, load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 SECOND = 1_000_000_000
 
 
 def drive(folder: Path, *assignments: str) -> Path:
-    setup = prepare(*load("demo", ("duration=40", *assignments)))
-    home = RunFolder.make(folder, "demo")
-    home.begin(setup)
-    with home.sink(setup) as sink:
-        outcome = run_engine(setup, sink=sink)
-    assert outcome.failure is None
-    home.finish(setup, outcome)
-    return folder
+    setup = prepare(*load_scenario("demo", ("duration=40", *assignments)))
+    return record_run(setup, folder)
 
 
 def test_a_planned_change_is_told_at_the_step_that_begins_to_use_it(tmp_path: Path) -> None:
-    """Breaks if a parameter waits for the next report, or a change between two ticks is told at the wrong one."""
-    planned = "swaps=[{at: 12.34, controllers: {pid: {kp: 0.05}}}, {at: 30, controller: smc}]"
+    """Breaks if a parameter waits for the next report, or a change between two ticks has the wrong stamp."""
+    planned = "controller_changes=[{at: 12.34, controllers: {pid: {kp: 0.05}}}, {at: 30, controller: smc}]"
     run = drive(tmp_path / "run", planned)
-    assert told_by(run).laws == [(12_400_000_000, {"pid.kp": 0.05}), (30 * SECOND, {"controller": "smc"})]
+    assert read_changes(run).laws == [(12_400_000_000, {"pid.kp": 0.05}), (30 * SECOND, {"controller": "smc"})]
     assert json.loads((run / "summary.json").read_text())["changes"] == [
         {"at_s": 12.4, "name": "pid.kp", "value": 0.05, "planned": True},
         {"at_s": 30.0, "name": "controller", "value": "smc", "planned": True},
     ]
     assert not (run / STARTED).exists()
     plain = drive(tmp_path / "plain")
-    setup, _ = open_run(run)
-    assert compare(plain, run, Wire(setup.shape)).first is not None
+    setup, _ = read_run_folder(run)
+    assert compare_logs(plain, run, Wire(setup.layout)).first is not None
 
 
 def test_what_took_effect_drives_the_run_again(tmp_path: Path) -> None:
-    """Breaks if two changes of one step trade places, or a swap between two ticks is moved by rounding."""
-    planned = "swaps=[{at: 7.77, controllers: {pid: {kp: 0.05, ki: 0.001}}, controller: pid}, {at: 0, controller: smc}]"
+    """Breaks if two changes of one step are exchanged, or rounding moves a swap between two ticks."""
+    both = "{at: 7.77, controllers: {pid: {kp: 0.05, ki: 0.001}}, controller: pid}"
+    planned = f"controller_changes=[{both}, {{at: 0, controller: smc}}]"
     run = drive(tmp_path / "run", planned)
-    setup, _ = open_run(run)
-    told = told_by(run)
-    again = told.driven(prepare(*load("demo", ("duration=40",))).scenario)
-    assert [swap.at for swap in again.swaps] == [0.0, 7.8]
+    setup, _ = read_run_folder(run)
+    told = read_changes(run)
+    again = told.driven(prepare(*load_scenario("demo", ("duration=40",))).scenario)
+    assert [swap.at for swap in again.controller_changes] == [0.0, 7.8]
     other = RunFolder.make(tmp_path / "again", "again")
     changed = dataclasses.replace(setup, scenario=again)
     with other.sink(changed) as sink:
         run_engine(changed, sink=sink)
-    assert compare(run, other.path, Wire(setup.shape)).first is None
+    assert compare_logs(run, other.path, Wire(setup.layout)).first is None
 
 
 def test_a_swap_at_the_start_is_the_law_of_the_start(tmp_path: Path) -> None:
-    """Breaks if a law that is there before the first step is eased in from another one's force."""
-    swapped, chosen = drive(tmp_path / "a", "swaps=[{at: 0, controller: smc}]"), drive(tmp_path / "b", "controller=smc")
-    setup, _ = open_run(chosen)
-    found = compare(swapped, chosen, Wire(setup.shape))
+    """Breaks if the initial law starts with the transition of a swap."""
+    swapped = drive(tmp_path / "a", "controller_changes=[{at: 0, controller: smc}]")
+    chosen = drive(tmp_path / "b", "controller=smc")
+    setup, _ = read_run_folder(chosen)
+    found = compare_logs(swapped, chosen, Wire(setup.layout))
     assert found.topics == {"/diagnostics": 1}
     assert "changed" in str(found.first)
 
 
 def test_steps_that_were_not_reached_stay_planned() -> None:
-    scenario, _ = load("demo", ("swaps=[{at: 5, controller: smc}, {at: 700, controller: pid}]",))
-    told = Told(laws=[(3 * SECOND, {"pid.kp": 0.5}), (5 * SECOND, {"controller": "smc"})])
-    assert [(swap.at, changes_of(swap)) for swap in told.driven(scenario).swaps] == [
+    scenario, _ = load_scenario("demo", ("controller_changes=[{at: 5, controller: smc}, {at: 700, controller: pid}]",))
+    told = RunChanges(laws=[(3 * SECOND, {"pid.kp": 0.5}), (5 * SECOND, {"controller": "smc"})])
+    assert [(swap.at, values_of(swap)) for swap in told.driven(scenario).controller_changes] == [
         (3.0, {"pid.kp": 0.5}),
         (5.0, {"controller": "smc"}),
         (700.0, {"controller": "pid"}),
@@ -90,17 +87,17 @@ def test_steps_that_were_not_reached_stay_planned() -> None:
 
 @pytest.mark.parametrize("stamp", [0, 1, 100_000_000, 700_000_000, 86_399_900_000_000, 2_599_300_000_001])
 def test_stamps_survive_the_scenario_file(stamp: int) -> None:
-    """Breaks if a stamp that was written as seconds comes back a nanosecond off: the change would move a tick."""
-    swap = swap_of(stamp, {"smc.k": 0.1, "controller": "smc"})
-    read = Swap.model_validate(yaml.safe_load(yaml.safe_dump(swap.model_dump(mode="json"))))
+    """Breaks if a stamp written in seconds returns a nanosecond off: the change would move by a tick."""
+    swap = change_at(stamp, {"smc.k": 0.1, "controller": "smc"})
+    read = ControllerChange.model_validate(yaml.safe_load(yaml.safe_dump(swap.model_dump(mode="json"))))
     assert round(read.at * SECOND) == stamp
-    assert changes_of(read) == {"smc.k": 0.1, "controller": "smc"}
+    assert values_of(read) == {"smc.k": 0.1, "controller": "smc"}
 
 
 @pytest.mark.parametrize(
     ("swaps", "says"),
     [
-        ("[{at: 5}]", "changes nothing"),
+        ("[{at: 5}]", "has no effect"),
         ("[{at: 5, controllers: {pid: {kpp: 1}}}]", "did you mean 'kp'"),
         ("[{at: 5, controllers: {pid: {kp: -1}}}]", "pid.kp"),
         ("[{at: 5, controllers: {pidd: {kp: 1}}}]", "did you mean 'pid'"),
@@ -109,23 +106,23 @@ def test_stamps_survive_the_scenario_file(stamp: int) -> None:
 )
 def test_impossible_swaps_are_refused_before_the_start(swaps: str, says: str) -> None:
     with pytest.raises(ValueError, match=says):
-        prepare(*load("demo", (f"swaps={swaps}",)))
+        prepare(*load_scenario("demo", (f"controller_changes={swaps}",)))
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"pid.kp": [1]}', "{'a': 1}"])
 def test_foreign_texts_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match="not written by this version"):
-        from_text(text)
+        changes_from_json(text)
 
 
 class Desk:
-    """The driver's desk: another process asks, this one pauses the train meanwhile and lets it go on."""
+    """Another process sends requests; this one pauses and resumes the train meanwhile."""
 
     def __init__(self, domain: int) -> None:
         from rclpy.node import Node
         from std_srvs.srv import SetBool, Trigger
 
-        from train_ato.graph.assembly import executor_of
+        from train_ato.ros.graph.assembly import executor_of
 
         self.domain = domain
         self._stack = executor_of(domain)
@@ -139,11 +136,8 @@ class Desk:
     def close(self) -> None:
         self._stack.__exit__(None, None, None)
 
-    def until(self, condition, limit: float = 60.0) -> None:
-        last = time.monotonic() + limit
-        while not condition():
-            assert time.monotonic() < last, "did not happen in time"
-            self.executor.spin_once(timeout_sec=0.02)
+    def until(self, condition) -> None:
+        wait_for(condition, turn=lambda: self.executor.spin_once(timeout_sec=LOOK_S))
 
     def _ask(self, client, **values):
         self.until(client.service_is_ready)
@@ -156,15 +150,15 @@ class Desk:
 
     def steps(self, count: int) -> None:
         for _ in range(count):
-            # A step is refused as long as the tick before it is under way.
+            # A step is rejected during the previous tick.
             self.until(lambda: self._ask(self._step))
 
     def set(self, assignment: str) -> subprocess.CompletedProcess[str]:
-        return command("set", assignment, f"--domain={self.domain}")
+        return command("param", assignment, f"--domain={self.domain}")
 
 
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return started(*arguments, run=subprocess.run, capture_output=True, timeout=60)
+    return started(*arguments, run=subprocess.run, capture_output=True, timeout=LIMIT_S)
 
 
 def started(*arguments: str, run=subprocess.Popen, **options):
@@ -177,17 +171,18 @@ def started(*arguments: str, run=subprocess.Popen, **options):
 def test_a_law_set_from_another_process_is_recorded_and_verified(
     way: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Breaks if the log does not say when a law or a parameter was set, or verify drives the run without it."""
+    """Breaks if the log lacks the time of a change of law or parameter, or ``verify`` omits the change."""
     pytest.importorskip("rclpy")
-    from train_ato.graph.environment import claim_domain, discovery_profile
+    from train_ato.ros.graph.environment import claim_domain, middleware
+    from train_ato.ros.graph.remote import set_parameter
 
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(discovery_profile()))
+    for name, value in middleware().items():
+        monkeypatch.setenv(name, value)
     run = tmp_path / "run"
     with claim_domain() as domain:
         pass  # free a moment ago: the run claims it itself
     process = started(
-        "run", "demo", "--set=duration=600", "--json", f"--domain={domain}", f"--out={run}", *way,
+        "run", "demo", "--set=duration=100", "--pace=1", "--json", f"--domain={domain}", f"--out={run}", *way,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     desk = Desk(domain)
@@ -199,10 +194,11 @@ def test_a_law_set_from_another_process_is_recorded_and_verified(
         assert desk.set("pid.kp=0.05").returncode == 0
         desk.steps(2)
         assert desk.set("controller=pid").returncode == 0
+        assert set_parameter(domain, "plant", "pace", 0.0) is None
         desk.pause(False)
     finally:
         desk.close()
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 0, err
     changes = json.loads(out)["changes"]
     assert [(row["name"], row["value"]) for row in changes] == [
@@ -213,25 +209,25 @@ def test_a_law_set_from_another_process_is_recorded_and_verified(
     assert not any(row["planned"] for row in changes)
     first = changes[0]["at_s"]
     assert [row["at_s"] - first for row in changes] == pytest.approx([0.0, 0.3, 0.5], abs=0.11)
-    assert yaml.safe_load((run / STARTED).read_text())["swaps"] == []
-    assert len(yaml.safe_load((run / "scenario.yaml").read_text())["swaps"]) == 3
+    assert yaml.safe_load((run / STARTED).read_text())["controller_changes"] == []
+    assert len(yaml.safe_load((run / "scenario.yaml").read_text())["controller_changes"]) == 3
     for name in (run, run / "run.mcap"):
         verified = command("verify", str(name), "--json")
         assert verified.returncode == 0, verified.stderr
         assert json.loads(verified.stdout)["equal"] is True
     (run / "scenario.yaml").unlink()
-    plain = prepare(*load(str(run / STARTED)))
+    plain = prepare(*load_scenario(str(run / STARTED)))
     other = RunFolder.make(tmp_path / "plain", "plain")
     with other.sink(plain) as sink:
         run_engine(plain, sink=sink)
-    found = compare(run, other.path, Wire(plain.shape))
+    found = compare_logs(run, other.path, Wire(plain.layout))
     assert found.first is not None
     assert found.first.stamp == round(first * SECOND)
 
 
 def test_late_commands_of_a_paced_run_are_counted(tmp_path: Path) -> None:
-    """Breaks if verify blames the code where the wall clock was to blame: the last count of the plant holds."""
-    setup = prepare(*load("demo"))
+    """Breaks if ``verify`` attributes an effect of the wall clock to the code: the last count of the plant is valid."""
+    setup = prepare(*load_scenario("demo"))
     with RunFolder.make(tmp_path / "run", "demo").sink(setup) as sink:
         for second, late in enumerate((0, 2, 3)):
             values = {"wall_late": str(late), "wall_held": "1"}

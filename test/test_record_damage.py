@@ -1,4 +1,4 @@
-"""Cut and damaged logs: recovered or refused in one line, and never with a message that was not recorded."""
+"""Cut and damaged logs: recovered or rejected in one line, without messages that were not recorded."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ from mcap.stream_reader import StreamReader
 from rosbags.rosbag2 import Reader
 
 from train_ato.cli import main
-from train_ato.record.reading import attachments, log_file, stream
-from train_ato.record.records import chunk_content
-from train_ato.record.recover import recover
-from train_ato.record.run_log import LogFile
+from train_ato.log.bag_layout import published_name
+from train_ato.log.mcap_chunk import chunk_content
+from train_ato.log.reading import attachments, log_file, stream
+from train_ato.log.recover import recover
+from train_ato.log.run_log import LogFile
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
 CHUNK = 150_000
-"""So that a short run has several."""
+"""Chunk size for several chunks in a short run."""
 
 
 def in_chunks() -> bytes:
@@ -33,7 +34,11 @@ def in_chunks() -> bytes:
             if m.channel.topic not in numbers:
                 found, text = m.channel.metadata, m.schema.data.decode()
                 numbers[m.channel.topic] = log.channel(
-                    m.channel.topic, m.schema.name, text, found["topic_type_hash"], found["offered_qos_profiles"]
+                    published_name(m.channel.topic),
+                    m.schema.name,
+                    text,
+                    found["topic_type_hash"],
+                    found["offered_qos_profiles"],
                 )
             log.write(numbers[m.channel.topic], m.publish_ns, m.log_ns, m.data)
         log.close()
@@ -41,7 +46,7 @@ def in_chunks() -> bytes:
 
 
 WHOLE = in_chunks()
-ORIGINAL = [(m.channel.topic, m.publish_ns, m.log_ns, m.data) for m in stream(GOLDEN)]
+ORIGINAL = [(published_name(m.channel.topic), m.publish_ns, m.log_ns, m.data) for m in stream(GOLDEN)]
 """Every message of the golden run, in its order."""
 
 
@@ -67,7 +72,7 @@ def taken_out(chance: random.Random) -> bytes:
 
 
 def flipped_in_structure(chance: random.Random) -> bytes:
-    """Hit what holds the file together: heads of records, the smallest part of it."""
+    """Damage the structure of the file: heads of records, its smallest part."""
     data = bytearray(WHOLE)
     data[chance.choice(HEADS) + chance.randrange(60)] ^= 1 << chance.randrange(8)
     return bytes(data)
@@ -89,7 +94,7 @@ CASES += [(kind, seed) for kind in KINDS[2:] for seed in range(10)]
 
 
 def one_line(capsys: pytest.CaptureFixture[str], *arguments: str) -> int:
-    """Run a command; what it says on standard error is one line at most."""
+    """Run a command; its standard error has at most one line."""
     try:
         status = main(list(arguments))
     except SystemExit as end:
@@ -106,7 +111,7 @@ def one_line(capsys: pytest.CaptureFixture[str], *arguments: str) -> int:
 def test_whatever_is_recovered_was_recorded(
     kind: Callable[[random.Random], bytes], seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Breaks on a traceback, on a message that is not the original's, and on a new file that is not whole itself."""
+    """Breaks on a traceback, a message not in the original, or an incomplete new file."""
     damaged = kind(random.Random(f"{kind.__name__} {seed}"))
     (tmp_path / "run.mcap").write_bytes(damaged)
     status = one_line(capsys, "recover", str(tmp_path))
@@ -131,7 +136,7 @@ def test_whatever_is_recovered_was_recorded(
 def test_reading_commands_refuse_a_damaged_log_in_one_line(
     kind: Callable[[random.Random], bytes], seed: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Breaks if a wrong bit anywhere goes unseen: figures, tables and a replay would come from half a log."""
+    """Breaks if a wrong bit is not detected: figures, tables and a replay would use an incomplete log."""
     log = tmp_path / "run.mcap"
     log.write_bytes(kind(random.Random(f"{kind.__name__} {seed}")))
     for arguments in (
@@ -165,7 +170,7 @@ def read_back(folder: Path) -> list[tuple[str, int, int, bytes]]:
 
 
 def test_one_wrong_bit_costs_one_chunk(tmp_path: Path) -> None:
-    """Breaks if another chunk is lost with it: the first one holds what all messages need to be read."""
+    """Breaks if another chunk is lost too: the first one contains the definitions of all messages."""
     groups = chunks()
     assert len(groups) >= 3
     for place in groups:
@@ -181,7 +186,7 @@ def test_one_wrong_bit_costs_one_chunk(tmp_path: Path) -> None:
 
 
 def test_every_closed_chunk_of_a_killed_run_comes_back(tmp_path: Path) -> None:
-    """Breaks if a log without summary is lost, or a chunk that is whole is left out."""
+    """Breaks if a log without summary is lost, or an intact chunk is omitted."""
     groups = chunks()
     places = list(groups)
     for number in range(1, len(places) + 1):
@@ -196,16 +201,16 @@ def test_every_closed_chunk_of_a_killed_run_comes_back(tmp_path: Path) -> None:
 def test_a_whole_log_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "run.mcap").write_bytes(WHOLE)
     recover(tmp_path)  # metadata.yaml
-    with pytest.raises(ValueError, match="is whole; there is nothing to recover"):
+    with pytest.raises(ValueError, match="is undamaged; there is nothing to recover"):
         recover(tmp_path)
     assert (tmp_path / "run.mcap").read_bytes() == WHOLE
     (tmp_path / "alone.mcap").write_bytes(WHOLE)
-    with pytest.raises(ValueError, match="is whole; there is nothing to recover"):
+    with pytest.raises(ValueError, match="is undamaged; there is nothing to recover"):
         recover(tmp_path / "alone.mcap")
 
 
 def test_the_log_of_a_run_that_goes_on_is_left_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if recover takes the file away under a recorder, or a reader calls a running run killed."""
+    """Breaks if ``recover`` moves the file of a running recorder, or a reader reports a running run as killed."""
     log = LogFile(tmp_path)
     with pytest.raises(ValueError, match="being written by a run that goes on"):
         recover(tmp_path)
@@ -217,7 +222,7 @@ def test_the_log_of_a_run_that_goes_on_is_left_alone(tmp_path: Path, capsys: pyt
 
 
 def test_recover_overwrites_nothing(tmp_path: Path) -> None:
-    """Breaks if a second recover takes the place of what the first one kept."""
+    """Breaks if a second ``recover`` overwrites the file kept by the first."""
     (tmp_path / "run.mcap.partial").write_bytes(WHOLE[:200_000])
     (tmp_path / "run.mcap.broken").write_bytes(b"earlier")
     with pytest.raises(ValueError, match=r"run\.mcap\.broken: exists already"):
@@ -228,7 +233,7 @@ def test_recover_overwrites_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("compression", ["none", "lz4", "zstd"])
 def test_logs_of_another_writer_are_recovered_too(compression: str, tmp_path: Path) -> None:
-    """Breaks if chunks are looked for by what only our writer does."""
+    """Breaks if the search for chunks depends on properties of our writer."""
     from mcap.writer import CompressionType, Writer
 
     path = tmp_path / "other.mcap"
@@ -258,6 +263,6 @@ def test_logs_of_another_writer_are_recovered_too(compression: str, tmp_path: Pa
 
 
 def test_our_checksums_are_those_of_the_format() -> None:
-    """Breaks if the library that defines MCAP finds another checksum over the data section than we wrote."""
+    """Breaks if the MCAP library calculates another checksum of the data section."""
     kinds = {type(record).__name__ for record in StreamReader(io.BytesIO(WHOLE), validate_crcs=True).records}
     assert {"Attachment", "AttachmentIndex", "Statistics", "DataEnd", "Message"} <= kinds

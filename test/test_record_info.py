@@ -1,4 +1,4 @@
-"""What ``info`` says of a run: counts, rates, gaps, changes; of a folder, a log alone and one never closed."""
+"""Output of ``info``: counts, rates, gaps, changes; for a folder, a single log and an unclosed log."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from train_ato.cli import main
-from train_ato.record.overview import overview
-from train_ato.record.reading import stream
-from train_ato.record.run_log import LogFile
-from train_ato.topics import EPOCH_NS
+from train_ato.log.overview import log_overview
+from train_ato.log.reading import stream
+from train_ato.log.run_log import LogFile
+from train_ato.messages.topics import EPOCH_NS
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
 
@@ -22,12 +22,12 @@ def info(capsys: pytest.CaptureFixture[str], path: Path) -> dict:
 
 
 def test_a_log_alone_tells_all_but_the_summary(capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a log that was mailed without its folder does not say what law drove from when on."""
+    """Breaks if the laws and their times are missing for a log without its folder."""
     found = info(capsys, GOLDEN)
     assert found["duration_s"] == pytest.approx(44.0)
-    assert found["messages"]["/train/cars"] == 441
+    assert found["messages"]["/train/vehicles"] == 441
     by_name = {topic["name"]: topic for topic in found["topics"]}
-    assert by_name["/train/cars"]["rate_hz"] == pytest.approx(10.0)
+    assert by_name["/train/vehicles"]["rate_hz"] == pytest.approx(10.0)
     assert by_name["/diagnostics"]["rate_hz"] == pytest.approx(4.0, abs=0.1)
     assert by_name["/ato/profile"]["rate_hz"] is None
     assert all(topic["gaps"] == 0 for topic in found["topics"])
@@ -43,7 +43,7 @@ def test_a_log_alone_tells_all_but_the_summary(capsys: pytest.CaptureFixture[str
 
 def test_a_run_folder_tells_its_summary_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
-    swaps = "--set=swaps=[{at: 3, controller: smc}]"
+    swaps = "--set=controller_changes=[{at: 3, controller: smc}]"
     assert main(["run", "demo", "--engine", "--set=duration=5", swaps, f"--out={run}", "--json"]) == 0
     capsys.readouterr()
     found = info(capsys, run)
@@ -52,12 +52,12 @@ def test_a_run_folder_tells_its_summary_too(tmp_path: Path, capsys: pytest.Captu
     assert found["changes"] == [{"at_s": 3.0, "name": "controller", "value": "smc", "planned": True}]
     assert main(["info", str(run)]) == 0
     shown = capsys.readouterr().out
-    for part in ("controller = smc", "planned", "/ato/command", "made by train_ato"):
+    for part in ("controller = smc", "planned", "/ato/command", "recorded with train_ato"):
         assert part in shown
 
 
 def test_gaps_are_found_where_they_are(tmp_path: Path) -> None:
-    """Breaks if messages that were lost in the middle of a run do not show."""
+    """Breaks if lost messages in the middle of a run are not shown."""
     log, numbers = LogFile(tmp_path), {}
     for m in stream(GOLDEN):
         name, stamp = m.channel.topic, m.publish_ns - EPOCH_NS
@@ -67,20 +67,20 @@ def test_gaps_are_found_where_they_are(tmp_path: Path) -> None:
         if not lost:
             log.write(numbers[name], m.publish_ns, m.log_ns, m.data)
     log.close()
-    topics = {topic.name: topic for topic in overview(log.path).topics}
+    topics = {topic.name: topic for topic in log_overview(log.path).topics}
     command = topics.pop("/ato/command")
     assert (command.gaps, command.longest_gap_s, command.longest_gap_at_s) == (2, 2.0, 10.0)
     assert all(topic.gaps == 0 for topic in topics.values())
 
 
 def test_a_log_that_was_never_closed_names_recover(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a killed run shows nothing, or does not say how to make its log readable."""
+    """Breaks if a killed run shows nothing, or the remedy for its log is missing."""
     partial = tmp_path / "run.mcap.partial"
     partial.write_bytes(GOLDEN.read_bytes()[:200_000])
     for path in (partial, tmp_path):
         found = info(capsys, path)
         assert f"train-ato recover {partial}" in found["note"]
-        assert 100 < found["messages"]["/train/cars"] <= 441
+        assert 100 < found["messages"]["/train/vehicles"] <= 441
         assert found["versions"]
     assert main(["info", str(partial)]) == 0
     assert "train-ato recover" in capsys.readouterr().out
@@ -103,5 +103,5 @@ def test_a_foreign_log_counts_from_its_first_message(tmp_path: Path) -> None:
     for k in range(5):
         log.write(number, 10**18 + k * 10**9, 0, bytes(8))
     log.close()
-    (topic,) = overview(log.path).topics
+    (topic,) = log_overview(log.path).topics
     assert (topic.first_s, topic.last_s, topic.rate_hz, topic.gaps) == (0.0, 4.0, 1.0, 0)

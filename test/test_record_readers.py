@@ -1,4 +1,4 @@
-"""Three readers that know nothing of each other read the same values out of a log: the layout is that of ros2 bag."""
+"""Three independent readers read the same values from a log in the layout of ``ros2 bag``."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from train_ato.engine import run_engine
-from train_ato.record import run_log
-from train_ato.record.definitions import definition
-from train_ato.run_folder import RunFolder
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
-from train_ato.topics import TOPICS
+from train_ato.log import chunk_thread
+from train_ato.log.bag_layout import table_name
+from train_ato.log.definitions import definition
+from train_ato.log.run_folder import RunFolder
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import prepare
+from train_ato.messages.topics import TOPICS
+from train_ato.scenario.scenario import load_scenario
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train"
 Read = tuple[str, int, Any]
@@ -32,7 +33,7 @@ def plain(message: Any) -> Any:
     if hasattr(message, "get_fields_and_field_types"):
         return {name: plain(getattr(message, name)) for name in message.get_fields_and_field_types()}
     if dataclasses.is_dataclass(message):
-        # rosbags keeps the constants of a definition, in capitals, among the fields.
+        # rosbags includes the constants of a definition, in capitals, in the fields.
         names = [part.name for part in dataclasses.fields(message) if part.name.islower() and part.name[:2] != "__"]
         return {name: plain(getattr(message, name)) for name in names}
     if hasattr(message, "__slots__") and not isinstance(message, (list, tuple)):
@@ -45,7 +46,7 @@ def plain(message: Any) -> Any:
 
 
 def by_mcap_ros2() -> Iterator[Read]:
-    """Read with mcap-ros2-support: types come from the schemas in the file alone."""
+    """Read with mcap-ros2-support: the types come from the schemas of the file."""
     from mcap_ros2.decoder import DecoderFactory
 
     with (GOLDEN / "run.mcap").open("rb") as file:
@@ -67,7 +68,7 @@ def by_rclpy() -> Iterator[Read]:
     """Read with the classes and the deserialiser of the installed ROS packages."""
     from rclpy.serialization import deserialize_message
 
-    from train_ato.nodes.shell import message_class
+    from train_ato.ros.nodes.endpoints import message_class
 
     with (GOLDEN / "run.mcap").open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
@@ -75,21 +76,21 @@ def by_rclpy() -> Iterator[Read]:
 
 
 def test_three_readers_read_equal_values() -> None:
-    """Breaks if a schema, an alignment or a padding is such that only our own reader understands it."""
+    """Breaks if only our own reader can read a schema, an alignment or a padding."""
     pytest.importorskip("rclpy")
     reads = [
-        # Of one log time readers may choose the order, so messages of one topic are put in that of their contents.
+        # The order of messages with equal log times is not defined, so messages of a topic are sorted by content.
         sorted(((topic, time, plain(message)) for topic, time, message in reader()), key=repr)
         for reader in (by_mcap_ros2, by_rosbags, by_rclpy)
     ]
     assert len(reads[0]) > 4000
     for one, other, third in zip(*reads, strict=True):
         assert one == other == third
-    assert {topic.lstrip("/") for topic, _, _ in reads[0]} == {t.name.lstrip("/") for t in TOPICS if t.recorded}
+    assert {table_name(topic) for topic, _, _ in reads[0]} == {t.name for t in TOPICS if t.recorded}
 
 
 def test_the_file_is_laid_out_as_ros2_bag_does() -> None:
-    """Breaks if a player falls back to other QoS, or a tool finds no definition, hash or metadata."""
+    """Breaks if a player uses default QoS, or a tool finds no definition, hash or metadata."""
     (information,) = yaml.safe_load((GOLDEN / "metadata.yaml").read_text()).values()
     listed = {entry["topic_metadata"]["name"]: entry for entry in information["topics_with_message_count"]}
     with (GOLDEN / "run.mcap").open("rb") as file:
@@ -118,10 +119,12 @@ def test_the_file_is_laid_out_as_ros2_bag_does() -> None:
 def test_equal_runs_of_the_engine_give_equal_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if anything of the wall clock, of memory or of the order of a dictionary gets into the file.
 
-    The age at which a chunk is closed is the one thing of the wall clock in a log; a busy machine must not meet it.
+    Only the age at which a chunk is closed depends on the wall clock; the limit is not reached here.
     """
-    monkeypatch.setattr(run_log, "CLOSE_AFTER_S", 60.0)
-    setup = prepare(*load("demo", ("duration=60", "observer=ndo", "swaps=[{at: 30, controller: smc}]")))
+    monkeypatch.setattr(chunk_thread, "CLOSE_AFTER_S", 60.0)
+    setup = prepare(
+        *load_scenario("demo", ("duration=60", "observer=ndo", "controller_changes=[{at: 30, controller: smc}]"))
+    )
     for name in ("one", "other"):
         with RunFolder.make(tmp_path / name, "demo").sink(setup) as sink:
             run_engine(setup, sink=sink)

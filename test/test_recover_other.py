@@ -1,4 +1,4 @@
-"""Recovering what is none of our own cut logs: metadata beside a whole log, bags in several files, other encodings."""
+"""Recovery of other logs: metadata for a complete log, bags in several files, other encodings."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 
 from train_ato.cli import main
-from train_ato.record.reading import stream
-from train_ato.record.recover import recover
+from train_ato.log.reading import stream
+from train_ato.log.recover import recover
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
 COUNT = sum(1 for _ in stream(GOLDEN))
@@ -21,7 +21,7 @@ COUNT = sum(1 for _ in stream(GOLDEN))
 
 @pytest.mark.parametrize("wrong", ["missing", "no yaml", "another's", "empty"])
 def test_metadata_beside_a_whole_log_is_written_again(wrong: str, tmp_path: Path) -> None:
-    """Breaks if a bag stays shut to `ros2 bag` although nothing is missing from its log."""
+    """Breaks if ``ros2 bag`` cannot open a bag although its log is complete."""
     shutil.copytree(GOLDEN.parent, tmp_path / "run")
     file, log = tmp_path / "run" / "metadata.yaml", tmp_path / "run" / "run.mcap"
     good, bytes_before = file.read_text(), log.read_bytes()
@@ -40,7 +40,7 @@ def test_metadata_beside_a_whole_log_is_written_again(wrong: str, tmp_path: Path
 
 
 def test_metadata_of_a_bag_in_several_files_is_left_alone(tmp_path: Path) -> None:
-    """Breaks if recovering one file of a bag makes the others disappear from it."""
+    """Breaks if the recovery of one file of a bag removes the others from it."""
     (tmp_path / "bag_0.mcap").write_bytes(GOLDEN.read_bytes()[:-30])
     text = yaml.safe_dump(
         {"rosbag2_bagfile_information": {"relative_file_paths": ["bag_0.mcap", "bag_1.mcap"],
@@ -52,7 +52,7 @@ def test_metadata_of_a_bag_in_several_files_is_left_alone(tmp_path: Path) -> Non
 
 
 def test_what_is_not_ros_2_is_recovered_as_what_it_is(tmp_path: Path) -> None:
-    """Breaks if messages without a schema are taken for damage, or come back under another encoding or topic."""
+    """Breaks if messages without a schema count as damage, or get another encoding or topic."""
     path = tmp_path / "other.mcap"
     binary = bytes(range(256))
     with path.open("wb") as file:

@@ -1,4 +1,4 @@
-"""Re-planning while the train runs: seen from measurements, followed from one stamp on in every way of running."""
+"""Re-planning during the run: detection from measurements, same start stamp in every mode."""
 
 from __future__ import annotations
 
@@ -9,41 +9,43 @@ from typing import Any
 import numpy as np
 import pytest
 
+from train_ato.apps.replay.open_loop import replay_open_loop
 from train_ato.cli import main
-from train_ato.engine import run_engine
-from train_ato.nodes.inputs import StepInputs
-from train_ato.open_loop import replay_open_loop
-from train_ato.outcome import Outcome
-from train_ato.plan.watch import Sample, Shortfall, ShortfallWatch
-from train_ato.record.difference import compare
-from train_ato.roles.profile import ProfileRole
-from train_ato.roles.trajectories import profile_of
-from train_ato.run_folder import open_run
-from train_ato.run_setup import RunSetup, prepare
-from train_ato.scenario import check, load
-from train_ato.types import DisturbanceEstimate, Measurement, Reference, Trajectory
-from train_ato.wire import Wire
+from train_ato.log.difference import compare_logs
+from train_ato.log.run_folder import read_run_folder
+from train_ato.loop.engine import run_engine
+from train_ato.loop.profile import ProfileStage
+from train_ato.loop.result import RunResult
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.loop.stamp_synchronizer import StampSynchronizer
+from train_ato.loop.trajectories import profile_of
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference, Trajectory
+from train_ato.profile.planner.shortfall_detector import Sample, Shortfall, ShortfallDetector
+from train_ato.scenario.scenario import check_scenario, load_scenario
 
 SLIPPERY = ("plant.adhesion={kind: constant, coefficient: 0.3}", "plant.jumps=[{at: 10, what: adhesion, factor: 0.2}]")
-"""6 % of the metro's weight from 10 s on: 107 kN of the 192 kN of traction and 231 kN of brake."""
+"""Adhesion of 6 % of the weight from 10 s on: 107 kN instead of 192 kN of traction and 231 kN of brake."""
 FAULT = ("plant.jumps=[{at: 10, what: gain, factor: 0.6}]", "controller=smc", "observer=eso")
 WEAK_LOCOMOTIVE = (
     "plant.adhesion={kind: curtius_kniffler}",
     "plant.jumps=[{at: 50, what: adhesion, factor: 0.4}]",
     "duration=1200",
 )
-HEAVY = "replan={sitting: 8, plan: {acceleration: 0.035, deceleration: 0.035, jerk: 0.002, force_margin: 0.05}}"
+HEAVY = (
+    "replan={confirmation_time: 8, plan: {acceleration: 0.035, deceleration: 0.035, jerk: 0.002, force_margin: 0.05}}"
+)
 LAST_57_KM = (
     "profile.start=230000",
     "profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 300}, {stop_at_km: 286.203}]",
     "duration=1000",
 )
 KNOWN = (*LAST_57_KM, "replan={speed_error: 0.1, position_error: 0.3, plan: {jerk: 0.2, force_margin: 0.03}}")
-"""A profile beyond what even the model's envelopes give."""
+"""A profile above the envelopes of the model."""
 
 
 class Notes:
-    """Sink that keeps profiles and what the profile node says."""
+    """Sink for the profiles and the diagnostics of the profile node."""
 
     def __init__(self) -> None:
         self.profiles: list[Trajectory] = []
@@ -56,8 +58,8 @@ class Notes:
             self.said.append(message)
 
 
-def drive(name: str, *assignments: str) -> tuple[RunSetup, Outcome, Notes]:
-    setup, notes = prepare(*load(name, assignments)), Notes()
+def drive(name: str, *assignments: str) -> tuple[RunSetup, RunResult, Notes]:
+    setup, notes = prepare(*load_scenario(name, assignments)), Notes()
     outcome = run_engine(setup, sink=notes)
     assert outcome.failure is None
     return setup, outcome, notes
@@ -78,10 +80,10 @@ CASES = [
 
 
 @pytest.mark.parametrize(("name", "changes", "position", "speed", "stop"), CASES)
-def test_missing_force_is_planned_for_and_the_stop_is_met(
+def test_a_shortfall_is_planned_and_the_stop_is_reached(
     name: str, changes: tuple[str, ...], position: float, speed: float, stop: float
 ) -> None:
-    """Without it: 130 m, 44 m (the CRH380A always) and 1.4 km off (demo); the metro misses its stop by 130 and 44 m."""
+    """Errors without re-planning: 130 m, 44 m (CRH380A), 1.4 km (demo); stop errors of the metro 130 and 44 m."""
     setup, outcome, notes = drive(name, *changes)
     summary = outcome.summary
     assert summary["replans"] == len(notes.profiles) - 1 >= 1
@@ -96,14 +98,14 @@ def test_missing_force_is_planned_for_and_the_stop_is_met(
         assert np.array_equal(after.position[:begin], before.position[:begin]), "the lead belongs to the old profile"
 
 
-def test_what_is_there_is_not_planned_again() -> None:
-    """Gusts, hills that the model does not know and noise are the law's business, not the planner's."""
+def test_disturbances_without_a_shortfall_start_no_plan() -> None:
+    """Breaks if gusts, grades outside the model or noise count as a shortfall."""
     _, outcome, _ = drive("xuzhou_metro:disturbed", "replan={}")
     assert outcome.summary["replans"] == 0
 
 
-def test_a_stop_that_cannot_be_met_is_said_and_the_old_profile_goes_on() -> None:
-    """Adhesion that goes during the last braking: 0.8 m/s² are asked for where 0.55 are left."""
+def test_an_impossible_stop_is_reported_and_the_old_profile_stays() -> None:
+    """Loss of adhesion during the last braking: 0.8 m/s² required, 0.55 m/s² available."""
     late = ("plant.adhesion={kind: constant, coefficient: 0.3}", "plant.jumps=[{at: 150, what: adhesion, factor: 0.2}]")
     run = "profile.phases=[{cruise_for: 2}, {accelerate_to_kmh: 80}, {cruise_until: 155}, {brake_to: 0}]"
     _, outcome, notes = drive("xuzhou_metro", *late, run, "replan={}", "duration=220")
@@ -115,7 +117,7 @@ def test_a_stop_that_cannot_be_met_is_said_and_the_old_profile_goes_on() -> None
 
 
 def test_traction_that_returns_is_used_again() -> None:
-    """The rails are bad from 10 to 25 s only; without ``retry`` the train stays behind to the end."""
+    """Low adhesion from 10 to 25 s only; without ``retry`` the train is late until the end."""
     back = "plant.jumps=[{at: 10, what: adhesion, factor: 0.2}, {at: 25, what: adhesion, factor: 5}]"
     ends = []
     for spec in ("replan={}", "replan={retry: 20}"):
@@ -125,14 +127,16 @@ def test_traction_that_returns_is_used_again() -> None:
     assert ends[1] < ends[0] - 1.0
 
 
-def _watch(period: float = 0.1) -> ShortfallWatch:
-    return ShortfallWatch(prepare(*load("xuzhou_metro", (f"tick={period}", "step=0.005"))).model, 0.2, 1.0, 1.0)
+def _watch(period: float = 0.1) -> ShortfallDetector:
+    return ShortfallDetector(
+        prepare(*load_scenario("xuzhou_metro", (f"tick={period}", "step=0.005"))).model, 0.2, 1.0, 1.0
+    )
 
 
 def _feed(
-    watch: ShortfallWatch, force: Any, growth: float, needed: float = 150e3, noise: float = 0.0
+    watch: ShortfallDetector, force: Any, growth: float, needed: float = 150e3, noise: float = 0.0
 ) -> Shortfall | None:
-    """Give 4 s of an error that grows; ``force`` depends on the time."""
+    """Feed 4 s of a growing error; ``force`` is a function of time."""
     random = np.random.default_rng(5)
     for k in range(40):
         t = 0.1 * k
@@ -159,7 +163,7 @@ FORCES = [
 def test_only_a_force_that_does_not_follow_the_error_is_a_limit(
     case: str, force: Any, growth: float, level: float | None
 ) -> None:
-    """Breaks if a law at work is taken for a limit, or a limit for a law at work."""
+    """Breaks if a reacting law counts as a shortfall, or a shortfall as a reacting law."""
     needed = -150e3 if growth > 0 else 150e3
     found = _feed(_watch(), force, growth, needed, 0.05 if "noise" in case else 0.0)
     assert (None if found is None else found.level) == level
@@ -190,27 +194,27 @@ def test_a_profile_is_used_from_its_stamp_on_in_any_order_of_topics() -> None:
     for seed in range(200):
         random = np.random.default_rng(seed)
         left = {kind: list(messages) for kind, messages in queues.items()}
-        inputs, current, seen = StepInputs(), -1, []
+        inputs, current, seen = StampSynchronizer(), -1, []
         while left:
             kind = sorted(left)[int(random.integers(len(left)))]
             message = left[kind].pop(0)
             if not left[kind]:
                 del left[kind]
-            for profile, complete in inputs.put(kind, message):
-                current = current if profile is None else profile.stamp
-                seen.append((complete[0].stamp, current))
-        # Stamps that a complete later one overtook are given up by the barrier: lockstep never gets there.
+            for step in inputs.put(kind, message):
+                current = current if step.profile is None else step.profile.stamp
+                seen.append((step.measurement.stamp, current))
+        # Stamps before a later complete stamp are discarded; this never happens in lockstep.
         assert seen[-1] == (3, 2)
         assert all(planned == (0 if stamp < 2 else 2) for stamp, planned in seen)
         assert inputs.ignored == 0
 
 
-def test_a_profile_that_was_replaced_before_it_came_is_not_waited_for() -> None:
-    """A paced run may lose one of two profiles that follow each other at once."""
-    inputs = StepInputs()
+def test_a_profile_replaced_before_its_arrival_is_not_awaited() -> None:
+    """Breaks if a lost first profile of two in quick succession blocks a paced run."""
+    inputs = StampSynchronizer()
     inputs.put("profile", _trajectory(7))
     ready = [step for kind, message in _inputs(5, 5).items() for step in inputs.put(kind, message)]
-    assert [(profile.stamp, complete[0].stamp) for profile, complete in ready if profile] == [(7, 5)]
+    assert [(step.profile.stamp, step.measurement.stamp) for step in ready if step.profile] == [(7, 5)]
 
 
 SHORT = ("--set=duration=30", *(f"--set={text}" for text in (*SLIPPERY, "replan={}")))
@@ -224,19 +228,19 @@ def engine_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("way", [[], ["--processes"]], ids=["composed", "processes"])
-def test_all_ways_change_the_profile_at_the_same_stamp(way: list[str], engine_run: Path, tmp_path: Path) -> None:
+def test_all_modes_change_the_profile_at_the_same_stamp(way: list[str], engine_run: Path, tmp_path: Path) -> None:
     """Breaks if a controller uses a new profile a tick earlier or later than the engine does."""
     pytest.importorskip("rclpy")
     out = tmp_path / "run"
     assert main(["run", "xuzhou_metro", "--json", f"--out={out}", *way, *SHORT]) == 0
-    setup, summary = open_run(out)
+    setup, summary = read_run_folder(out)
     assert summary["replans"] == 1
-    assert compare(engine_run, out, Wire(setup.shape)).first is None
+    assert compare_logs(engine_run, out, Wire(setup.layout)).first is None
 
 
 def test_a_recorded_run_with_two_profiles_is_replayed_through_the_law(engine_run: Path) -> None:
-    """Breaks if the open loop takes profiles in the order of the file instead of by the reference's word."""
-    setup, _ = open_run(engine_run)
+    """Breaks if the open loop uses profiles in the order of the file instead of the stamps of the reference."""
+    setup, _ = read_run_folder(engine_run)
     assert setup.scenario.replan is not None
     assert replay_open_loop(setup, engine_run).summary()["difference_max_kn"] == 0
 
@@ -249,20 +253,20 @@ def test_a_recorded_run_with_two_profiles_is_replayed_through_the_law(engine_run
         (("replan={}", "brake={policy: trigger}"), "brake.policy trigger"),
     ],
 )
-def test_what_cannot_be_planned_again_is_refused(changes: tuple[str, ...], says: str) -> None:
+def test_impossible_re_planning_is_refused(changes: tuple[str, ...], says: str) -> None:
     with pytest.raises(ValueError, match=says):
-        prepare(*load("demo", changes))
+        prepare(*load_scenario("demo", changes))
 
 
 def test_settings_that_are_null_survive_the_resolved_scenario() -> None:
-    """``jerk: null`` means unlimited; written without it the run would be another one."""
+    """Breaks if ``jerk: null`` (no limit) is lost in the resolved scenario."""
     import yaml
 
-    setup = prepare(*load("xuzhou_metro", ("replan={plan: {jerk: null, force_margin: 0.2}, retry: 60}",)))
-    again = check(yaml.safe_load(setup.resolved_yaml()), "resolved")
+    setup = prepare(*load_scenario("xuzhou_metro", ("replan={plan: {jerk: null, force_margin: 0.2}, retry: 60}",)))
+    again = check_scenario(yaml.safe_load(setup.resolved_yaml()), "resolved")
     assert again.replan == setup.scenario.replan
     assert again.replan is not None and again.replan.plan is not None and again.replan.plan.jerk is None
 
 
-def test_nothing_is_planned_unless_it_is_asked_for() -> None:
-    assert ProfileRole(prepare(*load("demo", ("duration=1",))))._replanner is None
+def test_no_replanner_without_a_replan_block() -> None:
+    assert ProfileStage(prepare(*load_scenario("demo", ("duration=1",))))._replanner is None

@@ -1,53 +1,49 @@
-"""A recorded run published again: what a real node hears, and what it can order."""
+"""Replay of a recorded run: messages received by a real node, and service calls."""
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from pathlib import Path
 
 import pytest
+from engine_runs import record_run
+from recordings import message_counts
 from replay_listener import Listener, Replaying
 
-from train_ato.engine import run_engine
-from train_ato.record.reading import iter_raw, message_counts
-from train_ato.replay.clock import AS_FAST_AS_POSSIBLE
-from train_ato.replay.options import ReplayOptions
-from train_ato.replay.player import middleware_profile
-from train_ato.run_folder import RunFolder
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
-from train_ato.wire import stamp_of
+from train_ato.apps.replay.options import ReplayOptions
+from train_ato.apps.replay.player import REPLAY_PROFILE
+from train_ato.log.reading import iter_raw
+from train_ato.loop.setup import prepare
+from train_ato.messages.codec.codec import stamp_of
+from train_ato.scenario.scenario import load_scenario
 
 SECONDS = 15
 TICKS = SECONDS * 10
-COMMAND, PROFILE, CARS = "ato/command", "ato/profile", "train/cars"
+COMMAND, PROFILE, CARS = "ato/command", "ato/profile", "train/vehicles"
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    setup = prepare(*load("demo", (f"duration={SECONDS}",)))
-    folder = RunFolder.make(tmp_path_factory.mktemp("replay") / "run", "replay")
-    folder.begin(setup)
-    with folder.sink(setup) as sink:
-        assert run_engine(setup, sink=sink).failure is None
-    return folder.path
+    setup = prepare(*load_scenario("demo", (f"duration={SECONDS}",)))
+    return record_run(setup, tmp_path_factory.mktemp("replay") / "run")
 
 
 @pytest.fixture
 def domain(tmp_path):
     pytest.importorskip("rclpy")
-    from train_ato.graph.environment import applied, claim_domain, variables
+    from train_ato.ros.graph.environment import applied, claim_domain, middleware, variables
 
     with claim_domain() as held:
-        names = {**variables(held, tmp_path), "FASTRTPS_DEFAULT_PROFILES_FILE": str(middleware_profile())}
+        names = {**variables(held, tmp_path), **middleware(REPLAY_PROFILE)}
         with applied(names):
             yield held
 
 
 @pytest.fixture
 def listen(domain):
-    from train_ato.graph.assembly import executor_of
+    from train_ato.ros.graph.assembly import executor_of
 
     with executor_of(domain, []) as (context, executor):
         yield lambda topics: Listener(context, executor, topics)
@@ -55,7 +51,7 @@ def listen(domain):
 
 @pytest.fixture(autouse=True)
 def without_rosbag2(monkeypatch):
-    """Where its types are installed, the services have those; test_replay_rosbag2.py looks at them."""
+    """With rosbag2_interfaces the services have its types; see test_replay_rosbag2.py."""
     monkeypatch.setitem(sys.modules, "rosbag2_interfaces.srv", None)
 
 
@@ -68,9 +64,9 @@ def paused(**more):
 
 
 def test_a_listener_that_waits_already_hears_every_message_as_it_was_recorded(run, listen, domain):
-    """Bytes, order and number of every topic at full speed; fails when sending begins before the two have met."""
+    """Bytes, order and number of every topic at full speed; fails if sending starts before the reader is matched."""
     listener = listen({name: name for name in (CARS, COMMAND, PROFILE, "ato/limits", "/clock", "/diagnostics")})
-    with Replaying(run, ReplayOptions(rate=AS_FAST_AS_POSSIBLE), domain, listener) as replaying:
+    with Replaying(run, ReplayOptions(rate=math.inf), domain, listener) as replaying:
         replaying.wait()
         assert replaying.outcome.counts == message_counts(run)
         assert (replaying.outcome.end, replaying.outcome.acknowledged) == ("end", True)
@@ -91,10 +87,10 @@ def test_latched_topics_come_to_a_late_joiner(run, listen, domain):
 
 
 def test_offset_duration_choice_and_other_name(run, listen, domain):
-    """Latched topics from before the offset are sent; of the others only those of the wanted time."""
+    """Latched topics from before the offset are sent, other topics only for the selected time."""
     listener = listen({"shadow/command": COMMAND, PROFILE: PROFILE})
     options = ReplayOptions(
-        rate=AS_FAST_AS_POSSIBLE,
+        rate=math.inf,
         start_offset=10.0,
         duration=2.0,
         topics=(COMMAND, "/ato/profile", CARS),
@@ -109,7 +105,7 @@ def test_offset_duration_choice_and_other_name(run, listen, domain):
 
 
 def test_no_message_comes_before_its_time(run, listen, domain):
-    """At a rate of 20, 15 s need 0.75 s at least; a busy machine can only make it more."""
+    """At a rate of 20, 15 s take at least 0.75 s; other load only adds time."""
     listener = listen({COMMAND: COMMAND})
     with Replaying(run, paused(rate=20.0, topics=(COMMAND,)), domain, listener):
         listener.call("is_paused")
@@ -121,10 +117,10 @@ def test_no_message_comes_before_its_time(run, listen, domain):
 
 
 def test_start_paused_play_next_and_burst(run, listen, domain):
-    """In a pause exactly what is ordered is sent, one after the other; the rest follows on resume."""
+    """In a pause only the requested messages are sent, one by one; the rest follows after ``resume``."""
     listener = listen({COMMAND: COMMAND, PROFILE: PROFILE})
     expected = recorded(run, COMMAND)
-    options = paused(rate=AS_FAST_AS_POSSIBLE, topics=(COMMAND, PROFILE))
+    options = paused(rate=math.inf, topics=(COMMAND, PROFILE))
     with Replaying(run, options, domain, listener):
         assert listener.call("is_paused").success
         assert listener.hear(PROFILE, 1) == recorded(run, PROFILE)
@@ -145,7 +141,7 @@ def test_start_paused_play_next_and_burst(run, listen, domain):
 
 
 def test_the_whole_run_in_one_burst_then_again(run, listen, domain):
-    """At the end of a pause the replay stays; it can be sought back or played anew."""
+    """A paused replay stays at its end; seek and play start it again."""
     listener = listen({COMMAND: COMMAND})
     expected = recorded(run, COMMAND)
     with Replaying(run, paused(topics=(COMMAND,)), domain, listener):
@@ -166,10 +162,10 @@ def test_the_whole_run_in_one_burst_then_again(run, listen, domain):
 
 
 def test_pause_holds_at_once_and_resume_goes_on_where_it_was(run, listen, domain):
-    """Nothing beyond the moment that the answer names goes out, and nothing is left out or doubled."""
+    """No message beyond the time in the answer is sent; none is lost or repeated."""
     listener = listen({COMMAND: COMMAND})
     expected = recorded(run, COMMAND)
-    with Replaying(run, ReplayOptions(rate=2.0, topics=(COMMAND,)), domain, listener):
+    with Replaying(run, ReplayOptions(rate=0.5, topics=(COMMAND,)), domain, listener):
         listener.hear(COMMAND, 5)
         answer = listener.call("pause")
         assert listener.call("is_paused").success
@@ -180,15 +176,15 @@ def test_pause_holds_at_once_and_resume_goes_on_where_it_was(run, listen, domain
         assert heard < TICKS, "the run was over before the pause"
         assert listener.call("play_next").success
         assert listener.hear(COMMAND, heard + 1) == expected[: heard + 1]
-        assert listener.set("rate", AS_FAST_AS_POSSIBLE) is None
+        assert listener.set("rate", math.inf) is None
         assert listener.call("toggle_paused").message.startswith("plays")
         assert listener.hear(COMMAND, TICKS) == expected
 
 
 def test_orders_are_heard_at_full_speed(run, listen, domain):
-    """Fails when a replay that never waits never listens; without a pause nothing is played on order."""
+    """Fails if a replay at full speed ignores service calls, or sends single messages without a pause."""
     listener = listen({COMMAND: COMMAND})
-    options = ReplayOptions(rate=AS_FAST_AS_POSSIBLE, loop=True, topics=(COMMAND,))
+    options = ReplayOptions(rate=math.inf, loop=True, topics=(COMMAND,))
     expected = recorded(run, COMMAND)
     with Replaying(run, options, domain, listener) as replaying:
         listener.hear(COMMAND, 3 * TICKS)
@@ -207,7 +203,7 @@ def test_orders_are_heard_at_full_speed(run, listen, domain):
 
 
 def test_the_rate_is_a_parameter(run, listen, domain):
-    """A rate of 1e-6 would need years for a tick: what comes after the change comes by it."""
+    """At a rate of 1e-6 a tick would take years: all further messages are due to the new rate."""
     listener = listen({COMMAND: COMMAND})
     with Replaying(run, ReplayOptions(rate=1e-6, topics=(COMMAND,)), domain, listener):
         listener.hear(COMMAND, 1)
@@ -241,7 +237,7 @@ def test_seek_forth_and_back_sends_what_is_latched_again(run, listen, domain):
 
 
 def test_a_clock_of_its_own_rate(run, listen, domain):
-    """It goes by the replay's time, stands in a pause, jumps with a seek; the recorded one is left out."""
+    """The generated clock follows the replay, its pauses and seeks; the recorded clock is not sent."""
     listener = listen({"/clock": "/clock"})
     with Replaying(run, paused(rate=10.0, clock_hz=50.0, topics=(COMMAND, "/clock")), domain, listener) as replaying:
         stamps = lambda: [stamp_of(data) for data in listener.heard["/clock"]]  # noqa: E731

@@ -1,14 +1,14 @@
-"""Simulated time on a wall clock that is set by hand."""
+"""Simulated time as a function of a wall time set by the test."""
 
 import math
 
 import pytest
 
-from train_ato.replay.clock import ReplayClock
+from train_ato.apps.replay.clock import ReplayClock
 
 
 class Wall:
-    """A wall clock whose hands are moved by the test."""
+    """Wall clock set by the test."""
 
     def __init__(self) -> None:
         self.now = 1000.0
@@ -48,7 +48,7 @@ def test_time_stands_in_a_pause_and_goes_on_from_there(wall):
 
 
 def test_a_jump_with_a_delay(wall):
-    """The delay is of wall time, at any rate; a pause within it does not lengthen or swallow it."""
+    """The delay is in wall time, at any rate; a pause does not change it."""
     for rate in (4.0, math.inf):
         clock = ReplayClock(rate, False, wall)
         clock.jump(20, delay=3)

@@ -1,4 +1,4 @@
-"""``train-ato replay`` as a user runs it: a process of its own, another process that listens, keys, Ctrl-C."""
+"""``train-ato replay`` as a process, with another process as listener, keys and Ctrl-C."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ import time
 from pathlib import Path
 
 import pytest
-from replay_listener import LIMIT_S
+from recordings import message_counts
 from test_replay import COMMAND, PROFILE, domain, listen, recorded, run  # noqa: F401
+from waiting import LIMIT_S
 
 from train_ato.cli.keyboard import KEYS, pressed
 from train_ato.cli.main import main
-from train_ato.record.reading import message_counts
 
 COMMAND_LINE = [sys.executable, "-m", "train_ato", "replay"]
 
 
 def started(log: Path, *arguments: str, **more) -> subprocess.Popen:
-    """Start the command; its middleware profile is the one that it chooses itself."""
+    """Start the command; it selects its own middleware profile."""
     environment = {key: value for key, value in os.environ.items() if key != "FASTRTPS_DEFAULT_PROFILES_FILE"}
     pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **more}
     return subprocess.Popen([*COMMAND_LINE, str(log), *arguments], env=environment, text=True, **pipes)
@@ -33,7 +33,7 @@ def started(log: Path, *arguments: str, **more) -> subprocess.Popen:
 
 @pytest.fixture
 def long_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Make a run with more messages than the queues on the way hold: 1000 at the sender, 5000 at the reader."""
+    """Record a run with more messages than the queues hold: 1000 at the sender, 5000 at the reader."""
     from test_replay_log import write
 
     return write(tmp_path_factory.mktemp("long"), 12_000, only=COMMAND)
@@ -41,7 +41,7 @@ def long_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.slow
 def test_nothing_is_lost_at_full_speed_to_a_slow_reader_that_keeps_all(long_run, listen, domain):  # noqa: F811
-    """Without waiting for the reader the queues would run over, and messages would go missing in the middle."""
+    """Without waiting for the reader the queues would overflow and lose messages."""
     listener = listen({COMMAND: COMMAND})
     expected = recorded(long_run, COMMAND)
     heard = listener.heard[COMMAND]
@@ -67,7 +67,7 @@ def test_nothing_is_lost_at_full_speed_to_a_slow_reader_that_keeps_all(long_run,
 
 
 def test_two_topics_change_names(run, listen, domain):  # noqa: F811
-    """Fails when the middleware reads the command line as well: it would change the new names back."""
+    """Fails if the middleware applies the remappings of the command line too: it would exchange the names again."""
     listener = listen({COMMAND: COMMAND})
     remap = ("--remap", "ato/command:=ato/estimate", "/ato/estimate:=/ato/command")
     process = started(run, "--domain", str(domain), "--rate", "max", *remap)
@@ -83,7 +83,7 @@ def test_two_topics_change_names(run, listen, domain):  # noqa: F811
 
 @pytest.mark.parametrize(("arguments", "status"), [((), 1), (("--loop", "--rate", "max"), 0), (("--start-paused",), 1)])
 def test_ctrl_c_ends_it_cleanly(run, listen, domain, arguments, status):  # noqa: F811
-    """What was sent is told, in one JSON value; a loop has no other end, so that is no failure."""
+    """The sent messages are reported in one JSON value; Ctrl-C is the normal end of a loop."""
     listener = listen({PROFILE: PROFILE})
     process = started(run, "--domain", str(domain), "--json", *arguments)
     try:
@@ -101,7 +101,7 @@ def test_ctrl_c_ends_it_cleanly(run, listen, domain, arguments, status):  # noqa
 
 
 def test_keys_of_a_terminal(run, listen, domain):  # noqa: F811
-    """Space resumes, the arrow up makes it faster, and the terminal is given back as it was."""
+    """Space resumes, the up arrow increases the rate, and the terminal is restored."""
     import termios
 
     listener = listen({COMMAND: COMMAND})
@@ -150,9 +150,9 @@ def test_keys_are_taken_apart():
 
 
 def test_somebody_else_on_the_topic_is_told_of(run, listen, domain):  # noqa: F811
-    """Readers would get both: a running train and its recording."""
-    from train_ato.nodes.shell import message_class, quality_of_service
-    from train_ato.topics import BY_NAME
+    """Readers would receive both a running train and its recording."""
+    from train_ato.messages.topics import BY_NAME
+    from train_ato.ros.nodes.endpoints import message_class, quality_of_service
 
     listener = listen({})
     topic = BY_NAME[COMMAND]
@@ -164,8 +164,8 @@ def test_somebody_else_on_the_topic_is_told_of(run, listen, domain):  # noqa: F8
         process.kill()
     assert process.returncode == 0
     assert errors == (
-        "train-ato: /ato/command: published on this domain by listener too, readers get both; give --domain, --remap "
-        "or --exclude-topics\n"
+        "train-ato: /ato/command: also published on this domain by listener, readers receive both; give --domain, "
+        "--remap or --exclude-topics\n"
     )
 
 
@@ -173,7 +173,7 @@ def test_somebody_else_on_the_topic_is_told_of(run, listen, domain):  # noqa: F8
     ("arguments", "says"),
     [
         (("--rate", "0"), "--rate 0: give a number above 0"),
-        (("--rate", "fast"), "fast: give a number above 0, 1 for real time, or max"),
+        (("--rate", "fast"), "fast: not a rate; give a number above 0, 1 for real time, or max"),
         (("--start-offset", "16"), "--start-offset 16: the run has 15 s; give 0 to 15"),
         (("--start-offset", "-1"), "--start-offset -1"),
         (("--playback-duration", "nan"), "--playback-duration nan"),
@@ -183,7 +183,7 @@ def test_somebody_else_on_the_topic_is_told_of(run, listen, domain):  # noqa: F8
         (("--topics", "ato/comand"), "did you mean '/ato/command'"),
         (("--exclude-topics", "nothing"), "--exclude-topics nothing: not in the log"),
         (("--remap", "ato/command"), "write it as from:=to"),
-        (("--remap", "ato/command:=two words"), "no name of a topic"),
+        (("--remap", "ato/command:=two words"), "invalid topic name"),
         (("--wait-for-all-acked", "-1"), "--wait-for-all-acked -1"),
     ],
 )
@@ -210,7 +210,7 @@ def test_messages_that_are_not_installed_or_not_of_ros(tmp_path, capfd):
 
     for kind, encoding, says in (
         ("no_such_msgs/msg/Thing", "cdr", "are not installed"),
-        ("Thing", "json", "are none of ROS 2"),
+        ("Thing", "json", "are not ROS 2 messages"),
     ):
         path = tmp_path / f"{encoding}.mcap"
         with path.open("wb") as file:

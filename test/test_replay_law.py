@@ -1,4 +1,4 @@
-"""A law on recorded inputs: both outputs, as numbers, a table and a figure."""
+"""Law on recorded inputs: both outputs as numbers, table and figure."""
 
 from __future__ import annotations
 
@@ -8,36 +8,29 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from engine_runs import record_run
 from matplotlib.image import imread
 
+from train_ato.apps.replay.open_loop import replay_open_loop
 from train_ato.cli.main import main
-from train_ato.engine import run_engine
-from train_ato.open_loop import replay_open_loop
-from train_ato.run_folder import RunFolder
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import load_scenario
 
 SECONDS = 40
 
 
 @pytest.fixture(scope="module")
 def setup():
-    return prepare(*load("demo", (f"duration={SECONDS}",)))
+    return prepare(*load_scenario("demo", (f"duration={SECONDS}",)))
 
 
 @pytest.fixture(scope="module")
 def run(setup, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = RunFolder.make(tmp_path_factory.mktemp("replay") / "run", "replay")
-    folder.begin(setup)
-    with folder.sink(setup) as sink:
-        outcome = run_engine(setup, sink=sink)
-    assert outcome.failure is None
-    folder.finish(setup, outcome)
-    return folder.path
+    return record_run(setup, tmp_path_factory.mktemp("replay") / "run")
 
 
 def test_the_recorded_law_gives_the_recorded_outputs_bit_by_bit(setup, run):
-    """Fails when the controller knows anything but its inputs: a clock, a global, the plant."""
+    """Fails if the controller depends on more than its inputs: a clock, a global, the plant."""
     result = replay_open_loop(setup, run)
     assert result.stamp.tolist() == [k * setup.tick_ns for k in range(setup.ticks)]
     assert np.array_equal(result.recorded, result.replayed)
@@ -47,7 +40,7 @@ def test_the_recorded_law_gives_the_recorded_outputs_bit_by_bit(setup, run):
 
 
 def test_another_gain_is_seen(run):
-    changed = prepare(*load("demo", (f"duration={SECONDS}", "controllers.pid={kp: 3.0e+5}")))
+    changed = prepare(*load_scenario("demo", (f"duration={SECONDS}", "controllers.pid={kp: 3.0e+5}")))
     result = replay_open_loop(changed, run)
     summary = result.summary()
     assert summary["difference_max_kn"] > 0.01
@@ -58,10 +51,16 @@ def test_another_gain_is_seen(run):
 
 
 def test_the_command_shows_both_outputs_and_draws_them(run, capsys):
-    """The figure stands beside the log; drawn with another law it is another picture."""
+    """The figure is written beside the log; with another law its content differs."""
     assert main(["replay", str(run), "--controller", "smc"]) == 0
     shown = capsys.readouterr().out
-    for text in ("pid, recorded", "smc, replayed", "difference, rms in kN", "replay-smc.png", "The loop is open"):
+    for text in (
+        "pid, recorded",
+        "smc, replayed",
+        "difference, rms in kN",
+        "replay-smc.png",
+        "Open loop",
+    ):
         assert text in shown
     assert main(["replay", str(run), "--controller", "pid", "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
@@ -73,7 +72,7 @@ def test_the_command_shows_both_outputs_and_draws_them(run, capsys):
 
 
 def test_a_log_alone_is_enough(run, tmp_path, capsys):
-    """The scenario is attached to it."""
+    """The scenario is an attachment of the log."""
     shutil.copy(run / "run.mcap", tmp_path / "alone.mcap")
     figure = tmp_path / "both.svg"
     arguments = ["replay", str(tmp_path / "alone.mcap"), "--controller", "smc", "--out", str(figure), "--json"]
@@ -92,14 +91,14 @@ def test_a_log_alone_is_enough(run, tmp_path, capsys):
     [
         (("--controller", "pidd"), "did you mean 'pid'"),
         (("--controller", "smc", "--set", "controllers.smc.gain=1"), "gain"),
-        (("--controller", "smc", "--set", "tick=0.2"), "--set: the train, its sensors and the tick"),
-        (("--controller", "smc", "--out", "figure.bmp"), "ends in .png, .svg, .pdf"),
-        (("--controller", "smc", "--out", "nowhere/figure.png"), "there is no folder"),
-        (("--controller", "smc", "--out", __file__ + ".png/../../conftest.png"), "there is no folder"),
-        (("--controller", "smc", "--rate", "2"), "--rate: has no meaning with --controller"),
-        (("--controller", "smc", "--loop"), "--loop: has no meaning with --controller"),
-        (("--set", "seed=2"), "it needs --controller"),
-        (("--out", "figure.png"), "it needs --controller"),
+        (("--controller", "smc", "--set", "tick=0.2"), "--set: train, sensors and tick of a recording"),
+        (("--controller", "smc", "--out", "figure.bmp"), "use .png, .svg, .pdf"),
+        (("--controller", "smc", "--out", "nowhere/figure.png"), ": no folder "),
+        (("--controller", "smc", "--out", __file__ + ".png/../../conftest.png"), ": no folder "),
+        (("--controller", "smc", "--rate", "2"), "--rate: no effect with --controller"),
+        (("--controller", "smc", "--loop"), "--loop: no effect with --controller"),
+        (("--set", "seed=2"), "add --controller NAME"),
+        (("--out", "figure.png"), "add --controller NAME"),
     ],
 )
 def test_bad_input_is_one_line(run, capsys, arguments, says):

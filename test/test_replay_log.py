@@ -1,4 +1,4 @@
-"""A log entered at any moment by its index says the same as one read from its beginning."""
+"""Log read from any time on by its index, compared with reading from its beginning."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from test_wire import LONG, message
 
-from train_ato.record.reading import stream
-from train_ato.record.run_log import RunLog
-from train_ato.replay.log import ReplayLog, message_time
-from train_ato.replay.options import ReplayOptions, chosen_topics, parse_remap
-from train_ato.topics import EPOCH_NS, Rate
-from train_ato.wire import Wire
+from train_ato.apps.replay.log import ReplayLog, message_time
+from train_ato.apps.replay.options import ReplayOptions, chosen_topics, parse_remap
+from train_ato.log.reading import stream
+from train_ato.log.run_log import RunLog
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import EPOCH_NS, Rate, topics_of
 
 TICK = 100_000_000
 TICKS = 3000
@@ -28,10 +28,10 @@ def write(folder: Path, ticks: int = TICKS, *, tiny: bool = False, only: str | N
     ``tiny`` every message has a chunk of its own, with ``only`` there is one topic.
     """
     wire = Wire(LONG)
-    with RunLog(folder, LONG.topics) as log:
+    with RunLog(folder, topics_of(LONG)) as log:
         for tick in range(ticks):
             received = EPOCH_NS + 10**18 + round(tick * TICK / 200.0)
-            for topic in LONG.topics:
+            for topic in topics_of(LONG):
                 late = tick - 1 if topic.name == "ato/estimate" else tick
                 once = tick == 0 or (topic.name == "ato/profile" and tick == REPLANNED)
                 if only not in (None, topic.name) or not topic.recorded or late < 0:
@@ -67,9 +67,9 @@ def test_length_and_topics_are_told_without_reading_the_file(run, log):
 
 @pytest.mark.parametrize("place", [0.0, 0.05, 0.1, 123.4, 123.45, 169.9, 170.0, 299.9])
 def test_entering_at_a_moment_leaves_nothing_out_and_adds_nothing(run, log, place):
-    """Fails when a message that stands late in the log is lost because its chunk was passed over."""
+    """Fails if a message late in the log is lost because its chunk was skipped."""
     moment = EPOCH_NS + round(place * 1e9)
-    wanted = {"/ato/command", "/ato/estimate", "/train/cars"}
+    wanted = {"/ato/command", "/ato/estimate", "/train/vehicles"}
     expected = [m for m in stream(run / "run.mcap") if m.channel.topic in wanted and message_time(m) >= moment]
     assert [(m.channel.topic, m.publish_ns, m.data) for m in log.messages(wanted, moment)] == [
         (m.channel.topic, m.publish_ns, m.data) for m in expected
@@ -77,7 +77,7 @@ def test_entering_at_a_moment_leaves_nothing_out_and_adds_nothing(run, log, plac
 
 
 def test_tiny_chunks_out_of_order_lose_nothing(tmp_path):
-    """The last moments of the chunks do not rise: halving alone would land behind messages that are wanted."""
+    """The last times of the chunks are not increasing: bisection alone would skip messages."""
     write(tmp_path, 40, tiny=True)
     everything = list(stream(tmp_path / "run.mcap"))
     with ReplayLog(tmp_path) as log:
@@ -89,9 +89,9 @@ def test_tiny_chunks_out_of_order_lose_nothing(tmp_path):
 
 
 def test_a_moment_is_found_in_a_few_chunks(log):
-    """Fails when the file is read from its beginning: that would look at every chunk."""
+    """Fails if the file is read from its beginning, which would read every chunk."""
     assert len(log._chunks) > 20
-    next(log.messages({"/train/cars"}, EPOCH_NS + 250 * 10**9))
+    next(log.messages({"/train/vehicles"}, EPOCH_NS + 250 * 10**9))
     assert len(log._spans) <= 3 + 8
 
 
@@ -129,7 +129,7 @@ def other(path: Path, **options) -> Path:
     ],
 )
 def test_logs_of_others_are_entered_too(tmp_path, options):
-    """With or without an index, chunks, statistics, checksums; time counts from their first message."""
+    """Logs with and without index, chunks, statistics, checksums; times are from the first message."""
     with ReplayLog(other(tmp_path / "other.mcap", **options)) as log:
         assert log.length == 49.0
         assert log.topics["/beat"].count == 50
@@ -155,13 +155,13 @@ def test_what_is_no_log_is_refused_in_one_line(tmp_path, name, content, says):
 
 
 def test_a_log_without_messages_is_refused(tmp_path):
-    RunLog(tmp_path, LONG.topics).close()
-    with pytest.raises(ValueError, match="holds no message"):
+    RunLog(tmp_path, topics_of(LONG)).close()
+    with pytest.raises(ValueError, match="contains no message"):
         ReplayLog(tmp_path)
 
 
 def test_a_cut_or_changed_file_is_refused_and_never_read_wrongly(run, tmp_path):
-    """Ten places of each kind: either one line, or the same messages (a bit of an index that is not used)."""
+    """Ten damaged places of each kind: one line, or the same messages (a bit of an unused index)."""
     whole = (run / "run.mcap").read_bytes()
     truth = [(m.channel.topic, m.publish_ns, m.data) for m in stream(run / "run.mcap")]
     file = tmp_path / "run.mcap"
@@ -183,11 +183,11 @@ def test_a_cut_or_changed_file_is_refused_and_never_read_wrongly(run, tmp_path):
 
 @pytest.mark.parametrize("place", [1, 60, 400, 2000])
 def test_a_changed_index_is_noticed(run, tmp_path, place):
-    """The reader of mcap believes its index: without the checksum a topic could lose a chunk without a word."""
+    """The mcap reader does not check its index: without the checksum a topic could lose a chunk unnoticed."""
     flipped = bytearray((run / "run.mcap").read_bytes())
     flipped[-8 - 29 - place] ^= 4
     (tmp_path / "run.mcap").write_bytes(flipped)
-    with pytest.raises(ValueError, match="checksum of its summary"):
+    with pytest.raises(ValueError, match="checksum of the summary"):
         ReplayLog(tmp_path)
 
 
@@ -204,7 +204,7 @@ def test_a_changed_index_is_noticed(run, tmp_path, place):
         ({"topics": ("ato/comand",)}, "did you mean '/ato/command'"),
         ({"exclude": ("cars",)}, "--exclude-topics cars: not in the log"),
         ({"remap": {"cars": "x"}}, "--remap cars: not in the log"),
-        ({"topics": ("ato/command",), "exclude": ("/ato/command",)}, "leave nothing to publish"),
+        ({"topics": ("ato/command",), "exclude": ("/ato/command",)}, "leave no topic to publish"),
         ({"remap": {"ato/command": "/clock"}}, "would both be published as /clock"),
     ],
 )
@@ -221,5 +221,5 @@ def test_remaps_are_read():
     for wrong in ("a=b", ":=b", "a:="):
         with pytest.raises(ValueError, match="from:=to"):
             parse_remap((wrong,))
-    with pytest.raises(ValueError, match="another new name already"):
+    with pytest.raises(ValueError, match="already has another new name"):
         parse_remap(("a:=b", "/a:=c"))

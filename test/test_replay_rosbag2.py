@@ -1,4 +1,4 @@
-"""Orders with the types of rosbag2, as its scripts give them; runs where rosbag2_interfaces is installed."""
+"""Service calls with the types of rosbag2, as from its scripts; requires rosbag2_interfaces."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import pytest
 from replay_listener import Replaying
 from test_replay import COMMAND, SECONDS, TICKS, domain, listen, paused, recorded, run  # noqa: F401
 
-from train_ato.replay.player import NODE
-from train_ato.topics import EPOCH_NS
-from train_ato.wire import stamp_of
+from train_ato.apps.replay.player import NODE
+from train_ato.messages.codec.codec import stamp_of
+from train_ato.messages.topics import EPOCH_NS
 
 types = pytest.importorskip("rosbag2_interfaces.srv", reason="rosbag2_interfaces is not installed")
 
 
 def test_every_order_of_rosbag2(run, listen, domain):  # noqa: F811
-    """Same names, same types, same answers; times are absolute ones of the log, durations are relative."""
+    """Same names, types and answers; times are absolute times of the log, durations are relative."""
     listener = listen({COMMAND: COMMAND})
     expected = recorded(run, COMMAND)
 

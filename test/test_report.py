@@ -1,4 +1,4 @@
-"""The report: it holds what the log holds, peaks and moments included, and is there whatever a run lacks."""
+"""Report: agreement with the log including peaks and times, also for incomplete runs."""
 
 from __future__ import annotations
 
@@ -16,15 +16,19 @@ from report_runs import EVENTFUL, drive, without
 from test_engine import Breaks
 from test_wire import LONG
 
+from train_ato.apps.report.curves import CURVES
+from train_ato.apps.report.events import detect_events
+from train_ato.apps.report.maps import MAPS
+from train_ato.apps.report.page_data import page_data, share_of
+from train_ato.apps.report.run_figure import titles
+from train_ato.apps.report.summary_rows import filled_groups
+from train_ato.apps.report.writing import short_clock, write_comparison_page, write_run
 from train_ato.cli import main
 from train_ato.control.registry import LAWS
-from train_ato.figure import titles
-from train_ato.report.digest import digest, share_of
-from train_ato.report.happened import events_of
-from train_ato.report.lines import LINES, MAPS
-from train_ato.report.recording import Recording, Samples, read_recording
-from train_ato.report.summary_rows import filled_groups
-from train_ato.report.writing import clock, write_comparison, write_run
+from train_ato.log.recorded import open_recording
+from train_ato.loop.recording import Recording
+from train_ato.loop.recording_builder import reduced
+from train_ato.loop.series import TopicSamples
 
 
 @pytest.fixture(scope="module")
@@ -34,14 +38,14 @@ def eventful(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def several_units(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Five driven vehicles without air brake, on a line without limits, grades and curves."""
+    """Five power units without air brake, on a line without limits, grades and curves."""
     return drive(tmp_path_factory.mktemp("report"), "units", "freight_consensus", "--set=duration=3")
 
 
 def test_events_of_a_run_are_found_at_their_times(eventful: Path) -> None:
-    """Breaks if an event is lost, moved to the next diagnostics, or called something else."""
+    """Breaks if an event is lost, late by one diagnostics period, or has a wrong text."""
     found = {(event.kind, round(event.begin, 3), event.end and round(event.end, 3)) for event in
-             events_of(read_recording(eventful)) if event.kind != "limit"}  # fmt: skip
+             detect_events(open_recording(eventful)) if event.kind != "limit"}  # fmt: skip
     assert found == {
         ("disturbance", 12.0, 18.0),
         ("law", 30.0, None),
@@ -53,7 +57,7 @@ def test_events_of_a_run_are_found_at_their_times(eventful: Path) -> None:
         ("outside", 48.0, 51.0),
         ("outside", 66.2, None),
     }
-    texts = " | ".join(event.text for event in events_of(read_recording(eventful)))
+    texts = " | ".join(event.text for event in detect_events(open_recording(eventful)))
     for words in (
         "law pid → smc", "law smc → pid", "600 → 550 kPa", "550 → 600 kPa", "-0.02 m/s²", "0.4 s longer", "+0.01 m/s²",
         "emergency brake applied", "unit 0: measured position and speed frozen",
@@ -62,53 +66,53 @@ def test_events_of_a_run_are_found_at_their_times(eventful: Path) -> None:
 
 
 def test_thousands_of_events_are_told_in_a_few(eventful: Path) -> None:
-    """Breaks if a pressure that never stands still fills the page with marks."""
-    base = read_recording(eventful)
-    time, pressure = base.of("ato/brake_pipe", "pressure")
+    """Breaks if a permanently changing pressure fills the page with marks."""
+    base = open_recording(eventful)
+    time, pressure = base.of("ato/brake_pipe_command", "pressure")
     restless = 550e3 + 50e3 * (np.arange(pressure.size) % 2)[:, None]
-    noisy = replace(base, topics={**base.topics, "ato/brake_pipe": Samples(time, {"pressure": restless})})
-    found = [event for event in events_of(noisy) if event.kind == "air_brake"]
+    noisy = replace(base, topics={**base.topics, "ato/brake_pipe_command": TopicSamples(time, {"pressure": restless})})
+    found = [event for event in detect_events(noisy) if event.kind == "air_brake"]
     assert len(found) == 1
     assert found[0].text.startswith(f"{time.size - 1} times: ")
     assert (found[0].begin, found[0].end) == (time[1], time[-1])
 
 
 def test_every_figure_of_an_eventful_run_is_there_and_holds_the_log(eventful: Path) -> None:
-    """Breaks if a figure loses its peaks, mixes up topics or units, or shows a wrong quantity."""
-    recording = read_recording(eventful)
-    reduced = digest(recording)
-    assert set(reduced.left_out) == {"unit_forces"}
-    cars, command = recording.topics["train/cars"], recording.topics["ato/command"]
-    speed, forces, extremes = (reduced.lines[name].columns for name in ("speed", "forces", "coupler_extremes"))
-    assert speed["speed"].max() == pytest.approx(3.6 * cars["speed"][:, 0].max(), abs=1e-12)
+    """Breaks if a figure loses its peaks or shows a wrong topic, unit or quantity."""
+    recording = open_recording(eventful)
+    found = page_data(recording)
+    assert set(found.left_out) == {"unit_forces"}
+    cars, command = recording.topics["train/vehicles"], recording.topics["ato/command"]
+    speed, forces, extremes = (found.curves[name].columns for name in ("speed", "forces", "coupler_extremes"))
+    assert speed["speed"].max() == pytest.approx(3.6 * cars["velocity"][:, 0].max(), abs=1e-12)
     assert speed["position_km"][-1] == pytest.approx(cars["position"][-1, 0] / 1e3)
     assert np.nanmax(forces["demand"]) == pytest.approx(command["force"].max() / 1e3)
-    assert extremes["draft"].max() == pytest.approx(cars["coupler"].max() / 1e3)
-    assert extremes["buff"].min() == pytest.approx(min(0.0, cars["coupler"].min() / 1e3))
-    assert reduced.maps["couplers"].codes.shape[0] == 105
-    shoes = recording.topics["train/brake_cylinders"]["shoe_force"]
-    assert reduced.lines["shoe_force"].columns["shoe_force"].max() == pytest.approx(shoes.sum(axis=1).max() / 1e3)
-    assert np.nanmin(reduced.lines["pipe"].columns["pipe_demand"]) == pytest.approx(550.0)
+    assert extremes["draft"].max() == pytest.approx(cars["coupler_force"].max() / 1e3)
+    assert extremes["buff"].min() == pytest.approx(min(0.0, cars["coupler_force"].min() / 1e3))
+    assert found.maps["couplers"].codes.shape[0] == 105
+    shoes = recording.topics["train/brake_shoes"]["shoe_force"]
+    assert found.curves["shoe_force"].columns["shoe_force"].max() == pytest.approx(shoes.sum(axis=1).max() / 1e3)
+    assert np.nanmin(found.curves["pipe"].columns["pipe_demand"]) == pytest.approx(550.0)
     summary = json.loads((eventful / "summary.json").read_text())
-    energy = reduced.lines["energy"].columns
+    energy = found.curves["energy"].columns
     assert energy["traction"][-1] == pytest.approx(summary["energy_traction_kwh"])
     work = sum(values[-1] for name, values in energy.items() if name != "kinetic")
     assert work == pytest.approx(energy["kinetic"][-1], abs=0.02 * energy["traction"][-1])
 
 
 def test_the_delay_in_the_log_is_found_and_follows_its_jump(eventful: Path) -> None:
-    """Breaks if the delay is off by a tick, or the jump of the link and the lag are not counted."""
-    lines = digest(read_recording(eventful)).lines["delay"]
+    """Breaks if the delay has an error of one tick, or the delay jump or the lag is missing."""
+    lines = page_data(open_recording(eventful)).curves["delay"]
     before, after = lines.time < 33, lines.time > 42
     assert np.nanmedian(lines.columns["delay"][before]) == pytest.approx(1.2, abs=0.05)
     assert np.nanmedian(lines.columns["delay"][after]) == pytest.approx(1.6, abs=0.05)
     assert lines.columns["delay_set"][before] == pytest.approx(1.2)
     assert lines.columns["delay_set"][after] == pytest.approx(1.6)
-    assert np.nanmax(lines.columns["delay_believed"]) == pytest.approx(1.2)
+    assert np.nanmax(lines.columns["delay_assumed"]) == pytest.approx(1.2)
 
 
 def test_one_command_writes_one_small_file(eventful: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if the page leans on files beside it or on a network, or the JSON says something else than the disk."""
+    """Breaks if the page needs other files or a network, or the JSON differs from the files."""
     assert main(["report", str(eventful), f"--out={tmp_path / 'page.html'}", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
@@ -122,7 +126,7 @@ def test_one_command_writes_one_small_file(eventful: Path, tmp_path: Path, capsy
 
 
 def test_the_page_stands_in_the_run_folder_and_may_be_made_again(eventful: Path) -> None:
-    """Breaks if a second report of the same run is refused, or leaves a scratch file."""
+    """Breaks if a second report of the same run is refused or a temporary file remains."""
     for _ in range(2):
         assert main(["report", str(eventful)]) == 0
     assert {path.name for path in eventful.glob("report*")} == {"report.html"}
@@ -130,96 +134,97 @@ def test_the_page_stands_in_the_run_folder_and_may_be_made_again(eventful: Path)
 
 @pytest.mark.parametrize(
     "topic",
-    ["train/cars", "train/measurement", "ato/reference", "ato/command", "ato/estimate", "/diagnostics", "ato/profile",
-     "ato/limits", "train/brake_pipe", "train/brake_cylinders", "train/disturbance", "ato/brake_pipe"],
+    ["train/vehicles", "train/measurement", "ato/reference", "ato/command", "ato/estimate", "/diagnostics",
+     "ato/profile", "ato/limits", "train/brake_pipe", "train/brake_shoes", "train/disturbance",
+     "ato/brake_pipe_command"],
 )  # fmt: skip
 def test_a_missing_topic_leaves_out_its_figures_alone(topic: str, eventful: Path, tmp_path: Path) -> None:
-    """Breaks if one missing topic takes others with it or ends in a traceback."""
+    """Breaks if a missing topic removes other figures or causes a traceback."""
     run = without(eventful, tmp_path / "run", {topic})
-    reduced = digest(read_recording(run))
+    found = page_data(open_recording(run))
     gone = {
-        "train/cars": {"couplers", "coupler_extremes"},
+        "train/vehicles": {"couplers", "coupler_extremes"},
         "train/measurement": {"delay"},
         "ato/reference": {"speed_error", "position_error"},
         "ato/command": {"delay"},
-        "train/brake_cylinders": {"shoes", "shoe_force"},
+        "train/brake_shoes": {"shoes", "shoe_force"},
     }
-    assert set(reduced.left_out) - {"unit_forces"} == gone.get(topic, set())
-    assert all(reason for reason in reduced.left_out.values())
+    assert set(found.left_out) - {"unit_forces"} == gone.get(topic, set())
+    assert all(reason for reason in found.left_out.values())
     assert main(["report", str(run)]) == 0
 
 
 def test_a_measured_run_has_the_figures_of_what_was_measured(eventful: Path, tmp_path: Path) -> None:
-    """Breaks if a log with forces and speeds alone, as of a real train, is refused or shown as truth."""
+    """Breaks if a log with only forces and speeds, as of a real train, is refused or shown as truth."""
     keep = {"train/measurement", "ato/reference"}
     gone = {message for message in LINES_OF if message not in keep}
     run = without(eventful, tmp_path / "run", gone)
     (run / "scenario.yaml").unlink()
     (run / "summary.json").unlink()
-    recording = read_recording(run)
-    reduced = digest(recording)
-    assert {"speed", "speed_error", "position_error", "forces", "energy"} == set(reduced.lines)
-    assert "measured_speed" in reduced.lines["speed"].columns
-    applied, speed = recording.topics["train/measurement"]["applied"], recording.topics["train/measurement"]["speed"]
+    recording = open_recording(run)
+    found = page_data(recording)
+    assert {"speed", "speed_error", "position_error", "forces", "energy"} == set(found.curves)
+    assert "measured_speed" in found.curves["speed"].columns
+    applied, speed = recording.topics["train/measurement"]["applied"], recording.topics["train/measurement"]["velocity"]
     work = (np.maximum(applied * speed, 0.0)[1:, 0] * 0.1).sum() / 3.6e6
-    assert reduced.lines["energy"].columns["traction"][-1] == pytest.approx(work)
-    assert any("measured" in remark for remark in reduced.remarks)
+    assert found.curves["energy"].columns["traction"][-1] == pytest.approx(work)
+    assert any("measured" in remark for remark in found.remarks)
     assert main(["report", str(run)]) == 0
 
 
 def test_an_imported_run_leaves_out_what_was_not_measured(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if forces stand as their own commands, or the speed as its own reference, with no error and no delay."""
+    """Breaks if measured forces are shown as commands, or the measured speed as reference with zero error."""
     take(tmp_path, capsys, recorded())
     run = tmp_path / "imported"
-    reduced = digest(read_recording(run))
-    assert set(reduced.lines) == {"speed", "forces", "energy"}
-    assert set(reduced.lines["forces"].columns) == {"applied", "envelope_low", "envelope_high"}
-    assert "not measured" in reduced.left_out["delay"]
-    assert "not measured" in reduced.left_out["speed_error"]
+    found = page_data(open_recording(run))
+    assert set(found.curves) == {"speed", "forces", "energy"}
+    assert set(found.curves["forces"].columns) == {"applied", "envelope_low", "envelope_high"}
+    assert "not measured" in found.left_out["delay"]
+    assert "not measured" in found.left_out["speed_error"]
     assert main(["report", str(run)]) == 0
     assert "run.csv" in (run / "report.html").read_text()
 
 
 LINES_OF = (
-    "/clock", "train/cars", "train/brake_pipe", "train/brake_cylinders", "train/disturbance", "ato/profile",
-    "ato/limits", "ato/estimate", "ato/command", "ato/brake_pipe", "/diagnostics",
+    "/clock", "train/vehicles", "train/brake_pipe", "train/brake_shoes", "train/disturbance", "ato/profile",
+    "ato/limits", "ato/estimate", "ato/command", "ato/brake_pipe_command", "/diagnostics",
 )  # fmt: skip
 
 
 def test_a_log_of_nonsense_without_scenario_is_drawn(tmp_path: Path) -> None:
-    """Breaks if the report relies on a scenario, on order, on numbers that make sense, or on equal times."""
+    """Breaks if the report needs a scenario, ordered messages, plausible numbers or equal times."""
     write_log(tmp_path, LONG, 40)
     assert main(["report", str(tmp_path)]) == 0
     assert main(["report", str(tmp_path / "run.mcap"), f"--out={tmp_path / 'again.html'}"]) == 0
-    reduced = digest(read_recording(tmp_path))
-    assert any(remark.startswith("Without scenario") for remark in reduced.remarks)
+    found = page_data(open_recording(tmp_path))
+    assert any(remark.startswith("No scenario") for remark in found.remarks)
 
 
 @pytest.mark.parametrize("ticks", [1, 2, 15])
 def test_a_run_of_a_few_ticks_is_drawn(ticks: int, tmp_path: Path) -> None:
-    """Breaks if a figure needs more points than a run has."""
+    """Breaks if a very short run has too few points for a figure."""
     run = drive(tmp_path, "short", "demo", f"--set=duration={ticks / 10}")
     figures = [f"--figures={tmp_path / 'figures'}"] if ticks < 2 else []
     assert main(["report", str(run), *figures]) == 0
-    assert digest(read_recording(run)).lines["speed"].time.size == ticks + 1
+    assert page_data(open_recording(run)).curves["speed"].time.size == ticks + 1
 
 
 def test_several_units_have_a_line_each(several_units: Path) -> None:
-    """Breaks if units are summed, mixed up or compared with vehicle 0's place."""
-    recording = read_recording(several_units)
-    reduced = digest(recording)
-    assert list(reduced.lines["position_error"].columns) == [f"position_error:{unit}" for unit in range(5)]
+    """Breaks if power units are summed, exchanged or compared with the position of vehicle 0."""
+    recording = open_recording(several_units)
+    found = page_data(recording)
+    assert list(found.curves["position_error"].columns) == [f"position_error:{unit}" for unit in range(5)]
     reference = recording.topics["ato/reference"]["position"][0, 0]
-    start = recording.topics["train/cars"]["position"][0]
+    start = recording.topics["train/vehicles"]["position"][0]
     for unit in range(5):
-        error = reduced.lines["position_error"].columns[f"position_error:{unit}"][0]
+        error = found.curves["position_error"].columns[f"position_error:{unit}"][0]
         assert error == pytest.approx(start[unit] + recording.setup.model.offsets[unit] - reference)
-    assert {"pipe", "shoes", "shoe_force"} == set(reduced.left_out)
+    assert {"pipe", "shoes", "shoe_force"} == set(found.left_out)
     assert main(["report", str(several_units)]) == 0
 
 
 def test_a_failed_run_says_so_at_the_top(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if a reader can take half a run for a whole one."""
+    """Breaks if the page of a failed run has no warning."""
     monkeypatch.setitem(LAWS._loaded, "breaks", Breaks)
     out = tmp_path / "run"
     assert main(["run", "demo", "--engine", "--controller", "breaks", "--set=duration=20", f"--out={out}"]) == 1
@@ -228,16 +233,16 @@ def test_a_failed_run_says_so_at_the_top(tmp_path: Path, monkeypatch: pytest.Mon
     assert warning is not None
     assert warning[1].startswith("The run failed at 0:0")
     assert "boom" in warning[1]
-    assert [event.text for event in events_of(read_recording(out)) if event.kind == "end"] == [
+    assert [event.text for event in detect_events(open_recording(out)) if event.kind == "end"] == [
         json.loads((out / "summary.json").read_text())["failure"]
     ]
 
 
 def test_a_recovered_run_has_its_figures_worked_out_from_the_log(eventful: Path, tmp_path: Path) -> None:
-    """Breaks if a killed run has no summary although its log holds everything, or another one than the run had."""
+    """Breaks if the summary of a killed run is missing or differs from the summary of the run."""
     run = without(eventful, tmp_path / "run", ())
     (run / "summary.json").unlink()
-    worked_out, told = digest(read_recording(run)).summary, json.loads((eventful / "summary.json").read_text())
+    worked_out, told = page_data(open_recording(run)).summary, json.loads((eventful / "summary.json").read_text())
     assert worked_out["status"] == "killed"
     for key in ("speed_rmse_kmh", "position_error_max_m", "coupler_draft_max_kn", "energy_traction_kwh", "jerk_max"):
         assert worked_out[key] == pytest.approx(told[key], rel=1e-9, abs=1e-9), key
@@ -247,7 +252,7 @@ def test_a_recovered_run_has_its_figures_worked_out_from_the_log(eventful: Path,
 def test_runs_side_by_side_have_a_column_and_a_colour_each(
     eventful: Path, several_units: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Breaks if runs of other trains, times and ticks cannot be laid over each other."""
+    """Breaks if runs of different trains, durations and ticks cannot be compared."""
     page = tmp_path / "both.html"
     arguments = ["report", str(eventful), str(several_units), f"--out={page}", f"--figures={tmp_path / 'figures'}"]
     assert main([*arguments, "--format=svg", "--json"]) == 0
@@ -260,7 +265,7 @@ def test_runs_side_by_side_have_a_column_and_a_colour_each(
 
 
 def test_equal_names_are_told_apart(eventful: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if two runs of one name fall into one."""
+    """Breaks if two runs of one name are merged."""
     (tmp_path / "other").mkdir()
     twin = without(eventful, tmp_path / "other" / "eventful", ())
     assert main(["report", str(eventful), str(twin), f"--out={tmp_path / 'two.html'}", "--json"]) == 0
@@ -269,7 +274,7 @@ def test_equal_names_are_told_apart(eventful: Path, tmp_path: Path, capsys: pyte
 
 @pytest.mark.slow
 def test_compare_leaves_table_figure_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if compare forgets the page, or leaves logs that nobody asked for."""
+    """Breaks if compare writes no page, or keeps logs without --keep."""
     out = tmp_path / "compared"
     assert main(["compare", "demo", "--controllers=pid,smc", "--set=duration=30", f"--out={out}", "--json"]) == 0
     assert [entry["controller"] for entry in json.loads(capsys.readouterr().out)] == ["pid", "smc"]
@@ -282,7 +287,7 @@ def test_compare_leaves_table_figure_and_report(tmp_path: Path, capsys: pytest.C
 
 @pytest.mark.slow
 def test_compare_shows_a_law_that_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if one law that fails takes the comparison of the others with it."""
+    """Breaks if one failed law stops the comparison of the others."""
     monkeypatch.setitem(LAWS._loaded, "breaks", Breaks)
     out = tmp_path / "compared"
     assert main(["compare", "demo", "--controllers=pid,breaks", "--set=duration=20", f"--out={out}"]) == 1
@@ -291,7 +296,7 @@ def test_compare_shows_a_law_that_failed(tmp_path: Path, monkeypatch: pytest.Mon
 
 @pytest.mark.slow
 def test_figures_for_print_are_equal_for_equal_runs(eventful: Path, tmp_path: Path) -> None:
-    """Breaks if a figure carries its date or a random name, one is missing, or its text is not text."""
+    """Breaks if a figure is missing, contains a date or a random name, or has text as paths."""
     for name, kind in (("one", "svg"), ("two", "svg"), ("pixels", "png")):
         page, figures = tmp_path / f"{name}.html", tmp_path / name
         assert main(["report", str(eventful), f"--out={page}", f"--figures={figures}", f"--format={kind}"]) == 0
@@ -325,22 +330,22 @@ def test_bad_requests_are_refused_in_one_line(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """Breaks if nonsense is found out after the work, or ends in a traceback."""
+    """Breaks if bad input is detected late or causes a traceback."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "taken.html").write_text("somebody's")
+    (tmp_path / "taken.html").write_text("other page")
     assert main(["report", *(argument.format(run=eventful) for argument in arguments)]) == 2
     said = capsys.readouterr()
     assert said.out == ""
     assert len(said.err.strip().splitlines()) == 1
     assert re.search(message, said.err), said.err
     assert [path.name for path in tmp_path.iterdir()] == ["taken.html"]
-    assert (tmp_path / "taken.html").read_text() == "somebody's"
+    assert (tmp_path / "taken.html").read_text() == "other page"
 
 
 def test_a_killed_run_is_refused_with_the_remedy(
     eventful: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Breaks if half a log is drawn without a word, or the reader is not told what to do."""
+    """Breaks if a partial log is drawn without an error, or the error has no remedy."""
     shutil.copy(eventful / "scenario.yaml", tmp_path)
     (tmp_path / "run.mcap.partial").write_bytes((eventful / "run.mcap").read_bytes()[:-50_000])
     assert main(["report", str(tmp_path)]) == 2
@@ -351,9 +356,9 @@ def test_a_killed_run_is_refused_with_the_remedy(
 
 @pytest.mark.slow
 def test_the_longest_train_with_noise_on_everything_stays_small(eventful: Path, tmp_path: Path) -> None:
-    """Breaks if the size of a page grows with the run: an hour of 212 vehicles and 8 units, nothing smooth."""
+    """Breaks if the size of a page grows with the run: one hour of noise, 212 vehicles, 8 power units."""
     random = np.random.default_rng(1)
-    base = read_recording(eventful)
+    base = open_recording(eventful)
     time = 0.1 * np.arange(36_000)
 
     def noise(columns: int) -> np.ndarray:
@@ -361,29 +366,30 @@ def test_the_longest_train_with_noise_on_everything_stays_small(eventful: Path, 
 
     along, units = noise(212), noise(8)
     topics = {
-        "train/cars": Samples(time, {"position": along, "speed": along, "coupler": along}),
-        "train/measurement": Samples(time, {"position": units, "speed": units, "applied": units}),
-        "train/disturbance": Samples(time, {"force": along}),
-        "train/brake_cylinders": Samples(time, {"shoe_force": along}),
-        "train/brake_pipe": Samples(time, {"pressure": noise(1)}),
-        "ato/brake_pipe": Samples(time, {"pressure": noise(1)}),
-        "ato/reference": Samples(time, {"position": noise(1), "speed": noise(1), "acceleration": noise(1)}),
-        "ato/estimate": Samples(time, {"force": noise(8)}),
-        "ato/command": Samples(time, {"force": noise(8)}),
+        "train/vehicles": TopicSamples(time, {"position": along, "velocity": along, "coupler_force": along}),
+        "train/measurement": TopicSamples(time, {"position": units, "velocity": units, "applied": units}),
+        "train/disturbance": TopicSamples(time, {"force": along}),
+        "train/brake_shoes": TopicSamples(time, {"shoe_force": along}),
+        "train/brake_pipe": TopicSamples(time, {"pressure": noise(1)}),
+        "ato/brake_pipe_command": TopicSamples(time, {"pressure": noise(1)}),
+        "ato/reference": TopicSamples(time, {"position": noise(1), "velocity": noise(1), "acceleration": noise(1)}),
+        "ato/estimate": TopicSamples(time, {"force": noise(8)}),
+        "ato/command": TopicSamples(time, {"force": noise(8)}),
     }
-    worst = Recording("worst", tmp_path, {}, None, topics=topics, profiles=base.profiles, said=base.said)
-    reduced = digest(worst)
-    assert set(LINES) | set(MAPS) == set(reduced.lines) | set(reduced.maps)
-    assert write_run(reduced, tmp_path / "worst.html") < 5e6
-    several = [digest(worst, name, share_of(3)) for name in "abc"]
-    assert write_comparison(several, tmp_path / "several.html") < 10e6
+    topics = {name: TopicSamples(time, reduced(name, part.values, [], vehicles=True)) for name, part in topics.items()}
+    worst = Recording(topics, base.profiles, reports=base.reports, name="worst", path=tmp_path)
+    data = page_data(worst)
+    assert set(CURVES) | set(MAPS) == set(data.curves) | set(data.maps)
+    assert write_run(data, tmp_path / "worst.html") < 5e6
+    several = [page_data(worst, name, share_of(3)) for name in "abc"]
+    assert write_comparison_page(several, tmp_path / "several.html") < 10e6
 
 
 def test_the_summary_is_told_with_words_and_units(eventful: Path) -> None:
-    """Breaks if a figure of summary.json that a person wants is not in the table."""
+    """Breaks if an important figure of summary.json is not in the table."""
     summary = json.loads((eventful / "summary.json").read_text())
     told = {row.key for _, rows in filled_groups([summary]) for row, _ in rows}
-    named = {"scenario", "controller", "observer", "compensation", "seed", "status", "version", "way", "ticks"}
+    named = {"scenario", "controller", "observer", "compensation", "seed", "status", "version", "mode", "ticks"}
     numbers = {key for key, value in summary.items() if isinstance(value, (int, float)) and key not in named}
     assert numbers <= told
     texts = dict((row.key, texts[0]) for _, rows in filled_groups([summary]) for row, texts in rows)  # noqa: C402
@@ -394,22 +400,30 @@ def test_the_summary_is_told_with_words_and_units(eventful: Path) -> None:
     ("time", "text"), [(0.0, "0:00.0"), (59.96, "1:00.0"), (725.3, "12:05.3"), (3661.0, "1:01:01.0")]
 )
 def test_clock(time: float, text: str) -> None:
-    """Breaks if a minute has 60.0 seconds."""
-    assert clock(time) == text
+    """Breaks if 60.0 seconds are not shown as a minute."""
+    assert short_clock(time) == text
 
 
 def test_the_figure_of_a_run_says_how_it_was_driven_and_how_it_ended() -> None:
-    """Breaks if a figure of an interrupted run, or of another way of running, looks like any other."""
+    """Breaks if the title omits an interruption or the mode."""
     summary = {"scenario": "demo", "controller": "pid", "observer": "none", "compensation": "preview", "seed": 1}
     assert titles({**summary, "status": "done"}) == ["demo: pid, observer none, compensation preview, seed 1"]
-    assert titles({**summary, "status": "interrupted", "way": "processes"})[1:] == [
-        "run as ROS nodes, a process each, INTERRUPTED"
+    assert titles({**summary, "status": "interrupted", "mode": "processes"})[1:] == [
+        "mode: ROS nodes, one process per node, INTERRUPTED"
     ]
 
 
+def test_the_mode_of_a_run_of_an_earlier_version_is_read(eventful: Path, tmp_path: Path) -> None:
+    """Breaks if the key ``way`` of such a summary is no longer read as ``mode``."""
+    run = without(eventful, tmp_path / "run", ())
+    summary = json.loads((run / "summary.json").read_text())
+    (run / "summary.json").write_text(json.dumps({**summary, "mode": None, "way": summary["mode"]}))
+    assert page_data(open_recording(run)).facts["mode"] == "Python loop without ROS"
+
+
 def test_unfinished_runs_are_marked_at_their_end(eventful: Path) -> None:
-    """Breaks if an interrupted run looks like one that ended by itself."""
-    recording = read_recording(eventful)
+    """Breaks if the early end of a run is not marked."""
+    recording = open_recording(eventful)
     cut = replace(recording, summary={**recording.summary, "status": "interrupted"})
-    ends = [event for event in events_of(cut) if event.kind == "end"]
+    ends = [event for event in detect_events(cut) if event.kind == "end"]
     assert [(event.begin, event.text) for event in ends] == [(recording.span[1], "the run was interrupted")]

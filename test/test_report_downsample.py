@@ -1,4 +1,4 @@
-"""Fewer points, same picture: no peak is lost, gaps stay gaps, delays are found; on arrays alone."""
+"""Downsampling and delay identification on arrays: peaks, gaps, delays."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from plant_sim.library import load_line
-from train_ato.report.delays import found_delay
-from train_ato.report.thin import NO_CODE, aligned, heat_map, kept
-from train_ato.report.track_shape import track_shape
+from train_ato.apps.report.delays import found_delay
+from train_ato.apps.report.downsample import NO_CODE, heat_map, kept
+from train_ato.apps.report.track_shape import track_shape
+from train_ato.loop.series import aligned
 
 
 @given(st.integers(1, 5), st.integers(1, 4000), st.integers(20, 300), st.integers(0, 2**32 - 1))
 def test_no_peak_of_any_column_is_lost(columns: int, count: int, rows: int, seed: int) -> None:
-    """Breaks if thinning drops an extreme, the ends, the order, or keeps more than it may."""
+    """Breaks if downsampling loses an extreme, the ends or the order, or keeps too many rows."""
     random = np.random.default_rng(seed)
     table = [random.standard_normal(count) for _ in range(columns)]
     chosen = kept(table, rows)
@@ -29,14 +30,14 @@ def test_no_peak_of_any_column_is_lost(columns: int, count: int, rows: int, seed
 
 @given(st.integers(0, 99_999))
 def test_a_spike_of_one_tick_in_an_hour_stays_at_its_time(place: int) -> None:
-    """Breaks if peaks are averaged, or belong to another time afterwards."""
+    """Breaks if peaks are averaged or shifted in time."""
     values = np.sin(np.arange(100_000) / 5000.0)
     values[place] = -7.0
     assert place in kept([values, np.zeros(100_000)], 2000)
 
 
 def test_gaps_stay_gaps() -> None:
-    """Breaks if a line is drawn through a time without values, or its ends move."""
+    """Breaks if a line is drawn across a gap, or its ends move."""
     values = np.sin(np.arange(50_000) / 300.0)
     values[20_000:30_000] = np.nan
     chosen = kept([values], 1000)
@@ -47,7 +48,7 @@ def test_gaps_stay_gaps() -> None:
 
 @given(st.integers(1, 3000), st.integers(1, 40), st.integers(10, 500), st.integers(0, 2**32 - 1))
 def test_a_heat_map_keeps_every_vehicles_extreme(count: int, vehicles: int, columns: int, seed: int) -> None:
-    """Breaks if a cell shows the mean, loses the sign, or a regular log gets holes."""
+    """Breaks if a cell shows the mean, loses the sign, or a regular log has gaps."""
     values = np.random.default_rng(seed).standard_normal((count, vehicles)) * 1e3
     picture = heat_map(0.1 * np.arange(count), values, columns)
     assert picture.codes.shape == (vehicles, min(count, columns))
@@ -63,7 +64,7 @@ def test_a_heat_map_keeps_every_vehicles_extreme(count: int, vehicles: int, colu
 
 
 def test_a_heat_map_of_a_log_with_a_gap_is_grey_there() -> None:
-    """Breaks if missing messages look like no force."""
+    """Breaks if missing messages are shown as zero force."""
     time = np.concatenate((np.arange(0, 100, 0.1), np.arange(150, 200, 0.1)))
     picture = heat_map(time, np.ones((time.size, 3)), 200)
     middles = picture.begin + (np.arange(200) + 0.5) * (picture.end - picture.begin) / 200
@@ -73,7 +74,7 @@ def test_a_heat_map_of_a_log_with_a_gap_is_grey_there() -> None:
 
 
 def test_another_scale_changes_codes_not_values() -> None:
-    """Breaks if a picture on a common scale shows other forces."""
+    """Breaks if a common scale changes the forces."""
     values = np.linspace(-400, 400, 500)[:, None]
     picture = heat_map(0.1 * np.arange(500), values, 500)
     wide = picture.scaled(800.0)
@@ -82,7 +83,7 @@ def test_another_scale_changes_codes_not_values() -> None:
 
 
 def test_values_at_other_times_are_exact_linear_or_missing() -> None:
-    """Breaks if a slow topic is held as if it were fresh, or values are invented in a gap."""
+    """Breaks if a slow topic is held too long, or a gap has values."""
     time = np.arange(10.0)
     assert aligned(time, time, time**2).tolist() == (time**2).tolist()
     assert aligned(np.array([0.5, 2.25]), time, 2 * time) == pytest.approx([1.0, 4.5])
@@ -97,7 +98,7 @@ def test_values_at_other_times_are_exact_linear_or_missing() -> None:
     ("delay", "lag", "tick"), [(0.8, 0.4, 0.1), (0.0, 0.0, 0.1), (1.25, 0.0, 0.05), (0.3, 0.6, 0.02)]
 )
 def test_a_delay_is_found_to_a_part_of_a_tick(delay: float, lag: float, tick: float) -> None:
-    """Breaks if the delay found is off, or the lag is not counted in it."""
+    """Breaks if the identified delay is wrong, or the lag is missing in it."""
     fine = 20
     time = np.arange(0.0, 400.0, tick)
     demand = 1e5 * (np.sin(time / 7) + 0.5 * np.sin(time / 2.3 + 1))
@@ -117,7 +118,7 @@ def test_a_delay_is_found_to_a_part_of_a_tick(delay: float, lag: float, tick: fl
 
 
 def test_no_delay_is_found_where_nothing_moves() -> None:
-    """Breaks if a constant force gives a delay of noise."""
+    """Breaks if a delay is identified from the noise of a constant force."""
     time = np.arange(0.0, 200.0, 0.1)
     demand = np.where(time < 100, 1e5 * np.sin(time), 2e5)
     _, found = found_delay(time, demand, np.roll(demand, 5), 3.0)
@@ -127,7 +128,7 @@ def test_no_delay_is_found_where_nothing_moves() -> None:
 
 
 def test_a_track_has_its_grades_heights_and_curves() -> None:
-    """Breaks if grades are shifted, equal ones are cut at curves, or heights do not add up."""
+    """Breaks if grades are shifted, equal ones are split at curves, or heights are wrong."""
     line = load_line("daqin_section")
     shape = track_shape(line, 0.0, 45_000.0)
     assert shape.grade[-1] == shape.grade[-2]

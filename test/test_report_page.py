@@ -1,8 +1,7 @@
-"""The report in a real browser, without a network: it opens, follows the mouse, zooms together, hides its marks."""
+"""Report in a browser without network: loading, cursor, common zoom, hidden marks."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,9 +9,11 @@ import numpy as np
 import pytest
 from chromium import Page, browser
 from report_runs import EVENTFUL, drive
+from waiting import still, wait_for
 
 from train_ato.cli import main
-from train_ato.report.recording import Recording, read_recording
+from train_ato.log.recorded import open_recording
+from train_ato.loop.recording import Recording
 
 pytestmark = pytest.mark.slow
 
@@ -43,7 +44,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def recording(run: Path) -> Recording:
-    return read_recording(run)
+    return open_recording(run)
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +66,7 @@ def frame(page: Page, axis: str) -> tuple[float, float, float, float]:
     """Bring the figure of an axis into view and return its frame: left, top, width, height."""
     number = page.evaluate(AXES).index(axis)
     page.evaluate(FRAME % number)
-    time.sleep(0.3)
-    left, top, width, height = page.evaluate(FRAME % number)
+    left, top, width, height = still(lambda: page.evaluate(FRAME % number))
     return left, top, width, height
 
 
@@ -74,8 +74,8 @@ def reading(page: Page, words: str, unit: str) -> float:
     """Return a value of the bar."""
     found = page.evaluate(
         f"""[...document.querySelectorAll(".reading")].filter(cell => {{
-            const told = [...cell.querySelectorAll("i")].map(part => part.textContent);
-            return told[0] === "{words}" && (told[1] ?? "") === "{unit}";
+            const found = [...cell.querySelectorAll("i")].map(part => part.textContent);
+            return found[0] === "{words}" && (found[1] ?? "") === "{unit}";
         }}).map(cell => cell.querySelector("b").textContent)"""
     )
     assert len(found) == 1, (words, unit, found)
@@ -94,7 +94,7 @@ def test_the_page_opens_without_errors_and_asks_for_nothing(page: Page) -> None:
 
 
 def test_equal_times_stand_above_each_other(page: Page) -> None:
-    """Breaks if one figure's frame is wider than another's: then the eye compares different moments."""
+    """Breaks if the frames have different widths, so that equal times are not above each other."""
     frames = page.evaluate(
         f"{FIGURES}.map(view => [view.model.x_range.id, view.frame.bbox.left, view.frame.bbox.width])"
     )
@@ -103,7 +103,7 @@ def test_equal_times_stand_above_each_other(page: Page) -> None:
 
 
 def test_the_bar_tells_the_log_at_the_cursor(page: Page, recording: Recording) -> None:
-    """Breaks if the cursor reads another time, another quantity or another unit than the log has."""
+    """Breaks if a value at the cursor differs from the log in time, quantity or unit."""
     left, top, width, height = frame(page, "speed error in km/h")
     begin, end = page.evaluate(RANGE)[page.evaluate(AXES).index("speed error in km/h")]
     for part in (0.31, 0.77):
@@ -111,17 +111,17 @@ def test_the_bar_tells_the_log_at_the_cursor(page: Page, recording: Recording) -
         page.mouse("mouseMoved", left + part * width - 2, top + height / 2)
         page.mouse("mouseMoved", left + part * width, top + height / 2)
         page.wait_for("document.querySelector('.moment').textContent.startsWith('at ')")
-        time.sleep(0.2)
-        cars, command = recording.topics["train/cars"], recording.topics["ato/command"]
-        slack = 0.1  # of a tick's length: the nearest tick is told
+        cars, command = recording.topics["train/vehicles"], recording.topics["ato/command"]
+        slack = 0.1  # of a tick's length: the nearest tick is found
         row = int(np.abs(cars.time - moment).argmin())
         rows = slice(max(0, row - 1), row + 2)
-        assert reading(page, "speed", "km/h") == pytest.approx(3.6 * cars["speed"][row, 0], abs=0.06 + slack)
-        assert reading(page, "km", "") == pytest.approx(cars["position"][row, 0] / 1e3, abs=0.0015)
-        draft = cars["coupler"][rows].max(axis=1) / 1e3
+        speed = pytest.approx(3.6 * cars["velocity"][row, 0], abs=0.06 + slack)
+        wait_for(lambda speed=speed: reading(page, "speed", "km/h") == speed, "the speed at the cursor")
+        assert reading(page, "position", "km") == pytest.approx(cars["position"][row, 0] / 1e3, abs=0.0015)
+        draft = cars["coupler_force"][rows].max(axis=1) / 1e3
         assert draft.min() - 1 <= reading(page, "draft", "kN") <= draft.max() + 1
         demand = command["force"][rows, 0] / 1e3
-        assert demand.min() - 1 <= reading(page, "demand", "kN") <= demand.max() + 1
+        assert demand.min() - 1 <= reading(page, "command", "kN") <= demand.max() + 1
     marks = page.evaluate(
         f"""{FIGURES}.flatMap(view => [...view.model.center, ...view.model.renderers]
             .filter(part => part.type === "Span" && part.visible).map(part => part.location))"""
@@ -130,7 +130,7 @@ def test_the_bar_tells_the_log_at_the_cursor(page: Page, recording: Recording) -
 
 
 def test_a_drag_zooms_every_figure_over_time_and_a_double_click_ends_it(page: Page) -> None:
-    """Breaks if the figures do not zoom together, or those over distance follow."""
+    """Breaks if the figures over time do not zoom together, or figures over distance zoom too."""
     before, axes = page.evaluate(RANGE), page.evaluate(AXES)
     left, top, width, height = frame(page, "coupler force in kN (draft > 0)")
     page.mouse("mouseMoved", left + 0.25 * width, top + height / 2)
@@ -138,16 +138,13 @@ def test_a_drag_zooms_every_figure_over_time_and_a_double_click_ends_it(page: Pa
     for part in np.linspace(0.25, 0.5, 8):
         page.mouse("mouseMoved", left + part * width, top + height / 2, 1)
     page.mouse("mouseReleased", left + 0.5 * width, top + height / 2, 1)
-    time.sleep(0.3)
-    after = page.evaluate(RANGE)
     over_time = [index for index, entry in enumerate(before) if entry == before[axes.index("delay in s")]]
     assert len(over_time) == 13
     span = before[over_time[0]][1] - before[over_time[0]][0]
-    for index, (begin, end) in enumerate(after):
-        if index in over_time:
-            assert (end - begin) / span == pytest.approx(0.25, abs=0.01)
-        else:
-            assert [begin, end] == before[index]
+    shares = lambda ranges: [(ranges[index][1] - ranges[index][0]) / span for index in over_time]  # noqa: E731
+    wait_for(lambda: shares(page.evaluate(RANGE)) == pytest.approx([0.25] * 13, abs=0.01), "the zoom")
+    after = page.evaluate(RANGE)
+    assert all(after[index] == before[index] for index in range(len(before)) if index not in over_time)
     for clicks in (1, 2):
         page.mouse("mousePressed", left + 0.4 * width, top + height / 2, clicks)
         page.mouse("mouseReleased", left + 0.4 * width, top + height / 2, clicks)
@@ -157,24 +154,24 @@ def test_a_drag_zooms_every_figure_over_time_and_a_double_click_ends_it(page: Pa
 
 
 def test_a_hover_tells_force_and_vehicle_of_the_heat_map(page: Page, recording: Recording) -> None:
-    """Breaks if the codes of the picture are told instead of kN, or the train stands on its head."""
+    """Breaks if the tooltip shows codes instead of kN, or the order of the vehicles is reversed."""
     left, top, width, height = frame(page, "coupler behind vehicle")
     begin, end = page.evaluate(RANGE)[page.evaluate(AXES).index("coupler behind vehicle")]
     page.mouse("mouseMoved", left + 0.38 * width, top + (10.5 / 105) * height)
     page.mouse("mouseMoved", left + 0.4 * width, top + (10.5 / 105) * height)
-    told = page.wait_for(TOOLTIPS + '.find(text => text.includes("coupler behind vehicle"))')
-    force = float(told.split("coupler force")[1].split("kN")[0].strip(" :"))
-    vehicle = int(told.split("coupler behind vehicle")[1].split("coupler force")[0].strip(" :"))
+    found = page.wait_for(TOOLTIPS + '.find(text => text.includes("coupler behind vehicle"))')
+    force = float(found.split("coupler force")[1].split("kN")[0].strip(" :"))
+    vehicle = int(found.split("coupler behind vehicle")[1].split("coupler force")[0].strip(" :"))
     assert vehicle == 10
-    cars = recording.topics["train/cars"]
+    cars = recording.topics["train/vehicles"]
     row = int(np.abs(cars.time - (begin + 0.4 * (end - begin))).argmin())
-    near = cars["coupler"][max(0, row - 2) : row + 3, 10] / 1e3
-    step = np.abs(cars["coupler"]).max() / 1e3 / 127
+    near = cars["coupler_force"][max(0, row - 2) : row + 3, 10] / 1e3
+    step = np.abs(cars["coupler_force"]).max() / 1e3 / 127
     assert near.min() - step <= force <= near.max() + step
 
 
 def test_hiding_a_kind_of_event_hides_its_marks_everywhere(page: Page) -> None:
-    """Breaks if the legend of the events is an ornament."""
+    """Breaks if a click on the legend of the events does not hide marks."""
     marks = f"""{FIGURES}.map(view => view.model.renderers
         .filter(part => ["VSpan", "VStrip"].includes(part.glyph?.type) && part.visible).length)
         .reduce((sum, count) => sum + count, 0)"""
@@ -184,12 +181,11 @@ def test_hiding_a_kind_of_event_hides_its_marks_everywhere(page: Page) -> None:
         f"""{FIGURES}.flatMap(view => view.model.renderers)
             .find(part => part.glyph?.type === "Scatter" && part.data_source.data.begin.length === 2).visible = false"""
     )
-    time.sleep(0.2)
-    assert before - page.evaluate(marks) == 12
+    wait_for(lambda: before - page.evaluate(marks) == 12, "the marks without their kind")
 
 
 def test_runs_side_by_side_open_too(run: Path, tmp_path: Path) -> None:
-    """Breaks if the page of several runs has an error that only a browser sees."""
+    """Breaks if the page of several runs causes an error in the browser."""
     other = drive(tmp_path, "other", "demo", *EVENTFUL, "--controller=smc", "--set=duration=40")
     file = tmp_path / "both.html"
     assert main(["report", str(run), str(other), f"--out={file}"]) == 0

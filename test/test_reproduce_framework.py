@@ -1,8 +1,9 @@
-"""The frame of ``train-ato reproduce``: cases run once in workers, failures become verdicts, nobody is left behind."""
+"""Framework of ``train-ato reproduce``: cases run once in workers, failures become verdicts, no process remains."""
 
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 from pathlib import Path
 from typing import Any
@@ -10,16 +11,16 @@ from typing import Any
 import pytest
 
 from train_ato.cli.main import main
-from train_ato.reproduce.claims import Calculation, Case, Claim, Judgement, Paper, Result, Results, Table, Verdict
-from train_ato.reproduce.judging import claims_of, judge_paper
-from train_ato.reproduce.pool import Finished, WorkerPool, carry_out
-from train_ato.reproduce.session import Judged, load_paper, paper_numbers, reproduce
+from train_ato.papers.claims import Calculation, Case, CaseTable, Claim, Judgement, Paper, Result, Results, Verdict
+from train_ato.papers.judging import claims_of, judge_paper
+from train_ato.papers.pool import Finished, WorkerPool, carry_out
+from train_ato.papers.session import Judged, load_paper, paper_numbers, reproduce
 
 SHORT = Case("demo", {"duration": 2})
 
 
 def measure(log: str, value: float) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Leave a line in a file and return a figure: a calculation whose calls can be counted."""
+    """Append a line to a file and return a figure, so that the calls can be counted."""
     with Path(log).open("a", encoding="utf-8") as file:
         file.write(f"{os.getpid()}\n")
     return {"value": value}, {"squares": [value, value**2]}
@@ -81,8 +82,8 @@ def test_rows_have_the_documented_keys_and_are_written(tmp_path: Path) -> None:
 def test_the_page_has_claims_counts_and_tables(tmp_path: Path) -> None:
     """Breaks if a claim, its verdict's count or a table is missing from the page, or a bar in a text breaks a row."""
     case = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 3.0})
-    table = Table("squares", ("law", "square"), lambda results: [("pid", results["a"].summary["value"])])
-    broken = Table("lost", ("law",), lambda results: [(results["b"],)])
+    table = CaseTable("squares", ("law", "square"), lambda results: [("pid", results["a"].summary["value"])])
+    broken = CaseTable("lost", ("law",), lambda results: [(results["b"],)])
     paper = _paper({"a": case}, Claim("small | fast", "below 2", ("a",), _holds), tables=(table, broken))
     _run([paper], tmp_path)
     page = (tmp_path / "reproduce.md").read_text(encoding="utf-8")
@@ -97,7 +98,7 @@ def test_an_engine_case_brings_summary_and_series() -> None:
     result = carry_out(SHORT)
     assert result.failure is None
     assert result.summary["simulated_s"] == 2
-    assert result.history is not None and result.history.time.size == 20
+    assert result.recording is not None and result.recording.time.size == 20
 
 
 @pytest.mark.parametrize(
@@ -156,7 +157,7 @@ def test_long_cases_and_their_claims_wait_for_full(tmp_path: Path) -> None:
 
 
 def test_figures_that_cannot_be_drawn_are_a_complaint(tmp_path: Path) -> None:
-    """Breaks if one bad drawing loses the verdicts."""
+    """Breaks if one failed figure loses the verdicts."""
 
     def fails(results: Results, folder: Path) -> list[Path]:
         raise KeyError("gone")
@@ -171,14 +172,14 @@ def test_leaving_the_pool_ends_its_workers(tmp_path: Path) -> None:
     cases = [(str(number), Case("demo", {"seed": number})) for number in range(4)]
     with pytest.raises(KeyboardInterrupt), WorkerPool(2) as pool:
         for _ in pool.run(cases):
-            processes = list(pool._workers.values())
+            processes = multiprocessing.active_children()
             raise KeyboardInterrupt
     assert len(processes) == 2
     assert not any(process.is_alive() for process in processes)
 
 
 def test_progress_comes_while_a_case_runs() -> None:
-    """Breaks if nothing is heard of a case until it is done."""
+    """Breaks if a case reports no progress before its end."""
     with WorkerPool(1) as pool:
         events = list(pool.run([("a", Case("demo", {"duration": 400}))]))
     assert isinstance(events[-1], Finished) and events[-1].result.failure is None
@@ -188,8 +189,8 @@ def test_progress_comes_while_a_case_runs() -> None:
 
 @pytest.mark.parametrize("number", paper_numbers())
 def test_every_paper_is_consistent(number: str) -> None:
-    """Breaks if a claim names a case that is not there, a case cannot be prepared, or a paper has no claim."""
-    from train_ato.scenario import load
+    """Breaks if a claim names a missing case, a case cannot be prepared, or a paper has no claim."""
+    from train_ato.scenario.scenario import load_scenario
 
     paper = load_paper(number)
     assert paper.number == number and paper.claims and paper.title
@@ -199,9 +200,9 @@ def test_every_paper_is_consistent(number: str) -> None:
         assert "\n" not in claim.text + claim.stated
     for key, case in paper.cases.items():
         if isinstance(case, Case):
-            scenario, _ = load(case.scenario, changes=dict(case.changes))
+            scenario, _ = load_scenario(case.scenario, changes=dict(case.changes))
             assert scenario.duration > 0, key
-    assert all(isinstance(table, Table) for table in paper.tables)
+    assert all(isinstance(table, CaseTable) for table in paper.tables)
 
 
 def test_an_unknown_paper_is_refused_by_name() -> None:
@@ -219,9 +220,9 @@ def _command(monkeypatch: pytest.MonkeyPatch, paper: Paper, folder: Path, *optio
 def test_the_command_keeps_its_folder_and_prints_one_json_value(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Breaks if anything but the list is on standard output, or the folder is cleared away at the end."""
+    """Breaks if standard output has more than the list, or the folder is removed at the end."""
     case = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 1.0})
-    table = Table("a table", ("case", "value"), lambda results: [("a", results["a"].summary["value"])])
+    table = CaseTable("a table", ("case", "value"), lambda results: [("a", results["a"].summary["value"])])
     paper = _paper({"a": case}, Claim("[small] claim", "below 2", ("a",), _holds), tables=(table,))
     folder = tmp_path / "out"
     assert _command(monkeypatch, paper, folder, "--json") == 0
@@ -248,6 +249,6 @@ def test_an_interrupted_command_leaves_no_empty_folder(
 
 @pytest.mark.parametrize("options", [["017"], ["000", "--jobs", "0"], ["000", "--out", "."]])
 def test_bad_options_are_one_line(options: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a wrong paper, number of processes or an existing folder gets as far as a run."""
+    """Breaks if a wrong paper, number of processes or an existing folder is detected only during a run."""
     assert main(["reproduce", *options]) == 2
     assert capsys.readouterr().err.count("\n") == 1

@@ -1,4 +1,4 @@
-"""What is shipped fits together: schemas, topic page, scenarios, version."""
+"""Consistency of shipped schemas, topic page, scenarios and version."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import jsonschema
 import pytest
 import yaml
 
+from msgs_docs.generate import topic_page as topic_docs
+from msgs_docs.generate.schemas import MODELS, schema_path, schema_text
 from plant_sim.library import consist_names, consist_path, line_names, line_path
-from train_ato import topic_docs
-from train_ato.json_schema import MODELS, schema_path, schema_text
-from train_ato.run_setup import prepare
-from train_ato.scenario import load, shipped_scenarios, variants_of
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import load_scenario, shipped_scenarios, variants_of
 from train_ato.version import VERSION
 
 REPO = Path(__file__).resolve().parents[1]
@@ -28,7 +28,7 @@ SCENARIOS = [
 
 @pytest.mark.parametrize("kind", MODELS)
 def test_schema_is_that_of_the_models(kind: str) -> None:
-    """Breaks if a model changes and the shipped schema does not: python -m train_ato.json_schema."""
+    """Breaks if a model changes but its schema does not; run python -m msgs_docs.generate."""
     assert schema_path(kind).read_text() == schema_text(kind)
 
 
@@ -41,12 +41,12 @@ FILES = [
 
 @pytest.mark.parametrize(("kind", "path"), FILES, ids=[path.stem for _, path in FILES])
 def test_shipped_files_keep_to_their_schema(kind: str, path: Path) -> None:
-    """Breaks if an editor would mark a shipped file, suffixed units included."""
+    """Breaks if an editor marks an error in a shipped file, suffixed units included."""
     jsonschema.validate(yaml.safe_load(path.read_text()), json.loads(schema_text(kind)))
 
 
 def test_schema_refuses_what_the_models_refuse() -> None:
-    """Breaks if the schema lets everything pass."""
+    """Breaks if the schema accepts everything."""
     data = yaml.safe_load(shipped_scenarios()["demo"].read_text())
     data["plant"]["lagg"] = 1
     with pytest.raises(jsonschema.ValidationError, match="lagg"):
@@ -58,7 +58,7 @@ def test_schema_refuses_what_the_models_refuse() -> None:
     [("tick", 10, "s"), ("tick_ms", 10e3, "ms"), ("duration", 86_400, "s"), ("duration_min", 1440, "min")],
 )
 def test_schema_has_bounds_and_unit_of_the_key(key: str, most: float, unit: str) -> None:
-    """Breaks if an editor marks tick_ms: 100 because a tick has at most 10 s, or does not say the unit."""
+    """Breaks if an editor marks tick_ms: 100 because a tick has at most 10 s, or does not show the unit."""
     schema = json.loads(schema_text("scenario"))
     assert schema["properties"][key]["description"].endswith(f"[{unit}]")
     data = {"schema": "train_ato/scenario/1"}
@@ -68,14 +68,14 @@ def test_schema_has_bounds_and_unit_of_the_key(key: str, most: float, unit: str)
 
 
 def test_topic_page_is_that_of_the_table() -> None:
-    """Breaks if a topic changes and its documentation does not: python -m train_ato.topic_docs."""
+    """Breaks if a topic changes but its documentation does not; run python -m msgs_docs.generate."""
     assert (REPO / "msgs_docs" / "topics.md").read_text() == topic_docs.page()
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_every_shipped_scenario_can_start(name: str) -> None:
-    """Breaks if a scenario or a variant names something that is not there."""
-    setup = prepare(*load(name))
+    """Breaks if a scenario or a variant names a missing object."""
+    setup = prepare(*load_scenario(name))
     assert setup.scenario.name == name
     assert setup.scenario.summary
 
@@ -83,10 +83,10 @@ def test_every_shipped_scenario_can_start(name: str) -> None:
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_resolved_scenario_prepares_the_same_run(name: str, tmp_path: Path) -> None:
     """Breaks if a value is lost or rounded when the scenario is written out."""
-    setup = prepare(*load(name))
+    setup = prepare(*load_scenario(name))
     path = tmp_path / "scenario.yaml"
     path.write_text(setup.resolved_yaml())
-    again = prepare(*load(str(path)))
+    again = prepare(*load_scenario(str(path)))
     assert again.consist == setup.consist
     assert again.line == setup.line
     assert again.resolved_yaml() == setup.resolved_yaml()
@@ -95,7 +95,7 @@ def test_resolved_scenario_prepares_the_same_run(name: str, tmp_path: Path) -> N
 
 
 def test_version_is_the_same_everywhere() -> None:
-    """Breaks if package.xml or the changelog is left behind."""
+    """Breaks if package.xml or the changelog has another version."""
     assert f"<version>{VERSION}</version>" in (REPO / "package.xml").read_text()
     assert re.search(rf"^## {re.escape(VERSION)}", (REPO / "CHANGELOG.md").read_text(), re.M)
 

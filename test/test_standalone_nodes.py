@@ -1,4 +1,4 @@
-"""Every node started alone by its own command, as `ros2 run` does: they find each other and leave the same log."""
+"""Nodes started by their own commands, as by ``ros2 run``: discovery, and the same log."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,22 +14,22 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from waiting import LIMIT_S, wait_for
+
 import train_ato
-from train_ato import node_docs
+from msgs_docs.generate import node_page as node_docs
 from train_ato.cli import main
-from train_ato.graph import shared_memory
-from train_ato.graph.environment import claim_domain
-from train_ato.record.difference import compare
-from train_ato.record.reading import stream
-from train_ato.run_folder import open_run
-from train_ato.wire import Wire
+from train_ato.log.difference import compare_logs
+from train_ato.log.reading import stream
+from train_ato.log.run_folder import read_run_folder
+from train_ato.messages.codec.codec import Wire
+from train_ato.ros.graph import shared_memory
+from train_ato.ros.graph.environment import claim_domain
 
 ROOT = Path(train_ato.__file__).resolve().parents[1]
-"""Where the package that is tested lies: installed, or the source."""
+"""Path of the tested package: installed, or the source."""
 ROLES = ("recorder", "profile", "observer", "controller", "plant")
-WALL = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99", "way")
-BREATH = threading.Event()
-"""Never set: waiting for it lets a moment pass between two looks."""
+WALL = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99", "mode")
 
 
 class Terminals:
@@ -51,7 +49,7 @@ class Terminals:
     def start(self, role: str, *arguments: str) -> subprocess.Popen[str]:
         """Start the main function that the installed command ``ROLE_node`` calls."""
         process = subprocess.Popen(
-            [sys.executable, "-m", f"train_ato.nodes.{role}", *arguments],
+            [sys.executable, "-m", "train_ato.cli.nodes", role, *arguments],
             cwd=self.folder,
             env=self._environment,
             stdout=subprocess.PIPE,
@@ -62,9 +60,10 @@ class Terminals:
         return process
 
     def ends(self) -> dict[str, tuple[int, str]]:
-        """Wait for all; return exit status and what was printed."""
-        said = {role: process.communicate(timeout=200)[0] for role, process in self.processes.items()}
-        return {role: (self.processes[role].returncode, text) for role, text in said.items()}
+        """Wait for all; return exit status and output without the lines on missing nodes: slow starts print them."""
+        said = {role: process.communicate(timeout=LIMIT_S)[0] for role, process in self.processes.items()}
+        kept = {role: [line for line in text.splitlines() if "not begun: " not in line] for role, text in said.items()}
+        return {role: (self.processes[role].returncode, "\n".join(lines)) for role, lines in kept.items()}
 
 
 @pytest.fixture
@@ -76,15 +75,8 @@ def terminals(tmp_path: Path) -> Iterator[Terminals]:
         finally:
             for process in opened.processes.values():
                 process.kill()
-                process.communicate(timeout=10)
+                process.communicate(timeout=LIMIT_S)
             shared_memory.clean()
-
-
-def wait_for(condition, limit=200.0):
-    last = time.monotonic() + limit
-    while not condition():
-        assert time.monotonic() < last, "did not happen in time"
-        BREATH.wait(0.02)
 
 
 def composed(folder: Path, *options: str) -> Path:
@@ -94,8 +86,8 @@ def composed(folder: Path, *options: str) -> Path:
 
 
 DURATION = "--set=duration=20"
-PATIENT = "--timeout=150"
-"""A busy machine does not make a node silent."""
+PATIENT = f"--timeout={LIMIT_S}"
+"""A loaded machine does not make a node silent."""
 
 
 @pytest.mark.parametrize(
@@ -108,15 +100,15 @@ PATIENT = "--timeout=150"
 def test_nodes_started_alone_leave_the_folder_of_a_composed_run(
     order: tuple[str, ...], terminals: Terminals, tmp_path: Path
 ) -> None:
-    """Breaks if the train starts before everybody listens, or a node leaves before its last message is taken."""
+    """Breaks if the train starts before all nodes are ready, or a node ends before its last message is received."""
     for role in order:
         extra = {"recorder": ["--out=alone"], "plant": ["--recorded", PATIENT]}.get(role, [])
         terminals.start(role, "--scenario=demo", DURATION, *extra)
     assert terminals.ends() == dict.fromkeys(order, (0, ""))
     one = composed(tmp_path, DURATION)
-    setup, summary = open_run(one)
-    _, alone = open_run(tmp_path / "alone")
-    assert compare(one, tmp_path / "alone", Wire(setup.shape)).first is None
+    setup, summary = read_run_folder(one)
+    _, alone = read_run_folder(tmp_path / "alone")
+    assert compare_logs(one, tmp_path / "alone", Wire(setup.layout)).first is None
     assert {k: v for k, v in alone.items() if k not in WALL} == {k: v for k, v in summary.items() if k not in WALL}
     assert {path.name for path in (tmp_path / "alone").iterdir()} == {path.name for path in one.iterdir()}
     wait_for(lambda: not shared_memory.abandoned())
@@ -124,26 +116,26 @@ def test_nodes_started_alone_leave_the_folder_of_a_composed_run(
 
 @pytest.mark.slow
 def test_ros_parameters_and_a_namespace_reach_nodes_started_alone(terminals: Terminals, tmp_path: Path) -> None:
-    """Law, observer and their parameters by ``-p``, two trains apart by ``__ns``: the same as by the scenario."""
+    """Law, observer and parameters by ``-p``, two trains by ``__ns``: the same as by the scenario."""
     given = {
         "controller": ["-p", "controller:=smc", "-p", "smc.ks:=0.3"],
         "observer": ["-p", "observer:=ndo", "-p", "ndo.omega:=5.0"],
-        "plant": ["-p", "timeout:=150.0"],
+        "plant": ["-p", f"timeout:={LIMIT_S}"],
     }
     for role in ROLES:
-        extra = ["--out=alone"] if role == "recorder" else []
+        extra = {"recorder": ["--out=alone"], "plant": ["--recorded"]}.get(role, [])
         ros = ["--ros-args", "-r", "__ns:=/left", *given.get(role, [])]
         terminals.start(role, "--scenario=demo", DURATION, *extra, *ros)
     assert terminals.ends() == dict.fromkeys(ROLES, (0, ""))
     changes = ["--set=controllers.smc.ks=0.3", "--set=observers.ndo.omega=5.0"]
     one = composed(tmp_path, DURATION, "--controller=smc", "--observer=ndo", *changes)
-    setup, _ = open_run(one)
-    assert compare(one, tmp_path / "alone", Wire(setup.shape)).first is None
+    setup, _ = read_run_folder(one)
+    assert compare_logs(one, tmp_path / "alone", Wire(setup.layout)).first is None
 
 
 @pytest.mark.slow
 def test_ctrl_c_on_the_plant_ends_all_nodes(terminals: Terminals, tmp_path: Path) -> None:
-    """Breaks if a node waits for ever for a plant that has left, or the log is not closed."""
+    """Breaks if a node waits for ever for a plant that has ended, or the log is not closed."""
     for role in ROLES:
         extra = {"recorder": ["--out=alone"], "plant": ["--recorded", "--realtime=20", PATIENT]}.get(role, [])
         terminals.start(role, "--scenario=demo", "--set=duration=600", *extra)
@@ -158,7 +150,7 @@ def test_ctrl_c_on_the_plant_ends_all_nodes(terminals: Terminals, tmp_path: Path
 
 
 def test_a_plant_that_waits_says_for_whom(terminals: Terminals, tmp_path: Path) -> None:
-    """Breaks if a user who forgot a node sits before a silent terminal, or Ctrl-C shows a traceback there."""
+    """Breaks if a missing node is not reported, or Ctrl-C in the wait gives a traceback."""
     plant = terminals.start("plant", "--scenario=demo")
     assert plant.stdout is not None
     assert "not begun: profile is not there" in plant.stdout.readline()
@@ -188,6 +180,6 @@ def test_bad_input_to_a_node_is_one_line(role: str, arguments: list[str], says: 
 
 
 def test_node_page_is_that_of_the_nodes() -> None:
-    """Breaks if a parameter or service changes and its page does not: python -m train_ato.node_docs."""
+    """Breaks if a parameter or service changes but its page does not; run python -m msgs_docs.generate."""
     page = Path(__file__).resolve().parents[1] / node_docs.PAGE
     assert page.read_text(encoding="utf-8") == node_docs.page(page)

@@ -1,4 +1,4 @@
-"""What Foxglove gets over its WebSocket: our topics with their definitions, the bytes of the log, the time."""
+"""Foxglove WebSocket: topics with definitions, bytes of the log, time."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ import pytest
 pytest.importorskip("rclpy")
 pytest.importorskip("foxglove")
 
+from engine_runs import record_run
 from tornado.websocket import websocket_connect
+from waiting import LIMIT_S
 
-from train_ato.engine import run_engine
-from train_ato.record.reading import iter_raw
-from train_ato.run_folder import RunFolder
-from train_ato.run_setup import prepare
-from train_ato.scenario import load
-from train_ato.topics import EPOCH_NS
-from train_ato.view.foxglove import serve_foxglove
-from train_ato.view.recorded import RecordedFeed
+from train_ato.apps.view.foxglove import serve_foxglove
+from train_ato.apps.view.recorded import RecordedFeed
+from train_ato.log.reading import iter_raw
+from train_ato.loop.setup import prepare
+from train_ato.messages.topics import EPOCH_NS
+from train_ato.scenario.scenario import load_scenario
 
 PROTOCOLS = ["foxglove.sdk.v1", "foxglove.websocket.v1"]
 MESSAGE, TIME = 1, 2
@@ -33,17 +33,12 @@ MESSAGE, TIME = 1, 2
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """Record half a minute of the demo."""
-    setup = prepare(*load("demo", ("duration=30",)))
-    folder = RunFolder.make(tmp_path_factory.mktemp("foxglove") / "run", "demo")
-    folder.begin(setup)
-    with folder.sink(setup) as sink:
-        outcome = run_engine(setup, sink=sink)
-    folder.finish(setup, outcome)
-    return folder.path
+    setup = prepare(*load_scenario("demo", ("duration=30",)))
+    return record_run(setup, tmp_path_factory.mktemp("foxglove") / "run")
 
 
 class Client:
-    """A Foxglove that notes what it gets."""
+    """Foxglove client that stores the received messages."""
 
     def __init__(self, connection):
         self._connection = connection
@@ -57,9 +52,9 @@ class Client:
     async def connect(cls, url):
         return cls(await websocket_connect(url, subprotocols=PROTOCOLS))
 
-    async def until(self, condition, limit=30.0):
+    async def until(self, condition):
         """Read until a condition holds."""
-        last = time.monotonic() + limit
+        last = time.monotonic() + LIMIT_S
         while not condition():
             assert time.monotonic() < last, f"never came; told {[entry.get('op') for entry in self.told]}"
             try:
@@ -95,8 +90,8 @@ def test_a_recorded_run_goes_to_foxglove_as_it_was_recorded(run):
 
     async def look(server):
         client = await Client.connect(server.url)
-        await client.until(lambda: "/train/cars" in client.channels)
-        cars = client.channels["/train/cars"]
+        await client.until(lambda: "/train/vehicles" in client.channels)
+        cars = client.channels["/train/vehicles"]
         assert (cars["encoding"], cars["schemaName"], cars["schemaEncoding"]) == (
             "cdr",
             "sensor_msgs/msg/JointState",
@@ -104,27 +99,27 @@ def test_a_recorded_run_goes_to_foxglove_as_it_was_recorded(run):
         )
         assert "float64[] effort" in cars["schema"]
         assert "MSG: std_msgs/Header" in cars["schema"]
-        await client.subscribe("/train/cars", "/ato/profile")
-        await client.until(lambda: client.messages.get("/ato/profile") and client.messages.get("/train/cars"))
+        await client.subscribe("/train/vehicles", "/ato/profile")
+        await client.until(lambda: client.messages.get("/ato/profile") and client.messages.get("/train/vehicles"))
         feed.speed = 20.0
         feed.set_playing(True)
-        await client.until(lambda: feed.time >= 30.0 and len(client.messages["/train/cars"]) > 250)
+        await client.until(lambda: feed.time >= 30.0 and len(client.messages["/train/vehicles"]) > 250)
         await client.until(lambda: client.times and client.times[-1] == EPOCH_NS + 30 * 10**9)
         return client
 
     with serve_foxglove(feed, 0) as server:
         client = asyncio.run(look(server))
-    recorded = {EPOCH_NS + stamp: bytes(data) for _, stamp, data in iter_raw(run, ("train/cars",))}
-    moments = [moment for moment, _ in client.messages["/train/cars"]]
+    recorded = {EPOCH_NS + stamp: bytes(data) for _, stamp, data in iter_raw(run, ("train/vehicles",))}
+    moments = [moment for moment, _ in client.messages["/train/vehicles"]]
     assert moments == sorted(moments)
-    assert all(recorded[moment] == data for moment, data in client.messages["/train/cars"])
+    assert all(recorded[moment] == data for moment, data in client.messages["/train/vehicles"])
     gaps = {round((b - a) / 1e8) for a, b in pairwise(moments)}
     assert gaps <= {0, 1}, "messages are missing"
     assert client.times == sorted(client.times)
 
 
 def test_foxgloves_player_moves_the_time_of_the_page(run):
-    """Breaks if play, pause or the time slider of Foxglove do nothing here."""
+    """Breaks if play, pause or the time slider of Foxglove have no effect."""
     feed = RecordedFeed(run)
 
     async def look(server):
@@ -155,13 +150,13 @@ def test_foxgloves_player_moves_the_time_of_the_page(run):
 
 
 def test_a_port_in_use_is_refused_in_one_line(run):
-    """Breaks if the library's own error reaches the user, or a thread stays behind."""
+    """Breaks if the user sees the exception of the library, or a thread remains."""
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
         with (
-            pytest.raises(ValueError, match=f"--foxglove {port}: .*name another port"),
+            pytest.raises(ValueError, match=f"--foxglove {port}: .*give another port"),
             serve_foxglove(RecordedFeed(run), port),
         ):
             pass
@@ -178,15 +173,15 @@ def test_a_live_run_goes_to_foxglove(tmp_path):
 
         async def look():
             client = await Client.connect(view.lines[1])
-            await client.until(lambda: "/train/cars" in client.channels)
-            await client.subscribe("/train/cars", "/ato/profile", "/diagnostics")
-            await client.until(lambda: len(client.messages.get("/train/cars", ())) > 30)
+            await client.until(lambda: "/train/vehicles" in client.channels)
+            await client.subscribe("/train/vehicles", "/ato/profile", "/diagnostics")
+            await client.until(lambda: len(client.messages.get("/train/vehicles", ())) > 30)
             await client.until(lambda: client.messages.get("/ato/profile") and client.messages.get("/diagnostics"))
             await client.until(lambda: len(client.times) > 10)
             return client
 
         client = asyncio.run(look())
         assert view.end() == 0
-    stamps = [moment for moment, _ in client.messages["/train/cars"]]
+    stamps = [moment for moment, _ in client.messages["/train/vehicles"]]
     assert stamps == sorted(stamps)
     assert client.times == sorted(client.times)

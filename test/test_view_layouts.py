@@ -1,4 +1,4 @@
-"""The shipped layouts against the messages of a real log: every path in them leads to numbers."""
+"""Shipped layouts against the messages of a real log: every path gives numbers."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from typing import Any
 import pytest
 from report_runs import drive
 
-from train_ato.cdr import typestore
-from train_ato.record.reading import stream
+from train_ato.log.reading import stream
+from train_ato.messages.codec.cdr import typestore
 
-LAYOUTS = files("train_ato") / "view" / "layouts"
+LAYOUTS = files("train_ato") / "apps" / "view" / "layouts"
 
 
 @pytest.fixture(scope="module")
 def messages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """Return the last message of every topic of the heavy-haul train, its air brake and an observer at work."""
+    """Return the last message of every topic of the heavy-haul train with its air brake and an observer."""
     run: Path = drive(tmp_path_factory.mktemp("layouts"), "run", "demo", "--set=duration=3", "--observer=ndo")
     last = {message.channel.topic: (message.data, message.schema.name) for message in stream(run / "run.mcap")}
     found = {topic: typestore().deserialize_cdr(data, kind) for topic, (data, kind) in last.items()}
@@ -35,7 +35,7 @@ def messages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 def value_at(messages: dict[str, Any], path: str) -> Any:
-    """Follow a Foxglove message path such as ``/train/cars.effort[0].@mul(0.001)``."""
+    """Follow a Foxglove message path such as ``/train/vehicles.effort[0].@mul(0.001)``."""
     topic, *parts = re.sub(r"\.@mul\([\d.]+\)$", "", path).split(".")
     value = messages[topic]
     for part in parts:
@@ -46,7 +46,7 @@ def value_at(messages: dict[str, Any], path: str) -> Any:
 
 
 def joint_value(messages: dict[str, Any], path: str) -> float:
-    """Follow a PlotJuggler name such as ``/train/cars/car_26/effort`` or ``/train/brake_pipe/fluid_pressure``."""
+    """Follow a PlotJuggler name: ``/train/vehicles/vehicle_26/effort``, ``/train/brake_pipe/fluid_pressure``."""
     if path in messages["told"]:  # and a DiagnosticArray by hardware, node and key
         return float(messages["told"][path])
     topic = max((name for name in messages if path.startswith(f"{name}/")), key=len)

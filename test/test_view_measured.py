@@ -1,4 +1,4 @@
-"""The driver's display of a measured run: what the recorder told, and nothing of vehicles that nobody measured."""
+"""Driver's display of a measured run: recorded data only, no unmeasured vehicles."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from import_files import recorded, take
 
-from train_ato.frames.loading import load
-from train_ato.view.recorded import RecordedFeed
+from train_ato.apps.view.recorded import RecordedFeed
+from train_ato.log.tables.loading import load
 
 
 def test_a_measured_run_is_shown_as_it_was_recorded(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if the display needs the truth, or the front of the train stands where its power unit is."""
+    """Breaks if the display needs true states, or shows the front of the train at its power unit."""
     take(tmp_path, capsys, recorded(0.2, 60.0), train=["--consist", "crh380a_three_units", "--line", "level"])
     feed = RecordedFeed(tmp_path / "imported")
     table = load(tmp_path / "imported")["train/measurement"]
-    assert feed.facts.shape.n_vehicles == 1, "no strip of couplers along the train"
+    assert feed.facts.layout.n_vehicles == 1, "no strip of couplers along the train"
     feed.seek(30.0)
     assert feed.frame is not None
     moment, row = feed.frame.moment, table.iloc[300]

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
+from recordings import with_series
 from reproduce_results import FIGURES, series
 
-from train_ato.history import History
-from train_ato.reproduce.claims import Result
-from train_ato.types import Array
+from train_ato.loop.recording import Recording
+from train_ato.messages.types import Array
+from train_ato.papers.claims import Result
 
 
 def run(
@@ -22,7 +21,7 @@ def run(
     tick: float = 0.05,
     force: float = 0.0,
     spacing: float = 80.0,
-) -> History:
+) -> Recording:
     """Return the series of a train with constant errors [m, m/s] up to a time [s] and none later."""
     count = round(duration / tick)
     base = series(np.zeros(count), np.full(count, force), tick)
@@ -31,7 +30,7 @@ def run(
     columns = np.ones(units)
     position = base.reference_position + place * off
     velocity = base.reference_velocity + speed * off
-    return replace(
+    return with_series(
         base,
         position=position[:, None] - spacing * np.arange(units),
         velocity=velocity[:, None] * columns,
@@ -45,12 +44,12 @@ def run(
 def tracked(place: float = 0.0, speed: float = 0.0, **more: float) -> Result:
     """Return a result of one unit with a largest position and speed error [m, m/s]."""
     figures = {key: more.pop(key) for key in list(more) if key in FIGURES}
-    history = run(place, speed, **more)  # type: ignore[arg-type]
-    return Result({**FIGURES, **figures}, history)
+    recording = run(place, speed, **more)  # type: ignore[arg-type]
+    return Result({**FIGURES, **figures}, recording)
 
 
 def with_command(result: Result, command: Array) -> Result:
     """Return the result with another command [N]."""
-    assert result.history is not None
-    history = replace(result.history, command=command[:, None], applied=command[:, None])
-    return Result(result.summary, history)
+    assert result.recording is not None
+    recording = with_series(result.recording, command=command[:, None], applied=command[:, None])
+    return Result(result.summary, recording)

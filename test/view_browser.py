@@ -1,4 +1,4 @@
-"""``train-ato view`` in a process of its own, and hands on its page in a headless Chromium."""
+"""``train-ato view`` in a separate process, with its page in a headless Chromium."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from chromium import Page
+from waiting import LIMIT_S, LOOK_S, pause
 
-STARTING_S = 120.0
 _DEEP = """
 window.deep = (test, root = document) => {
   for (const element of root.querySelectorAll("*")) {
@@ -27,7 +27,7 @@ window.deep = (test, root = document) => {
 window.model = (name) => Bokeh.documents[0].get_model_by_name(name);
 true
 """
-"""Widgets live in shadow roots: what is looked for is looked for in all of them."""
+"""Search in all shadow roots, because every widget has its own."""
 
 
 class View:
@@ -36,7 +36,7 @@ class View:
     Attributes
     ----------
     url : str
-        What it printed.
+        Address in its output.
     process : subprocess.Popen
     """
 
@@ -48,32 +48,32 @@ class View:
     def end(self) -> int:
         """Send Ctrl-C and return the exit status."""
         self.process.send_signal(signal.SIGINT)
-        return self.process.wait(timeout=60)
+        return self.process.wait(timeout=LIMIT_S)
 
 
 @contextmanager
 def viewing(*arguments: str, lines: int = 1) -> Iterator[View]:
-    """Start the command on a free port, wait until it has printed so many lines, end it."""
+    """Start the command on a free port, wait for a number of output lines, stop it at the end."""
     command = [sys.executable, "-m", "train_ato", "view", *arguments, "--port", "0", "--no-browser"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
         assert process.stderr is not None
         os.set_blocking(process.stdout.fileno(), False)
-        printed, last = "", time.monotonic() + STARTING_S
+        printed, last = "", time.monotonic() + LIMIT_S
         while printed.count("\n") < lines:
             with contextlib.suppress(BlockingIOError):
                 printed += os.read(process.stdout.fileno(), 4096).decode()
             if process.poll() is not None or time.monotonic() > last:
                 process.kill()
                 raise AssertionError(f"no page: {process.stderr.read()}")
-            time.sleep(0.05)
+            pause(LOOK_S)
         yield View(process, printed.splitlines())
     finally:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
             try:
-                process.wait(timeout=60)
+                process.wait(timeout=LIMIT_S)
             except subprocess.TimeoutExpired:
                 process.kill()
         for stream in (process.stdout, process.stderr):
@@ -82,14 +82,14 @@ def viewing(*arguments: str, lines: int = 1) -> Iterator[View]:
 
 
 def opened(page: Page, url: str, frames: int = 3) -> None:
-    """Open the live page and wait until it has drawn so often; a recorded run that stands is drawn once."""
+    """Open the page and wait for a number of frames; a paused recorded run draws one."""
     page.open(url, 1720, 1000)
     page.wait_for(f"window.trainAto && window.trainAto.frames >= {frames}")
     page.evaluate(_DEEP)
 
 
 def text(page: Page, field: str) -> str:
-    """Return what a field of the driver's display says."""
+    """Return the text of a field of the driver's display."""
     return str(page.evaluate(f"document.querySelector('[data-from={field}]').textContent"))
 
 
@@ -99,7 +99,7 @@ def number(page: Page, field: str) -> float:
 
 
 def click(page: Page, label: str) -> None:
-    """Click the button with a label, where it is."""
+    """Click the button with a label, at its position."""
     button = f'deep(e => e.tagName == "BUTTON" && e.textContent.trim() == {json.dumps(label)})'
     page.wait_for(f"!!{button}")
     x, y = page.evaluate(
@@ -110,7 +110,7 @@ def click(page: Page, label: str) -> None:
 
 
 def choose(page: Page, option: str) -> None:
-    """Choose an option in the list that has it."""
+    """Select an option in its list."""
     wanted = json.dumps(option)
     page.evaluate(
         f"""(() => {{
@@ -122,18 +122,18 @@ def choose(page: Page, option: str) -> None:
 
 
 def answer(page: Page, part: str) -> str:
-    """Wait until the page says something that has a part, and return all of it."""
+    """Wait for an answer on the page that contains a text; return the answer."""
     page.wait_for(f'document.getElementById("answer").textContent.includes({json.dumps(part)})')
     return str(page.evaluate('document.getElementById("answer").textContent'))
 
 
 def said_wrong(page: Page) -> list[str]:
-    """Return what went wrong in the page."""
+    """Return the errors of the page."""
     return list(page.console)
 
 
 def strangers(page: Page, url: str) -> list[str]:
-    """Return the addresses that the page asked for and that are not its server's."""
+    """Return the addresses requested by the page from other servers."""
     return [asked for asked in page.requests if not asked.startswith((url, "data:", "blob:"))]
 
 

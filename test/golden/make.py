@@ -1,8 +1,8 @@
-"""Record the golden run again: the only way in which it is changed.
+"""Record the golden run again; it is changed only in this way.
 
     python test/golden/make.py
 
-Says how the new run differs from the one that is kept, and puts it in its place.  Say in the commit why it changed.
+The differences from the stored run are printed, then the new run replaces it.  The commit message gives the reason.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import sys
 import tempfile
 from pathlib import Path
 
-from train_ato.engine import run_engine
-from train_ato.record.difference import compare
-from train_ato.run_folder import RunFolder
-from train_ato.run_setup import RunSetup, prepare
-from train_ato.scenario import load
-from train_ato.wire import Wire
+from train_ato.log.difference import compare_logs
+from train_ato.log.run_folder import RunFolder
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.messages.codec.codec import Wire
+from train_ato.scenario.scenario import load_scenario
 
 HERE = Path(__file__).resolve().parent
 SCENARIO = HERE / "short_train.yaml"
@@ -36,7 +36,7 @@ def record(setup: RunSetup, folder: Path) -> None:
 
 def main() -> int:
     """Record, compare, replace."""
-    setup = prepare(*load(str(SCENARIO)))
+    setup = prepare(*load_scenario(str(SCENARIO)))
     with tempfile.TemporaryDirectory() as scratch:
         new = Path(scratch) / "new"
         record(setup, new)
@@ -44,7 +44,7 @@ def main() -> int:
         if size > LARGEST:
             raise SystemExit(f"the run has {size} bytes, at most {LARGEST}; shorten {SCENARIO.name}")
         if GOLDEN.exists():
-            found = compare(GOLDEN, new, Wire(setup.shape))
+            found = compare_logs(GOLDEN, new, Wire(setup.layout))
             print(f"{found.differing} of {found.messages} messages differ; first: {found.first}")
             shutil.rmtree(GOLDEN)
         shutil.copytree(new, GOLDEN)

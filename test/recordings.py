@@ -1,0 +1,65 @@
+"""Recordings with chosen series, for tests of figures and of judges, and the number of messages in a log."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from train_ato.log.reading import log_file, stream
+from train_ato.loop.recording import COMMAND, DISTURBANCE, ESTIMATE, MEASUREMENT, REFERENCE, TRUTH, Recording
+from train_ato.loop.series import TopicSamples
+
+PLACES = {
+    "position": (TRUTH, "unit_position"),
+    "velocity": (TRUTH, "unit_velocity"),
+    "front_position": (TRUTH, "front_position"),
+    "front_velocity": (TRUTH, "front_velocity"),
+    "coupler_draft_max": (TRUTH, "coupler_draft_max"),
+    "coupler_buff_max": (TRUTH, "coupler_buff_max"),
+    "applied": (MEASUREMENT, "applied"),
+    "command": (COMMAND, "force"),
+    "estimate": (ESTIMATE, "force"),
+    "disturbance": (DISTURBANCE, "unit_force"),
+    "reference_position": (REFERENCE, "position"),
+    "reference_velocity": (REFERENCE, "velocity"),
+    "reference_acceleration": (REFERENCE, "acceleration"),
+}
+"""Series of a recording at the ticks, and their samples."""
+
+
+def recording_of(time: np.ndarray, **series: Any) -> Recording:
+    """Return a recording with these series, shape (k,) or (k, n), at these times [s]."""
+    return with_series(Recording({topic: TopicSamples(time, {}) for topic, _ in PLACES.values()}), **series)
+
+
+def with_series(recording: Recording, **series: Any) -> Recording:
+    """Return the recording with other values of some series."""
+    topics = dict(recording.topics)
+    for name, values in series.items():
+        topic, key = PLACES[name]
+        time = recording.topics[topic].time
+        rows = np.asarray(values, dtype=np.float64).reshape(recording.topics[COMMAND].time.size, -1)
+        rows = np.concatenate((rows, np.repeat(rows[-1:], time.size - len(rows), axis=0)))
+        topics[topic] = TopicSamples(time, {**topics[topic].values, key: rows})
+    return replace(recording, topics=topics)
+
+
+def with_final(recording: Recording, position: float, velocity: float) -> Recording:
+    """Return the recording with a last state of vehicle 0 [m, m/s] that no command follows."""
+    truth = recording.topics[TRUTH]
+    last = {"front_position": position, "front_velocity": velocity}
+    values = {
+        name: np.concatenate((rows, np.full_like(rows[-1:], last.get(name, rows[-1, 0]))))
+        for name, rows in truth.values.items()
+    }
+    time = np.append(truth.time, truth.time[-1] + 0.1)
+    return replace(recording, topics={**recording.topics, TRUTH: TopicSamples(time, values)})
+
+
+def message_counts(run: Path) -> dict[str, int]:
+    """Return the number of messages per topic in a log."""
+    return dict(Counter(message.channel.topic for message in stream(log_file(run))))

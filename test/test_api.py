@@ -1,0 +1,505 @@
+"""Python interface: `import train_ato as ta`, runs, laws without registration, comparisons."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import importlib
+import importlib.metadata
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import types
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from packaging.requirements import Requirement
+
+import train_ato as ta
+from train_ato.apps.runs import progress, record
+from train_ato.cli.main import main
+from train_ato.control.contract import LawOutput, parameter
+from train_ato.control.registry import LAWS
+from train_ato.scenario.scenario import check_scenario
+
+ROOT = Path(__file__).resolve().parents[1]
+SHORT = {"duration": 20}
+LAW = """
+from dataclasses import dataclass
+from train_ato.control.contract import LawOutput
+
+@dataclass
+class {name}:
+    '''Feed-forward and a gain.'''
+    gain: float = 0.1
+
+    def bind(self, model, period):
+        self.inertia = model.inertia
+
+    def reset(self):
+        pass
+
+    def step(self, inputs):
+        error = inputs.velocity - inputs.reference_velocity
+        force = inputs.feedforward - self.gain * self.inertia * error
+        return LawOutput(force.clip(inputs.force_min, inputs.force_max))
+"""
+"""Source of a law in a module of a user."""
+
+
+@dataclass
+class Gain:
+    """Feed-forward and gain, as defined in a notebook."""
+
+    gain: float = parameter(0.1, "1/s", 0.0, 10.0, "gain on the speed error")
+
+    def bind(self, model, period):
+        self.inertia = model.inertia
+
+    def reset(self):
+        pass
+
+    def step(self, inputs):
+        force = inputs.feedforward - self.gain * self.inertia * (inputs.velocity - inputs.reference_velocity)
+        return LawOutput(np.clip(force, inputs.force_min, inputs.force_max))
+
+
+class Plain(Gain):
+    """The same law with a constructor."""
+
+    def __init__(self, gain=0.1):
+        self.gain = gain
+
+
+class Breaking(Gain):
+    """Raise an error after two seconds."""
+
+    def step(self, inputs):
+        if inputs.t > 2.0:
+            raise ZeroDivisionError("late")
+        return super().step(inputs)
+
+
+class Pressing(Gain):
+    """Interrupt after two seconds, as Ctrl-C does."""
+
+    def step(self, inputs):
+        if inputs.t > 2.0:
+            signal.raise_signal(signal.SIGINT)
+        return super().step(inputs)
+
+
+@pytest.fixture
+def own_module(tmp_path, monkeypatch):
+    """Change to an empty folder with a law in a module; return the name of the module."""
+    (tmp_path / "own_law.py").write_text(LAW.format(name="Own"), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", list(sys.path))
+    monkeypatch.setattr(LAWS, "_unregistered", {})
+    yield "own_law"
+    sys.modules.pop("own_law", None)
+
+
+def same_tables(one, other):
+    assert list(one.keys()) == list(other.keys())
+    for topic in one.keys():  # noqa: SIM118 - a run is no dict
+        pd.testing.assert_frame_equal(one[topic], other[topic], check_exact=True)
+
+
+def test_a_run_is_measured_drawn_and_saved(tmp_path, capsys):
+    """Breaks if a call of the example in the README fails, or a saved run is incomplete."""
+    run = ta.run("demo", controller="smc", set={"controllers.smc.ks": 0.0, **SHORT})
+    assert run.metrics["speed_rmse_kmh"] > 0 and run.metrics["controller"] == "smc"
+    assert run.path is None and capsys.readouterr() == ("", "")
+    assert len(run.plot().axes) >= 4 and run.plot()._repr_png_().startswith(b"\x89PNG")
+    assert run.report().stat().st_size > 1e5
+    folder = run.save(tmp_path / "runs" / "x")
+    assert {"run.mcap", "metadata.yaml", "scenario.yaml", "summary.json", "figure.png"} <= {
+        path.name for path in folder.iterdir()
+    }
+    same_tables(run, ta.load(folder))
+    same_tables(ta.open_run(folder), run)
+    assert ta.open_run(folder).metrics == run.metrics
+    assert len(ta.open_run(folder).plot().axes) == len(run.plot().axes)
+    assert main(["verify", str(folder)]) == 0
+    with pytest.raises(ValueError, match=r"save .*x: exists already"):
+        run.save(folder)
+    assert run.save(tmp_path / "copy") == tmp_path / "copy" and folder.is_dir()
+
+
+def test_the_record_is_the_same_wherever_it_is_held(tmp_path, monkeypatch):
+    """Breaks if a log written during or after the run differs from one written from the start."""
+    held = ta.run("demo", set=SHORT)
+    recorded = ta.run("demo", set=SHORT, out=tmp_path / "run")
+    assert recorded.path == tmp_path / "run" and (tmp_path / "run" / "figure.png").is_file()
+    monkeypatch.setattr(record, "MESSAGES_IN_MEMORY", 500)
+    spilt = ta.run("demo", set=SHORT)
+    same_tables(held, recorded)
+    same_tables(held, spilt)
+    left = Path(spilt.folder())
+    del spilt
+    assert not left.exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["composed", "processes"])
+def test_every_mode_gives_the_same_run(mode, own_module):
+    """Breaks if other processes do not find a law by its module, or its parameters are lost."""
+    changes = {f"controllers.{own_module}:Own.gain": 0.3, **SHORT}
+    engine = ta.run("demo", controller=f"{own_module}:Own", set=changes)
+    graph = ta.run("demo", controller=f"{own_module}:Own", set=changes, mode=mode)
+    assert graph.path is None and graph.metrics["mode"] == mode
+    pd.testing.assert_frame_equal(engine["train/vehicles"], graph["train/vehicles"], check_exact=True)
+    assert graph.save("graph").is_dir()
+
+
+def test_laws_need_no_registration(own_module, capsys):
+    """Breaks if a law object, its class with the same parameters and the class name result in different runs."""
+    run = ta.run("demo", controller=Gain(gain=0.3), set=SHORT)
+    name = f"{__name__}:Gain"
+    assert run.metrics["controller"] == name
+    by_name = ta.run("demo", controller=Gain, set={f"controllers.{name}.gain": 0.3, **SHORT})
+    same = ("speed_rmse_kmh", "coupler_draft_max_kn", "energy_traction_kwh")
+    for other in (by_name, ta.run("demo", controller=Plain(np.float64(0.3)), set=SHORT)):
+        assert [other.metrics[key] for key in same] == [run.metrics[key] for key in same]
+    assert ta.run("demo", controller=Gain, set=SHORT).metrics["speed_rmse_kmh"] != run.metrics["speed_rmse_kmh"]
+    arguments = ["run", "demo", "--engine", "--controller", f"{own_module}:Own", "--set=duration=20", "--json"]
+    assert main([*arguments, "--set", f"controllers.{own_module}:Own.gain=0.3"]) == 0
+    found = yaml.safe_load(capsys.readouterr().out)
+    assert found["speed_rmse_kmh"] == run.metrics["speed_rmse_kmh"]
+
+
+def test_the_template_takes_its_parameters_as_keywords(monkeypatch):
+    """Breaks if examples/my_law.py does not run as described in it."""
+    monkeypatch.syspath_prepend(str(ROOT / "examples"))
+    my_law = importlib.import_module("my_law")
+    run = ta.run("demo", controller=my_law.MyLaw(gain=0.2), set=SHORT)
+    assert run.setup.controller_parameters["my_law:MyLaw"]["gain"] == 0.2
+    assert ta.compare("demo", [my_law.MyLaw], set=SHORT).table["status"].tolist() == ["done"]
+
+
+def test_a_class_of_a_registered_law_has_its_name():
+    """Breaks if a law class does not use the parameters of the shipped scenario."""
+    from train_ato.control.laws.smc import Smc
+
+    assert ta.run("demo", controller=Smc, set=SHORT).metrics["controller"] == "smc"
+
+
+def test_a_class_that_is_defined_again_replaces_the_first():
+    """Breaks if a second run of a notebook cell uses the first version of the law."""
+
+    def make(factor):
+        class Same(Gain):
+            def step(self, inputs):
+                return LawOutput(super().step(inputs).force * factor)
+
+        return Same
+
+    strong, weak = ta.run("demo", controller=make(1.0), set=SHORT), ta.run("demo", controller=make(0.5), set=SHORT)
+    assert strong.metrics["controller"] == weak.metrics["controller"]
+    assert weak.metrics["energy_traction_kwh"] < 0.9 * strong.metrics["energy_traction_kwh"]
+    table = ta.compare("demo", [make(1.0), make(0.5)], set=SHORT).table
+    assert table["energy_traction_kwh"].tolist() == [
+        strong.metrics["energy_traction_kwh"], weak.metrics["energy_traction_kwh"],
+    ]  # fmt: skip
+
+
+def in_a_new_process(*arguments, folder):
+    return subprocess.run(
+        [sys.executable, "-m", "train_ato", *arguments],
+        cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+def test_a_saved_run_with_a_law_of_its_own_is_verified_or_refused(own_module, tmp_path):
+    """Breaks if verify uses another law, its refusal has no remedy, or the tables need the law."""
+    found = ta.run("demo", controller=f"{own_module}:Own", set={"duration": 5}).save("found")
+    done = in_a_new_process("verify", str(found), folder=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "") and "are equal" in done.stdout
+
+    class Local(Gain):
+        pass
+
+    lost = ta.run("demo", controller=Local(0.2), set={"duration": 5}).save("lost")
+    done = in_a_new_process("verify", str(lost), folder=tmp_path)
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
+    assert "Local was defined in a script, a notebook or a function; move the class into a module" in done.stderr
+    code = f"import train_ato as ta; run = ta.open_run({str(lost)!r}); print(len(run['ato/command']), run)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    assert done.stdout.startswith("50 <Run demo")
+
+
+class NoReset:
+    def step(self, inputs):
+        return LawOutput(inputs.feedforward)
+
+
+class NoDefault(Gain):
+    def __init__(self, gain):
+        self.gain = gain
+
+
+class NotKept(Gain):
+    def __init__(self, gain=0.1, more=1.0):
+        self.gain = gain
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"controller": "smcc"}, r"demo\.yaml: unknown controller 'smcc' \(did you mean 'smc'\?\)"),
+        ({"controller": 3}, r"controller 3: give a name, 'module:Class', a class or an object"),
+        ({"controller": NoReset}, r"class NoReset has no method reset\(\)"),
+        ({"controller": NoDefault}, r"parameter 'gain' needs a default"),
+        ({"controller": NotKept()}, r"NotKept does not keep its parameter 'more'; set self\.more"),
+        ({"controller": Gain(gain=11.0)}, r"Gain\.gain: 11 is outside 0 \.\.\. 10 1/s"),
+        ({"controller": "no_such_module:Law"}, r"module 'no_such_module' cannot be imported"),
+        ({"controller": "__main__:Law"}, r"Law was defined in a script.*my_law\.py"),
+        ({"controller": Gain, "mode": "processes", "set": {"plant": 1}}, r"plant = 1"),
+        ({"mode": "thread"}, r"mode 'thread': choose from engine, composed, processes"),
+        ({"realtime": 0}, r"^realtime 0: give a positive number"),
+        ({"set": {"seed.a": 1}}, r"set seed\.a: 'seed' is a value, not a block of keys"),
+        ({"set": {"controllers.pid.kpp": 1}}, r"pid\.kpp: no such parameter \(did you mean 'kp'\?\)"),
+        ({"seed": -1}, r"seed = -1"),
+        ({"out": "."}, r"^out \.: exists already"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(options, message, tmp_path, monkeypatch):
+    """Breaks if a wrong argument starts a run, leaves a folder, or has no error with a remedy."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ValueError, match=message) as caught:
+        ta.run("demo", **options)
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_law_of_a_function_cannot_go_to_other_processes():
+    """Breaks if the refusal comes from another process, or without the remedy."""
+
+    class Local(Gain):
+        pass
+
+    refusal = r"mode 'processes': another process cannot import the controller: .*my_law:MyLaw"
+    with pytest.raises(ValueError, match=refusal):
+        ta.run("demo", controller=Local(), mode="processes")
+
+
+@pytest.mark.parametrize(("law", "error", "status"), [(Breaking, ta.RunFailed, "failed"),
+                                                     (Pressing, KeyboardInterrupt, "interrupted")])  # fmt: skip
+@pytest.mark.parametrize("kept", [True, False])
+def test_a_run_that_does_not_end_well_keeps_its_record(law, error, status, kept, tmp_path):
+    """Breaks if recorded data are lost after a failure or Ctrl-C."""
+    with pytest.raises(error) as caught:
+        ta.run("demo", controller=law, set=SHORT, out=tmp_path / "run" if kept else None)
+    assert isinstance(caught.value, ta.RunFailed) and "\n" not in str(caught.value)
+    run = caught.value.run
+    assert run.metrics["status"] == status
+    assert run["train/measurement"].index[-1] == pytest.approx(2.1)
+    assert ('raise ZeroDivisionError("late")' in run.traceback) == (status == "failed")
+    assert run.plot().axes and run.save(tmp_path / "saved").is_dir()
+    assert (run.path != tmp_path / "run") and (tmp_path / "run").exists() == kept
+
+
+def test_a_comparison_goes_on_after_a_refusal_and_a_failure(tmp_path):
+    """Breaks if one failed law stops the others, or its row has no reason."""
+    options = {"compensation": "twin", "set": SHORT}
+    both = ta.compare("demo", ["pid", "smc", Gain(0.2), Gain(gain=0.3), Breaking], keep=tmp_path / "kept", **options)
+    table = both.table
+    assert table.index.tolist() == ["pid", "smc", "Gain(gain=0.2)", "Gain(gain=0.3)", "Breaking"]
+    assert table["status"].tolist() == ["done", "refused", "done", "done", "failed"]
+    assert "'twin' gives only a feed-forward" in table.loc["smc", "reason"]
+    assert "ZeroDivisionError: late" in table.loc["Breaking", "reason"]
+    alone = ta.run("demo", controller=Gain(0.3), **options)
+    assert table.loc["Gain(gain=0.3)", "speed_rmse_kmh"] == alone.metrics["speed_rmse_kmh"]
+    assert len(both.plot(tmp_path / "figure.png").axes) == 4 and (tmp_path / "figure.png").is_file()
+    assert "Gain(gain=0.2)" in both.report(tmp_path / "page.html").read_text()
+    assert "&#x27;twin&#x27; gives only a feed-forward" in both._repr_html_() and "smc (refused)" in repr(both)
+    same_tables(ta.open_run(tmp_path / "kept" / "Gain(gain=0.3)"), alone)
+
+
+@pytest.mark.parametrize(
+    ("laws", "message"),
+    [
+        (["pid", "pidd"], r"unknown controller 'pidd' \(did you mean 'pid'\?\)"),
+        (["smc"], r"demo: no law fits this train: smc: with compensation 'twin'"),
+        ("pid", r"controllers 'pid': give a list"),
+        ([], r"controllers: no law"),
+    ],
+)
+def test_a_comparison_of_no_law_is_refused(laws, message):
+    """Breaks if a misspelt law is detected after the runs of the others."""
+    with pytest.raises(ValueError, match=message):
+        ta.compare("demo", laws, compensation="twin", set=SHORT)
+
+
+def test_the_command_compares_laws_of_modules(own_module, capsys):
+    """Breaks if `compare`, `run` and `check-law` find different laws, or a refused law ends with status 0."""
+    arguments = ["compare", "demo", "--set=duration=10", "--out=out"]
+    assert main([*arguments, f"--controllers=pid,{own_module}:Own"]) == 0
+    assert f"{own_module}:Own" in capsys.readouterr().out
+    assert main(["compare", "demo", "--set=duration=5", "--compensation=twin", "--controllers=pid,smc"]) == 1
+    out, err = capsys.readouterr()
+    assert "omitted: smc: with compensation 'twin'" in " ".join(out.split())
+    assert err.startswith("train-ato: smc: with compensation 'twin'")
+
+
+def test_a_scenario_is_changed_without_changing_it():
+    """Breaks if a change modifies the original scenario, or is missing in the text."""
+    demo = ta.scenario("demo")
+    other = demo.with_({"controllers.pid.kp": 0.03}, seed=7)
+    assert (demo.checked.seed, other.checked.seed) == (1, 7)
+    assert repr(other) == "scenario('demo').with_({'controllers.pid.kp': 0.03, 'seed': 7})"
+    data = yaml.safe_load(other.yaml)
+    assert check_scenario(data, demo.path) == other.checked and data["controllers"]["pid"]["kp"] == 0.03
+    assert "controllers" not in yaml.safe_load(demo.yaml)
+    assert "ideal" in ta.scenario("daqin_heavy_haul").variants
+    assert ta.scenario("daqin_heavy_haul:ideal").name == "daqin_heavy_haul:ideal"
+    with pytest.raises(ValueError, match=r"demo\.yaml: seed = 'x'"):
+        demo.with_(seed="x")
+
+
+def test_importing_the_package_is_light():
+    """Breaks if `import train_ato` loads a library, or dir() is incomplete."""
+    code = (
+        "import sys, train_ato as ta\n"
+        "heavy = {'numpy', 'numba', 'matplotlib', 'pydantic', 'rclpy', 'pandas', 'rich', 'yaml'} & set(sys.modules)\n"
+        "assert not heavy, heavy\n"
+        "assert set(ta.__all__) <= set(dir(ta)) and all(getattr(ta, name) is not None for name in ta.__all__)\n"
+        "assert 'rclpy' not in sys.modules and callable(ta.scenario)\n"
+        "import train_ato.scenario.scenario\n"
+        "assert train_ato.scenario.scenario.load_scenario and ta.scenario('demo').name == 'demo'\n"
+    )
+    subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
+    assert ta.__version__ == importlib.import_module("train_ato.version").VERSION
+    with pytest.raises(AttributeError, match="no attribute 'runn'"):
+        ta.runn  # noqa: B018
+
+
+MODULES = ["train_ato", "train_ato.scenario.overlays"] + [
+    f"train_ato.apps.runs.{path.stem}" for path in sorted((ROOT / "train_ato/apps/runs").glob("[a-z]*.py"))
+]
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_in_docstrings_are_right(name):
+    """Breaks if an example of the reference fails or prints another result."""
+    found = doctest.testmod(importlib.import_module(name), optionflags=doctest.IGNORE_EXCEPTION_DETAIL)
+    assert found.failed == 0
+    assert found.attempted > 0 or name not in ("train_ato", *MODULES[1:2])
+
+
+def test_a_notebook_shows_runs_and_progress(monkeypatch, capsys):
+    """Breaks if a run or a comparison has no table, or the progress bar of a notebook does not move."""
+    shown: list[str] = []
+
+    class Handle:
+        def update(self, markup):
+            shown.append(markup)
+
+    def display(markup, display_id):
+        shown.append(markup)
+        return Handle()
+
+    shell = types.SimpleNamespace(kernel=object())
+    module = types.SimpleNamespace(display=types.SimpleNamespace(HTML=str, display=display), get_ipython=lambda: shell)
+    monkeypatch.setitem(sys.modules, "IPython", module)
+    assert progress.in_notebook()
+    run = ta.run("demo", set={"duration": 60})
+    assert len(shown) >= 2 and shown[0].startswith("demo <progress value='0.000'>") and "x real time" in shown[-2]
+    assert shown[-1] == ""
+    count = len(shown)
+    ta.run("demo", set={"duration": 5}, progress=False)
+    assert len(shown) == count and capsys.readouterr().err == ""
+    assert "<td>speed error, rms in km/h</td>" in run._repr_html_()
+    assert "train/measurement" in run._ipython_key_completions_()
+
+
+def test_a_run_in_a_thread(tmp_path):
+    """Breaks if a run outside the main thread installs signal handlers."""
+    found = []
+    thread = threading.Thread(target=lambda: found.append(ta.run("demo", set={"duration": 5})))
+    thread.start()
+    thread.join(120)
+    assert found[0].metrics["status"] == "done"
+
+
+def declared() -> list[str]:
+    """Return the requirements of the package without those of ROS."""
+    calls = [node for node in ast.walk(ast.parse((ROOT / "setup.py").read_text())) if isinstance(node, ast.keyword)]
+    (found,) = [node.value for node in calls if node.arg == "install_requires"]
+    assert isinstance(found, ast.List)
+    return [entry.value for entry in found.elts if isinstance(entry, ast.Constant)]
+
+
+def closure(requirements: list[str]) -> dict[str, importlib.metadata.Distribution]:
+    """Return the installed distributions of requirements, with their dependencies."""
+    found: dict[str, importlib.metadata.Distribution] = {}
+    waiting = list(requirements)
+    while waiting:
+        wanted = Requirement(waiting.pop())
+        key = re.sub(r"[-_.]+", "-", wanted.name).lower()
+        if key not in found and (wanted.marker is None or wanted.marker.evaluate({"extra": ""})):
+            found[key] = importlib.metadata.distribution(wanted.name)
+            waiting += found[key].requires or []
+    return found
+
+
+@pytest.mark.slow
+def test_the_engine_runs_where_no_ros_package_is_installed(tmp_path):
+    """Breaks if the engine, a table or the help needs ROS, a requirement is undeclared, or an error omits ROS."""
+    site = tmp_path / "site"
+    site.mkdir()
+    for distribution in closure(declared()).values():
+        for top in {Path(file).parts[0] for file in distribution.files or ()} - {"..", "__pycache__"}:
+            place = Path(distribution.locate_file(top))
+            if place.exists() and not (site / top).exists():
+                (site / top).symlink_to(place)
+    start = f"import sys; sys.path[:0] = [{str(site)!r}, {str(ROOT)!r}]\n"
+
+    def python(code):
+        return subprocess.run(
+            [sys.executable, "-I", "-S", "-c", start + code], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+
+    def command(*arguments):
+        return python(f"from train_ato.cli import main; sys.exit(main({list(arguments)!r}))")
+
+    assert "No module named 'rclpy'" in python("import rclpy").stderr
+    done = python(
+        "import train_ato as ta; run = ta.run('demo', set={'duration': 20})\n"
+        "print(len(run['train/measurement'])); run.save('saved')\n"
+    )
+    assert (done.returncode, done.stdout) == (0, "200\n"), done.stderr
+    for arguments in (
+        ["run", "demo", "--engine", "--set", "duration=20", "--out", "run"], ["--help"], ["list"], ["info", "run"],
+        ["verify", "saved"], ["report", "run"], ["export", "run"],
+        ["compare", "demo", "--controllers", "pid,smc", "--set", "duration=10"],
+    ):  # fmt: skip
+        done = command(*arguments)
+        assert done.returncode == 0, (arguments, done.stderr)
+    for arguments in (
+        ["run", "demo"], ["run", "demo", "--processes"], ["param", "controller=smc"], ["inject", "pause"],
+        ["replay", "run"], ["view"],
+    ):  # fmt: skip
+        done = command(*arguments)
+        assert done.returncode == 2, (arguments, done.stderr)
+        assert len(done.stderr.splitlines()) == 1 and "ROS 2 is not installed" in done.stderr, (arguments, done.stderr)
+    done = python("import train_ato as ta; ta.run('demo', mode='composed')")
+    assert "ValueError: ROS 2 is not installed (no rclpy); run the engine" in done.stderr
+
+
+def test_the_readme_installs_every_requirement_without_ros():
+    """Breaks if the command for an installation without ROS omits a requirement of setup.py."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"pip install --no-deps \. && pip install ((?:[^\\\n]|\\\n)*)", readme)
+    assert sorted(line.replace("\\\n", " ").split()) == sorted(Requirement(entry).name for entry in declared())

@@ -1,0 +1,193 @@
+"""The layers of the packages: every module imports only from its own layer and from lower ones."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+LAYERS = (
+    "plant_sim",
+    "train_ato.version",
+    "train_ato.errors",
+    "train_ato.interrupt",
+    "train_ato.arguments",
+    "train_ato.messages",
+    "train_ato.control",
+    "train_ato.profile",
+    "train_ato.scenario",
+    "train_ato.loop",
+    "train_ato.log",
+    "train_ato.ros",
+    "train_ato.apps",
+    "train_ato.papers",
+    "train_ato.cli",
+    "train_ato",
+    "train_ato.__main__",
+)
+"""Layers from lowest to highest; CONTRIBUTING.md describes them."""
+CONTROL_LAYERS = (
+    ("contract", "parameters", "train_model", "keyword_form"),
+    ("algorithms",),
+    ("air_brake",),
+    ("observers", "compensation"),
+    ("laws",),
+    ("registry",),
+    ("standstill", "command_hold", "command_history", "stack"),
+)
+"""Modules and packages of ``train_ato.control`` from lowest to highest; those of one layer may import each other."""
+CONVENTIONS = {
+    "add_arguments": "command line of a command: one per module of train_ato.cli",
+    "execute": "action of a command: one per module of train_ato.cli",
+    "draw": "figures of a paper: one per paper",
+    "page": "text of a page: one per kind of page in msgs_docs.generate",
+    "main": "start of a program: the command and the page generator",
+}
+"""Public names that several modules declare, each with one meaning; the caller chooses the module."""
+NO_ROS = LAYERS[: LAYERS.index("train_ato.ros")]
+"""Layers that must run where no ROS package is installed."""
+ROS_MODULES = {
+    "rclpy",
+    "sensor_msgs",
+    "trajectory_msgs",
+    "std_srvs",
+    "rosgraph_msgs",
+    "diagnostic_msgs",
+    "rcl_interfaces",
+}
+
+
+def module_name(path: Path) -> str:
+    """Return the dotted name of a source file."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {
+    module_name(path): ast.parse(path.read_text(encoding="utf-8"))
+    for package in ("plant_sim", "train_ato")
+    for path in (ROOT / package).rglob("*.py")
+}
+
+
+def imports(name: str) -> set[str]:
+    """Return the modules that a module imports anywhere: at its top, in functions, for type checkers."""
+    found = set()
+    for node in ast.walk(MODULES[name]):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name}: relative import"
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                found.add(full if full in MODULES else str(node.module))
+    return found
+
+
+def layer(name: str) -> str:
+    """Return the layer of a module: a package on the first level below ``train_ato``, or ``plant_sim``."""
+    parts = name.split(".")
+    return "plant_sim" if parts[0] == "plant_sim" else ".".join(parts[:2])
+
+
+def ours(names: set[str]) -> set[str]:
+    return {name for name in names if name in MODULES}
+
+
+def circles(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Return the groups of nodes that reach each other (Tarjan's strongly connected components)."""
+    order: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(node: str) -> None:
+        order[node] = low[node] = len(order)
+        stack.append(node)
+        for other in graph.get(node, ()):
+            if other not in order:
+                visit(other)
+                low[node] = min(low[node], low[other])
+            elif other in stack:
+                low[node] = min(low[node], order[other])
+        if low[node] == order[node]:
+            at = stack.index(node)
+            group, stack[at:] = stack[at:], []
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for node in graph:
+        if node not in order:
+            visit(node)
+    return found
+
+
+@pytest.mark.parametrize("name", sorted(MODULES))
+def test_a_module_imports_only_from_its_layer_and_lower_ones(name: str) -> None:
+    """Breaks if an import points upward, also one inside a function or under TYPE_CHECKING."""
+    assert layer(name) in LAYERS, f"{name} is in no layer of the list"
+    own = LAYERS.index(layer(name))
+    above = {other for other in ours(imports(name)) if LAYERS.index(layer(other)) > own}
+    assert not above, f"{name} imports from a higher layer: {sorted(above)}"
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    """Breaks if two files need each other, directly or through others."""
+    assert circles({name: ours(imports(name)) for name in MODULES}) == []
+
+
+CONTROL = "train_ato.control."
+
+
+def control_layer(name: str) -> int:
+    """Return the layer of a module inside ``train_ato.control``; fails for a module that the list lacks."""
+    part = name.removeprefix(CONTROL).partition(".")[0]
+    (found,) = [index for index, parts in enumerate(CONTROL_LAYERS) if part in parts]
+    return found
+
+
+@pytest.mark.parametrize("name", sorted(name for name in MODULES if name.startswith(CONTROL)))
+def test_control_imports_only_downward(name: str) -> None:
+    """Breaks if an import inside ``train_ato.control`` points upward, also one under TYPE_CHECKING."""
+    inside = {other for other in ours(imports(name)) if other.startswith(CONTROL)}
+    above = {other for other in inside if control_layer(other) > control_layer(name)}
+    assert not above, f"{name} imports from a higher layer: {sorted(above)}"
+
+
+def test_observers_and_compensations_are_independent() -> None:
+    """Breaks if one of the two packages of the same layer imports the other."""
+    for name in MODULES:
+        for one, other in (("observers", "compensation"), ("compensation", "observers")):
+            if name.startswith(CONTROL + one):
+                assert not any(found.startswith(CONTROL + other) for found in ours(imports(name))), name
+
+
+@pytest.mark.parametrize("name", sorted(name for name in MODULES if layer(name) in NO_ROS))
+def test_layers_below_ros_import_no_ros(name: str) -> None:
+    """Breaks if physics, laws, loop or log need a ROS package."""
+    assert not {entry.partition(".")[0] for entry in imports(name)} & ROS_MODULES
+
+
+def test_a_public_name_has_one_meaning() -> None:
+    """Breaks if two modules declare a public class or function of the same name."""
+    declared: dict[str, list[str]] = {}
+    for package in ("plant_sim", "train_ato", "msgs_docs"):
+        for path in sorted((ROOT / package).rglob("*.py")):
+            for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                if isinstance(node, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)) and node.name[0] != "_":
+                    declared.setdefault(node.name, []).append(module_name(path))
+    several = {name: modules for name, modules in declared.items() if len(modules) > 1}
+    assert {name: modules for name, modules in several.items() if name not in CONVENTIONS} == {}
+    assert several.keys() == CONVENTIONS.keys(), "a convention that nothing uses"
+
+
+def test_the_first_level_is_small() -> None:
+    """Breaks if a loose file or folder is added to the first level."""
+    entries = [path for path in (ROOT / "train_ato").iterdir() if not path.name.startswith("__pycache__")]
+    assert sum(path.is_dir() for path in entries) <= 11
+    assert sum(path.suffix == ".py" for path in entries) <= 6
+    layers = {layer(name) for name in MODULES}
+    assert len(layers) <= 20

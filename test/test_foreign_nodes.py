@@ -1,0 +1,308 @@
+"""Nodes outside of the run on its domain: no recorded data are lost, and their messages are rejected."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from foreign_node import ForeignNode
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.duration import Duration
+from test_standalone_nodes import terminals  # noqa: F401
+from waiting import LIMIT_S
+
+from train_ato.log.reading import iter_raw, stream
+from train_ato.log.run_folder import RunFolder
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import prepare
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import EPOCH_NS
+from train_ato.messages.types import Diagnostic, DisturbanceEstimate, Pipe, Reference, Tick
+from train_ato.ros.graph.composed import run_composed
+from train_ato.ros.graph.environment import applied, claim_domain, variables
+from train_ato.ros.graph.graph_result import GraphOptions, GraphResult
+from train_ato.ros.graph.recorded import recorded_result
+from train_ato.scenario.scenario import load_scenario
+
+ROOT = Path(__file__).resolve().parents[1]
+WAYS = pytest.mark.parametrize(
+    "way", [[], pytest.param(["--processes"], marks=pytest.mark.slow)], ids=["composed", "processes"]
+)
+SLOW = "--pace=60"
+
+
+class Running:
+    """``train-ato run`` in a separate process and a foreign node on its domain."""
+
+    def __init__(self, folder: Path, *options: str, duration: int = 600) -> None:
+        with claim_domain() as self.domain:
+            pass  # free a moment ago: the run claims it itself
+        self.out = folder / "run"
+        words = ["run", "demo", f"--set=duration={duration}", f"--domain={self.domain}", f"--out={self.out}", "--json"]
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "train_ato", *words, *options],
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        self.foreign = ForeignNode(self.domain)
+
+    def driving(self) -> None:
+        """Wait until the train moves."""
+        partial = self.out / "run.mcap.partial"
+        commands = lambda: any(m.channel.topic == "/ato/command" for m in stream(partial, broken=True))  # noqa: E731
+        self.foreign.until(lambda: self.process.poll() is not None or (partial.exists() and commands()))
+        assert self.process.poll() is None, self.process.communicate()
+
+    def end(self, limit: float = 60.0) -> tuple[int, str]:
+        """Return exit status and last line on stderr."""
+        _, errors = self.process.communicate(timeout=limit)
+        return self.process.returncode, errors.strip().splitlines()[-1] if errors.strip() else ""
+
+    def interrupt(self) -> tuple[int, str]:
+        """Stop the run by Ctrl-C."""
+        self.process.send_signal(signal.SIGINT)
+        return self.end()
+
+    @property
+    def summary(self) -> dict[str, object]:
+        return json.loads((self.out / "summary.json").read_text())
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> Iterator[Callable[..., Running]]:
+    begun: list[Running] = []
+
+    def running(*options: str, **more: int) -> Running:
+        begun.append(Running(tmp_path, *options, **more))
+        return begun[-1]
+
+    yield running
+    for run in begun:
+        run.foreign.close()
+        if run.process.poll() is None:
+            run.process.send_signal(signal.SIGINT)
+            run.process.communicate(timeout=30)
+
+
+def status(name: str) -> DiagnosticStatus:
+    return DiagnosticStatus(name=name, message="ok", values=[KeyValue(key="changed", value="no JSON")])
+
+
+def two_statuses(run: Running) -> None:
+    run.foreign.publish("/diagnostics", DiagnosticArray(status=[status("lidar"), status("controller")]))
+
+
+def unknown_name(run: Running) -> None:
+    run.foreign.publish("/diagnostics", DiagnosticArray(status=[status("controller: update rate")]))
+
+
+def cut_diagnostics(run: Running) -> None:
+    run.foreign.publish("/diagnostics", b"\x00\x01\x00\x00\x01\x02")
+
+
+def parameter_of_no_type(run: Running) -> None:
+    """Set three parameters, one of an unknown type; the answer contains the results of all three."""
+    values = [
+        ParameterMessage(name="pid.kp", value=ParameterValue(type=99)),
+        ParameterMessage(name="pid.kq", value=ParameterValue(type=3, double_value=1.0)),
+        ParameterMessage(name="pid.kp", value=ParameterValue(type=3, double_value=0.05)),
+    ]
+    answer = run.foreign.call(SetParameters, "controller/set_parameters", SetParameters.Request(parameters=values))
+    assert [result.successful for result in answer.results] == [False, False, True]
+    assert "99 is not a valid" in answer.results[0].reason
+
+
+HARMLESS = (two_statuses, unknown_name, cut_diagnostics, parameter_of_no_type)
+
+
+@WAYS
+def test_messages_of_other_programs_do_not_disturb_the_run(way, start):
+    """Fails if an ordinary node of the domain ends the run, is recorded in its log, or deletes it."""
+    run = start(SLOW, *way)
+    run.driving()
+    for act in HARMLESS:
+        act(run)
+    run.foreign.settle()
+    code, said = run.interrupt()
+    assert (code, said) == (1, f"train-ato: interrupted; recorded data: {run.out}")
+    assert run.summary["status"] == "interrupted"
+    decode = Wire(prepare(*load_scenario("demo")).layout).decode
+    told = [decode("/diagnostics", m.data) for m in stream(run.out / "run.mcap") if m.channel.topic == "/diagnostics"]
+    assert {message.node for message in told} == {"plant", "profile", "observer", "controller"}
+
+
+TICK = 100_000_000
+TAKEOVERS = [
+    pytest.param("ato/reference", lambda stamp: Reference(stamp, 0.0, 0.0, 0.0), [SLOW], id="reference"),
+    pytest.param("ato/estimate", lambda stamp: DisturbanceEstimate(stamp, np.array([1e6])), [SLOW], id="estimate"),
+    pytest.param("ato/brake_pipe_command", lambda stamp: Pipe(stamp, 0.0), ["--realtime=20"], id="brake_pipe_realtime"),
+    pytest.param("recorder/progress", Tick, [SLOW], id="acknowledgement"),
+    pytest.param("/clock", Tick, [SLOW], id="clock", marks=pytest.mark.slow),
+    pytest.param(
+        "ato/reference",
+        lambda stamp: Reference(stamp, 0.0, 0.0, 0.0),
+        [SLOW, "--processes"],
+        id="reference to processes",
+        marks=pytest.mark.slow,
+    ),
+]
+
+
+@pytest.fixture(scope="module")
+def true_cars(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
+    """Return the states of the train without another program."""
+    folder = RunFolder.make(tmp_path_factory.mktemp("true") / "run", "demo")
+    setup = prepare(*load_scenario("demo", ("duration=600",)))
+    with folder.sink(setup) as sink:
+        run_engine(setup, sink=sink)
+    return [data for _, _, data in iter_raw(folder.path, ("train/vehicles",))]
+
+
+@pytest.mark.parametrize(("topic", "message", "options"), TAKEOVERS)
+def test_a_second_publisher_ends_the_run_by_its_name(topic, message, options, start, true_cars):
+    """Fails if the run continues, names a node of its own, or the foreign commands drive the train."""
+    run = start(*options)
+    run.driving()
+    encode = Wire(prepare(*load_scenario("demo")).layout).encode
+    now = max(m.publish_ns for m in stream(run.out / "run.mcap.partial", broken=True)) - EPOCH_NS
+    for ahead in range(60):
+        run.foreign.publish(topic, encode(topic, message(now + ahead * TICK)))
+    code, said = run.end()
+    assert code == 1
+    assert f"{topic} has more than one publisher: node intruder too; end it" in said
+    assert run.summary["status"] == "failed"
+    assert str(run.summary["failure"]) in said
+    found = [data for _, _, data in iter_raw(run.out, ("train/vehicles",))]
+    assert options != [SLOW] or found == true_cars[: len(found)]
+
+
+@pytest.mark.slow
+def test_a_publisher_that_has_left_is_noticed_too(start):
+    """Breaks if a node can send one message and leave undetected."""
+    run = start(SLOW)
+    run.driving()
+    wire = Wire(prepare(*load_scenario("demo")).layout)
+    run.foreign.publish("ato/estimate", wire.encode("ato/estimate", DisturbanceEstimate(0, np.zeros(1))))
+    publisher = run.foreign.publisher("ato/estimate")
+    assert publisher.wait_for_all_acked(Duration(seconds=LIMIT_S))
+    run.foreign.node.destroy_publisher(publisher)
+    code, said = run.end()
+    assert code == 1
+    assert "ato/estimate has more than one publisher" in said
+
+
+def test_a_run_does_not_begin_beside_a_second_publisher(tmp_path):
+    """Fails if the run ends without the name of the foreign node, or continues after its discovery.
+
+    On a loaded machine its discovery may take longer than the start of the run; `test_two_controllers_are_refused` has
+    the discovery before the start.
+    """
+    setup = prepare(*load_scenario("demo", ("duration=20",)))
+    with claim_domain() as domain, applied(variables(domain, tmp_path / "log")), ForeignNode(domain) as foreign:
+        foreign.publisher("ato/command")
+        foreign.settle(0.1)
+        end = run_composed(setup, tmp_path, domain, GraphOptions(discovery_limit=1.0))
+    before = "node plant failed: it waited 1 s for the end of node intruder"
+    after = "node plant failed: ato/command has more than one publisher: node intruder too; end it"
+    assert end.failure.startswith(before) or end.failure == after
+    assert end.ticks < setup.ticks and (end.failure == after or end.ticks == 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "differs"),
+    [("seed=7", "seed"), pytest.param("tick=0.05", "tick", marks=pytest.mark.slow)],
+)
+def test_nodes_of_unequal_scenarios_do_not_begin(change, differs, terminals):  # noqa: F811
+    """Fails if the profile of another run drives the train."""
+    terminals.start("profile", "--scenario=demo", f"--set={change}")
+    plant = terminals.start("plant", "--scenario=demo")
+    said = plant.communicate(timeout=60)[0]
+    assert plant.returncode == 1
+    text = f"it was started with another scenario than the plant: {differs} differ; give every node the same"
+    assert f"node profile failed: {text}" in said
+
+
+@pytest.mark.slow
+def test_a_second_observer_started_alone_is_named(terminals):  # noqa: F811
+    """Fails if both controllers respond to the measurements and the faster one drives the train."""
+    for role in ("profile", "observer", "controller"):
+        terminals.start(role, "--scenario=demo")
+    terminals.start("observer", "--scenario=demo")
+    plant = terminals.start("plant", "--scenario=demo", "--timeout=60", "--pace=1")
+    said = ""
+    while "second" not in said:  # before the start, or in the run if the process of the second one is slow
+        said = plant.stdout.readline()
+        assert said, "the plant ended without naming it"
+    assert "a second node observer" in said
+
+
+CUT = b"\x00\x01\x00\x00" + bytes(5)
+
+
+def _nan(wire: Wire, topic: str) -> bytes:
+    """Return a message with NaN as its last number."""
+    data = bytearray(wire.encode(topic, DisturbanceEstimate(0, np.array([12345.678]))))
+    place = data.find(np.array([12345.678]).tobytes())
+    data[place : place + 8] = np.array([np.nan]).tobytes()
+    return bytes(data)
+
+
+@pytest.mark.parametrize(
+    ("topic", "bad", "says"),
+    [
+        ("ato/estimate", lambda wire: _nan(wire, "ato/estimate"), "effort is not finite: nan"),
+        ("train/vehicles", lambda wire: CUT, "not a sensor_msgs/msg/JointState"),
+        (
+            "/diagnostics",
+            lambda wire: wire.encode("/diagnostics", Diagnostic(0, "controller", 0, "", {"changed": "{"})),
+            "changed '{': not written by this version",
+        ),
+    ],
+)
+def test_a_record_that_cannot_be_read_fails_the_run_and_keeps_its_figures(topic, bad, says, tmp_path):
+    """Fails if one damaged record counts as bad input, or the records before it are not used."""
+    setup = prepare(*load_scenario("demo", ("duration=20",)))
+    folder = RunFolder.make(tmp_path / "run", "demo")
+    with folder.sink(setup) as sink:
+        add = sink.add
+
+        def spoilt(name, message, stamp):
+            if name == topic and stamp == 10 * 10**9:
+                sink._log.add(name, EPOCH_NS + stamp, EPOCH_NS + stamp, bad(sink._wire))
+            else:
+                add(name, message, stamp)
+
+        sink.add = spoilt
+        run_engine(setup, sink=sink)
+    outcome = recorded_result(setup, folder.path, GraphResult(ticks=200))
+    assert outcome.failure.startswith(f"node recorder failed: {folder.path / 'run.mcap'}: {topic} for 10.000 s: ")
+    assert says in outcome.failure
+    assert outcome.summary["status"] == "failed"
+    assert outcome.recording.time.size in (100, 101)
+
+
+def test_a_folder_with_a_log_is_not_discarded(tmp_path):
+    for name in ("run.mcap", "run.mcap.partial", "law/run.mcap"):
+        folder = RunFolder.make(tmp_path / name.replace("/", "-"), "demo")
+        (folder.path / name).parent.mkdir(exist_ok=True)
+        (folder.path / name).write_bytes(b"recorded")
+        folder.discard()
+        assert (folder.path / name).read_bytes() == b"recorded"
+    empty = RunFolder.make(tmp_path / "empty", "demo")
+    empty.discard()
+    assert not empty.path.exists()

@@ -1,0 +1,206 @@
+"""Hosts that can join a run: this machine only, others if the user permits them."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from foreign_node import ForeignNode
+from waiting import wait_for
+
+from train_ato.log.reading import stream
+from train_ato.ros.graph.environment import claim_domain, middleware, opened_by
+
+ROOT = Path(__file__).resolve().parents[1]
+VARIABLES = ("ROS_AUTOMATIC_DISCOVERY_RANGE", "ROS_STATIC_PEERS", "FASTRTPS_DEFAULT_PROFILES_FILE")
+HOSTS = ("10.77.0.1", "10.77.0.2")
+BRAKE = """
+import sys
+from foreign_node import ForeignNode
+from std_srvs.srv import SetBool
+with ForeignNode(int(sys.argv[1])) as foreign:
+    try:
+        answer = foreign.call(SetBool, "plant/emergency_brake", SetBool.Request(data=True), limit=float(sys.argv[2]))
+        print("answered", answer.success)
+    except AssertionError:
+        print("not found", sorted(foreign.node.get_node_names()))
+"""
+"""Program of another host: discover the plant and brake its train."""
+
+
+def environment(**variables: str) -> dict[str, str]:
+    """Return an environment with only these variables of ROS set."""
+    kept = {name: value for name, value in os.environ.items() if name not in VARIABLES}
+    return {**kept, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'test'}", **variables}
+
+
+class Drive:
+    """``train-ato run`` in a separate process, optionally on another host."""
+
+    def __init__(self, folder: Path, *options: str, host: tuple[str, ...] = (), **variables: str) -> None:
+        with claim_domain() as self.domain:
+            pass  # free a moment ago: the run claims it itself
+        self.out = folder / "run"
+        words = ["run", "demo", "--set=duration=3600", "--pace=20", f"--domain={self.domain}", f"--out={self.out}"]
+        self.process = subprocess.Popen(
+            [*host, sys.executable, "-m", "train_ato", *words, *options],
+            env=environment(**variables),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def wait(self) -> None:
+        """Wait until the train moves."""
+        partial = self.out / "run.mcap.partial"
+
+        def moves() -> bool:
+            assert self.process.poll() is None, self.process.communicate()
+            return partial.exists() and any(m.channel.topic == "/ato/command" for m in stream(partial, broken=True))
+
+        wait_for(moves, "the first command")
+
+    def end(self) -> str:
+        """End the run with Ctrl-C and return its stderr."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        return self.process.communicate(timeout=60)[1]
+
+
+@pytest.fixture
+def drive(tmp_path: Path) -> Iterator[type[Drive]]:
+    begun = []
+
+    def start(*options, **more):
+        begun.append(Drive(tmp_path, *options, **more))
+        begun[-1].wait()
+        return begun[-1]
+
+    yield start
+    for run in begun:
+        run.end()
+
+
+def udp_sockets(parent: int) -> list[str]:
+    """Return the local addresses of the UDP sockets of a process and its children, as `ss` lists them."""
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+    listed = subprocess.run(["ss", "-lnupH"], capture_output=True, text=True, check=True).stdout.splitlines()
+    pids = {str(parent), *children}
+    return [line.split()[3] for line in listed if pids & set(re.findall(r"pid=(\d+)", line))]
+
+
+@pytest.mark.parametrize(
+    ("options", "variables", "loopback"),
+    [
+        ([], {}, True),
+        ([], {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, True),
+        pytest.param(["--processes"], {}, True, marks=pytest.mark.slow),
+        ([], {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, False),
+    ],
+    ids=["composed", "localhost", "processes", "subnet"],
+)
+def test_sockets_of_a_run(options, variables, loopback, drive):
+    """Fails if a socket of a default run is open to a network: one on all interfaces, or in a multicast group."""
+    run = drive(*options, **variables)
+    sockets = udp_sockets(run.process.pid)
+    assert len(sockets) >= (10 if options else 2)
+    outside = [address for address in sockets if not address.startswith("127.0.0.1:")]
+    assert (outside == []) is loopback, sockets
+    said = run.end()
+    assert ("other hosts may join this run" in said) is not loopback
+    reach = json.loads((run.out / "summary.json").read_text()).get("reach")
+    assert reach == (None if loopback else "network")
+
+
+@pytest.fixture
+def two_hosts() -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
+    """Return the command prefixes of two network namespaces with a pair of virtual links."""
+    if os.geteuid() != 0:
+        pytest.skip("network namespaces need root")
+    names = [f"ato{os.getpid()}{side}" for side in "ab"]
+    links = [f"v{name}"[:15] for name in names]
+    steps = [["netns", "add", name] for name in names]
+    steps.append(["link", "add", links[0], "type", "veth", "peer", "name", links[1]])
+    for name, link, address in zip(names, links, HOSTS, strict=True):
+        steps += [
+            ["link", "set", link, "netns", name],
+            ["-n", name, "address", "add", f"{address}/24", "dev", link],
+            ["-n", name, "link", "set", link, "up"],
+            ["-n", name, "link", "set", "lo", "up"],
+        ]
+    try:
+        for step in steps:
+            done = subprocess.run(["ip", *step], capture_output=True, text=True)
+            if done.returncode:
+                pytest.skip(f"no network namespaces here: ip {' '.join(step)}: {done.stderr.strip()}")
+        yield tuple(("ip", "netns", "exec", name) for name in names)
+    finally:
+        for name in names:
+            subprocess.run(["ip", "netns", "delete", name], capture_output=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("variables", "answer"),
+    [({}, "not found ['intruder']"), ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "answered True")],
+    ids=["default", "subnet"],
+)
+def test_another_host_joins_only_where_it_is_asked_for(variables, answer, two_hosts, drive):
+    """Breaks if another host finds the nodes of a default run, or a permitted second machine does not work."""
+    here, there = two_hosts
+    run = drive(host=here, **variables)
+    foreign = environment(ROS_STATIC_PEERS=HOSTS[0], ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
+    limit = "20" if variables else "8"
+    own_memory = ["unshare", "--mount", "sh", "-c", 'mount -t tmpfs none /dev/shm && exec "$@"', "sh"]
+    words = [*there, *own_memory, sys.executable, "-c", BRAKE, str(run.domain), limit]
+    found = subprocess.run(words, env=foreign, capture_output=True, text=True, timeout=90)
+    assert found.stdout.strip() == answer, found.stderr
+
+
+@pytest.mark.slow
+def test_a_default_program_of_this_machine_meets_a_default_run(drive, monkeypatch):
+    """Fails if tools that use the default profile of Fast DDS no longer find the run on this machine."""
+    from std_srvs.srv import SetBool
+
+    for name in VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    run = drive()
+    with ForeignNode(run.domain) as foreign:
+        request = SetBool.Request(data=True)
+        assert foreign.call(SetBool, "plant/pause", request, limit=20.0).success
+
+
+@pytest.mark.parametrize(
+    ("given", "range_", "profile", "opened"),
+    [
+        ({}, "SYSTEM_DEFAULT", "fastdds.xml", None),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, "SYSTEM_DEFAULT", "fastdds.xml", None),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "SUBNET", "fastdds_network.xml", "_RANGE=SUBNET"),
+        ({"ROS_STATIC_PEERS": "a;b"}, "LOCALHOST", "fastdds_network.xml", "ROS_STATIC_PEERS=a;b"),
+        ({"FASTRTPS_DEFAULT_PROFILES_FILE": "/own.xml"}, "LOCALHOST", "own.xml", "_FILE=/own.xml"),
+    ],
+)
+def test_the_middleware_follows_the_user(given, range_, profile, opened, monkeypatch):
+    """A process started by a run gets the same settings."""
+    for name in VARIABLES:
+        monkeypatch.delenv(name, raising=False)
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    for _ in range(2):
+        found = middleware()
+        assert found["ROS_AUTOMATIC_DISCOVERY_RANGE"] == range_
+        assert Path(found["FASTRTPS_DEFAULT_PROFILES_FILE"]).name == profile
+        assert (opened_by() or "").endswith(opened or "")
+        assert (opened_by() is None) is (opened is None)
+        for name, value in found.items():
+            monkeypatch.setenv(name, value)

@@ -1,0 +1,180 @@
+"""Plain English: the number of sentences that break the rules of CONTRIBUTING.md may only fall.
+
+Rules, by pattern: (a) the first line of a docstring begins with a verb or a noun, not with What, Who, Whether, Where or
+How, and has no "whether"; (b) software and physics are the subjects of a sentence, not persons; a noun instead of "what
+is" or "who has"; (c) "is" instead of "stands".  The rules apply to docstrings, messages, comments, YAML texts and
+Markdown pages.
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import re
+import tokenize
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FIRST_WORD = re.compile(r"(What|Who|Whether|Where|How)\b")
+IN_FIRST_LINE = re.compile(r"\bwhether\b")
+SENTENCE = re.compile(
+    r"\b(tells?|told|believes?|asks?|asked|knows?|stands?|somebody|nobody|anybody)\b"
+    r"|\b(what|who) (is|are|was|has|it|they|no)\b",
+    re.IGNORECASE,
+)
+CODE = re.compile(r"``.*?``|`[^`\n]*`|https?://\S+", re.DOTALL)
+FENCE = re.compile(r"^(```|~~~).*?^\1|^(?: {4}|\t).*?$", re.DOTALL | re.MULTILINE)
+TEXT_KEYWORDS = {"help", "description", "epilog"}
+
+COUNTS: dict[str, int] = {
+    "bench": 0,
+    "examples": 0,
+    "msgs_docs": 0,
+    "pages": 0,
+    "plant_sim": 0,
+    "test": 0,
+    "train_ato": 0,
+    "train_ato/apps": 0,
+    "train_ato/cli": 0,
+    "train_ato/control": 0,
+    "train_ato/log": 0,
+    "train_ato/loop": 0,
+    "train_ato/messages": 0,
+    "train_ato/papers": 0,
+    "train_ato/profile": 0,
+    "train_ato/ros": 0,
+    "train_ato/scenario": 0,
+}
+"""Sentences that break the rules, by room.  A number may only fall; after an improvement lower it here."""
+
+
+def room_of(path: Path) -> str:
+    """Return the room of a file: a folder of ``train_ato``, another folder of the first level, or ``pages``."""
+    parts = path.relative_to(ROOT).parts
+    if len(parts) == 1:
+        return "pages"
+    return "/".join(parts[:2]) if parts[0] == "train_ato" and len(parts) > 2 else parts[0]
+
+
+def files() -> Iterator[Path]:
+    """Yield the source files, pages and shipped YAML files."""
+    for pattern in ("*.py", "*.md", "*.yaml"):
+        for path in sorted(ROOT.rglob(pattern)):
+            parts = path.relative_to(ROOT).parts
+            if not any(part.startswith(".") for part in parts) and parts[0] not in (
+                "build",
+                "dist",
+                "install",
+                "log",
+                "runs",
+            ):
+                yield path
+
+
+def text_of(node: ast.expr) -> str:
+    """Return the constant text of a string expression; formatted values become ``x``."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        return "".join(text_of(part) if isinstance(part, ast.Constant) else "x" for part in node.values)
+    if isinstance(node, ast.BinOp):
+        return f"{text_of(node.left)} {text_of(node.right)}"
+    return ""
+
+
+def python_texts(source: str) -> Iterator[tuple[int, bool, str]]:
+    """Yield line, True for a docstring, and text of docstrings, messages and comments."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            yield node.lineno, True, node.value.value
+        elif isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+            for argument in node.exc.args:
+                yield node.lineno, False, text_of(argument)
+        elif isinstance(node, ast.Call):
+            if isinstance(node.func, ast.Attribute) and node.func.attr == "write":
+                yield from ((node.lineno, False, text_of(argument)) for argument in node.args)
+            for keyword in node.keywords:
+                if keyword.arg in TEXT_KEYWORDS:
+                    yield node.lineno, False, text_of(keyword.value)
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            yield token.start[0], False, token.string
+
+
+def faults(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield line and words of every sentence that breaks a rule."""
+    source = path.read_text(encoding="utf-8")
+    if path.suffix == ".py":
+        texts = python_texts(source)
+    else:
+        texts = iter([(1, False, FENCE.sub("", source) if path.suffix == ".md" else source)])
+    for line, docstring, text in texts:
+        plain = CODE.sub("x", text)
+        if docstring and (
+            first := FIRST_WORD.match(plain.strip()) or IN_FIRST_LINE.search(plain.strip().split("\n")[0])
+        ):
+            yield line, first.group()
+        for found in SENTENCE.finditer(plain):
+            yield line + plain.count("\n", 0, found.start()), found.group()
+
+
+FAULTS = {path: list(faults(path)) for path in files() if path != Path(__file__).resolve()}
+FOUND = Counter(dict.fromkeys(COUNTS, 0)) + Counter()
+for _path, _list in FAULTS.items():
+    FOUND[room_of(_path)] += len(_list)
+
+
+@pytest.mark.parametrize("room", sorted(set(COUNTS) | set(FOUND)))
+def test_sentences_against_the_rules_only_become_fewer(room: str) -> None:
+    """Breaks if a new sentence breaks a rule, or if the number of a room was not lowered after an improvement."""
+    allowed, found = COUNTS.get(room, 0), FOUND[room]
+    places = [
+        f"{path.relative_to(ROOT)}:{line}: {words}"
+        for path, entries in FAULTS.items()
+        if room_of(path) == room
+        for line, words in entries
+    ]
+    assert found <= allowed, f"{found} of {allowed} permitted:\n" + "\n".join(places)
+    assert found == allowed, f"lower COUNTS['{room}'] from {allowed} to {found}"
+
+
+GLOSSARY = re.findall(
+    r"^\| ([^|]+) \| ([^|]+) \| ([^|]+) \| `(.+)`: `(.+)` \|$", (ROOT / "msgs_docs" / "glossary.md").read_text(), re.M
+)
+
+
+def test_glossary_terms_are_unique_and_in_the_code() -> None:
+    """Breaks if a term appears twice, or its place in the code was moved or renamed."""
+    terms = [row[0] for row in GLOSSARY]
+    assert len(terms) == len(set(terms)) >= 60
+    missing = [
+        f"{term}: {file}: {name}"
+        for term, _, _, file, name in GLOSSARY
+        if not (ROOT / file).is_file() or not re.search(rf"\b{re.escape(name)}\b", (ROOT / file).read_text())
+    ]
+    assert missing == []
+
+
+def test_the_patterns_find_the_faults_they_name(tmp_path: Path) -> None:
+    """Breaks if a pattern, a kind of text or the removal of code is lost."""
+    path = tmp_path / "sample.py"
+    path.write_text(
+        '"""What a run needs."""\n'
+        "def f(x):\n"
+        '    """Return whether it is."""\n'
+        "    # the law knows it\n"
+        '    raise ValueError(f"{x}: nobody {x} told; it stands")\n'
+        'help(help="Who is `asked`", name="asked")\n'
+        'file.write(f"{x} asks")\n'
+    )
+    assert [(line, words) for line, words in sorted(faults(path))] == [
+        (1, "What"), (3, "whether"), (4, "knows"), (5, "nobody"), (5, "stands"), (5, "told"), (6, "Who is"),
+        (7, "asks"),
+    ]  # fmt: skip
+    page = tmp_path / "page.md"
+    page.write_text("The node tells `what is` next.\n\n```\nask who is\n```\n\n    told\n\nNobody asks.\n")
+    assert [words for _, words in faults(page)] == ["tells", "Nobody", "asks"]

@@ -1,0 +1,104 @@
+"""Recording of a run: equal from the memory of the engine and from its log, also with missing parts."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from report_runs import EVENTFUL, without
+
+from train_ato.log.recorded import open_recording, read_recording
+from train_ato.log.run_folder import RunFolder
+from train_ato.loop.engine import run_engine
+from train_ato.loop.metrics import summarise
+from train_ato.loop.recording import COMMAND, FIELDS, TRUTH, Recording
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.messages.types import Trajectory
+from train_ato.scenario.scenario import load_scenario
+
+
+def setup_of(scenario: str, *options: str) -> RunSetup:
+    return prepare(
+        *load_scenario(scenario, [option.removeprefix("--set=") for option in options if "--set=" in option])
+    )
+
+
+@pytest.fixture(scope="module", params=["demo", "freight_consensus:realistic", "xuzhou_metro"])
+def run(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, RunSetup, Recording]:
+    """Disturbances, air brake, coupler sensors and changes in the first; several units, one vehicle in the others."""
+    options = EVENTFUL if request.param == "demo" else ["--set=duration=20"]
+    setup = setup_of(request.param, *options, "--set=observer=ndo")
+    folder = RunFolder.make(tmp_path_factory.mktemp("recording") / "run", "run")
+    folder.begin(setup)
+    with folder.sink(setup) as sink:
+        result = run_engine(setup, sink=sink)
+    folder.finish(setup, result)
+    assert result.recording is not None
+    return folder.path, setup, result.recording
+
+
+def assert_same(one: np.ndarray, other: np.ndarray, what: str) -> None:
+    """Fail unless two arrays are equal in shape and in every bit."""
+    assert one.shape == other.shape, what
+    assert np.ascontiguousarray(one).tobytes() == np.ascontiguousarray(other).tobytes(), what
+
+
+def test_memory_and_log_hold_the_same_bits(run: tuple[Path, RunSetup, Recording]) -> None:
+    """Breaks if a field, a stamp or a topic differs in one bit between the engine and its log."""
+    folder, setup, kept = run
+    read = read_recording(folder, setup)
+    assert list(kept.topics) == list(read.topics)
+    if setup.scenario.name == "demo":
+        assert set(kept.topics) == set(FIELDS)
+    for topic, samples in kept.topics.items():
+        assert_same(samples.time, read.topics[topic].time, topic)
+        assert list(samples.values) == list(read.topics[topic].values), topic
+        for name, values in samples.values.items():
+            assert_same(values, read.topics[topic][name], f"{topic}: {name}")
+    assert kept.limits is not None
+    assert read.limits is not None
+    assert len(kept.profiles) == len(read.profiles)
+    for one, other in zip((*kept.profiles, kept.limits), (*read.profiles, read.limits), strict=True):
+        assert (one.stamp, one.name) == (other.stamp, other.name)
+        for part in fields(Trajectory)[2:]:
+            assert_same(getattr(one, part.name), getattr(other, part.name), part.name)
+    assert kept.reports == read.reports
+    assert kept.totals == read.totals
+
+
+def test_figures_from_memory_and_from_the_log_are_equal(run: tuple[Path, RunSetup, Recording]) -> None:
+    """Breaks if the figures of a graph run or a killed run differ from those of the engine."""
+    folder, setup, kept = run
+    assert summarise(setup, kept) == summarise(setup, read_recording(folder, setup))
+
+
+def test_vehicles_are_kept_on_request_and_agree_with_what_is_taken_of_them(
+    run: tuple[Path, RunSetup, Recording],
+) -> None:
+    """Breaks if units, front or coupler extremes are from other vehicles."""
+    folder, setup, _ = run
+    truth = open_recording(folder).topics[TRUTH]
+    assert truth["position"].shape == (truth.time.size, setup.layout.n_vehicles)
+    assert_same(truth["unit_velocity"], truth["velocity"][:, list(setup.model.units)], "units")
+    assert_same(truth["front_position"], truth["position"][:, :1], "front")
+    if setup.layout.n_vehicles > 1:
+        assert_same(truth["coupler_draft_max"][:, 0], truth["coupler_force"].max(axis=1), "draft")
+        assert_same(truth["coupler_buff_max"][:, 0], truth["coupler_force"].min(axis=1), "buff")
+
+
+def test_ticks_without_a_message_are_no_complete_ticks(run: tuple[Path, RunSetup, Recording], tmp_path: Path) -> None:
+    """Breaks if series of a log with gaps are joined by their count instead of their stamps."""
+    folder, setup, kept = run
+    whole = read_recording(folder, setup)
+    command = whole.topics[COMMAND]
+    chosen = np.delete(np.arange(command.time.size), [3, 4, 50])
+    part = type(command)(command.time[chosen], {"force": command["force"][chosen]})
+    gaps = Recording({**whole.topics, COMMAND: part})
+    assert gaps.time.tolist() == kept.time[chosen].tolist()
+    assert_same(gaps.velocity, kept.velocity[chosen], "velocity")
+    assert_same(gaps.command, kept.command[chosen], "command")
+    missing = read_recording(without(folder, tmp_path / "part", {COMMAND}), setup)
+    assert COMMAND not in missing.topics
+    assert missing.time.size == 0
