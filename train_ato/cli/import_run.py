@@ -188,7 +188,7 @@ def _write_profile(options: argparse.Namespace, setup: RunSetup, found: Measured
         print_json(result)
         return 0
     print_table(
-        ("figure", "value"), [(text, result[key]) for key, text in ROWS if result.get(key) is not None], str(path)
+        ("quantity", "value"), [(text, result[key]) for key, text in ROWS if result.get(key) is not None], str(path)
     )
     _print_notes(found, path, setup)
     return 0
@@ -233,7 +233,7 @@ def _write_run(options: argparse.Namespace, setup: RunSetup, found: Measured, wi
         print_json(result)
         return 0
     print_table(
-        ("figure", "value"),
+        ("quantity", "value"),
         [(text, result[key]) for key, text in ROWS if result.get(key) is not None],
         setup.scenario.name,
     )

@@ -37,7 +37,7 @@ def execute(options: argparse.Namespace) -> int:
         print_json({**summary, **_as_json(found), "changes": changes, "note": note})
         return 0
     if summary:
-        print_table(("figure", "value"), summary.items(), str(run))
+        print_table(("quantity", "value"), summary.items(), str(run))
     _print_overview(found, changes)
     if note:
         sys.stdout.write(f"{note}\n")

@@ -111,5 +111,5 @@ def _print(summary: dict[str, Any], names: tuple[str, str]) -> None:
         ((text, summary["recorded"][key], summary["replayed"][key]) for key, text in OUTPUT_ROWS),
         f"{summary['controller']} on the recorded inputs of {summary['run']}",
     )
-    print_table(("figure", "value"), ((text, summary[key]) for key, text in DIFFERENCE_ROWS if key in summary))
+    print_table(("quantity", "value"), ((text, summary[key]) for key, text in DIFFERENCE_ROWS if key in summary))
     sys.stdout.write(f"Open loop: these commands did not act on the recorded train.\nfigure in {summary['figure']}\n")

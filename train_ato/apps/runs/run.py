@@ -214,7 +214,7 @@ class Run:
 
     def _repr_html_(self) -> str:
         rows = [(words, self.metrics[key]) for key, words in RESULT_ROWS if key in self.metrics]
-        return html_table(repr(self).strip("<>"), ("figure", "value"), rows)
+        return html_table(repr(self).strip("<>"), ("quantity", "value"), rows)
 
 
 def open_run(path: str | Path) -> Run:
