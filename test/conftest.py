@@ -1,7 +1,8 @@
-"""Fixtures for all tests: data of open projects, one hypothesis profile."""
+"""Fixtures for all tests: data of open projects, a ROS domain, one hypothesis profile."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import open_data as tables
@@ -20,3 +21,12 @@ def open_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("open_data")
     tables.write(folder)
     return folder
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """Lock a ROS domain."""
+    from train_ato.ros.graph.environment import claim_domain
+
+    with claim_domain() as held:
+        yield held

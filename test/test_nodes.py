@@ -1,9 +1,8 @@
-"""Nodes in one process: answers, refusals and the text of failures."""
+"""Nodes in one process: answers and refusals of messages."""
 
 from __future__ import annotations
 
 import dataclasses
-import gc
 from contextlib import ExitStack
 
 import numpy as np
@@ -11,17 +10,12 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from rcl_interfaces.srv import DescribeParameters
+from node_bench import Bench, set_parameter
 from rclpy.node import Node
-from rclpy.parameter import Parameter
-from recordings import message_counts
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
-from waiting import LOOK_S, wait_for
+from waiting import wait_for
 
-from train_ato.log.reading import read_log
-from train_ato.loop.controller import ControllerStage
-from train_ato.loop.observer import ObserverStage
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
 from train_ato.loop.setup import prepare
@@ -29,13 +23,6 @@ from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by
 from train_ato.messages.types import Command, Reference, Tick, Trajectory
-from train_ato.ros.graph.assembly import executor_of, make_node
-from train_ato.ros.graph.composed import run_composed
-from train_ato.ros.graph.environment import claim_domain
-from train_ato.ros.graph.graph_result import GraphOptions
-from train_ato.ros.graph.runner import run_graph
-from train_ato.ros.nodes.controller import ControllerNode
-from train_ato.ros.nodes.endpoints import ROLES, FirstFailure, NodeEndpoints, quality_of_service
 from train_ato.ros.nodes.plant import LEAD, PlantNode, silent_node
 from train_ato.scenario.scenario import load_scenario
 
@@ -45,65 +32,6 @@ TICK = 100_000_000
 @pytest.fixture(scope="module")
 def setup():
     return prepare(*load_scenario("demo", ("duration=12",)))
-
-
-@pytest.fixture
-def domain():
-    with claim_domain() as held:
-        yield held
-
-
-class Bench:
-    """Node of the graph on an executor, and a plain node in the role of the others."""
-
-    def __init__(self, stack, role, setup, domain, arguments=None, **options):
-        self.context, self.executor = stack.enter_context(executor_of(domain, arguments))
-        self.watch = FirstFailure()
-        self.wire = Wire(setup.layout)
-        self.endpoints = NodeEndpoints(role, self.wire, self.context, self.watch, ROLES[:-1], arguments)
-        recorded = options.pop("recorded", False)
-        self.node = make_node(role, setup, self.endpoints, None, options.get("realtime"), 10.0, recorded)
-        self.other = Node("other", context=self.context, enable_rosout=False, start_parameter_services=False)
-        self.executor.add_node(self.endpoints.node)
-        self.executor.add_node(self.other)
-        self.heard = {}
-
-    def listen(self, *names):
-        for name in names:
-            self.heard[name] = []
-            kind = __import__(BY_NAME[name].type.split("/")[0], fromlist=["msg"])
-            message_type = getattr(__import__(f"{kind.__name__}.msg", fromlist=["x"]), BY_NAME[name].type.split("/")[2])
-            self.other.create_subscription(
-                message_type,
-                name,
-                lambda data, name=name: self.heard[name].append(self.wire.decode(name, data)),
-                quality_of_service(BY_NAME[name]),
-                raw=True,
-            )
-
-    def speaker(self, name, node=None):
-        message_type = getattr(
-            __import__(f"{BY_NAME[name].type.split('/')[0]}.msg", fromlist=["x"]), BY_NAME[name].type.split("/")[2]
-        )
-        publisher = (node or self.other).create_publisher(message_type, name, quality_of_service(BY_NAME[name]))
-        self.until(lambda: publisher.get_subscription_count() > 0)
-        return publisher
-
-    def until(self, condition):
-        """Run callbacks until a condition holds."""
-        wait_for(condition, turn=lambda: self.executor.spin_once(timeout_sec=LOOK_S))
-
-    def settle(self, turns=10):
-        """Run callbacks until messages in flight have arrived."""
-        for _ in range(turns):
-            self.executor.spin_once(timeout_sec=0.01)
-
-    def call(self, kind, name, **request):
-        client = self.other.create_client(kind, name)
-        self.until(client.service_is_ready)
-        future = client.call_async(kind.Request(**request))
-        self.until(future.done)
-        return future.result()
 
 
 @pytest.fixture
@@ -180,88 +108,6 @@ def test_endpoints_are_those_of_the_table(make, role, setup):
     table = {(f"/{t.name.lstrip('/')}", "out") for t in TOPICS if role in t.publishers and t.exists(setup.layout)}
     table |= {(f"/{t.name.lstrip('/')}", "in") for t in read_by(role) if t.exists(setup.layout)}
     assert own - {("/parameter_events", "out")} == table
-
-
-def test_a_composed_run_records_every_message(setup, tmp_path):
-    out = tmp_path / "run"
-    out.mkdir()
-    seen = []
-    outcome = run_graph(setup, out, mode="composed", progress=seen.append)
-    assert outcome.failure is None
-    assert not outcome.interrupted
-    recorded = {name.lstrip("/"): count for name, count in message_counts(out).items()}
-    published = {name.lstrip("/"): n for name, n in outcome.published.items() if n and BY_NAME[name].recorded}
-    assert recorded == published
-    assert recorded["train/vehicles"] == setup.ticks + 1
-    assert recorded["ato/command"] == setup.ticks
-    assert outcome.published["recorder/progress"] == (setup.ticks + 1) // 100
-    assert sorted(path.name for path in out.iterdir()) == ["metadata.yaml", "run.mcap"]
-
-
-@pytest.mark.parametrize(
-    ("role", "target"), [("profile", ProfileStage), ("observer", ObserverStage), ("controller", ControllerStage)]
-)
-def test_a_node_that_fails_is_named_and_the_log_is_closed(role, target, setup, tmp_path, monkeypatch):
-    original = target.step
-    calls = []
-
-    def fails(self, *arguments):
-        calls.append(1)
-        if len(calls) == 30:
-            raise ZeroDivisionError("rail broken")
-        return original(self, *arguments)
-
-    monkeypatch.setattr(target, "step", fails)
-    outcome = run_graph(setup, tmp_path, mode="composed")
-    assert outcome.failure == f"node {role} failed: ZeroDivisionError: rail broken"
-    assert outcome.summary["ticks"] == 29
-    assert message_counts(tmp_path)["/train/measurement"] == 30
-    assert "rail broken" in (tmp_path / "log" / f"{role}.traceback.txt").read_text()
-
-
-@pytest.mark.parametrize(
-    ("role", "topic"), [("profile", "ato/reference"), ("observer", "ato/estimate"), ("controller", "ato/command")]
-)
-def test_a_silent_node_is_named(role, topic, setup, tmp_path, monkeypatch):
-    """Fails when the run goes on with old values, hangs, or blames the node at the end of the chain."""
-    original = NodeEndpoints.publish
-
-    def swallows(self, name, message):
-        if name != topic or message.stamp < 20 * TICK:
-            original(self, name, message)
-
-    monkeypatch.setattr(NodeEndpoints, "publish", swallows)
-    outcome = run_graph(setup, tmp_path, mode="composed", timeout=2.0)
-    assert outcome.failure == f"node {role} failed: no answer to stamp 2.000 s within 2 s"
-    assert outcome.summary["ticks"] == 20
-
-
-def test_a_lost_message_fails_the_run_by_its_topic(setup, tmp_path, domain, monkeypatch):
-    """The count says sent, the recorder never got it: as a queue that overflowed would look."""
-    original = NodeEndpoints.publish
-
-    def loses(self, name, message):
-        if name == "ato/estimate" and message.stamp == 119 * TICK:
-            self.published["train/vehicles"] = self.published.get("train/vehicles", 0) + 1
-        original(self, name, message)
-
-    monkeypatch.setattr(NodeEndpoints, "publish", loses)
-    end = run_composed(setup, tmp_path, domain, GraphOptions(draining=3.0))
-    assert end.failure == "node recorder failed: 121 messages of train/vehicles are recorded, 122 were published"
-    assert (tmp_path / "run.mcap").is_file()
-
-
-def test_a_full_disk_fails_the_recorder_by_name(setup, tmp_path, monkeypatch):
-    from train_ato.log.mcap_writer import McapWriter
-
-    def full(self, data):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(McapWriter, "write_chunk", full)
-    outcome = run_graph(setup, tmp_path, mode="composed")
-    assert outcome.failure.startswith("node recorder failed: ")
-    assert "No space left on device" in outcome.failure
-    assert not (tmp_path / "run.mcap").exists()
 
 
 def _answer(bench, publisher, stamp, force=0.0):
@@ -443,126 +289,16 @@ def test_paced_runs_hold_the_last_command_and_count_late_ones(make):
     assert bench.watch.failure is None
 
 
-def _set(node, name, value):
-    return node.set_parameters([Parameter(name, value=value)])[0]
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "says"),
-    [
-        ("controller", "pidd", "did you mean 'pid'"),
-        ("controller", 3, ""),
-        ("pid.kp", float("nan"), ""),
-        ("pid.kp", -1e30, ""),
-        ("pid.kp", 5, ""),
-        ("pid.kq", 5.0, ""),
-    ],
-)
-def test_wrong_parameters_are_refused_and_the_old_law_goes_on(make, name, value, says):
-    bench = make(Role.CONTROLLER)
-    node = bench.endpoints.node
-    before = {p: node.get_parameter(p).value for p in ("controller", "pid.kp")}
-    try:
-        result = _set(node, name, value)
-        refused, reason = not result.successful, result.reason
-    except Exception as error:
-        refused, reason = True, str(error)
-    assert refused
-    assert says in reason
-    assert reason
-    assert {p: node.get_parameter(p).value for p in before} == before
-    assert bench.node.stage.controller == before["controller"]
-
-
-def test_parameters_of_all_laws_have_ranges_and_meanings(make):
-    """Fails if a parameter has no range or description: rclpy accepts NaN for a double without a range."""
-    bench = make(Role.CONTROLLER)
-    names = [name for name in bench.endpoints.node._parameters if "." in name and not name.startswith("qos")]
-    assert {name.split(".")[0] for name in names} >= {"pid", "smc"}
-    answer = bench.call(DescribeParameters, "controller/describe_parameters", names=names)
-    for descriptor in answer.descriptors:
-        if descriptor.type == Parameter.Type.DOUBLE.value:
-            (limits,) = descriptor.floating_point_range
-            assert limits.from_value < limits.to_value
-        assert len(descriptor.description) > 5, descriptor.name
-
-
-@pytest.mark.parametrize(
-    ("given", "says"),
-    [
-        ("controler:=smc", "did you mean 'controller'"),
-        ("pid.kpp:=1.0", "did you mean 'pid.kp'"),
-        ("pid.kp:=-1.0e30", "pid.kp"),
-        ("pid.kp:=.nan", "pid.kp"),
-        ("pid.kp:=1", "pid.kp"),
-        ("controller:=nosuch", "nosuch"),
-    ],
-)
-def test_wrong_parameters_at_the_start_are_refused(make, given, says):
-    """Rclpy ignores a misspelt name; the run would continue with the default."""
-    with pytest.raises(ValueError, match=r"controller|pid") as caught:
-        make(Role.CONTROLLER, arguments=["--ros-args", "-p", given])
-    assert says in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_node_refused_at_its_start_leaves_the_domain(setup, domain):
-    """Breaks if it stays until the next garbage collection, as a second controller of the next run."""
-    gc.disable()
-    try:
-        with ExitStack() as stack, pytest.raises(ValueError, match="no_such") as caught:
-            Bench(stack, Role.CONTROLLER, setup, domain, arguments=["--ros-args", "-p", "controller:=no_such"])
-        with executor_of(domain) as (context, executor):
-            watcher = Node("watcher", context=context, enable_rosout=False)
-            executor.add_node(watcher)
-            wait_for(lambda: "watcher" in watcher.get_node_names(), turn=lambda: executor.spin_once(timeout_sec=LOOK_S))
-            for _ in range(10):
-                executor.spin_once(timeout_sec=0.1)
-            assert watcher.get_node_names() == ["watcher"]
-    finally:
-        gc.enable()
-    assert caught.value.__traceback__ is not None
-
-
-def test_parameters_at_the_start_are_taken(make):
-    bench = make(Role.CONTROLLER, arguments=["--ros-args", "-p", "controller:=smc", "-p", "pid.ki:=0.0"])
-    assert bench.node.stage.controller == "smc"
-    assert bench.endpoints.node.get_parameter("pid.ki").value == 0.0
-
-
-def test_the_observer_can_be_chosen_at_its_start_and_not_later(make):
-    bench = make(Role.OBSERVER, arguments=["--ros-args", "-p", "observer:=ndo"])
-    assert bench.node.stage.setup.observer == "ndo"
-    assert not _set(bench.endpoints.node, "observer", "none").successful
-    with pytest.raises(ValueError, match=r"unknown observer 'nda'.*ndo"):
-        make(Role.OBSERVER, arguments=["--ros-args", "-p", "observer:=nda"])
-
-
 def test_the_timeout_is_a_parameter_with_a_range(plant):
     bench, _ = plant
-    assert not _set(bench.endpoints.node, "timeout", float("nan")).successful
-    assert not _set(bench.endpoints.node, "timeout", 0.0).successful
-    assert not _set(bench.endpoints.node, "realtime", 2.0).successful
+    assert not set_parameter(bench.endpoints.node, "timeout", float("nan")).successful
+    assert not set_parameter(bench.endpoints.node, "timeout", 0.0).successful
+    assert not set_parameter(bench.endpoints.node, "realtime", 2.0).successful
     bench.node.begin()
     assert not bench.node.overdue
-    assert _set(bench.endpoints.node, "timeout", 0.001).successful
+    assert set_parameter(bench.endpoints.node, "timeout", 0.001).successful
     bench.settle()
     assert bench.node.overdue
-
-
-def test_a_planned_swap_is_shown_by_the_parameter_and_has_no_jump(setup, tmp_path, domain):
-    """The first output after a swap equals the last command before it, up to the usual change of a tick."""
-    swapping = prepare(*load_scenario("demo", ("duration=40", "controller_changes=[{at: 30, controller: smc}]")))
-    shown = []
-    original = ControllerNode._sync_parameters
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ControllerNode, "_sync_parameters", lambda self, law: (original(self, law), shown.append(law)))
-        end = run_composed(swapping, tmp_path, domain, GraphOptions())
-    assert end.failure is None
-    assert shown == [{"controller": "smc"}]
-    commands = [m for _, _, m in read_log(tmp_path, Wire(setup.layout).decode, ("ato/command",))]
-    force = np.array([m.force[0] for m in commands])
-    assert abs(force[300] - force[299]) <= 1e-3 * np.abs(force).max()
 
 
 def test_stages_publish_what_their_topics_carry(setup):

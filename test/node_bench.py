@@ -1,0 +1,69 @@
+"""Node of the graph beside a plain node, in one process."""
+
+from __future__ import annotations
+
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from waiting import LOOK_S, wait_for
+
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import BY_NAME
+from train_ato.ros.graph.assembly import executor_of, make_node
+from train_ato.ros.nodes.endpoints import ROLES, FirstFailure, NodeEndpoints, quality_of_service
+
+
+class Bench:
+    """Node of the graph on an executor, and a plain node in the role of the others."""
+
+    def __init__(self, stack, role, setup, domain, arguments=None, **options):
+        self.context, self.executor = stack.enter_context(executor_of(domain, arguments))
+        self.watch = FirstFailure()
+        self.wire = Wire(setup.layout)
+        self.endpoints = NodeEndpoints(role, self.wire, self.context, self.watch, ROLES[:-1], arguments)
+        recorded = options.pop("recorded", False)
+        self.node = make_node(role, setup, self.endpoints, None, options.get("realtime"), 10.0, recorded)
+        self.other = Node("other", context=self.context, enable_rosout=False, start_parameter_services=False)
+        self.executor.add_node(self.endpoints.node)
+        self.executor.add_node(self.other)
+        self.heard = {}
+
+    def listen(self, *names):
+        for name in names:
+            self.heard[name] = []
+            kind = __import__(BY_NAME[name].type.split("/")[0], fromlist=["msg"])
+            message_type = getattr(__import__(f"{kind.__name__}.msg", fromlist=["x"]), BY_NAME[name].type.split("/")[2])
+            self.other.create_subscription(
+                message_type,
+                name,
+                lambda data, name=name: self.heard[name].append(self.wire.decode(name, data)),
+                quality_of_service(BY_NAME[name]),
+                raw=True,
+            )
+
+    def speaker(self, name, node=None):
+        message_type = getattr(
+            __import__(f"{BY_NAME[name].type.split('/')[0]}.msg", fromlist=["x"]), BY_NAME[name].type.split("/")[2]
+        )
+        publisher = (node or self.other).create_publisher(message_type, name, quality_of_service(BY_NAME[name]))
+        self.until(lambda: publisher.get_subscription_count() > 0)
+        return publisher
+
+    def until(self, condition):
+        """Run callbacks until a condition holds."""
+        wait_for(condition, turn=lambda: self.executor.spin_once(timeout_sec=LOOK_S))
+
+    def settle(self, turns=10):
+        """Run callbacks until messages in flight have arrived."""
+        for _ in range(turns):
+            self.executor.spin_once(timeout_sec=0.01)
+
+    def call(self, kind, name, **request):
+        client = self.other.create_client(kind, name)
+        self.until(client.service_is_ready)
+        future = client.call_async(kind.Request(**request))
+        self.until(future.done)
+        return future.result()
+
+
+def set_parameter(node, name, value):
+    return node.set_parameters([Parameter(name, value=value)])[0]

@@ -1,0 +1,128 @@
+"""Runs with all nodes in one process: recorded messages and texts of failures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from recordings import message_counts
+
+from train_ato.log.reading import read_log
+from train_ato.loop.controller import ControllerStage
+from train_ato.loop.observer import ObserverStage
+from train_ato.loop.profile import ProfileStage
+from train_ato.loop.setup import prepare
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import BY_NAME
+from train_ato.ros.graph.composed import run_composed
+from train_ato.ros.graph.graph_result import GraphOptions
+from train_ato.ros.graph.runner import run_graph
+from train_ato.ros.nodes.controller import ControllerNode
+from train_ato.ros.nodes.endpoints import NodeEndpoints
+from train_ato.scenario.scenario import load_scenario
+
+TICK = 100_000_000
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return prepare(*load_scenario("demo", ("duration=12",)))
+
+
+def test_a_composed_run_records_every_message(setup, tmp_path):
+    out = tmp_path / "run"
+    out.mkdir()
+    seen = []
+    outcome = run_graph(setup, out, mode="composed", progress=seen.append)
+    assert outcome.failure is None
+    assert not outcome.interrupted
+    recorded = {name.lstrip("/"): count for name, count in message_counts(out).items()}
+    published = {name.lstrip("/"): n for name, n in outcome.published.items() if n and BY_NAME[name].recorded}
+    assert recorded == published
+    assert recorded["train/vehicles"] == setup.ticks + 1
+    assert recorded["ato/command"] == setup.ticks
+    assert outcome.published["recorder/progress"] == (setup.ticks + 1) // 100
+    assert sorted(path.name for path in out.iterdir()) == ["metadata.yaml", "run.mcap"]
+
+
+@pytest.mark.parametrize(
+    ("role", "target"), [("profile", ProfileStage), ("observer", ObserverStage), ("controller", ControllerStage)]
+)
+def test_a_node_that_fails_is_named_and_the_log_is_closed(role, target, setup, tmp_path, monkeypatch):
+    original = target.step
+    calls = []
+
+    def fails(self, *arguments):
+        calls.append(1)
+        if len(calls) == 30:
+            raise ZeroDivisionError("rail broken")
+        return original(self, *arguments)
+
+    monkeypatch.setattr(target, "step", fails)
+    outcome = run_graph(setup, tmp_path, mode="composed")
+    assert outcome.failure == f"node {role} failed: ZeroDivisionError: rail broken"
+    assert outcome.summary["ticks"] == 29
+    assert message_counts(tmp_path)["/train/measurement"] == 30
+    assert "rail broken" in (tmp_path / "log" / f"{role}.traceback.txt").read_text()
+
+
+@pytest.mark.parametrize(
+    ("role", "topic"), [("profile", "ato/reference"), ("observer", "ato/estimate"), ("controller", "ato/command")]
+)
+def test_a_silent_node_is_named(role, topic, setup, tmp_path, monkeypatch):
+    """Fails when the run goes on with old values, hangs, or blames the node at the end of the chain."""
+    original = NodeEndpoints.publish
+
+    def swallows(self, name, message):
+        if name != topic or message.stamp < 20 * TICK:
+            original(self, name, message)
+
+    monkeypatch.setattr(NodeEndpoints, "publish", swallows)
+    outcome = run_graph(setup, tmp_path, mode="composed", timeout=2.0)
+    assert outcome.failure == f"node {role} failed: no answer to stamp 2.000 s within 2 s"
+    assert outcome.summary["ticks"] == 20
+
+
+def test_a_lost_message_fails_the_run_by_its_topic(setup, tmp_path, domain, monkeypatch):
+    """The count says sent, the recorder never got it: as a queue that overflowed would look."""
+    original = NodeEndpoints.publish
+
+    def loses(self, name, message):
+        if name == "ato/estimate" and message.stamp == 119 * TICK:
+            self.published["train/vehicles"] = self.published.get("train/vehicles", 0) + 1
+        original(self, name, message)
+
+    monkeypatch.setattr(NodeEndpoints, "publish", loses)
+    end = run_composed(setup, tmp_path, domain, GraphOptions(draining=3.0))
+    assert end.failure == "node recorder failed: 121 messages of train/vehicles are recorded, 122 were published"
+    assert (tmp_path / "run.mcap").is_file()
+
+
+def test_a_full_disk_fails_the_recorder_by_name(setup, tmp_path, monkeypatch):
+    from train_ato.log.mcap_writer import McapWriter
+
+    def full(self, data):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(McapWriter, "write_chunk", full)
+    outcome = run_graph(setup, tmp_path, mode="composed")
+    assert outcome.failure.startswith("node recorder failed: ")
+    assert "No space left on device" in outcome.failure
+    assert not (tmp_path / "run.mcap").exists()
+
+
+def test_a_planned_swap_is_shown_by_the_parameter_and_has_no_jump(setup, tmp_path, domain):
+    """The first output after a swap equals the last command before it, up to the usual change of a tick."""
+    swapping = prepare(*load_scenario("demo", ("duration=40", "controller_changes=[{at: 30, controller: smc}]")))
+    shown = []
+    original = ControllerNode._sync_parameters
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ControllerNode, "_sync_parameters", lambda self, law: (original(self, law), shown.append(law)))
+        end = run_composed(swapping, tmp_path, domain, GraphOptions())
+    assert end.failure is None
+    assert shown == [{"controller": "smc"}]
+    commands = [m for _, _, m in read_log(tmp_path, Wire(setup.layout).decode, ("ato/command",))]
+    force = np.array([m.force[0] for m in commands])
+    assert abs(force[300] - force[299]) <= 1e-3 * np.abs(force).max()

@@ -1,0 +1,123 @@
+"""Parameters of the nodes: values at the start, changes and refusals."""
+
+from __future__ import annotations
+
+import gc
+from contextlib import ExitStack
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from node_bench import Bench, set_parameter
+from rcl_interfaces.srv import DescribeParameters
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from waiting import LOOK_S, wait_for
+
+from train_ato.loop.setup import prepare
+from train_ato.messages.topics import Role
+from train_ato.ros.graph.assembly import executor_of
+from train_ato.scenario.scenario import load_scenario
+
+
+@pytest.fixture(scope="module")
+def setup():
+    return prepare(*load_scenario("demo", ("duration=12",)))
+
+
+@pytest.fixture
+def make(setup, domain):
+    with ExitStack() as stack:
+        yield lambda role, **options: Bench(stack, role, options.pop("setup", setup), domain, **options)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("controller", "pidd", "did you mean 'pid'"),
+        ("controller", 3, ""),
+        ("pid.kp", float("nan"), ""),
+        ("pid.kp", -1e30, ""),
+        ("pid.kp", 5, ""),
+        ("pid.kq", 5.0, ""),
+    ],
+)
+def test_wrong_parameters_are_refused_and_the_old_law_goes_on(make, name, value, says):
+    bench = make(Role.CONTROLLER)
+    node = bench.endpoints.node
+    before = {p: node.get_parameter(p).value for p in ("controller", "pid.kp")}
+    try:
+        result = set_parameter(node, name, value)
+        refused, reason = not result.successful, result.reason
+    except Exception as error:
+        refused, reason = True, str(error)
+    assert refused
+    assert says in reason
+    assert reason
+    assert {p: node.get_parameter(p).value for p in before} == before
+    assert bench.node.stage.controller == before["controller"]
+
+
+def test_parameters_of_all_laws_have_ranges_and_meanings(make):
+    """Fails if a parameter has no range or description: rclpy accepts NaN for a double without a range."""
+    bench = make(Role.CONTROLLER)
+    names = [name for name in bench.endpoints.node._parameters if "." in name and not name.startswith("qos")]
+    assert {name.split(".")[0] for name in names} >= {"pid", "smc"}
+    answer = bench.call(DescribeParameters, "controller/describe_parameters", names=names)
+    for descriptor in answer.descriptors:
+        if descriptor.type == Parameter.Type.DOUBLE.value:
+            (limits,) = descriptor.floating_point_range
+            assert limits.from_value < limits.to_value
+        assert len(descriptor.description) > 5, descriptor.name
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ("controler:=smc", "did you mean 'controller'"),
+        ("pid.kpp:=1.0", "did you mean 'pid.kp'"),
+        ("pid.kp:=-1.0e30", "pid.kp"),
+        ("pid.kp:=.nan", "pid.kp"),
+        ("pid.kp:=1", "pid.kp"),
+        ("controller:=nosuch", "nosuch"),
+    ],
+)
+def test_wrong_parameters_at_the_start_are_refused(make, given, says):
+    """Rclpy ignores a misspelt name; the run would continue with the default."""
+    with pytest.raises(ValueError, match=r"controller|pid") as caught:
+        make(Role.CONTROLLER, arguments=["--ros-args", "-p", given])
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_node_refused_at_its_start_leaves_the_domain(setup, domain):
+    """Breaks if it stays until the next garbage collection, as a second controller of the next run."""
+    gc.disable()
+    try:
+        with ExitStack() as stack, pytest.raises(ValueError, match="no_such") as caught:
+            Bench(stack, Role.CONTROLLER, setup, domain, arguments=["--ros-args", "-p", "controller:=no_such"])
+        with executor_of(domain) as (context, executor):
+            watcher = Node("watcher", context=context, enable_rosout=False)
+            executor.add_node(watcher)
+            wait_for(lambda: "watcher" in watcher.get_node_names(), turn=lambda: executor.spin_once(timeout_sec=LOOK_S))
+            for _ in range(10):
+                executor.spin_once(timeout_sec=0.1)
+            assert watcher.get_node_names() == ["watcher"]
+    finally:
+        gc.enable()
+    assert caught.value.__traceback__ is not None
+
+
+def test_parameters_at_the_start_are_taken(make):
+    bench = make(Role.CONTROLLER, arguments=["--ros-args", "-p", "controller:=smc", "-p", "pid.ki:=0.0"])
+    assert bench.node.stage.controller == "smc"
+    assert bench.endpoints.node.get_parameter("pid.ki").value == 0.0
+
+
+def test_the_observer_can_be_chosen_at_its_start_and_not_later(make):
+    bench = make(Role.OBSERVER, arguments=["--ros-args", "-p", "observer:=ndo"])
+    assert bench.node.stage.setup.observer == "ndo"
+    assert not set_parameter(bench.endpoints.node, "observer", "none").successful
+    with pytest.raises(ValueError, match=r"unknown observer 'nda'.*ndo"):
+        make(Role.OBSERVER, arguments=["--ros-args", "-p", "observer:=nda"])

@@ -1,0 +1,89 @@
+"""Installation without ROS packages: the engine runs, and the README names its requirements."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import importlib.metadata
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+ROOT = Path(__file__).resolve().parents[1]
+SHORT = {"duration": 20}
+
+
+def declared() -> list[str]:
+    """Return the requirements of the package without those of ROS."""
+    calls = [node for node in ast.walk(ast.parse((ROOT / "setup.py").read_text())) if isinstance(node, ast.keyword)]
+    (found,) = [node.value for node in calls if node.arg == "install_requires"]
+    assert isinstance(found, ast.List)
+    return [entry.value for entry in found.elts if isinstance(entry, ast.Constant)]
+
+
+def closure(requirements: list[str]) -> dict[str, importlib.metadata.Distribution]:
+    """Return the installed distributions of requirements, with their dependencies."""
+    found: dict[str, importlib.metadata.Distribution] = {}
+    waiting = list(requirements)
+    while waiting:
+        wanted = Requirement(waiting.pop())
+        key = re.sub(r"[-_.]+", "-", wanted.name).lower()
+        if key not in found and (wanted.marker is None or wanted.marker.evaluate({"extra": ""})):
+            found[key] = importlib.metadata.distribution(wanted.name)
+            waiting += found[key].requires or []
+    return found
+
+
+@pytest.mark.slow
+def test_the_engine_runs_where_no_ros_package_is_installed(tmp_path):
+    """Breaks if the engine, a table or the help needs ROS, a requirement is undeclared, or an error omits ROS."""
+    site = tmp_path / "site"
+    site.mkdir()
+    for distribution in closure(declared()).values():
+        for top in {Path(file).parts[0] for file in distribution.files or ()} - {"..", "__pycache__"}:
+            place = Path(distribution.locate_file(top))
+            if place.exists() and not (site / top).exists():
+                (site / top).symlink_to(place)
+    start = f"import sys; sys.path[:0] = [{str(site)!r}, {str(ROOT)!r}]\n"
+
+    def python(code):
+        return subprocess.run(
+            [sys.executable, "-I", "-S", "-c", start + code], cwd=tmp_path, capture_output=True, text=True, check=False
+        )
+
+    def command(*arguments):
+        return python(f"from train_ato.cli import main; sys.exit(main({list(arguments)!r}))")
+
+    assert "No module named 'rclpy'" in python("import rclpy").stderr
+    done = python(
+        "import train_ato as ta; run = ta.run('demo', set={'duration': 20})\n"
+        "print(len(run['train/measurement'])); run.save('saved')\n"
+    )
+    assert (done.returncode, done.stdout) == (0, "200\n"), done.stderr
+    for arguments in (
+        ["run", "demo", "--engine", "--set", "duration=20", "--out", "run"], ["--help"], ["list"], ["info", "run"],
+        ["verify", "saved"], ["report", "run"], ["export", "run"],
+        ["compare", "demo", "--controllers", "pid,smc", "--set", "duration=10"],
+    ):  # fmt: skip
+        done = command(*arguments)
+        assert done.returncode == 0, (arguments, done.stderr)
+    for arguments in (
+        ["run", "demo"], ["run", "demo", "--processes"], ["param", "controller=smc"], ["inject", "pause"],
+        ["replay", "run"], ["view"],
+    ):  # fmt: skip
+        done = command(*arguments)
+        assert done.returncode == 2, (arguments, done.stderr)
+        assert len(done.stderr.splitlines()) == 1 and "ROS 2 is not installed" in done.stderr, (arguments, done.stderr)
+    done = python("import train_ato as ta; ta.run('demo', mode='composed')")
+    assert "ValueError: ROS 2 is not installed (no rclpy); run the engine" in done.stderr
+
+
+def test_the_readme_installs_every_requirement_without_ros():
+    """Breaks if the command for an installation without ROS omits a requirement of setup.py."""
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"pip install --no-deps \. && pip install ((?:[^\\\n]|\\\n)*)", readme)
+    assert sorted(line.replace("\\\n", " ").split()) == sorted(Requirement(entry).name for entry in declared())
