@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from contextlib import ExitStack
 
 import numpy as np
@@ -23,7 +24,7 @@ from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by
 from train_ato.messages.types import Command, Reference, Tick, Trajectory
-from train_ato.ros.nodes.plant import LEAD, PlantNode, silent_node
+from train_ato.ros.nodes.plant import LEAD, SUSPENDED_S, PlantNode, silent_node
 from train_ato.scenario.scenario import load_scenario
 
 TICK = 100_000_000
@@ -295,10 +296,21 @@ def test_the_timeout_is_a_parameter_with_a_range(plant):
     assert not set_parameter(bench.endpoints.node, "timeout", 0.0).successful
     assert not set_parameter(bench.endpoints.node, "realtime", 2.0).successful
     bench.node.begin()
-    assert not bench.node.overdue
+    assert not bench.node.check_overdue()
     assert set_parameter(bench.endpoints.node, "timeout", 0.001).successful
     bench.settle()
-    assert bench.node.overdue
+    assert bench.node.check_overdue()
+
+
+def test_a_suspension_of_the_plant_is_no_silence_of_the_others(plant):
+    """Breaks if the plant fails the run by the name of another node as soon as its process continues."""
+    node = plant[0].node
+    assert set_parameter(plant[0].endpoints.node, "timeout", 1.0).successful
+    node.begin()
+    time.sleep(SUSPENDED_S + 0.2)  # as after SIGSTOP: no check for a while
+    assert not node.check_overdue()
+    wait_for(node.check_overdue)
+    assert node.suspended > SUSPENDED_S
 
 
 def test_stages_publish_what_their_topics_carry(setup):

@@ -32,6 +32,7 @@ from train_ato.ros.graph.graph_result import GraphOptions, GraphResult
 from train_ato.ros.graph.processes import NodeProcess
 from train_ato.ros.graph.runner import run_graph
 from train_ato.ros.nodes.endpoints import ROLES
+from train_ato.ros.nodes.plant import LEASE_S
 from train_ato.scenario.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -97,6 +98,34 @@ def test_a_node_that_dies_or_hangs_is_named(victim, number, limit, says, setup, 
     assert nothing_left(tmp_path)
     wait_for(lambda: not shared_memory.abandoned())
     assert message_counts(tmp_path)["/train/measurement"] >= 50
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seconds", "says"),
+    [
+        (
+            LEASE_S + 2.0,
+            r"node plant failed: its process was suspended for \d+\.\d s; after 3 s the other .*",
+        ),
+        (None, r"node plant failed: no report for 25 s after tick \d+; its process hangs"),
+    ],
+)
+def test_a_suspended_plant_is_named(seconds, says, setup, tmp_path):
+    """Breaks if another node is named, or the runner waits for ever for a plant without reports."""
+    suspended = []
+
+    def strike(progress):
+        if progress.simulated > 5 and not suspended:
+            suspended.append(processes_of(tmp_path)["plant"])
+            os.kill(suspended[0], signal.SIGSTOP)
+            if seconds is not None:
+                threading.Timer(seconds, os.kill, (suspended[0], signal.SIGCONT)).start()
+
+    outcome = run_graph(setup, tmp_path, mode="processes", progress=strike, timeout=5.0, realtime=PACED)
+    assert re.fullmatch(says, outcome.failure)
+    assert outcome.summary["status"] == "failed"
+    assert nothing_left(tmp_path)
 
 
 @pytest.mark.parametrize(

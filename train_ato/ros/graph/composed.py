@@ -159,7 +159,7 @@ class _Composed:
 
     def _look(self) -> None:
         """Fail the run by the node whose answer is overdue."""
-        if self._plant.overdue:
+        if self._plant.check_overdue():
             last = {role: endpoints.last_stamp for role, endpoints in self._all_endpoints.items()}
             silent = silent_node(last, self._plant.stamp, self._plant.blocked)
             self._watch.fail(

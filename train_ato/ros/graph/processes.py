@@ -18,11 +18,14 @@ from train_ato.messages.topics import Role
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.environment import variables
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult, Report
+from train_ato.ros.nodes.plant import SUSPENDED_S
 
 ROLES = (Role.RECORDER, Role.CONTROLLER, Role.OBSERVER, Role.PROFILE, Role.PLANT)
 """Start order of the processes."""
 _STARTING_S = 180.0
 """Maximum wall time from the start of the processes to the first tick [s]."""
+_REPORTING_S = 20.0
+"""Wall time added to the time-out after which a plant without reports hangs [s]; at the end 10 s pass without one."""
 _LEAVING_S = 5.0
 """Wall time for a node to end after a failure of the run [s]."""
 _CLOSING_S = 30.0
@@ -59,7 +62,7 @@ def run_processes(
         try:
             for role in ROLES:
                 nodes[role] = NodeProcess(role, _arguments(role, scenario, folder, options), domain, folder / "log")
-            end = GraphResult(failure=_supervise(nodes, interrupt, report))
+            end = GraphResult(failure=_supervise(nodes, interrupt, report, _REPORTING_S + options.patience))
         finally:
             _end_all(nodes, failed=True)
             shared_memory.clean()
@@ -86,11 +89,14 @@ class NodeProcess:
     ----------
     counts : dict
         Integers that the node has printed, by name.
+    reported : float
+        Monotonic wall time of the last report [s].
     """
 
     def __init__(self, role: Role, arguments: list[str], domain: int, log_folder: Path) -> None:
         self.role = role
         self.counts: dict[str, list[int]] = {}
+        self.reported = time.monotonic()
         self._errors = log_folder / f"{role.value}.stderr.txt"
         environment = {**os.environ, **variables(domain, log_folder)}
         paths = [_PACKAGE_ROOT, *filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))]
@@ -116,6 +122,7 @@ class NodeProcess:
             name, _, values = line.rpartition(":")
             with contextlib.suppress(ValueError):  # a print of a law or a library
                 self.counts[name] = [int(value) for value in values.split()]
+                self.reported = time.monotonic()
 
     @property
     def tick(self) -> int:
@@ -172,28 +179,37 @@ def _arguments(role: Role, scenario: Path, folder: Path, options: GraphOptions) 
     return arguments
 
 
-def _supervise(nodes: dict[Role, NodeProcess], interrupt: Interrupt, report: Report | None) -> str | None:
-    """Wait until all nodes have ended after the plant; return the first failure."""
+def _supervise(
+    nodes: dict[Role, NodeProcess], interrupt: Interrupt, report: Report | None, silence: float
+) -> str | None:
+    """Wait until all nodes have ended after the plant; return the first failure.
+
+    A plant without a report for ``silence`` [s] fails the run.
+    """
     plant = nodes[Role.PLANT]
     last = time.monotonic() + _STARTING_S
     stopped = False
     while plant.process.poll() is None:
+        before = time.monotonic()
         time.sleep(_TURN_S)
+        if time.monotonic() - before > SUSPENDED_S:  # this process was suspended; the reports wait in the pipes
+            continue
         if failure := _failure(nodes):
             return failure
         if interrupt.asked and not stopped:
             stopped = True
             plant.process.send_signal(signal.SIGINT)
             last = time.monotonic() + _CLOSING_S
-        if plant.counts:
+        if plant.counts and not stopped:
+            last = plant.reported + silence
             if report is not None:
                 report(plant.tick)
-            if not stopped:
-                last = time.monotonic() + _STARTING_S
-        elif time.monotonic() > last:
+        if time.monotonic() > last:
+            if stopped:
+                return f"node plant failed: it did not end within {_CLOSING_S:g} s"
+            if plant.counts:
+                return f"node plant failed: no report for {silence:g} s after tick {plant.tick}; its process hangs"
             return f"node plant failed: no first tick within {_STARTING_S:g} s: {plant.last_error or 'no reason given'}"
-        if stopped and time.monotonic() > last:
-            return f"node plant failed: it did not end within {_CLOSING_S:g} s"
     _end_all(nodes, failed=bool(failure := _failure(nodes)))
     return failure or _failure(nodes)
 

@@ -22,6 +22,12 @@ from train_ato.ros.nodes.plant_requests import PlantRequests
 
 LEAD = 400
 """Maximum lead of the plant over the recorder [ticks]: less than half of the recorder's queues."""
+CHECK_S = 0.1
+"""Period of the checks for a due answer [s]."""
+SUSPENDED_S = 1.0
+"""Wall time between two of these checks above which the process was suspended [s]."""
+LEASE_S = 3.0
+"""Suspension after which nodes of other processes drop this one [s]: ``leaseDuration`` of fastdds.xml."""
 SHORTEST_WAIT_S = 0.0005
 """Minimum wait before a tick [s]; shorter waits are omitted."""
 
@@ -52,6 +58,8 @@ class PlantNode:
         True while only single steps begin a tick.
     sent_stamp : int
         Stamp of the last measurement sent [ns], -1 before the first.
+    suspended : float
+        Longest suspension of the process [s].
     ignored, late, held : int
         Numbers of duplicate or unexpected answers, of commands after their tick, and of ticks without a command.
     """
@@ -80,7 +88,8 @@ class PlantNode:
         self._pipe: Pipe | None = None
         self._answered = {"command": -1, "pipe": -1}
         self._acknowledged = 0
-        self._heard = time.monotonic()
+        self._heard = self._checked = time.monotonic()
+        self.suspended = 0.0
         self._requests = PlantRequests(self, endpoints, realtime or 0.0, timeout, pace, scenario)
         given = self._requests.given
         self._period = stage.setup.tick_ns / given["realtime"] if given["realtime"] > 0 else None
@@ -95,11 +104,6 @@ class PlantNode:
                 "recorder/progress": self._on_recorder_progress,
             }
         )
-
-    @property
-    def overdue(self) -> bool:
-        """True if an answer is due for longer than the time-out."""
-        return self.silent_for() > self.timeout
 
     @property
     def answered(self) -> bool:
@@ -119,7 +123,7 @@ class PlantNode:
     def begin(self) -> None:
         """Send the first measurement; all further ticks follow from messages and the timer."""
         self._begun = True
-        self._heard = time.monotonic()
+        self._heard = self._checked = time.monotonic()
         if self._period is not None:
             self._wake_every(self._period)
         self._next()
@@ -133,6 +137,18 @@ class PlantNode:
         self._stopping = True
         if not self._waiting:
             self.endpoints.guard(self._next)
+
+    def check_overdue(self) -> bool:
+        """Return True if an answer is due for longer than the time-out.
+
+        A suspension of this process counts as one period, so that the answers sent meanwhile can be read.
+        """
+        gap = time.monotonic() - self._checked
+        self._checked += gap
+        if gap > SUSPENDED_S:
+            self._heard += gap - CHECK_S
+            self.suspended = max(self.suspended, gap)
+        return self.silent_for() > self.timeout
 
     def silent_for(self) -> float:
         """Return the wall time of waiting for a due answer [s]; 0 if none is due."""

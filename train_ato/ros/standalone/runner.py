@@ -6,6 +6,7 @@ The other nodes end after the plant; the recorder ends after the last publisher.
 from __future__ import annotations
 
 import gc
+import signal
 import sys
 import threading
 import time
@@ -17,7 +18,7 @@ from train_ato.messages.topics import BY_NAME, Role
 from train_ato.ros.graph.environment import opened_by
 from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
 from train_ato.ros.nodes.endpoints import NodeEndpoints
-from train_ato.ros.nodes.plant import silent_node
+from train_ato.ros.nodes.plant import LEASE_S, silent_node
 from train_ato.ros.standalone.discovery import OTHERS, Discovery, answer_ready
 
 TURN_S = 0.1
@@ -66,6 +67,7 @@ class StandaloneRunner:
         self._executor = executor
         self._stopped = stopped
         self._attached = attached
+        self._continued = threading.Event()
         self._met = False
         self.first_heard = self.last_heard = 0.0
         self._discovery = Discovery(endpoints, fingerprint, recorded) if role is Role.PLANT else None
@@ -140,6 +142,7 @@ class StandaloneRunner:
         if not self._wait_for_nodes():
             return
         self.node.follow_recorder()
+        signal.signal(signal.SIGCONT, lambda *_: self._continued.set())
         begin = time.perf_counter_ns()
         self.endpoints.guard(self.node.begin)
         look = 0.0
@@ -181,8 +184,15 @@ class StandaloneRunner:
             self._executor.spin_once(timeout_sec=TURN_S)
 
     def _check_answers(self) -> None:
-        """Fail the run by the name of the silent node if an answer is overdue."""
-        if self.node.overdue:
+        """Fail the run by the name of the silent node if an answer is overdue, or of a plant that was suspended."""
+        overdue = self.node.check_overdue()
+        if self._continued.is_set() and self.node.suspended > LEASE_S:
+            self.endpoints.watch.fail(
+                self.role.value,
+                f"its process was suspended for {self.node.suspended:.1f} s; "
+                f"after {LEASE_S:g} s the other nodes drop it and messages are lost",
+            )
+        elif overdue:
             assert self._discovery is not None
             blocked, stamp = self.node.blocked, self.node.stamp
             last = self._discovery.last_stamps(lambda: self._executor.spin_once(timeout_sec=TURN_S))
