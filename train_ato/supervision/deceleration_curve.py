@@ -76,9 +76,7 @@ class DecelerationCurve:
         raise ValueError(f"more than {MAX_PIECES} arcs of a braking curve; simplify the gradients")
 
     @staticmethod
-    def _forward(
-        d: float, v: float, brake: StepFunction, gradient: StepFunction
-    ) -> list[tuple[float, float, float]]:
+    def _forward(d: float, v: float, brake: StepFunction, gradient: StepFunction) -> list[tuple[float, float, float]]:
         """Return speed, location and deceleration of the arcs beyond the crossing, by rising speed from 0."""
         arcs: list[tuple[float, float, float]] = []
         while v > 0.0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 from train_ato.supervision.fixed_values import STANDARD_GRAVITY, FixedValues
 from train_ato.supervision.step_function import StepFunction
@@ -23,7 +24,7 @@ def lowest_under_train(grades: Sequence[tuple[float, float]], length: float) -> 
         return StepFunction.constant(0.0)
     local = StepFunction(tuple(start for start, _ in grades), (0.0, *(value for _, value in grades)))
     bounds = sorted({*local.bounds, *(bound + length for bound in local.bounds)})
-    middles = [bounds[0] - 1.0, *((a + b) / 2 for a, b in zip(bounds, bounds[1:], strict=False)), bounds[-1] + 1.0]
+    middles = [bounds[0] - 1.0, *((a + b) / 2 for a, b in pairwise(bounds)), bounds[-1] + 1.0]
     lowest = []
     first = last = 0  # pieces under rear and front; both only move forward
     for front in middles:

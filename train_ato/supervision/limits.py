@@ -99,7 +99,8 @@ class TargetLimits:
     ebd : DecelerationCurve
         Emergency-brake deceleration curve.
     sbd : DecelerationCurve or None
-        Service-brake deceleration curve of an end of authority; None without a service deceleration.
+        Service-brake deceleration curve of an end of authority; None for other targets, and without a service
+        deceleration.
     times : InterventionTimes
         Times of this target.
 
@@ -123,9 +124,8 @@ class TargetLimits:
         top = train.max_speed + TOP_MARGIN
         foot = 0.0 if target.kind == "EOA" else target.speed + EMERGENCY_MARGIN.above(target.speed)
         self.ebd = DecelerationCurve(target.location, foot, train.brake.safe, gradient, top)
-        service = train.brake.service
-        self.sbd = None if service is None else DecelerationCurve(target.eoa, 0.0, service, gradient, top)
-        self._uses_sbd = self.sbd is not None and target.kind == "EOA"
+        self._gradient, self._top = gradient, top
+        self.sbd = None if train.brake.service is None or target.kind != "EOA" else self.service_curve()
         self.floor = SupervisionSpeeds(0.0, 0.0, 0.0, 0.0) if target.kind == "EOA" else ceiling_speeds(target.speed)
 
     def compensation(self, motion: MotionEstimate) -> tuple[float, float]:
@@ -162,19 +162,21 @@ class TargetLimits:
         ValueError
             If the train has no service deceleration.
         """
-        return self.service_curve().location(speed) - speed * self.times.bs1
+        curve = self.service_curve() if self.sbd is None else self.sbd
+        return curve.location(speed) - speed * self.times.bs1
 
     def service_curve(self) -> DecelerationCurve:
-        """Return the service-brake deceleration curve, SBD.
+        """Return the service-brake deceleration curve, SBD, to the end of authority or to the target.
 
         Raises
         ------
         ValueError
-            If the train has no service deceleration.
+            If the train has no service deceleration, or it is weaker than the gradient.
         """
-        if self.sbd is None:
+        service = self.train.brake.service
+        if service is None:
             raise ValueError("A_brake_service: the curves SBD and SBI1 need a service deceleration; give it")
-        return self.sbd
+        return DecelerationCurve(self.target.eoa, 0.0, service, self._gradient, self._top)
 
     def service(self, speed: float, motion: MotionEstimate = EXACT_MOTION) -> float:
         """Return the location of the more restrictive service-brake intervention, SBI [m].
@@ -182,7 +184,7 @@ class TargetLimits:
         For an end of authority SBI1 is compared at the estimated front and SBI2 at the max safe front.
         """
         found = self.service_from_ebd(speed, motion)
-        if self._uses_sbd:
+        if self.sbd is not None:
             found = min(found, self.service_from_sbd(speed) + motion.under_reading)
         return found
 
@@ -215,7 +217,7 @@ class TargetLimits:
         warning = curve.advanced_speed(place, service + fixed.t_warning, gain, shift)
         emergency = curve.advanced_speed(place, braking, gain, shift)
         stopping = emergency if times.bs2 == 0.0 else curve.advanced_speed(place, service, gain, shift)
-        if self._uses_sbd and self.sbd is not None:
+        if self.sbd is not None:
             permitted = min(permitted, self.sbd.advanced_speed(front, times.bs1 + fixed.t_driver, 0.0, 0.0))
             warning = min(warning, self.sbd.advanced_speed(front, times.bs1 + fixed.t_warning, 0.0, 0.0))
             stopping = min(stopping, self.sbd.advanced_speed(front, times.bs1, 0.0, 0.0))

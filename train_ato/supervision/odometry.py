@@ -56,9 +56,7 @@ EXACT_MOTION = MotionEstimate()
 """Exact odometry and no acceleration."""
 
 
-def motion_estimate(
-    speed: float, acceleration: float, distance: float, balise_accuracy: float = 0.0
-) -> MotionEstimate:
+def motion_estimate(speed: float, acceleration: float, distance: float, balise_accuracy: float = 0.0) -> MotionEstimate:
     """Return the estimate with the largest errors permitted by SUBSET-041.
 
     Parameters

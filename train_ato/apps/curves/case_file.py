@@ -66,6 +66,9 @@ class CurveInputs(SiModel):
     eoa_location_m: float | None = None
     estimated_acceleration: float = Field(0.0, ge=-5, le=5, description="A_est1, and A_est2 up to 0.4 m/s²")
     speed_error_kmh: float = Field(0.0, ge=0, le=100, description="V_ura; 0: compensation inhibited")
+    V_lim_resolution_kmh: float = Field(
+        0.0, ge=0, le=10, description="rounding of the end of the first deceleration step; 0: none, as in A.3.7.3"
+    )
     Kv_int: Factor | tuple[Pair, ...] | None = None
     Kv_int_b: Factor | tuple[Pair, ...] | None = Field(None, description="passenger subset b of Kv_int")
     A_P12: float | None = Field(None, ge=0, le=5)
@@ -92,9 +95,7 @@ class CurveInputs(SiModel):
         if any(abs(grade) > 500 for _, grade in self.gradients):
             raise ValueError("gradients: a grade is above 500 ‰; give [start in m, grade in ‰]")
         self._check_steps()
-        required = (
-            ("brake_percentage",) if self.model == "lambda" else ("A_brake_emergency", "T_brake_emergency")
-        )
+        required = ("brake_percentage",) if self.model == "lambda" else ("A_brake_emergency", "T_brake_emergency")
         for key in required:
             if getattr(self, key) is None:
                 raise ValueError(f"{key}: a {self.model} train needs this key; add it")
@@ -153,7 +154,7 @@ class CurveInputs(SiModel):
         check_conversion(self.brake_percentage, self.brake_position, self.length_m, max_speed)
         kv_int = _over_speed(self.Kv_int, 1.0)
         if self.Kv_int_b is not None and self.brake_position == "PassengerTrainInP":
-            largest = basic_deceleration(self.brake_percentage).largest_up_to(max_speed)
+            largest = basic_deceleration(self.brake_percentage, self.V_lim_resolution_kmh).largest_up_to(max_speed)
             upper = _over_speed(self.Kv_int_b, 1.0)
             kv_int = passenger_kv_int(kv_int, upper, self.A_P12 or 0.0, self.A_P23 or 0.0, largest)
         return lambda_brake(
@@ -164,6 +165,7 @@ class CurveInputs(SiModel):
             kv_int,
             _steps_of(self.Kr_int, 1.0),
             1.0 if self.Kt_int is None else self.Kt_int,
+            self.V_lim_resolution_kmh,
         )
 
     def _gamma(self) -> BrakeModel:
