@@ -50,7 +50,7 @@ def execute(options: argparse.Namespace) -> int:
     if options.out is not None:
         draw_curves({name: entry["curves"] for name, entry in result.items()}, options.out)
     if options.json:
-        print_json(result)
+        print_json(result if len(result) > 1 else next(iter(result.values())))
         return 0
     for name, entry in result.items():
         _print_curves(name, entry)
@@ -149,8 +149,6 @@ def _print_curves(name: str, entry: dict[str, Any]) -> None:
         (f"{speed:g}", *(f"{rows[speed]:.2f}" if speed in rows else "" for rows in columns.values()))
         for speed in speeds
     )
-    print_table(
-        ("speed, km/h", *(f"{curve}, m" for curve in columns)), rows, title=f"{name}: distance before the target"
-    )
+    print_table(("km/h", *columns), rows, title=f"{name}: distance before the target in m")
     if reason := entry["inputs"].get("without_service_curve"):
         sys.stdout.write(f"without service-brake curve: {reason}\n")

@@ -6,7 +6,7 @@ a closed form per braking curve near the train.
 
 from __future__ import annotations
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,6 +15,7 @@ from train_ato.supervision.fixed_values import FixedValues
 from train_ato.supervision.gradient import gradient_acceleration
 from train_ato.supervision.limits import BrakingTarget, TargetLimits
 from train_ato.supervision.odometry import EXACT_MOTION, MotionEstimate
+from train_ato.supervision.release_speed import release_start
 from train_ato.supervision.step_function import StepFunction
 from train_ato.supervision.train_model import SupervisedTrain
 
@@ -60,6 +61,8 @@ class TrackSupervision:
         End of authority and supervised location.
     fixed
         Fixed values.
+    release
+        Release speed near the end of authority [m/s]; None: none is supervised.
 
     Attributes
     ----------
@@ -82,6 +85,7 @@ class TrackSupervision:
         speed_limits: Sequence[tuple[float, float]],
         end: BrakingTarget | None,
         fixed: FixedValues | None = None,
+        release: float | None = None,
     ) -> None:
         self.train, fixed = train, fixed or FixedValues()
         profile = [
@@ -100,8 +104,17 @@ class TrackSupervision:
         self.without_service_curve: str | None = None
         if end is not None:
             self.targets.append(self._end_limits(end, gradient, fixed))
-        top = self._ceilings[0].emergency
-        self._begins = [limits.indication(top, WIDEST_MOTION) - WIDEST_MOTION.under_reading for limits in self.targets]
+        self._release = None if release is None else SupervisionSpeeds(release, release, release, release)
+        self._locations = [limits.target.location for limits in self.targets]
+        self._begins = self._begins_of_rest(self._ceilings[0].emergency)
+
+    def _begins_of_rest(self, top: float) -> list[float]:
+        """Return the smallest begin of the indication [m] of each target and all later ones, at a top speed [m/s]."""
+        begins: list[float] = []
+        for limits in reversed(self.targets):
+            begin = limits.indication(top, WIDEST_MOTION) - WIDEST_MOTION.under_reading
+            begins.append(min([begin, *begins[-1:]]))
+        return begins[::-1]
 
     def _end_limits(self, end: BrakingTarget, gradient: StepFunction, fixed: FixedValues) -> TargetLimits:
         """Return the limits of the end of authority; without SBD if the service brake is missing or too weak."""
@@ -133,11 +146,13 @@ class TrackSupervision:
         """
         foremost = front + motion.under_reading
         speeds = self.ceiling(front - motion.over_reading, foremost)
-        for begin, limits in zip(self._begins, self.targets, strict=True):
-            location = limits.target.location
-            if front < begin or (foremost > location and limits.target.kind != "EOA"):
-                continue
-            found = limits.speeds(front, motion)
+        first = bisect_left(self._locations, foremost)
+        if first == len(self.targets) > 0 and self.targets[-1].target.kind == "EOA":
+            first -= 1  # an end of authority stays supervised when the train has passed it
+        for index in range(first, len(self.targets)):
+            if front < self._begins[index]:
+                break
+            found = self._target_speeds(self.targets[index], front, motion)
             speeds = SupervisionSpeeds(
                 min(speeds.permitted, found.permitted),
                 min(speeds.warning, found.warning),
@@ -145,6 +160,15 @@ class TrackSupervision:
                 min(speeds.emergency, found.emergency),
             )
         return speeds
+
+    def _target_speeds(self, limits: TargetLimits, front: float, motion: MotionEstimate) -> SupervisionSpeeds:
+        """Return the speeds of one target; the release speed from its start location on."""
+        release = self._release
+        if release is None or limits.target.kind != "EOA":
+            return limits.speeds(front, motion)
+        if front >= release_start(limits, release.emergency, motion):
+            return release
+        return limits.speeds(front, motion)
 
 
 def _permitted(speeds: SupervisionSpeeds) -> float:

@@ -37,6 +37,11 @@ CURVE_NAMES = ("EBD", "SBD", "EBI", "SBI1", "SBI2", "SBI", "Warning", "Permitted
 """Names of the curves of a case, from the target backwards."""
 MAX_STEPS = 100
 """Largest number of steps of a list; the standard has at most seven."""
+REQUIRED = {
+    "lambda": ("brake_percentage", "Kv_int", "Kr_int", "Kt_int"),
+    "gamma": ("A_brake_emergency", "T_brake_emergency"),
+}
+"""Keys of ``inputs`` that a model needs."""
 
 Factor = Annotated[float, Field(ge=0, le=2)]
 Deceleration = Annotated[float, Field(gt=0, le=5)]
@@ -95,10 +100,9 @@ class CurveInputs(SiModel):
         if any(abs(grade) > 500 for _, grade in self.gradients):
             raise ValueError("gradients: a grade is above 500 ‰; give [start in m, grade in ‰]")
         self._check_steps()
-        required = ("brake_percentage",) if self.model == "lambda" else ("A_brake_emergency", "T_brake_emergency")
-        for key in required:
+        for key in REQUIRED[self.model]:
             if getattr(self, key) is None:
-                raise ValueError(f"{key}: a {self.model} train needs this key; add it")
+                raise ValueError(f"key {key} is missing, a {self.model} train needs it; add it")
         if self.target_type == "EOA" and self.target_speed_kmh:
             raise ValueError("target_speed_kmh: an end of authority has the target speed 0; write 0 or another type")
         if self.target_speed_kmh > self.max_speed_kmh:
@@ -106,7 +110,7 @@ class CurveInputs(SiModel):
         if self.eoa_location_m is not None and self.eoa_location_m > self.target_location_m:
             raise ValueError("eoa_location_m: beyond the supervised location target_location_m; correct one of them")
         if self.Kv_int_b is not None and not (self.A_P12 or 0.0) < (self.A_P23 or 0.0):
-            raise ValueError("A_P12, A_P23: Kv_int_b needs A_P12 < A_P23; give both")
+            raise ValueError("pivots of Kv_int_b: A_P12 must be below A_P23; give both")
         return self
 
     def _check_steps(self) -> None:
@@ -117,11 +121,11 @@ class CurveInputs(SiModel):
             if not isinstance(steps, tuple):
                 continue
             if not 1 <= len(steps) <= MAX_STEPS or steps[0][0] != 0 or any(b[0] <= a[0] for a, b in pairwise(steps)):
-                raise ValueError(f"{key}: give [start, value] by rising start, the first from 0")
+                raise ValueError(f"steps of {key}: give [start, value] by rising start, the first from 0")
             most = highest.get(key, 2.0)
             least = 1e-6 if key in highest else 0.0
             if any(not least <= value <= most for _, value in steps):
-                raise ValueError(f"{key}: a value is outside {least:g} ... {most:g}; correct it")
+                raise ValueError(f"steps of {key}: a value is outside {least:g} ... {most:g}; correct it")
 
     def fixed_values(self) -> FixedValues:
         """Return the fixed values of the case."""

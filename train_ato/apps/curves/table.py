@@ -16,20 +16,23 @@ CurveTable = dict[str, list[list[float]]]
 def curve_location(limits: TargetLimits, name: str, motion: MotionEstimate) -> Callable[[float], float]:
     """Return the function from the speed [m/s] to the location [m] of a curve.
 
+    The limits from the EBD are locations of the max safe front; the function returns those of the estimated front.
+
     Raises
     ------
     ValueError
         If the curve needs a service deceleration that the train does not have.
     """
+    behind = motion.under_reading
     functions: dict[str, Callable[[float], float]] = {
         "EBD": limits.ebd.location,
-        "EBI": lambda speed: limits.emergency(speed, motion),
+        "EBI": lambda speed: limits.emergency(speed, motion) - behind,
         "SBI1": limits.service_from_sbd,
-        "SBI2": lambda speed: limits.service_from_ebd(speed, motion),
-        "SBI": lambda speed: limits.service(speed, motion),
-        "Warning": lambda speed: limits.warning(speed, motion),
-        "Permitted": lambda speed: limits.permitted(speed, motion),
-        "Indication": lambda speed: limits.indication(speed, motion),
+        "SBI2": lambda speed: limits.service_from_ebd(speed, motion) - behind,
+        "SBI": lambda speed: limits.service(speed, motion) - behind,
+        "Warning": lambda speed: limits.warning(speed, motion) - behind,
+        "Permitted": lambda speed: limits.permitted(speed, motion) - behind,
+        "Indication": lambda speed: limits.indication(speed, motion) - behind,
     }
     return limits.service_curve().location if name == "SBD" else functions[name]
 
