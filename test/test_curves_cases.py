@@ -167,6 +167,10 @@ def test_refused_inputs(
         ("[1, 2]", "holds list in place of cases"),
         ("{", "not valid JSON"),
         ("{}", "no case"),
+        (json.dumps({"inputs": LAMBDA, "curves": {"EBD": ["10"]}}), r"curves\.EBD\.0"),
+        (json.dumps({"inputs": LAMBDA, "curves": {"EBD": [[10, float("nan")]]}}), r"curves\.EBD\.0.*finite"),
+        (json.dumps({"inputs": LAMBDA, "curves": {"EBD": [True]}}), r"curves\.EBD\.0: row True is no speed"),
+        (json.dumps({"inputs": LAMBDA, "curves": {"EBD": [-1]}}), r"curves\.EBD\.0: row -1 has a speed out of range"),
         ('{"inputs": {}, "inputs": {}}', "key 'inputs' is repeated"),
         ('{"inputs": {"model": "gamma"}, "curves": {"XYZ": [1]}}', "XYZ|missing"),
     ],
@@ -200,3 +204,15 @@ def test_command_repeats_the_structure_of_its_file(tmp_path: Path, capsys: pytes
     assert (tmp_path / "x.png").read_bytes()[:4] == b"\x89PNG"
     assert main(["curves", str(FILE)]) == 0
     assert "460.60" in capsys.readouterr().out
+
+
+def test_deviation_is_the_largest_of_each_curve(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the deviation is that of another point, or speeds without a distance count."""
+    case = {"inputs": GAMMA, "curves": {"EBI": [10.0, [100.0, 461.0], [120.0, 646.0]], "EBD": [50.0]}}
+    path = tmp_path / "case.json"
+    path.write_text(json.dumps(case))
+    assert main(["curves", str(path), "--deviation", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["deviation_m"]
+    assert found == {"EBI": pytest.approx(0.96, abs=0.02), "EBD": None}
+    assert main(["curves", str(FILE), "--deviation"]) == 0
+    assert "Gamma PasInP" in capsys.readouterr().out

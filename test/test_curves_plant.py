@@ -12,6 +12,7 @@ from plant_sim import kernel as k
 from plant_sim.emergency import EmergencyBrake
 from plant_sim.library import load_consist, load_line
 from plant_sim.plant_setup import PlantSetup
+from plant_sim.traction import Envelope
 from plant_sim.train import Train
 from train_ato.apps.curves.line_curves import line_supervision
 from train_ato.cli.main import main
@@ -27,7 +28,7 @@ RUNS: list[tuple[str, str, dict[str, Any], float, float, tuple[float, ...]]] = [
     ("xuzhou_metro_3", "xuzhou_metro_test", LAG | {"grade_over_length": True}, 80, 4e3, (20, 80)),
     ("crh380a_three_units", "highspeed_286km", LAG, 350, 60e3, (100, 300)),
     ("crh380a_one_mass", "highspeed_286km", {}, 350, 100e3, (200, 350)),
-    ("freight_five", "level", LAG | {"reversing": True}, 80, 10e3, (30, 80)),
+    ("freight_five", "level", LAG | {"reversing": True}, 80, 10e3, (4, 30, 80)),
     ("freight_five", "level", LAG | {"rate_limit_kn_per_s": 20}, 80, 10e3, (30, 80)),
 ]
 
@@ -93,6 +94,19 @@ def test_traction_at_the_intervention_is_covered_by_the_estimated_acceleration()
     needed = 10e3 - limits.emergency(float(train.velocity[0]), MotionEstimate(driving))
     stopping = emergency_stop(train) - begin
     assert 0.9 * needed < stopping < needed
+
+
+@pytest.mark.parametrize("name", ["hxd1_c80_105", "hxd1_c80_210", "crh380a_eight_cars"])
+def test_deceleration_is_never_above_that_of_the_full_brakes(name: str) -> None:
+    """Breaks if a speed step has a value above the smallest force inside it, or far below it."""
+    consist, setup = load_consist(name), PlantSetup.model_validate(LAG)
+    brake = line_supervision(consist, load_line("level"), setup, 30e3, 100 / 3.6).train.brake
+    mass = sum(vehicle.mass * vehicle.rotating_mass_factor for vehicle in consist.vehicles)
+    for kmh in np.linspace(0.0, 107.0, 215):
+        factor = (2 * kmh + 150) / (3 * kmh + 150)
+        force = sum(v.shoes.standstill_force * factor for v in consist.vehicles if v.shoes is not None)
+        force += sum(Envelope(v.brake).force(kmh / 3.6) for v in consist.vehicles)
+        assert 0.9 * force / mass < brake.safe.at(kmh / 3.6) <= force / mass * (1 + 1e-12)
 
 
 def test_propagation_wave_and_filling_are_in_the_build_up_time() -> None:

@@ -142,7 +142,7 @@ def test_curve_against_small_steps(
     ordered = sorted(steps)
     brake = StepFunction(tuple(speed for speed, _ in ordered), (0.9, *(value for _, value in ordered)))
     gradient = gradient_acceleration(grades, length, None, FIXED)
-    curve = DecelerationCurve(5000.0, foot, brake, gradient, 70.0)
+    curve = DecelerationCurve(5000.0, foot, brake, gradient, 62.0, 70.0)
     place, square, dx = 5000.0, foot * foot, 0.5
     while square < 60.0**2 and place > -5000.0:
         middle = math.sqrt(square)
@@ -169,6 +169,22 @@ def test_speeds_invert_the_locations(
             continue  # limited to the target location
         found = getattr(limits.speeds(location - 30.0, motion), name)
         assert found == pytest.approx(max(speed, getattr(limits.floor, name)), abs=1e-6)
+
+
+def test_a_curve_ends_where_the_gradient_is_stronger() -> None:
+    """Breaks if a steep grade far behind or beyond the target refuses the curve, or one inside it does not."""
+    weak = StepFunction.constant(0.3)
+    steep = gradient_acceleration([(0.0, -40.0), (1000.0, 0.0), (3000.0, -40.0)], 100.0, 0.0, FIXED)
+    short = DecelerationCurve(2900.0, 0.0, weak, steep, 30.0, 60.0)
+    assert short.end_speed == pytest.approx(math.sqrt(2 * 0.3 * 1800.0)) and short.location(30.0) == pytest.approx(1400)
+    with pytest.raises(ValueError, match=r"the braking curve ends at 118\.3 km/h"):
+        short.location(33.0)
+    with pytest.raises(ValueError, match="is not stronger than the gradient"):
+        DecelerationCurve(2900.0, 0.0, weak, steep, 33.0, 60.0)
+    beyond = DecelerationCurve(2999.0, 10.0, weak, steep, 20.0, 60.0)
+    assert beyond.location(10.0) == 2999.0
+    with pytest.raises(ValueError, match="beyond its target the gradient is stronger"):
+        beyond.location(5.0)
 
 
 def test_odometry_of_subset_041() -> None:

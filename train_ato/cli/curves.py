@@ -35,6 +35,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--balise-m", type=float, metavar="D",
         help="distance since the last balise, for the errors of the odometry (default: exact odometry)",
     )  # fmt: skip
+    parser.add_argument(
+        "--deviation", action="store_true",
+        help="print the largest deviation from the distances in the file, in place of the curves",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, metavar="FILE", help="figure (.png, .pdf, .svg)")
 
 
@@ -52,8 +56,11 @@ def execute(options: argparse.Namespace) -> int:
     if options.json:
         print_json(result if len(result) > 1 else next(iter(result.values())))
         return 0
-    for name, entry in result.items():
-        _print_curves(name, entry)
+    if options.deviation:
+        _print_deviations({name: entry["deviation_m"] for name, entry in result.items()})
+    else:
+        for name, entry in result.items():
+            _print_curves(name, entry)
     if options.out is not None:
         sys.stdout.write(f"{options.out}\n")
     return 0
@@ -62,19 +69,19 @@ def execute(options: argparse.Namespace) -> int:
 def _cases(options: argparse.Namespace) -> dict[str, Any]:
     """Return inputs and curves of every case of a file."""
     from train_ato.apps.curves.case_file import read_cases
-    from train_ato.apps.curves.table import case_table
+    from train_ato.apps.curves.table import case_table, largest_deviations
 
     for key in ("at_km", "max_speed_kmh", "acceleration", "balise_m"):
         if getattr(options, key) is not None:
             raise ValueError(f"--{key.replace('_', '-')}: belongs to a scenario; write it in {options.case}")
     path = Path(options.case)
-    return {
-        name: {
-            "inputs": case.inputs.model_dump(mode="json", exclude_unset=True),
-            "curves": case_table(case, f"{path}: {name}"),
-        }
-        for name, case in read_cases(path).items()
-    }
+    found: dict[str, Any] = {}
+    for name, case in read_cases(path).items():
+        table = case_table(case, f"{path}: {name}")
+        found[name] = {"inputs": case.inputs.model_dump(mode="json", exclude_unset=True), "curves": table}
+        if options.deviation:
+            found[name]["deviation_m"] = largest_deviations(case, table)
+    return found
 
 
 def _scenario(options: argparse.Namespace) -> dict[str, Any]:
@@ -83,6 +90,8 @@ def _scenario(options: argparse.Namespace) -> dict[str, Any]:
     from train_ato.loop.scenario_data import scenario_consist, scenario_line
     from train_ato.scenario.scenario import load_scenario
 
+    if options.deviation:
+        raise ValueError("--deviation: needs distances; name a JSON file of cases")
     scenario, path = load_scenario(options.case)
     consist = scenario_consist(scenario.plant.consist, path.parent)
     line = scenario_line(scenario.plant.line, path.parent)
@@ -152,3 +161,15 @@ def _print_curves(name: str, entry: dict[str, Any]) -> None:
     print_table(("km/h", *columns), rows, title=f"{name}: distance before the target in m")
     if reason := entry["inputs"].get("without_service_curve"):
         sys.stdout.write(f"without service-brake curve: {reason}\n")
+
+
+def _print_deviations(deviations: dict[str, dict[str, float | None]]) -> None:
+    """Print the largest deviation of every case and curve [m]."""
+    from train_ato.cli.screen import print_table
+
+    curves = list(dict.fromkeys(curve for entry in deviations.values() for curve in entry))
+    rows = (
+        (name, *("" if (value := entry.get(curve)) is None else f"{value:.3f}" for curve in curves))
+        for name, entry in deviations.items()
+    )
+    print_table(("largest deviation in m", *curves), rows)

@@ -23,26 +23,36 @@ class DecelerationCurve:
         Deceleration of the brake [m/s²] over the speed [m/s].
     gradient
         Deceleration by the gradient [m/s²] over the position [m].
+    needed_speed
+        Speed that the curve must reach [m/s].
     top_speed
-        Speed up to which the curve is exact [m/s]; beyond it the last arc continues.
+        Speed at which the curve ends, unless a gradient ends it before [m/s].
 
     Attributes
     ----------
     speeds, locations, decelerations : list of float
         Ends of the arcs by rising speed [m/s] and falling location [m], and the deceleration [m/s²] of the arc from
-        each end to the next; the last arc is open-ended.
+        each end to the next.
+    end_speed : float
+        Largest speed of the curve [m/s]; infinite if its last arc has no end.
 
     Raises
     ------
     ValueError
-        If the gradient is at least as strong as the brake before the crossing. Beyond the crossing the curve ends
-        there.
+        If the gradient is at least as strong as the brake before the needed speed is reached. Above it, and beyond the
+        crossing, the curve ends there.
     """
 
     def __init__(
-        self, location: float, speed: float, brake: StepFunction, gradient: StepFunction, top_speed: float
+        self,
+        location: float,
+        speed: float,
+        brake: StepFunction,
+        gradient: StepFunction,
+        needed_speed: float,
+        top_speed: float,
     ) -> None:
-        above = self._backward(location, speed, brake, gradient, max(top_speed, speed))
+        above, self.end_speed = self._backward(location, speed, brake, gradient, needed_speed, max(top_speed, speed))
         below = self._forward(location, speed, brake, gradient)
         arcs = [*below, *above]
         self.speeds = [arc[0] for arc in arcs]
@@ -52,25 +62,25 @@ class DecelerationCurve:
 
     @staticmethod
     def _backward(
-        d: float, v: float, brake: StepFunction, gradient: StepFunction, top_speed: float
-    ) -> list[tuple[float, float, float]]:
-        """Return speed, location and deceleration of the arcs from the crossing backwards, by rising speed."""
+        d: float, v: float, brake: StepFunction, gradient: StepFunction, needed_speed: float, top_speed: float
+    ) -> tuple[list[tuple[float, float, float]], float]:
+        """Return speed, location and deceleration of the arcs before the crossing, by rising speed, and their end."""
         arcs: list[tuple[float, float, float]] = []
         while len(arcs) < MAX_PIECES:
             braking, v_end = brake.above(v)
             slope, d_end = gradient.below(d)
             a = braking + slope
-            if a <= 0.0:
+            if a <= 0.0 and (v < needed_speed or not arcs):
                 raise ValueError(_too_weak(braking, slope, d, v))
+            if a <= 0.0 or (arcs and v >= top_speed):
+                return arcs, v
             arcs.append((v, d, a))
-            if v >= top_speed:
-                return arcs
             v_end = inf if v_end is None else v_end
             d_next = d - (v_end * v_end - v * v) / (2.0 * a)
             if d_end is not None and d_next < d_end:
                 v, d = sqrt(v * v + 2.0 * a * (d - d_end)), d_end
             elif v_end == inf:
-                return arcs
+                return arcs, inf
             else:
                 v, d = v_end, d_next
         raise ValueError(f"more than {MAX_PIECES} arcs of a braking curve; simplify the gradients")
@@ -94,7 +104,18 @@ class DecelerationCurve:
         return arcs[::-1]
 
     def location(self, speed: float) -> float:
-        """Return the location [m] at which the curve has a speed >= 0 [m/s]."""
+        """Return the location [m] at which the curve has a speed >= 0 [m/s].
+
+        Raises
+        ------
+        ValueError
+            If the curve ends above or below that speed.
+        """
+        if speed > self.end_speed + 1e-9:
+            raise ValueError(
+                f"the braking curve ends at {self.end_speed * KMH:.4g} km/h; give lower speeds than "
+                f"{speed * KMH:.4g} km/h"
+            )
         i = max(bisect_left(self.speeds, speed) - 1, 0)
         v = self.speeds[i]
         if speed < v - 1e-9:
@@ -105,7 +126,7 @@ class DecelerationCurve:
         return self.locations[i] - (speed * speed - v * v) / (2.0 * self.decelerations[i])
 
     def speed(self, location: float) -> float:
-        """Return the speed [m/s] of the curve at a location [m]; 0 beyond its end."""
+        """Return the speed [m/s] of the curve at a location [m]; 0 beyond it, the last arc continued before it."""
         i = max(bisect_left(self._falling, -location) - 1, 0)
         v = self.speeds[i]
         return sqrt(max(v * v + 2.0 * self.decelerations[i] * (self.locations[i] - location), 0.0))

@@ -17,8 +17,8 @@ from train_ato.supervision.odometry import EXACT_MOTION, MotionEstimate
 from train_ato.supervision.step_function import StepFunction
 from train_ato.supervision.train_model import SupervisedTrain
 
-TOP_MARGIN = 40.0
-"""Speed above the maximum speed up to which the curves are exact [m/s]: ceiling margin and compensations."""
+MAX_ACCELERATION, MAX_SPEED_ERROR = 5.0, 10.0
+"""Largest estimated acceleration [m/s²] and speed error [m/s] for which the curves reach the compensated speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +121,12 @@ class TargetLimits:
         self.train, self.target, self.fixed = train, target, fixed
         self.speed_limit = train.max_speed if speed_limit is None else min(speed_limit, train.max_speed)
         self.times = intervention_times(train, target.speed, fixed)
-        top = train.max_speed + TOP_MARGIN
+        needed = max(train.max_speed, target.speed) + EMERGENCY_MARGIN.above(train.max_speed)
+        rise = MAX_ACCELERATION * self.times.traction + MAX_LATER_ACCELERATION * self.times.remaining
+        self._speeds = (needed, needed + MAX_SPEED_ERROR + rise)
         foot = 0.0 if target.kind == "EOA" else target.speed + EMERGENCY_MARGIN.above(target.speed)
-        self.ebd = DecelerationCurve(target.location, foot, train.brake.safe, gradient, top)
-        self._gradient, self._top = gradient, top
+        self.ebd = DecelerationCurve(target.location, foot, train.brake.safe, gradient, *self._speeds)
+        self._gradient = gradient
         self.sbd = None if train.brake.service is None or target.kind != "EOA" else self.service_curve()
         self.floor = SupervisionSpeeds(0.0, 0.0, 0.0, 0.0) if target.kind == "EOA" else ceiling_speeds(target.speed)
 
@@ -176,7 +178,7 @@ class TargetLimits:
         service = self.train.brake.service
         if service is None:
             raise ValueError("A_brake_service: the curves SBD and SBI1 need a service deceleration; give it")
-        return DecelerationCurve(self.target.eoa, 0.0, service, self._gradient, self._top)
+        return DecelerationCurve(self.target.eoa, 0.0, service, self._gradient, *self._speeds)
 
     def service(self, speed: float, motion: MotionEstimate = EXACT_MOTION) -> float:
         """Return the location of the more restrictive service-brake intervention, SBI [m].

@@ -112,7 +112,10 @@ class TrackSupervision:
         """Return the smallest begin of the indication [m] of each target and all later ones, at a top speed [m/s]."""
         begins: list[float] = []
         for limits in reversed(self.targets):
-            begin = limits.indication(top, WIDEST_MOTION) - WIDEST_MOTION.under_reading
+            try:
+                begin = limits.indication(top, WIDEST_MOTION) - WIDEST_MOTION.under_reading
+            except ValueError:  # the curve ends below the compensated speed
+                begin = -float("inf")
             begins.append(min([begin, *begins[-1:]]))
         return begins[::-1]
 

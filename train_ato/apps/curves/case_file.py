@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import json
 from itertools import pairwise
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from plant_sim.library import build_model
 from plant_sim.units import SiModel
@@ -217,11 +218,31 @@ def _over_speed(given: float | tuple[Pair, ...] | None, default: float) -> StepF
     return StepFunction(tuple(bound / KMH for bound in steps.bounds), steps.values)
 
 
-Row = Annotated[float, Field(ge=0, le=600)] | tuple[Annotated[float, Field(ge=0, le=600)], float]
+MAX_ROW_SPEED = 600.0
+"""Largest speed of a curve [km/h]."""
+
+
+def _row(value: Any) -> tuple[float, float | None]:
+    """Return speed [km/h] and distance [m] or None of a row.
+
+    Raises
+    ------
+    ValueError
+        If the row is neither a speed nor a pair of finite numbers.
+    """
+    entries = list(value) if isinstance(value, (list, tuple)) and len(value) == 2 else [value]
+    if any(isinstance(entry, bool) or not isinstance(entry, (int, float)) or not isfinite(entry) for entry in entries):
+        raise ValueError(f"row {str(value)[:60]} is no speed in km/h and no [speed, distance]; give finite numbers")
+    if not 0 <= entries[0] <= MAX_ROW_SPEED:
+        raise ValueError(f"row {str(value)[:60]} has a speed out of range; give 0 to {MAX_ROW_SPEED:g} km/h")
+    return float(entries[0]), float(entries[1]) if len(entries) == 2 else None
+
+
+Row = Annotated[tuple[float, float | None], BeforeValidator(_row)]
 
 
 class CurveCase(SiModel):
-    """One case: inputs, and for each curve its speeds [km/h], or pairs of speed and distance (not used)."""
+    """One case: inputs, and for each curve its speeds [km/h], or pairs of speed and distance for a comparison."""
 
     inputs: CurveInputs
     curves: dict[str, tuple[Row, ...]] = Field(min_length=1)
@@ -235,7 +256,11 @@ class CurveCase(SiModel):
 
     def speeds(self, name: str) -> list[float]:
         """Return the speeds of a curve [km/h]."""
-        return [row[0] if isinstance(row, tuple) else row for row in self.curves[name]]
+        return [speed for speed, _ in self.curves[name]]
+
+    def distances(self, name: str) -> list[float | None]:
+        """Return the distances of a curve in the file [m]; None for a speed without one."""
+        return [distance for _, distance in self.curves[name]]
 
 
 def read_cases(path: Path) -> dict[str, CurveCase]:

@@ -71,3 +71,12 @@ def case_table(case: CurveCase, place: str) -> CurveTable:
         return tabulate(case.inputs.limits(), case.inputs.motion(), {name: case.speeds(name) for name in case.curves})
     except ValueError as error:
         raise ValueError(f"{place}: {error}") from None
+
+
+def largest_deviations(case: CurveCase, table: CurveTable) -> dict[str, float | None]:
+    """Return the largest deviation from the distances of the file [m], by curve; None for a curve without distances."""
+    found: dict[str, float | None] = {}
+    for name, rows in table.items():
+        pairs = zip(rows, case.distances(name), strict=True)
+        found[name] = max((abs(row[1] - given) for row, given in pairs if given is not None), default=None)
+    return found
