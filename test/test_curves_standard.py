@@ -13,7 +13,7 @@ from train_ato.supervision.deceleration_curve import DecelerationCurve
 from train_ato.supervision.fixed_values import FixedValues
 from train_ato.supervision.gradient import gradient_acceleration, lowest_under_train
 from train_ato.supervision.limits import BrakingTarget, TargetLimits, intervention_times
-from train_ato.supervision.odometry import MotionEstimate, motion_estimate, position_error, speed_measurement_error
+from train_ato.supervision.odometry import MotionEstimate, motion_estimate, odometer_error, speed_measurement_error
 from train_ato.supervision.release_speed import release_speed, release_start, trip_location
 from train_ato.supervision.step_function import StepFunction
 from train_ato.supervision.track_supervision import TrackSupervision, limits_under_train
@@ -189,7 +189,7 @@ def test_a_curve_ends_where_the_gradient_is_stronger() -> None:
 
 def test_odometry_of_subset_041() -> None:
     """Breaks if the confidence of position or speed differs from 5 m + 5 %, or 2 km/h rising to 12 at 500 km/h."""
-    assert position_error(1000.0) == 55.0 and position_error(0.0, 3.0) == 8.0
+    assert odometer_error(1000.0) == 55.0 and odometer_error(0.0, 3.0) == 8.0
     assert [3.6 * speed_measurement_error(v / 3.6) for v in (0, 30, 265, 500)] == pytest.approx([2, 2, 7, 12])
     motion = motion_estimate(100 / 3.6, 0.1, 500.0)
     assert (motion.acceleration, motion.under_reading, motion.over_reading) == (0.1, 30.0, 30.0)
@@ -238,3 +238,22 @@ def test_supervision_of_a_line() -> None:
     released = TrackSupervision(train(), [(0.0, 0.0)], limits, end, release=4.0)
     assert released.evaluate(4995.0).emergency == 4.0
     assert released.evaluate(4500.0) == supervision.evaluate(4500.0)
+
+
+def test_every_target_within_reach_is_evaluated() -> None:
+    """Breaks if a target is skipped whose limits are lower than the ceiling, at any position and odometry error."""
+    limits = [(0.0, 45.0), (3000.0, 30.0), (3500.0, 25.0), (3600.0, 40.0), (6000.0, 10.0), (9000.0, 45.0)]
+    supervision = TrackSupervision(
+        train(service_command=True), [(0.0, 0.0), (5000.0, -15.0)], limits, BrakingTarget(12e3, kind="EOA")
+    )
+    for place in range(-2000, 12500, 37):
+        motion = MotionEstimate(0.3, 1.0, 40.0, 25.0)
+        found = supervision.evaluate(float(place), motion)
+        every = [supervision.ceiling(place - 25.0, place + 40.0)]
+        every += [
+            entry.speeds(float(place), motion)
+            for entry in supervision.targets
+            if place + 40.0 <= entry.target.location or entry.target.kind == "EOA"
+        ]
+        for name in ("permitted", "warning", "service", "emergency"):
+            assert getattr(found, name) == min(getattr(speeds, name) for speeds in every), (place, name)

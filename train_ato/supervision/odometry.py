@@ -12,7 +12,7 @@ SPEED_ERROR, SPEED_KNEE, SPEED_ERROR_TOP, SPEED_TOP = 2.0, 30.0, 12.0, 500.0
 """Speed error up to the knee, and linear from there to the top speed [km/h]: SUBSET-041, 5.3.1.2."""
 
 
-def position_error(distance: float, balise_accuracy: float = 0.0) -> float:
+def odometer_error(distance: float, balise_accuracy: float = 0.0) -> float:
     """Return the largest error of the position [m] at a distance since the last balise [m].
 
     Parameters
@@ -64,7 +64,7 @@ def motion_estimate(speed: float, acceleration: float, distance: float, balise_a
     speed, acceleration
         Measured speed [m/s] and acceleration [m/s²].
     distance, balise_accuracy
-        As in :func:`position_error`.
+        As in :func:`odometer_error`.
     """
-    error = position_error(distance, balise_accuracy)
+    error = odometer_error(distance, balise_accuracy)
     return MotionEstimate(acceleration, speed_measurement_error(speed), error, error)
