@@ -12,6 +12,9 @@ from train_ato.supervision.fixed_values import KMH
 
 FIGURES = (".png", ".pdf", ".svg")
 MAX_SPEED_KMH = 600.0
+DEVIATION_TITLE = "largest deviation in m"
+WIDTH = 11
+"""Characters of a column of distances."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -148,28 +151,25 @@ def _train_data(supervision: Any) -> dict[str, Any]:
 
 
 def _print_curves(name: str, entry: dict[str, Any]) -> None:
-    """Print one table: a row for each speed, a column for each curve."""
-    from train_ato.cli.screen import print_table
-
+    """Print one table: a row for each speed, a column for each curve; in full width also in a narrow terminal."""
     curves: dict[str, list[list[float]]] = entry["curves"]
     columns = {curve: {row[0]: row[1] for row in rows} for curve, rows in curves.items()}
-    speeds = sorted({speed for rows in columns.values() for speed in rows})
-    rows = (
-        (f"{speed:g}", *(f"{rows[speed]:.2f}" if speed in rows else "" for rows in columns.values()))
-        for speed in speeds
-    )
-    print_table(("km/h", *columns), rows, title=f"{name}: distance before the target in m")
+    lines = [f"{name}: distance before the target in m", "  km/h" + "".join(f"{curve:>{WIDTH}}" for curve in columns)]
+    for speed in sorted({speed for rows in columns.values() for speed in rows}):
+        cells = (f"{rows[speed]:{WIDTH}.2f}" if speed in rows else " " * WIDTH for rows in columns.values())
+        lines.append(f"{speed:6g}" + "".join(cells))
+    sys.stdout.write("\n".join(line.rstrip() for line in lines) + "\n")
     if reason := entry["inputs"].get("without_service_curve"):
         sys.stdout.write(f"without service-brake curve: {reason}\n")
 
 
 def _print_deviations(deviations: dict[str, dict[str, float | None]]) -> None:
     """Print the largest deviation of every case and curve [m]."""
-    from train_ato.cli.screen import print_table
-
     curves = list(dict.fromkeys(curve for entry in deviations.values() for curve in entry))
-    rows = (
-        (name, *("" if (value := entry.get(curve)) is None else f"{value:.3f}" for curve in curves))
-        for name, entry in deviations.items()
-    )
-    print_table(("largest deviation in m", *curves), rows)
+    widest = max(len(name) for name in (*deviations, DEVIATION_TITLE))
+    lines = [f"{DEVIATION_TITLE:{widest}}" + "".join(f"{curve:>{WIDTH}}" for curve in curves)]
+    for name, entry in deviations.items():
+        values = (entry.get(curve) for curve in curves)
+        cells = (" " * WIDTH if value is None else f"{value:{WIDTH}.3f}" for value in values)
+        lines.append(f"{name:{widest}}" + "".join(cells))
+    sys.stdout.write("\n".join(line.rstrip() for line in lines) + "\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from train_ato.supervision.fixed_values import KMH
 
@@ -28,8 +29,7 @@ SERVICE_MARGIN = CeilingMargin(5.5, 10.0, 110.0, 210.0)
 EMERGENCY_MARGIN = CeilingMargin(7.5, 15.0, 110.0, 210.0)
 
 
-@dataclass(frozen=True, slots=True)
-class SupervisionSpeeds:
+class SupervisionSpeeds(NamedTuple):
     """Speeds of the supervision at one position [m/s].
 
     Attributes

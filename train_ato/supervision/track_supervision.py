@@ -135,7 +135,7 @@ class TrackSupervision:
     def ceiling(self, low: float, high: float) -> SupervisionSpeeds:
         """Return the ceiling speeds [m/s] of the lowest limit between two front positions [m]."""
         first, last = bisect_right(self._starts, low), bisect_right(self._starts, high)
-        return min(self._ceilings[first : last + 1], key=_permitted)
+        return self._ceilings[first] if first == last else min(self._ceilings[first : last + 1], key=_permitted)
 
     def evaluate(self, front: float, motion: MotionEstimate = EXACT_MOTION) -> SupervisionSpeeds:
         """Return the most restrictive speeds of the limits [m/s] at an estimated front position [m].

@@ -15,6 +15,8 @@ COLOURS = {
 }  # fmt: skip
 DASHED = ("EBD", "SBD")
 """Curves of the braking train; the others are limits of a train at constant speed."""
+WIDE = 3.5
+"""Width of the line that another one may cover [pt]."""
 PANEL_HEIGHT = 4.6
 """Height of the panel of one case [in]."""
 
@@ -48,5 +50,5 @@ def _draw_table(panel: Axes, name: str, table: CurveTable) -> None:
     panel.set_ylim(bottom=0)
     panel.grid(alpha=0.3)
     panel.margins(x=0.01)
-    panel.set_title(name, loc="right", fontsize="medium")
+    panel.set_title(name, loc="left", fontsize="medium", pad=24.0)
     panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(table), frameon=False, fontsize="small")
