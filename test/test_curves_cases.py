@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from train_ato.apps.curves.case_file import CurveCase, CurveInputs, read_cases
+from train_ato.apps.curves.case_file import CurveCase, read_cases
+from train_ato.apps.curves.case_inputs import CurveInputs
 from train_ato.apps.curves.table import case_table
 from train_ato.cli.main import main
 
@@ -144,6 +145,7 @@ REFUSED: list[tuple[str, dict[str, Any], str]] = [
         "steps of Kv_int: give .start, value. by rising start",
     ),
     ("too steep", {"gradients": [[0, -100]]}, "is not stronger than the gradient"),
+    ("release without an end", {"release_computed_at_m": 0}, "release_computed_at_m: only an end of authority"),
     ("end of authority with a speed", {"target_type": "EOA", "target_speed_kmh": 30}, "target_speed_kmh: an end of"),
 ]
 
@@ -216,3 +218,25 @@ def test_deviation_is_the_largest_of_each_curve(tmp_path: Path, capsys: pytest.C
     assert found == {"EBI": pytest.approx(0.96, abs=0.02), "EBD": None}
     assert main(["curves", str(FILE), "--deviation"]) == 0
     assert "Gamma PasInP" in capsys.readouterr().out
+
+
+def test_odometry_and_release_speed_of_a_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the position error, A_est1, A_est2 or the antenna does not reach curves and release speed."""
+    inputs = GAMMA | {"t_traction_cutoff_s": 1.0, "gradients": []}
+    (exact,) = distances(inputs, "EBI", 72.0)
+    (far,) = distances(inputs | {"distance_since_balise_m": 400.0}, "EBI", 72.0)
+    assert far - exact == pytest.approx(25.0)
+    (driven,) = distances(inputs | {"A_est1": 0.5, "A_est2": 0.2}, "EBI", 72.0)  # rises: 0.5 · 1 s, 0.2 · 1.5 s
+    assert driven - exact == pytest.approx((20.8**2 - 20**2) / 2 + 0.25 * 1.0 + (0.5 + 0.15) * 1.5)
+    end = {"target_type": "EOA", "eoa_location_m": 6950.0, "release_computed_at_m": 6800.0}
+    found = {}
+    for level in (1, 2):
+        path = tmp_path / f"{level}.json"
+        path.write_text(json.dumps({"inputs": inputs | end | {"level": level}, "curves": {"EBI": [20]}}))
+        assert main(["curves", str(path), "--json"]) == 0
+        found[level] = json.loads(capsys.readouterr().out)["release"]
+    for level, trip in ((1, 6980.0), (2, 6975.0)):  # 10 m + 10 % of 150 m beyond the end, and the antenna 5 m ahead
+        reached = (found[level]["speed_kmh"] + 2.0) / 3.6
+        assert trip + 2.5 * reached + reached**2 / 2 == pytest.approx(7000.0)
+    assert main(["curves", str(path)]) == 0
+    assert f"release speed {found[2]['speed_kmh']:.2f} km/h" in capsys.readouterr().out

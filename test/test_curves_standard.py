@@ -75,6 +75,9 @@ def test_limits_with_acceleration_and_speed_error() -> None:
     reached = 20.0 + 1.0 + 1.0 + 1.2
     travelled = (20.0 + 1.0 + 0.5) * 2.0 + (20.0 + 1.0 + 1.0 + 0.6) * 3.0
     assert limits.emergency(speed, motion) == pytest.approx(1000.0 - reached**2 / 2 - travelled)
+    second = MotionEstimate(acceleration=0.5, speed_error=1.0, later_acceleration=0.1)  # V_delta2 = 0.1 · 3
+    travelled = (20.0 + 1.0 + 0.5) * 2.0 + (20.0 + 1.0 + 1.0 + 0.15) * 3.0
+    assert limits.emergency(speed, second) == pytest.approx(1000.0 - 22.3**2 / 2 - travelled)
     braking = MotionEstimate(acceleration=-0.5)
     assert limits.emergency(speed, braking) == limits.emergency(speed)
 

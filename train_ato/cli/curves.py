@@ -82,6 +82,8 @@ def _cases(options: argparse.Namespace) -> dict[str, Any]:
     for name, case in read_cases(path).items():
         table = case_table(case, f"{path}: {name}")
         found[name] = {"inputs": case.inputs.model_dump(mode="json", exclude_unset=True), "curves": table}
+        if (release := case.inputs.release(case.inputs.limits())) is not None:
+            found[name]["release"] = release
         if options.deviation:
             found[name]["deviation_m"] = largest_deviations(case, table)
     return found
@@ -159,6 +161,10 @@ def _print_curves(name: str, entry: dict[str, Any]) -> None:
         cells = (f"{rows[speed]:{WIDTH}.2f}" if speed in rows else " " * WIDTH for rows in columns.values())
         lines.append(f"{speed:6g}" + "".join(cells))
     sys.stdout.write("\n".join(line.rstrip() for line in lines) + "\n")
+    if release := entry.get("release"):
+        sys.stdout.write(
+            f"release speed {release['speed_kmh']:.2f} km/h from {release['begin_m']:.2f} m before the target\n"
+        )
     if reason := entry["inputs"].get("without_service_curve"):
         sys.stdout.write(f"without service-brake curve: {reason}\n")
 

@@ -130,6 +130,15 @@ class TargetLimits:
         self.sbd = None if train.brake.service is None or target.kind != "EOA" else self.service_curve()
         self.floor = SupervisionSpeeds(0.0, 0.0, 0.0, 0.0) if target.kind == "EOA" else ceiling_speeds(target.speed)
 
+    def _rises(self, motion: MotionEstimate) -> tuple[float, float]:
+        """Return the rise of the speed in the traction time and in the rest of the build-up time [m/s]."""
+        first = motion.acceleration
+        later = first if motion.later_acceleration is None else motion.later_acceleration
+        return (
+            max(first, 0.0) * self.times.traction,
+            min(max(later, 0.0), MAX_LATER_ACCELERATION) * self.times.remaining,
+        )
+
     def compensation(self, motion: MotionEstimate) -> tuple[float, float]:
         """Return the rise of the speed [m/s], and the distance that does not depend on the speed [m], until the EBD.
 
@@ -137,16 +146,14 @@ class TargetLimits:
         plus the distance, for speeds that are not below the target speed: 3.13.9.3.2.10.
         """
         times, error = self.times, motion.speed_error
-        first = max(motion.acceleration, 0.0) * times.traction
-        later = min(max(motion.acceleration, 0.0), MAX_LATER_ACCELERATION) * times.remaining
+        first, later = self._rises(motion)
         distance = (error + first / 2.0) * times.traction + (error + first + later / 2.0) * times.remaining
         return error + first + later, distance
 
     def emergency(self, speed: float, motion: MotionEstimate = EXACT_MOTION) -> float:
         """Return the location of the emergency-brake intervention, EBI [m]: 3.13.9.3.2.10-12."""
         times, low = self.times, self.target.speed
-        first = max(motion.acceleration, 0.0) * times.traction
-        later = min(max(motion.acceleration, 0.0), MAX_LATER_ACCELERATION) * times.remaining
+        first, later = self._rises(motion)
         now = speed + motion.speed_error
         compensated = max(now + first, low)
         distance = max(now + first / 2.0, low) * times.traction + (compensated + later / 2.0) * times.remaining

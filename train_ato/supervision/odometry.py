@@ -38,18 +38,20 @@ class MotionEstimate:
     Attributes
     ----------
     acceleration : float
-        Estimated acceleration [m/s²]; the limits use 0 to the value during the traction time (``A_est1``) and 0 to
-        0.4 m/s² afterwards (``A_est2``).
+        Estimated acceleration [m/s²]; the limits use it, if it is above 0, during the traction time (``A_est1``).
     speed_error : float
         Speed under-reading amount ``V_ura`` [m/s]; 0 if its compensation is inhibited.
     under_reading, over_reading : float
         Distance from the estimated front to the max safe front and to the min safe front [m].
+    later_acceleration : float or None
+        Acceleration after the traction time [m/s²] (``A_est2``), used from 0 to 0.4 m/s²; None: the same.
     """
 
     acceleration: float = 0.0
     speed_error: float = 0.0
     under_reading: float = 0.0
     over_reading: float = 0.0
+    later_acceleration: float | None = None
 
 
 EXACT_MOTION = MotionEstimate()
