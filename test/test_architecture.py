@@ -16,6 +16,7 @@ LAYERS = (
     "train_ato.interrupt",
     "train_ato.arguments",
     "train_ato.messages",
+    "train_ato.supervision",
     "train_ato.control",
     "train_ato.profile",
     "train_ato.scenario",

@@ -48,6 +48,7 @@ COUNTS: dict[str, int] = {
     "train_ato/profile": 0,
     "train_ato/ros": 0,
     "train_ato/scenario": 0,
+    "train_ato/supervision": 0,
 }
 """Sentences that break the rules, by room.  A number may only fall; after an improvement lower it here."""
 

@@ -35,6 +35,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("view", "show a running, a new or a recorded run in the browser"),
     ("verify", "repeat a recorded run and compare every message"),
     ("plan", "compute a speed profile from a line and a train"),
+    ("curves", "compute the braking curves and supervision limits of ETCS for cases, or for a train on a line"),
     ("driver", "simulate a driver on a multi-mass train and write the run as a speed profile"),
 )
 MODULES: dict[str, str] = {

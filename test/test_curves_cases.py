@@ -1,0 +1,242 @@
+"""Braking curves: every point of the published cases, the whole conversion model, and refused case files."""
+
+from __future__ import annotations
+
+import copy
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from train_ato.apps.curves.case_file import CurveCase, read_cases
+from train_ato.apps.curves.case_inputs import CurveInputs
+from train_ato.apps.curves.table import case_table
+from train_ato.cli.main import main
+
+FILE = Path(__file__).parent / "data" / "etcs_braking_cases.json"
+PUBLISHED: dict[str, dict[str, Any]] = json.loads(FILE.read_text())
+LAMBDA = PUBLISHED["Lambda PasInP 100%"]["inputs"]
+GAMMA = PUBLISHED["Gamma PasInP"]["inputs"]
+TOLERANCE = {"gamma": 0.05, "lambda": 0.25}
+"""Largest deviation from the published figures [m]; 0.25 m is the tolerance of their project."""
+
+
+def distances(inputs: dict[str, Any], curve: str, *speeds: float) -> list[float]:
+    """Return the distances of one curve [m]."""
+    case = CurveCase.model_validate({"inputs": inputs, "curves": {curve: speeds}})
+    return [row[1] for row in case_table(case, "test")[curve]]
+
+
+@pytest.mark.parametrize(("name", "curve"), [(n, c) for n, case in PUBLISHED.items() for c in case["curves"]])
+def test_every_published_point(name: str, curve: str) -> None:
+    """Breaks if a coefficient, a time or a rule of a curve differs from the standard."""
+    case = read_cases(FILE)[name]
+    found = case_table(case, name)[curve]
+    bound = TOLERANCE[case.inputs.model]
+    for (speed, distance), (published_speed, published) in zip(found, PUBLISHED[name]["curves"][curve], strict=True):
+        assert speed == published_speed
+        assert distance == pytest.approx(published, abs=bound), f"{name} {curve} {speed} km/h"
+
+
+@pytest.mark.parametrize("name", [n for n, case in PUBLISHED.items() if case["inputs"]["gradients"] == [[0.0, 0.0]]])
+def test_the_rest_of_the_deviation_is_a_rounded_speed(name: str) -> None:
+    """Breaks if the published level cases deviate for another reason than a first step that ends at a whole km/h."""
+    inputs = PUBLISHED[name]["inputs"] | {"V_lim_resolution_kmh": 1.0}
+    for curve, rows in PUBLISHED[name]["curves"].items():
+        found = distances(inputs, curve, *(row[0] for row in rows))
+        assert found == pytest.approx([row[1] for row in rows], abs=0.0051)  # they have two decimals
+
+
+TIMES = [  # T_be and T_bs [s] of A.3.8 and A.3.9, by hand: a + b L/100 + c (L/100)²
+    ("PassengerTrainInP", 300.0, 5.02, 8.4),
+    ("PassengerTrainInP", 900.0, 16.07, 24.6),
+    ("FreightTrainInP", 300.0, 5.02, 11.31),
+    ("FreightTrainInP", 900.0, 16.07, 27.93),
+    ("FreightTrainInP", 901.0, 16.451403, 27.995618),
+    ("FreightTrainInP", 1500.0, 30.35, 55.8),
+    ("FreightTrainInG", 300.0, 12.45, 14.08),
+    ("FreightTrainInG", 900.0, 16.05, 27.93),
+    ("FreightTrainInG", 1500.0, 30.35, 55.8),
+]
+
+
+@pytest.mark.parametrize(("position", "length", "emergency", "service"), TIMES)
+@pytest.mark.parametrize(("target", "correction"), [(0.0, 0.0), (60.0, None)])
+def test_build_up_times(
+    position: str, length: float, emergency: float, service: float, target: float, correction: float | None
+) -> None:
+    """Breaks if a position, a length step, the shortest length or the correction for target speeds is wrong."""
+    if correction is None:
+        correction = 0.16 if position == "FreightTrainInG" else 0.2
+    inputs = LAMBDA | {
+        "brake_position": position, "length_m": length, "service_brake_command": True, "target_speed_kmh": target,
+    }  # fmt: skip
+    ebd, ebi, sbi2 = (distances(inputs, curve, 90.0)[0] for curve in ("EBD", "EBI", "SBI2"))
+    assert ebi - ebd == pytest.approx(25.0 * (1 + correction) * emergency, abs=1e-6)
+    assert sbi2 - ebi == pytest.approx(25.0 * (1 + correction) * service, abs=1e-6)
+
+
+DECELERATIONS = [  # brake percentage, end of the first step [km/h] and deceleration at 10, 95, 110, 140, 170, 195 km/h
+    (30.0, 72.245, (0.301, 0.24579, 0.287485, 0.217623, 0.210945, 0.209281)),
+    (65.0, 100.584, (0.5635, 0.5635, 0.519891, 0.412313, 0.398772, 0.392701)),
+    (100.0, 120.948, (0.826, 0.826, 0.826, 0.6171, 0.5915, 0.58173)),
+    (250.0, 179.027, (1.951, 1.951, 1.951, 1.951, 1.951, 1.475119)),
+]
+
+
+@pytest.mark.parametrize(("percentage", "limit", "values"), DECELERATIONS)
+def test_basic_deceleration(percentage: float, limit: float, values: tuple[float, ...]) -> None:
+    """Breaks if a coefficient or the rule for steps below the first one is wrong."""
+    model = CurveInputs.model_validate(LAMBDA | {"brake_percentage": percentage}).train().brake.safe
+    assert model.bounds[0] * 3.6 == pytest.approx(limit, abs=1e-3)
+    found = [model.at(kmh / 3.6) for kmh in (10, 95, 110, 140, 170, 195)]
+    assert found == pytest.approx(values, abs=1e-5)
+
+
+def test_service_deceleration_is_that_of_135_percent() -> None:
+    """Breaks if the service brake uses the whole percentage, or the correction factors of the emergency brake."""
+    strong, limit = LAMBDA | {"brake_percentage": 200.0, "Kv_int": 0.5}, LAMBDA | {"brake_percentage": 135.0}
+    assert distances(strong, "SBD", 150.0) == pytest.approx(distances(limit, "SBD", 150.0))
+    assert distances(LAMBDA | {"brake_percentage": 134.0}, "SBD", 150.0)[0] > distances(limit, "SBD", 150.0)[0]
+
+
+def test_factors_over_speed_length_and_deceleration() -> None:
+    """Breaks if a factor is taken from the wrong step, or the passenger subsets are not interpolated."""
+    stepped = LAMBDA | {"Kv_int": [[0, 0.7], [80, 0.9]], "Kr_int": [[0, 1.0], [500, 0.9]]}
+    brake = CurveInputs.model_validate(stepped).train().brake.safe
+    assert brake.at(80 / 3.6) == pytest.approx(0.826 * 0.7 * 0.9)
+    assert brake.at(81 / 3.6) == pytest.approx(0.826 * 0.9 * 0.9)
+    assert CurveInputs.model_validate(stepped | {"length_m": 500.0}).train().brake.safe.at(1.0) == pytest.approx(0.5782)
+    subsets = LAMBDA | {"Kv_int": 1.0, "Kv_int_b": 0.6, "A_P12": 0.726, "A_P23": 0.926}
+    assert CurveInputs.model_validate(subsets).train().brake.safe.at(1.0) == pytest.approx(0.826 * 0.8)
+    dry = GAMMA | {"Kdry": 0.8, "Kwet": [[0, 0.9], [100, 0.5]], "available_adhesion": 0.5}
+    gamma = CurveInputs.model_validate(dry | {"A_brake_emergency": [[0, 1.2], [60, 1.0]]}).train().brake.safe
+    assert [gamma.at(kmh / 3.6) for kmh in (30, 70, 130)] == pytest.approx([0.912, 0.76, 0.6])
+
+
+REFUSED: list[tuple[str, dict[str, Any], str]] = [
+    ("lambda too small", {"brake_percentage": 29.0}, "brake_percentage: 29 % is outside the conversion model"),
+    ("lambda too large", {"brake_percentage": 251.0}, "brake_percentage: 251 % is outside the conversion model"),
+    ("too fast", {"max_speed_kmh": 205.0}, "max_speed_kmh: 205 km/h is outside the conversion model"),
+    ("passenger train too long", {"length_m": 901.0}, "length_m: 901 m is outside .*at most 900 m"),
+    ("freight train too long", {"length_m": 1501.0, "brake_position": "FreightTrainInG"}, "at most 1500 m"),
+    ("unknown key", {"lenght_m": 3.0}, "inputs.lenght_m: unknown key; did you mean 'length_m'"),
+    ("negative length", {"length_m": -700.0}, "inputs.length_m = -700.0: input should be greater than 0"),
+    ("NaN", {"length_m": float("nan")}, "inputs.length_m = nan: .*finite"),
+    ("text", {"length_m": "700"}, "inputs.length_m = '700': input should be a number, not text"),
+    ("gradients out of order", {"gradients": [[0, 1], [500, 2], [400, 0]]}, "gradients: starts must rise"),
+    ("gradient as a ratio times 1e6", {"gradients": [[0, 2000]]}, "gradients: a grade is above 500"),
+    ("unknown position", {"brake_position": "P"}, "inputs.brake_position = 'P': input should be 'PassengerTrainInP'"),
+    (
+        "without percentage",
+        {"brake_percentage": None},
+        "key brake_percentage is missing, a lambda train needs it; add it",
+    ),
+    (
+        "gamma without deceleration",
+        {"model": "gamma"},
+        "key A_brake_emergency is missing, a gamma train needs it; add it",
+    ),
+    (
+        "steps out of order",
+        {"Kv_int": [[0, 1], [90, 0.8], [80, 0.7]]},
+        "steps of Kv_int: give .start, value. by rising start",
+    ),
+    ("too steep", {"gradients": [[0, -100]]}, "is not stronger than the gradient"),
+    ("release without an end", {"release_computed_at_m": 0}, "release_computed_at_m: only an end of authority"),
+    ("end of authority with a speed", {"target_type": "EOA", "target_speed_kmh": 30}, "target_speed_kmh: an end of"),
+]
+
+
+@pytest.mark.parametrize(("what", "change", "text"), REFUSED, ids=[row[0] for row in REFUSED])
+def test_refused_inputs(
+    what: str, change: dict[str, Any], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if bad input is accepted, gives a traceback, or the line lacks file, case and key."""
+    path = tmp_path / "case.json"
+    path.write_text(json.dumps({"first": {"inputs": LAMBDA | change, "curves": {"EBD": [10]}}}))
+    assert main(["curves", str(path)]) == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1 and line.startswith(f"train-ato: {path}: first: ")
+    assert re.search(text, line), line
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[1, 2]", "holds list in place of cases"),
+        ("{", "not valid JSON"),
+        ("{}", "no case"),
+        (json.dumps({"inputs": LAMBDA, "curves": {"EBD": ["10"]}}), r"curves\.EBD\.0"),
+        (json.dumps({"inputs": LAMBDA, "curves": {"EBD": [[10, float("nan")]]}}), r"curves\.EBD\.0.*finite"),
+        (json.dumps({"inputs": LAMBDA, "curves": {"EBD": [True]}}), r"curves\.EBD\.0: row True is no speed"),
+        (json.dumps({"inputs": LAMBDA, "curves": {"EBD": [-1]}}), r"curves\.EBD\.0: row -1 has a speed out of range"),
+        ('{"inputs": {}, "inputs": {}}', "key 'inputs' is repeated"),
+        ('{"inputs": {"model": "gamma"}, "curves": {"XYZ": [1]}}', "XYZ|missing"),
+    ],
+)
+def test_refused_files(text: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a file that holds no cases gives a traceback or more than one line."""
+    path = tmp_path / "case.json"
+    path.write_text(text)
+    assert main(["curves", str(path)]) == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1 and str(path) in line
+    assert re.search(message, line), line
+
+
+def test_command_repeats_the_structure_of_its_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if --json changes names, inputs or order of the points, or a single case has another form."""
+    assert main(["curves", str(FILE), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert list(found) == list(PUBLISHED)
+    for name, case in PUBLISHED.items():
+        assert found[name]["inputs"] == case["inputs"]
+        assert {c: [row[0] for row in rows] for c, rows in found[name]["curves"].items()} == {
+            c: [row[0] for row in rows] for c, rows in case["curves"].items()
+        }
+    single = copy.deepcopy(PUBLISHED["Gamma PasInP"])
+    single["curves"] = {"EBI": [100], "SBI": [50.0]}
+    path = tmp_path / "single.json"
+    path.write_text(json.dumps(single))
+    assert main(["curves", str(path), "--json", "--out", str(tmp_path / "x.png")]) == 0
+    assert json.loads(capsys.readouterr().out)["curves"]["EBI"][0][1] == pytest.approx(460.6, abs=0.05)
+    assert (tmp_path / "x.png").read_bytes()[:4] == b"\x89PNG"
+    assert main(["curves", str(FILE)]) == 0
+    assert "460.60" in capsys.readouterr().out
+
+
+def test_deviation_is_the_largest_of_each_curve(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the deviation is that of another point, or speeds without a distance count."""
+    case = {"inputs": GAMMA, "curves": {"EBI": [10.0, [100.0, 461.0], [120.0, 646.0]], "EBD": [50.0]}}
+    path = tmp_path / "case.json"
+    path.write_text(json.dumps(case))
+    assert main(["curves", str(path), "--deviation", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["deviation_m"]
+    assert found == {"EBI": pytest.approx(0.96, abs=0.02), "EBD": None}
+    assert main(["curves", str(FILE), "--deviation"]) == 0
+    assert "Gamma PasInP" in capsys.readouterr().out
+
+
+def test_odometry_and_release_speed_of_a_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the position error, A_est1, A_est2 or the antenna does not reach curves and release speed."""
+    inputs = GAMMA | {"t_traction_cutoff_s": 1.0, "gradients": []}
+    (exact,) = distances(inputs, "EBI", 72.0)
+    (far,) = distances(inputs | {"distance_since_balise_m": 400.0}, "EBI", 72.0)
+    assert far - exact == pytest.approx(25.0)
+    (driven,) = distances(inputs | {"A_est1": 0.5, "A_est2": 0.2}, "EBI", 72.0)  # rises: 0.5 · 1 s, 0.2 · 1.5 s
+    assert driven - exact == pytest.approx((20.8**2 - 20**2) / 2 + 0.25 * 1.0 + (0.5 + 0.15) * 1.5)
+    end = {"target_type": "EOA", "eoa_location_m": 6950.0, "release_computed_at_m": 6800.0}
+    found = {}
+    for level in (1, 2):
+        path = tmp_path / f"{level}.json"
+        path.write_text(json.dumps({"inputs": inputs | end | {"level": level}, "curves": {"EBI": [20]}}))
+        assert main(["curves", str(path), "--json"]) == 0
+        found[level] = json.loads(capsys.readouterr().out)["release"]
+    for level, trip in ((1, 6980.0), (2, 6975.0)):  # 10 m + 10 % of 150 m beyond the end, and the antenna 5 m ahead
+        reached = (found[level]["speed_kmh"] + 2.0) / 3.6
+        assert trip + 2.5 * reached + reached**2 / 2 == pytest.approx(7000.0)
+    assert main(["curves", str(path)]) == 0
+    assert f"release speed {found[2]['speed_kmh']:.2f} km/h" in capsys.readouterr().out

@@ -1,0 +1,262 @@
+"""Braking curves against the formulas of SUBSET-026, 3.13, and against an integration in small steps."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from train_ato.supervision.ceiling import ceiling_speeds
+from train_ato.supervision.deceleration_curve import DecelerationCurve
+from train_ato.supervision.fixed_values import FixedValues
+from train_ato.supervision.gradient import gradient_acceleration, lowest_under_train
+from train_ato.supervision.limits import BrakingTarget, TargetLimits, intervention_times
+from train_ato.supervision.odometry import MotionEstimate, motion_estimate, odometer_error, speed_measurement_error
+from train_ato.supervision.release_speed import release_speed, release_start, trip_location
+from train_ato.supervision.step_function import StepFunction
+from train_ato.supervision.track_supervision import TrackSupervision, limits_under_train
+from train_ato.supervision.train_model import SupervisedTrain, gamma_brake
+
+FIXED = FixedValues()
+ONE = StepFunction.constant(1.0)
+LEVEL = StepFunction.constant(0.0)
+
+
+def train(emergency: float = 1.0, service: float | None = 0.7, **interfaces: object) -> SupervisedTrain:
+    brake = gamma_brake(
+        StepFunction.constant(emergency), 5.0, None if service is None else StepFunction.constant(service), 6.0, ONE,
+        ONE, 1.0,
+    )  # fmt: skip
+    return SupervisedTrain(200.0, 50.0, brake, **interfaces)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("limit", "warning", "service", "emergency"),
+    [(0, 4, 5.5, 7.5), (110, 4, 5.5, 7.5), (125, 4.5, 6.175, 8.625), (160, 5, 7.75, 11.25), (300, 5, 10, 15)],
+)
+def test_ceiling_margins(limit: float, warning: float, service: float, emergency: float) -> None:
+    """Breaks if a margin of A.3.1 or its speed range is wrong."""
+    speeds = ceiling_speeds(limit / 3.6)
+    found = [3.6 * speed - limit for speed in (speeds.permitted, speeds.warning, speeds.service, speeds.emergency)]
+    assert found == pytest.approx([0, warning, service, emergency])
+
+
+@pytest.mark.parametrize(
+    ("command", "feedback", "traction", "cut_off", "expected"),
+    [  # expected: T_traction, T_berem, T_bs1, T_bs2, indication before the permitted speed [s]; T_be 5 s, T_bs 6 s
+        (False, False, False, 0.0, (0, 5, 0, 0, 5)),
+        (False, False, False, 3.0, (3, 2, 0, 0, 5)),
+        (False, False, False, 7.0, (7, 0, 0, 0, 5)),
+        (False, False, True, 3.0, (1, 4, 0, 0, 5)),
+        (True, False, True, 3.0, (0, 5, 6, 6, 5)),
+        (True, False, True, 10.0, (2, 3, 6, 6, 5)),
+        (True, True, False, 1.0, (1, 4, 6, 6, 5)),
+    ],
+)
+def test_times_of_the_interfaces(
+    command: bool, feedback: bool, traction: bool, cut_off: float, expected: tuple[float, ...]
+) -> None:
+    """Breaks if an interface combination of 3.13.9.3.2.3 or 3.13.9.3.3.3-5 gives other times."""
+    given_train = train(
+        service_command=command, service_feedback=feedback, traction_command=traction, t_traction_cut_off=cut_off
+    )
+    times = intervention_times(given_train, 0.0, FIXED)
+    found = (times.traction, times.remaining, times.bs1, times.bs2, times.indication)
+    assert found == pytest.approx(expected)
+
+
+def test_limits_with_acceleration_and_speed_error() -> None:
+    """Breaks if V_bec or D_bec of 3.13.9.3.2.10 is wrong, or the acceleration after the traction exceeds 0.4 m/s²."""
+    limits = TargetLimits(train(t_traction_cut_off=2.0), BrakingTarget(1000.0, kind="EOA"), LEVEL, FIXED)
+    motion = MotionEstimate(acceleration=0.5, speed_error=1.0)
+    speed = 20.0  # V_delta1 = 0.5 · 2, V_delta2 = 0.4 · 3
+    reached = 20.0 + 1.0 + 1.0 + 1.2
+    travelled = (20.0 + 1.0 + 0.5) * 2.0 + (20.0 + 1.0 + 1.0 + 0.6) * 3.0
+    assert limits.emergency(speed, motion) == pytest.approx(1000.0 - reached**2 / 2 - travelled)
+    second = MotionEstimate(acceleration=0.5, speed_error=1.0, later_acceleration=0.1)  # V_delta2 = 0.1 · 3
+    travelled = (20.0 + 1.0 + 0.5) * 2.0 + (20.0 + 1.0 + 1.0 + 0.15) * 3.0
+    assert limits.emergency(speed, second) == pytest.approx(1000.0 - 22.3**2 / 2 - travelled)
+    braking = MotionEstimate(acceleration=-0.5)
+    assert limits.emergency(speed, braking) == limits.emergency(speed)
+
+
+def test_target_speed_above_zero() -> None:
+    """Breaks if the EBD does not cross the ceiling speed at the target, or V_bec falls below the target speed."""
+    target = 60 / 3.6
+    limits = TargetLimits(train(), BrakingTarget(1000.0, target), LEVEL, FIXED)
+    assert limits.ebd.location(67.5 / 3.6) == pytest.approx(1000.0)
+    assert limits.ebd.speed(1000.0) == pytest.approx(67.5 / 3.6)
+    assert limits.emergency(40 / 3.6) == limits.emergency(target)
+    assert limits.permitted(target) == pytest.approx(1000.0 + (67.5**2 - 60**2) / 3.6**2 / 2 - 9 * target)
+    weak = TargetLimits(train(emergency=0.1), BrakingTarget(1000.0, target), LEVEL, FIXED)
+    assert weak.service(target) - 4 * target > weak.permitted(target) == 1000.0
+
+
+def test_end_of_authority_uses_the_more_restrictive_curve() -> None:
+    """Breaks if SBI1 is lost, or the SvL behind the EOA does not relax SBI2."""
+    both = TargetLimits(train(), BrakingTarget(1000.0, kind="EOA", end_of_authority=900.0), LEVEL, FIXED)
+    assert both.service_from_sbd(20.0) == pytest.approx(900.0 - 400 / 1.4)
+    assert both.service_from_ebd(20.0) == pytest.approx(1000.0 - 200.0 - 100.0)
+    assert both.service(20.0) == both.service_from_sbd(20.0)
+    assert both.service(5.0) == pytest.approx(900.0 - 25 / 1.4)
+    motion = MotionEstimate(under_reading=120.0, over_reading=120.0)
+    assert both.service(20.0, motion) == both.service_from_ebd(20.0, motion)  # max safe front before estimated front
+    alone = TargetLimits(train(service=None), BrakingTarget(1000.0, kind="EOA", end_of_authority=900.0), LEVEL, FIXED)
+    assert alone.sbd is None and alone.service(20.0) == alone.service_from_ebd(20.0)
+    with pytest.raises(ValueError, match="SBD and SBI1 need a service deceleration"):
+        alone.service_from_sbd(20.0)
+
+
+def test_indication_is_constant_above_the_speed_limit() -> None:
+    """Breaks if the indication of an overspeed is that of the overspeed, or the issue 4.0.0 text has no effect."""
+    limits = TargetLimits(train(), BrakingTarget(1000.0), LEVEL, FIXED, 30.0)
+    assert limits.indication(35.0) == limits.indication(30.0) < limits.indication(29.0)
+    later = TargetLimits(train(), BrakingTarget(1000.0), LEVEL, FixedValues(driver_time_twice=True), 30.0)
+    assert limits.indication(20.0) - later.indication(20.0) == pytest.approx(4.0 * 20.0)
+
+
+def test_lowest_grade_under_the_train_and_rotating_mass() -> None:
+    """Breaks if the rear is not compensated, or the masses for uphill, downhill or a nominal value are exchanged."""
+    grades = [(1000.0, 5.0), (1500.0, -10.0), (1600.0, 20.0)]
+    lowest = lowest_under_train(grades, 300.0)
+    places = {900: 0, 1200: 0, 1299: 0, 1301: 5, 1499: 5, 1501: -10, 1899: -10, 1901: 20}
+    assert {place: lowest.at(place) for place in places} == places
+    free = gradient_acceleration(grades, 300.0, None, FIXED)
+    assert free.at(2000.0) == pytest.approx(9.81 * 20 / 1150) and free.at(1600.0) == pytest.approx(-9.81 * 10 / 1020)
+    nominal = gradient_acceleration(grades, 300.0, 6.0, FIXED)
+    assert nominal.at(2000.0) == pytest.approx(9.81 * 20 / 1060) and nominal.at(1600.0) == pytest.approx(
+        -9.81 * 10 / 1060
+    )
+
+
+GRADES = st.lists(
+    st.tuples(st.floats(0, 5000), st.floats(-20, 20)), min_size=0, max_size=8, unique_by=lambda g: round(g[0], 3)
+).map(sorted)
+STEPS = st.lists(st.tuples(st.floats(1, 60), st.floats(0.4, 1.5)), max_size=6, unique_by=lambda s: round(s[0], 3))
+
+
+@given(GRADES, STEPS, st.floats(10, 800), st.floats(0, 30))
+def test_curve_against_small_steps(
+    grades: list[tuple[float, float]], steps: list[tuple[float, float]], length: float, foot: float
+) -> None:
+    """Breaks if an arc begins or ends at a wrong speed or location, or takes a deceleration of its neighbour."""
+    ordered = sorted(steps)
+    brake = StepFunction(tuple(speed for speed, _ in ordered), (0.9, *(value for _, value in ordered)))
+    gradient = gradient_acceleration(grades, length, None, FIXED)
+    curve = DecelerationCurve(5000.0, foot, brake, gradient, 62.0, 70.0)
+    place, square, dx = 5000.0, foot * foot, 0.5
+    while square < 60.0**2 and place > -5000.0:
+        middle = math.sqrt(square)
+        square += 2.0 * dx * (brake.above(middle)[0] + gradient.at(place - dx / 2))
+        place -= dx
+        assert curve.speed(place) == pytest.approx(math.sqrt(square), abs=0.05 + 1.5 * dx / max(middle, 0.5))
+    for speed in (foot, 31.0, 55.0):
+        if speed >= foot:
+            assert curve.speed(curve.location(speed)) == pytest.approx(speed, abs=1e-6)
+
+
+@given(GRADES, st.floats(0, 0.6), st.floats(0, 3), st.sampled_from([0.0, 10.0]), st.floats(12, 45))
+def test_speeds_invert_the_locations(
+    grades: list[tuple[float, float]], acceleration: float, error: float, target_speed: float, speed: float
+) -> None:
+    """Breaks if the speeds for a position do not belong to the locations for a speed."""
+    gradient = gradient_acceleration(grades, 200.0, None, FIXED)
+    supervised = train(service_command=True, traction_command=True, t_traction_cut_off=9.0, service=None)
+    limits = TargetLimits(supervised, BrakingTarget(5000.0, target_speed), gradient, FIXED)
+    motion = MotionEstimate(acceleration, error, 30.0, 30.0)
+    for name in ("permitted", "warning", "service", "emergency"):
+        location = getattr(limits, name)(speed, motion)
+        if name == "permitted" and location >= 5000.0:
+            continue  # limited to the target location
+        found = getattr(limits.speeds(location - 30.0, motion), name)
+        assert found == pytest.approx(max(speed, getattr(limits.floor, name)), abs=1e-6)
+
+
+def test_a_curve_ends_where_the_gradient_is_stronger() -> None:
+    """Breaks if a steep grade far behind or beyond the target refuses the curve, or one inside it does not."""
+    weak = StepFunction.constant(0.3)
+    steep = gradient_acceleration([(0.0, -40.0), (1000.0, 0.0), (3000.0, -40.0)], 100.0, 0.0, FIXED)
+    short = DecelerationCurve(2900.0, 0.0, weak, steep, 30.0, 60.0)
+    assert short.end_speed == pytest.approx(math.sqrt(2 * 0.3 * 1800.0)) and short.location(30.0) == pytest.approx(1400)
+    with pytest.raises(ValueError, match=r"the braking curve ends at 118\.3 km/h"):
+        short.location(33.0)
+    with pytest.raises(ValueError, match="is not stronger than the gradient"):
+        DecelerationCurve(2900.0, 0.0, weak, steep, 33.0, 60.0)
+    beyond = DecelerationCurve(2999.0, 10.0, weak, steep, 20.0, 60.0)
+    assert beyond.location(10.0) == 2999.0
+    with pytest.raises(ValueError, match="beyond its target the gradient is stronger"):
+        beyond.location(5.0)
+
+
+def test_odometry_of_subset_041() -> None:
+    """Breaks if the confidence of position or speed differs from 5 m + 5 %, or 2 km/h rising to 12 at 500 km/h."""
+    assert odometer_error(1000.0) == 55.0 and odometer_error(0.0, 3.0) == 8.0
+    assert [3.6 * speed_measurement_error(v / 3.6) for v in (0, 30, 265, 500)] == pytest.approx([2, 2, 7, 12])
+    motion = motion_estimate(100 / 3.6, 0.1, 500.0)
+    assert (motion.acceleration, motion.under_reading, motion.over_reading) == (0.1, 30.0, 30.0)
+
+
+def test_release_speed_stops_before_the_supervised_location() -> None:
+    """Breaks if the build-up time, the trip location or the speed error is not part of the release speed."""
+    limits = TargetLimits(train(), BrakingTarget(1100.0, kind="EOA", end_of_authority=1000.0), LEVEL, FIXED)
+    assert trip_location(1000.0, 700.0, antenna_to_front=5.0) == pytest.approx(1040.0)
+    assert trip_location(1000.0, 700.0, antenna_to_front=5.0, balise_accuracy=3.0, level_1=True) == pytest.approx(1051)
+    wide = MotionEstimate(under_reading=40.0, over_reading=30.0)
+    assert trip_location(1000.0, 700.0, wide) == pytest.approx(1070.0)
+    exact = release_speed(limits, 1040.0, inhibit_compensation=True)
+    assert 1040.0 + 5.0 * exact + exact**2 / 2 == pytest.approx(1100.0)
+    careful = release_speed(limits, 1040.0)
+    faster = careful + 2 / 3.6
+    assert 1040.0 + 5.0 * faster + faster**2 / 2 == pytest.approx(1100.0)
+    assert release_speed(limits, 1100.0) == 0.0
+    start = release_start(limits, exact, inhibit_compensation=True)
+    assert start == pytest.approx(min(1000 - exact**2 / 1.4, 1100 - exact**2 / 2 - 5 * exact))
+
+
+def test_limits_of_a_line_hold_for_the_whole_train() -> None:
+    """Breaks if a rise acts before the rear has passed it, or a fall is delayed."""
+    assert limits_under_train([(0, 30), (1000, 20), (1500, 40)], 200) == [(0, 30), (1000, 20), (1700, 40)]
+    assert limits_under_train([(0, 30), (1000, 20), (1100, 40), (1150, 10)], 200) == [(0, 30), (1000, 20), (1150, 10)]
+    assert limits_under_train([], 200) == []
+
+
+def test_supervision_of_a_line() -> None:
+    """Breaks if a target or the ceiling is lost, a passed one stays, or the release speed acts too early."""
+    end = BrakingTarget(5000.0, kind="EOA")
+    limits = [(0.0, 40.0), (2000.0, 20.0), (2500.0, 40.0)]
+    supervision = TrackSupervision(train(), [(0.0, 0.0)], limits, end)
+    assert [entry.target.location for entry in supervision.targets] == [0.0, 2000.0, 5000.0]
+    assert supervision.evaluate(500.0).permitted == 40.0
+    assert 20.0 < supervision.evaluate(1500.0).permitted < 40.0
+    assert supervision.evaluate(2300.0).permitted == 20.0
+    assert supervision.evaluate(2690.0).permitted == 20.0  # the rear has not passed the end of the restriction
+    assert supervision.evaluate(2710.0).permitted > 30.0
+    assert supervision.evaluate(4990.0).emergency < 5.0
+    assert supervision.evaluate(5000.1).emergency == supervision.evaluate(5200.0).emergency == 0.0
+    before = [supervision.evaluate(place, MotionEstimate(under_reading=50.0)) for place in (1700.0, 4500.0)]
+    after = [supervision.evaluate(place) for place in (1750.0, 4550.0)]
+    assert [a.emergency for a in before] == pytest.approx([a.emergency for a in after])
+    released = TrackSupervision(train(), [(0.0, 0.0)], limits, end, release=4.0)
+    assert released.evaluate(4995.0).emergency == 4.0
+    assert released.evaluate(4500.0) == supervision.evaluate(4500.0)
+
+
+def test_every_target_within_reach_is_evaluated() -> None:
+    """Breaks if a target is skipped whose limits are lower than the ceiling, at any position and odometry error."""
+    limits = [(0.0, 45.0), (3000.0, 30.0), (3500.0, 25.0), (3600.0, 40.0), (6000.0, 10.0), (9000.0, 45.0)]
+    supervision = TrackSupervision(
+        train(service_command=True), [(0.0, 0.0), (5000.0, -15.0)], limits, BrakingTarget(12e3, kind="EOA")
+    )
+    for place in range(-2000, 12500, 37):
+        motion = MotionEstimate(0.3, 1.0, 40.0, 25.0)
+        found = supervision.evaluate(float(place), motion)
+        every = [supervision.ceiling(place - 25.0, place + 40.0)]
+        every += [
+            entry.speeds(float(place), motion)
+            for entry in supervision.targets
+            if place + 40.0 <= entry.target.location or entry.target.kind == "EOA"
+        ]
+        for name in ("permitted", "warning", "service", "emergency"):
+            assert getattr(found, name) == min(getattr(speeds, name) for speeds in every), (place, name)

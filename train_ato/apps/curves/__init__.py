@@ -1,0 +1,1 @@
+"""Braking curves from a case file or from a scenario: input, table and figure."""

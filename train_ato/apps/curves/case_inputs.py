@@ -1,0 +1,233 @@
+"""Inputs of a case of braking curves: train, track, target and odometry.
+
+The keys are those of the published cases in ``test/data/etcs_braking_cases.json``.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from plant_sim.units import SiModel
+from train_ato.supervision.fixed_values import KMH, FixedValues
+from train_ato.supervision.gradient import gradient_acceleration
+from train_ato.supervision.limits import BrakingTarget, TargetLimits
+from train_ato.supervision.odometry import MotionEstimate, odometer_error
+from train_ato.supervision.release_speed import release_speed, release_start, trip_location
+from train_ato.supervision.step_function import StepFunction
+from train_ato.supervision.train_model import (
+    BrakeModel,
+    BrakePosition,
+    SupervisedTrain,
+    basic_deceleration,
+    check_conversion,
+    gamma_brake,
+    lambda_brake,
+    passenger_kv_int,
+)
+
+MAX_STEPS = 100
+"""Largest number of steps of a list; the standard has at most seven."""
+REQUIRED = {
+    "lambda": ("brake_percentage", "Kv_int", "Kr_int", "Kt_int"),
+    "gamma": ("A_brake_emergency", "T_brake_emergency"),
+}
+"""Keys of ``inputs`` that a model needs."""
+
+Factor = Annotated[float, Field(ge=0, le=2)]
+Deceleration = Annotated[float, Field(gt=0, le=5)]
+Pair = tuple[float, float]
+Duration = Annotated[float, Field(ge=0, le=300)]
+
+
+class CurveInputs(SiModel):
+    """Block ``inputs`` of a case; speeds in km/h, lengths in m, times in s, gradients in ‰, > 0 uphill."""
+
+    model: Literal["gamma", "lambda"]
+    brake_position: BrakePosition
+    length_m: float = Field(gt=0, le=1e5)
+    max_speed_kmh: float = Field(gt=0, le=600)
+    mrsp_kmh: float | None = Field(None, gt=0, le=600, description="speed limit before the target; default: max_speed")
+    brake_percentage: float | None = Field(None, gt=0)
+    service_brake_command: bool = False
+    service_brake_feedback: bool = False
+    traction_cutoff_command: bool = False
+    t_traction_cutoff_s: Duration = 0.0
+    m_rotating_nom_pct: float | None = Field(None, ge=0, le=100)
+    antenna_to_front_m: float = Field(0.0, ge=0, le=1e3, description="of the release speed in level 1")
+    gradients: tuple[Pair, ...] = Field((), max_length=10_000, description="start [m] and grade [‰]")
+    target_location_m: float
+    target_speed_kmh: float = Field(0.0, ge=0, le=600)
+    target_type: Literal["MRSP", "LOA", "EOA"] = "MRSP"
+    eoa_location_m: float | None = None
+    A_est1: float = Field(0.0, ge=-5, le=5, description="estimated acceleration during the traction time")
+    A_est2: float | None = Field(None, ge=-5, le=5, description="after it, used up to 0.4 m/s²; default: A_est1")
+    speed_error_kmh: float = Field(0.0, ge=0, le=36, description="V_ura; 0: compensation inhibited")
+    distance_since_balise_m: float | None = Field(
+        None, ge=0, le=1e6, description="for the position error 5 m + 5 %; default: exact position"
+    )
+    release_computed_at_m: float | None = Field(
+        None, description="front position at which the release speed of an EOA is computed; default: none is"
+    )
+    level: Literal[1, 2] = 2
+    V_lim_resolution_kmh: float = Field(
+        0.0, ge=0, le=10, description="rounding of the end of the first deceleration step; 0: none, as in A.3.7.3"
+    )
+    Kv_int: Factor | tuple[Pair, ...] | None = None
+    Kv_int_b: Factor | tuple[Pair, ...] | None = Field(None, description="passenger subset b of Kv_int")
+    A_P12: float | None = Field(None, ge=0, le=5)
+    A_P23: float | None = Field(None, ge=0, le=5)
+    Kr_int: Factor | tuple[Pair, ...] | None = None
+    Kt_int: Factor | None = None
+    Kdry: Factor | tuple[Pair, ...] | None = None
+    Kwet: Factor | tuple[Pair, ...] | None = None
+    available_adhesion: float | None = Field(None, ge=0, le=1, description="M_NVAVADH, 0 wet ... 1 dry")
+    M_rotating_max: float = Field(15.0, ge=0, le=100)
+    M_rotating_min: float = Field(2.0, ge=0, le=100)
+    T_warning: Duration = 2.0
+    T_driver: Duration = 4.0
+    indication_driver_time_twice: bool = False
+    A_brake_emergency: Deceleration | tuple[Pair, ...] | None = None
+    A_brake_service: Deceleration | tuple[Pair, ...] | None = None
+    T_brake_emergency: Duration | None = None
+    T_brake_service: Duration | None = None
+
+    @model_validator(mode="after")
+    def _complete(self) -> CurveInputs:
+        if any(b[0] <= a[0] for a, b in pairwise(self.gradients)):
+            raise ValueError("gradients: starts must rise; list them by rising start")
+        if any(abs(grade) > 500 for _, grade in self.gradients):
+            raise ValueError("gradients: a grade is above 500 ‰; give [start in m, grade in ‰]")
+        self._check_steps()
+        for key in REQUIRED[self.model]:
+            if getattr(self, key) is None:
+                raise ValueError(f"key {key} is missing, a {self.model} train needs it; add it")
+        if self.target_type == "EOA" and self.target_speed_kmh:
+            raise ValueError("target_speed_kmh: an end of authority has the target speed 0; write 0 or another type")
+        if self.target_type != "EOA" and self.release_computed_at_m is not None:
+            raise ValueError("release_computed_at_m: only an end of authority has a release speed; write EOA")
+        if self.target_speed_kmh > self.max_speed_kmh:
+            raise ValueError("target_speed_kmh: above max_speed_kmh; lower it")
+        if self.eoa_location_m is not None and self.eoa_location_m > self.target_location_m:
+            raise ValueError("eoa_location_m: beyond the supervised location target_location_m; correct one of them")
+        if self.Kv_int_b is not None and not (self.A_P12 or 0.0) < (self.A_P23 or 0.0):
+            raise ValueError("pivots of Kv_int_b: A_P12 must be below A_P23; give both")
+        return self
+
+    def _check_steps(self) -> None:
+        """Raise ValueError for a list of steps that is empty, does not rise, or has a value out of range."""
+        highest = {"A_brake_emergency": 5.0, "A_brake_service": 5.0}
+        for key in ("Kv_int", "Kv_int_b", "Kr_int", "Kdry", "Kwet", "A_brake_emergency", "A_brake_service"):
+            steps = getattr(self, key)
+            if not isinstance(steps, tuple):
+                continue
+            if not 1 <= len(steps) <= MAX_STEPS or steps[0][0] != 0 or any(b[0] <= a[0] for a, b in pairwise(steps)):
+                raise ValueError(f"steps of {key}: give [start, value] by rising start, the first from 0")
+            most = highest.get(key, 2.0)
+            least = 1e-6 if key in highest else 0.0
+            if any(not least <= value <= most for _, value in steps):
+                raise ValueError(f"steps of {key}: a value is outside {least:g} ... {most:g}; correct it")
+
+    def fixed_values(self) -> FixedValues:
+        """Return the fixed values of the case."""
+        return FixedValues(
+            self.T_warning, self.T_driver, self.M_rotating_max, self.M_rotating_min, self.indication_driver_time_twice
+        )
+
+    def train(self) -> SupervisedTrain:
+        """Return the train data.
+
+        Raises
+        ------
+        ValueError
+            If the conversion model is not applicable to a lambda train.
+        """
+        return SupervisedTrain(
+            length=self.length_m,
+            max_speed=self.max_speed_kmh / KMH,
+            brake=self._lambda() if self.model == "lambda" else self._gamma(),
+            m_rotating_nom=self.m_rotating_nom_pct,
+            service_command=self.service_brake_command,
+            service_feedback=self.service_brake_feedback,
+            traction_command=self.traction_cutoff_command,
+            t_traction_cut_off=self.t_traction_cutoff_s,
+        )
+
+    def _lambda(self) -> BrakeModel:
+        assert self.brake_percentage is not None
+        max_speed = self.max_speed_kmh / KMH
+        check_conversion(self.brake_percentage, self.brake_position, self.length_m, max_speed)
+        kv_int = _over_speed(self.Kv_int, 1.0)
+        if self.Kv_int_b is not None and self.brake_position == "PassengerTrainInP":
+            largest = basic_deceleration(self.brake_percentage, self.V_lim_resolution_kmh).largest_up_to(max_speed)
+            upper = _over_speed(self.Kv_int_b, 1.0)
+            kv_int = passenger_kv_int(kv_int, upper, self.A_P12 or 0.0, self.A_P23 or 0.0, largest)
+        return lambda_brake(
+            self.brake_percentage,
+            self.brake_position,
+            self.length_m,
+            max_speed,
+            kv_int,
+            _steps_of(self.Kr_int, 1.0),
+            1.0 if self.Kt_int is None else self.Kt_int,
+            self.V_lim_resolution_kmh,
+        )
+
+    def _gamma(self) -> BrakeModel:
+        assert self.T_brake_emergency is not None
+        return gamma_brake(
+            _over_speed(self.A_brake_emergency, 0.0),
+            self.T_brake_emergency,
+            None if self.A_brake_service is None else _over_speed(self.A_brake_service, 0.0),
+            self.T_brake_emergency if self.T_brake_service is None else self.T_brake_service,
+            _over_speed(self.Kdry, 1.0),
+            _over_speed(self.Kwet, 1.0),
+            1.0 if self.available_adhesion is None else self.available_adhesion,
+        )
+
+    def motion(self) -> MotionEstimate:
+        """Return the motion estimate of the case."""
+        distance = self.distance_since_balise_m
+        error = 0.0 if distance is None else odometer_error(distance)
+        return MotionEstimate(self.A_est1, self.speed_error_kmh / KMH, error, error, self.A_est2)
+
+    def release(self, limits: TargetLimits) -> dict[str, float] | None:
+        """Return the release speed [km/h] and its begin before the target [m]; None if the case has none."""
+        front = self.release_computed_at_m
+        if front is None:
+            return None
+        motion = self.motion()
+        trip = trip_location(limits.target.eoa, front, motion, self.antenna_to_front_m, level_1=self.level == 1)
+        speed = release_speed(limits, trip, motion.speed_error)
+        begin = release_start(limits, speed, motion)
+        return {"speed_kmh": speed * KMH, "begin_m": limits.target.location - begin}
+
+    def limits(self) -> TargetLimits:
+        """Return the supervision limits of the target.
+
+        Raises
+        ------
+        ValueError
+            If the conversion model is not applicable, or the brake is weaker than the gradient.
+        """
+        train, fixed = self.train(), self.fixed_values()
+        target = BrakingTarget(
+            self.target_location_m, self.target_speed_kmh / KMH, self.target_type, self.eoa_location_m
+        )
+        gradient = gradient_acceleration(self.gradients, train.length, train.m_rotating_nom, fixed)
+        return TargetLimits(train, target, gradient, fixed, None if self.mrsp_kmh is None else self.mrsp_kmh / KMH)
+
+
+def _steps_of(given: float | tuple[Pair, ...] | None, default: float) -> StepFunction:
+    """Return the step function of a value or of [start, value] pairs."""
+    if isinstance(given, tuple):
+        return StepFunction.from_starts(given)
+    return StepFunction.constant(default if given is None else given)
+
+
+def _over_speed(given: float | tuple[Pair, ...] | None, default: float) -> StepFunction:
+    """Return the step function over the speed [m/s] of a value or of pairs with starts in km/h."""
+    steps = _steps_of(given, default)
+    return StepFunction(tuple(bound / KMH for bound in steps.bounds), steps.values)

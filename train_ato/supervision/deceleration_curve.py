@@ -1,0 +1,171 @@
+"""Deceleration curve through a location and a speed: SUBSET-026, 3.13.8, as arcs of parabola in closed form."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from math import inf, sqrt
+
+from train_ato.supervision.fixed_values import KMH
+from train_ato.supervision.step_function import StepFunction
+
+MAX_PIECES = 100_000
+"""Largest number of arcs, beyond that of any real line."""
+
+
+class DecelerationCurve:
+    """Speed over the position of a train that decelerates with brake and gradient: EBD, SBD.
+
+    Parameters
+    ----------
+    location, speed
+        Location [m] and speed [m/s] that the curve crosses.
+    brake
+        Deceleration of the brake [m/s²] over the speed [m/s].
+    gradient
+        Deceleration by the gradient [m/s²] over the position [m].
+    needed_speed
+        Speed that the curve must reach [m/s].
+    top_speed
+        Speed at which the curve ends, unless a gradient ends it before [m/s].
+
+    Attributes
+    ----------
+    speeds, locations, decelerations : list of float
+        Ends of the arcs by rising speed [m/s] and falling location [m], and the deceleration [m/s²] of the arc from
+        each end to the next.
+    end_speed : float
+        Largest speed of the curve [m/s]; infinite if its last arc has no end.
+
+    Raises
+    ------
+    ValueError
+        If the gradient is at least as strong as the brake before the needed speed is reached. Above it, and beyond the
+        crossing, the curve ends there.
+    """
+
+    def __init__(
+        self,
+        location: float,
+        speed: float,
+        brake: StepFunction,
+        gradient: StepFunction,
+        needed_speed: float,
+        top_speed: float,
+    ) -> None:
+        above, self.end_speed = self._backward(location, speed, brake, gradient, needed_speed, max(top_speed, speed))
+        below = self._forward(location, speed, brake, gradient)
+        arcs = [*below, *above]
+        self.speeds = [arc[0] for arc in arcs]
+        self.locations = [arc[1] for arc in arcs]
+        self.decelerations = [arc[2] for arc in arcs]
+        self._falling = [-location for location in self.locations]
+
+    @staticmethod
+    def _backward(
+        d: float, v: float, brake: StepFunction, gradient: StepFunction, needed_speed: float, top_speed: float
+    ) -> tuple[list[tuple[float, float, float]], float]:
+        """Return speed, location and deceleration of the arcs before the crossing, by rising speed, and their end."""
+        arcs: list[tuple[float, float, float]] = []
+        while len(arcs) < MAX_PIECES:
+            braking, v_end = brake.above(v)
+            slope, d_end = gradient.below(d)
+            a = braking + slope
+            if a <= 0.0 and (v < needed_speed or not arcs):
+                raise ValueError(_too_weak(braking, slope, d, v))
+            if a <= 0.0 or (arcs and v >= top_speed):
+                return arcs, v
+            arcs.append((v, d, a))
+            v_end = inf if v_end is None else v_end
+            d_next = d - (v_end * v_end - v * v) / (2.0 * a)
+            if d_end is not None and d_next < d_end:
+                v, d = sqrt(v * v + 2.0 * a * (d - d_end)), d_end
+            elif v_end == inf:
+                return arcs, inf
+            else:
+                v, d = v_end, d_next
+        raise ValueError(f"more than {MAX_PIECES} arcs of a braking curve; simplify the gradients")
+
+    @staticmethod
+    def _forward(d: float, v: float, brake: StepFunction, gradient: StepFunction) -> list[tuple[float, float, float]]:
+        """Return speed, location and deceleration of the arcs beyond the crossing, by rising speed from 0."""
+        arcs: list[tuple[float, float, float]] = []
+        while v > 0.0:
+            braking, v_end = brake.below(v)
+            slope, d_end = gradient.above(d)
+            a = braking + slope
+            if a <= 0.0:
+                break
+            v_end = 0.0 if v_end is None else v_end
+            d_next = d + (v * v - v_end * v_end) / (2.0 * a)
+            if d_end is not None and d_next > d_end:
+                v_end, d_next = sqrt(max(v * v - 2.0 * a * (d_end - d), 0.0)), d_end
+            arcs.append((v_end, d_next, a))
+            v, d = v_end, d_next
+        return arcs[::-1]
+
+    def location(self, speed: float) -> float:
+        """Return the location [m] at which the curve has a speed >= 0 [m/s].
+
+        Raises
+        ------
+        ValueError
+            If the curve ends above or below that speed.
+        """
+        if speed > self.end_speed + 1e-9:
+            raise ValueError(
+                f"the braking curve ends at {self.end_speed * KMH:.4g} km/h; give lower speeds than "
+                f"{speed * KMH:.4g} km/h"
+            )
+        i = max(bisect_left(self.speeds, speed) - 1, 0)
+        v = self.speeds[i]
+        if speed < v - 1e-9:
+            raise ValueError(
+                f"the braking curve ends at {v * KMH:.4g} km/h, beyond its target the gradient is stronger than the "
+                f"brake; give speeds above that, not {speed * KMH:.4g} km/h"
+            )
+        return self.locations[i] - (speed * speed - v * v) / (2.0 * self.decelerations[i])
+
+    def speed(self, location: float) -> float:
+        """Return the speed [m/s] of the curve at a location [m]; 0 beyond it, the last arc continued before it."""
+        i = max(bisect_left(self._falling, -location) - 1, 0)
+        v = self.speeds[i]
+        return sqrt(max(v * v + 2.0 * self.decelerations[i] * (self.locations[i] - location), 0.0))
+
+    def advanced_speed(self, place: float, time: float, gain: float, shift: float) -> float:
+        """Return the speed V [m/s] with location(V + gain) - time V - shift = place, in closed form per arc.
+
+        Parameters
+        ----------
+        place
+            Position of the train [m].
+        time
+            Time at the constant speed V before the curve is reached [s].
+        gain, shift
+            Rise of the speed [m/s], and distance that does not depend on V [m], before the curve is reached.
+
+        Returns
+        -------
+        float
+            Speed [m/s]; -gain or less beyond the end of the curve.
+        """
+        speeds, locations = self.speeds, self.locations
+        wanted = place + shift - time * gain  # location(u) - time u at u = V + gain
+        low, high = 0, len(speeds)
+        while low < high:
+            middle = (low + high) // 2
+            if locations[middle] - time * speeds[middle] >= wanted:
+                low = middle + 1
+            else:
+                high = middle
+        i = max(low - 1, 0)
+        v, a = speeds[i], self.decelerations[i]
+        rest = wanted - locations[i] - v * v / (2.0 * a)
+        discriminant = a * time * a * time - 2.0 * a * rest
+        return sqrt(max(discriminant, 0.0)) - a * time - gain
+
+
+def _too_weak(braking: float, slope: float, location: float, speed: float) -> str:
+    return (
+        f"the brake ({braking:.4g} m/s² at {speed * KMH:.4g} km/h) is not stronger than the gradient "
+        f"({-slope:.4g} m/s² at {location:.6g} m): no braking curve; give a stronger brake or a smaller gradient"
+    )

@@ -1,0 +1,203 @@
+"""Brake model of a train of the plant, from the parameters of its own brakes.
+
+The emergency brake of the plant vents the brake pipe and applies the full electric brake.  The model has, as a gamma
+train,
+
+* the deceleration (shoes + electric brake) / inertial mass, as a step function with the smallest value of each step up
+  to the emergency-brake ceiling speed; the running resistance is not part of it;
+* the equivalent build-up time: the mean over all brake forces of the delay until the same impulse as a step. A shoe
+  brake has the propagation time of the pressure wave plus the time constant of its cylinder, an electric brake the
+  time constant of its actuator and its ramp.
+
+A force that rises with a common shape and then is constant has, at every time, at least the impulse of that step: the
+train of the model never is behind the train of the plant.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from plant_sim import kernel as k
+from plant_sim.air_brake import VENTED_FACTOR
+from plant_sim.consist import AirBrake, Consist, VehicleType
+from plant_sim.emergency import FADE
+from plant_sim.packing import pipe_distances
+from plant_sim.plant_setup import Adhesion, PlantSetup, SpeedAdhesion
+from plant_sim.states import Array
+from plant_sim.traction import Envelope
+from train_ato.supervision.ceiling import EMERGENCY_MARGIN
+from train_ato.supervision.fixed_values import KMH
+from train_ato.supervision.step_function import StepFunction
+from train_ato.supervision.train_model import SupervisedTrain, gamma_brake
+
+STEPS = 7
+"""Steps of the deceleration over the speed, the largest number of 3.13.2.2.3.1.2."""
+GRID = 0.25 / KMH
+"""Distance of the speeds at which the forces of a step are compared [m/s]."""
+NO_FACTOR = StepFunction.constant(1.0)
+
+
+def shoe_speed_factor(speed: Array) -> Array:
+    """Return the shoe friction over that at standstill for speeds [m/s]: paper 000, eqs. (11), (12)."""
+    kmh = k.KMH * speed
+    return np.asarray((k.SHOE_A * kmh + k.SHOE_SPEED) / (k.SHOE_B * kmh + k.SHOE_SPEED))
+
+
+def _adhesion_limit(adhesion: Adhesion | None, weight: float, speed: Array) -> Array:
+    """Return the largest force on a weight [N] over the speed; infinite without an adhesion."""
+    if adhesion is None:
+        return np.full_like(speed, np.inf)
+    if isinstance(adhesion, SpeedAdhesion):
+        by_speed = k.ADHESION_HIGH_SPEED + k.ADHESION_SLOPE / (k.KMH * speed + k.ADHESION_SPEED)
+        return np.asarray(adhesion.factor * by_speed * weight)
+    return np.full_like(speed, adhesion.coefficient * weight)
+
+
+class PlantBrakeForces:
+    """Brake forces of a consist over the speed, by kind.
+
+    Parameters
+    ----------
+    consist, setup
+        Train, and plant with its actuators; the mismatch of the setup is not used.
+    speed : Array
+        Speeds [m/s].
+
+    Attributes
+    ----------
+    electric : Array
+        Full force of all electric brakes [N].
+    emergency_shoes, service_shoes : Array
+        Shoe force of the train [N] with a vented pipe, and with the largest reduction of the brake table.
+    shoe_delay : float
+        Mean over the shoe forces of wave time plus cylinder time constant [s].
+    """
+
+    def __init__(self, consist: Consist, setup: PlantSetup, speed: Array) -> None:
+        self.electric: Array = np.zeros_like(speed)
+        self.emergency_shoes: Array = np.zeros_like(speed)
+        self.service_shoes: Array = np.zeros_like(speed)
+        units_mass = sum(consist.vehicles[i].mass for i in consist.power_units)
+        brake, factor = consist.air_brake, shoe_speed_factor(speed)
+        for vehicle, count in Counter(consist.vehicles).items():
+            electric = _electric_force(vehicle, consist, setup, speed, units_mass)
+            self.electric += count * electric
+            if brake is None or vehicle.shoes is None:
+                continue
+            rest = _adhesion_limit(setup.adhesion, vehicle.mass * consist.gravity, speed) - electric
+            rest = np.maximum(rest, 0.0)
+            full = vehicle.shoes.standstill_force * factor
+            self.emergency_shoes += count * np.minimum(VENTED_FACTOR * full, rest)
+            self.service_shoes += count * np.minimum(brake.braking_factor[-1] * full, rest)
+        self.shoe_delay = 0.0 if brake is None else _shoe_delay(consist, brake)
+
+
+def _electric_force(
+    vehicle: VehicleType, consist: Consist, setup: PlantSetup, speed: Array, units_mass: float
+) -> Array:
+    """Return the full electric-brake force of one vehicle [N]: envelope, force limit and adhesion."""
+    if not vehicle.brake:
+        return np.zeros_like(speed)
+    envelope = Envelope(vehicle.brake)
+    force = np.array([envelope.force(float(v)) for v in speed])
+    if setup.ideal_actuator:
+        force = np.full_like(speed, envelope.largest())
+    if setup.force_limit is not None:
+        force = np.minimum(force, setup.force_limit * vehicle.mass / units_mass)
+    weight = (vehicle.adhesive_mass or vehicle.mass) * consist.gravity
+    return np.asarray(np.minimum(force, _adhesion_limit(setup.adhesion, weight, speed)))
+
+
+def _shoe_delay(consist: Consist, brake: AirBrake) -> float:
+    """Return the mean delay of the shoe forces [s], weighted by their size."""
+    full = np.array([0.0 if v.shoes is None else v.shoes.standstill_force for v in consist.vehicles])
+    arrival = pipe_distances(consist) / brake.apply_wave
+    return brake.apply_time + float((full * arrival).sum() / full.sum()) if full.any() else 0.0
+
+
+def _electric_delay(consist: Consist, setup: PlantSetup) -> float:
+    """Return the longest delay of the electric brakes [s]: lag, ramp from full traction, fading near standstill."""
+    lags = setup.lag if isinstance(setup.lag, tuple) else (setup.lag,)
+    delay = max(lags, default=0.0)
+    if setup.rate_limit is not None:
+        for number in consist.power_units:
+            vehicle = consist.vehicles[number]
+            traction, brake = Envelope(vehicle.traction).largest(), Envelope(vehicle.brake).largest()
+            delay = max(delay, max(lags, default=0.0) + (traction + brake / 2.0) / setup.rate_limit)
+    return delay + (FADE if setup.reversing else 0.0)
+
+
+def _traction_delay(consist: Consist, setup: PlantSetup) -> float:
+    """Return the time after which the traction has the impulse of its fading [s]."""
+    lags = setup.lag if isinstance(setup.lag, tuple) else (setup.lag,)
+    delay = max(lags, default=0.0)
+    if setup.rate_limit is not None and consist.power_units:
+        largest = max(Envelope(consist.vehicles[i].traction).largest() for i in consist.power_units)
+        delay += largest / (2.0 * setup.rate_limit)
+    return delay
+
+
+def _smallest_per_step(speed: Array, force: Array, mass: float, top: float) -> StepFunction:
+    """Return the step function of the smallest deceleration [m/s²] of each step up to a top speed [m/s]."""
+    bounds = [top * (i + 1) / STEPS for i in range(STEPS)]
+    lower = [0.0, *bounds[:-1]]
+    upper = [*bounds[:-1], float(speed[-1])]
+    values = []
+    for low, high in zip(lower, upper, strict=True):
+        inside = (speed >= low - GRID) & (speed <= high + GRID)
+        values.append(float(force[inside].min()) / mass)
+    return StepFunction(tuple(bounds[:-1]), tuple(values))
+
+
+def plant_train(consist: Consist, setup: PlantSetup, max_speed: float, kdry: float = 1.0) -> SupervisedTrain:
+    """Return the train data of a train of the plant.
+
+    Parameters
+    ----------
+    consist, setup
+        Train, and plant with its actuators and adhesion.
+    max_speed
+        Maximum speed of the train [m/s].
+    kdry
+        Rolling-stock correction factor of the emergency deceleration, 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        If the train has no brake at some speed below its maximum speed.
+    """
+    speed = np.arange(0.0, max_speed + EMERGENCY_MARGIN.above(max_speed) + GRID, GRID)
+    forces = PlantBrakeForces(consist, setup, speed)
+    mass = sum(vehicle.mass * vehicle.rotating_mass_factor for vehicle in consist.vehicles)
+    emergency = _smallest_per_step(speed, forces.electric + forces.emergency_shoes, mass, max_speed)
+    service = _smallest_per_step(speed, forces.electric + forces.service_shoes, mass, max_speed)
+    if min(emergency.values) <= 0.0:
+        raise ValueError(
+            f"train '{consist.name}' has no emergency brake at some speed up to {max_speed * KMH:.0f} km/h; "
+            "complete its brake envelope or give it shoes"
+        )
+    electric_delay = _electric_delay(consist, setup)
+    brake = gamma_brake(
+        emergency,
+        _mean_delay(forces.electric, electric_delay, forces.emergency_shoes, forces.shoe_delay),
+        service if min(service.values) > 0.0 else None,
+        _mean_delay(forces.electric, electric_delay, forces.service_shoes, forces.shoe_delay),
+        StepFunction.constant(kdry),
+        NO_FACTOR,
+        1.0,
+    )
+    return SupervisedTrain(
+        length=consist.length,
+        max_speed=max_speed,
+        brake=brake,
+        m_rotating_nom=100.0 * (mass / consist.mass - 1.0),
+        t_traction_cut_off=_traction_delay(consist, setup),
+    )
+
+
+def _mean_delay(electric: Array, electric_delay: float, shoes: Array, shoe_delay: float) -> float:
+    """Return the largest delay over the speeds of the mean of both brakes, weighted by their forces [s]."""
+    total = np.maximum(electric + shoes, 1e-9)
+    return float(((electric * electric_delay + shoes * shoe_delay) / total).max())
