@@ -26,6 +26,14 @@ ENDED = (1, -signal.SIGINT)
 """Python itself leaves by SIGINT when Ctrl-C fell into an ``exec`` of a module that was being imported."""
 
 
+@pytest.fixture(autouse=True)
+def interruptible_process() -> Iterator[None]:
+    """Handle SIGINT as in a terminal; a shell ignores it for commands in the background, and so for the tests."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @contextmanager
 def started(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Start a command in a session of its own, as a terminal does, with a folder of its own for scratch files.

@@ -120,6 +120,11 @@ def _check(options: argparse.Namespace) -> None:
         for name, value in {**given, "--processes": options.processes}.items():
             if value:
                 raise ValueError(f"{name}: only for a started run; add --scenario")
+    else:
+        from train_ato.scenario.scenario import load_scenario
+
+        changes = {} if options.controller is None else {"controller": options.controller}
+        load_scenario(options.scenario, tuple(options.set), changes)
     check_domain(options.domain)
 
 
