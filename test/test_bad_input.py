@@ -14,6 +14,7 @@ import yaml
 from plant_sim.library import consist_path, line_path
 from train_ato.apps.runs.progress import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.cli import main
+from train_ato.profile.motion import change_of_speed
 from train_ato.scenario.scenario import shipped_scenarios
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -90,6 +91,7 @@ CASES: list[tuple[str, list[str], str]] = [
     ("param without value", ["run", "demo", "--set", "plant.lag"], r"not an assignment; write key\.key=value"),
     ("param through a value", ["run", "demo", "--set", "seed.a=1"], r"'seed' is a value, not a block"),
     ("real time factor 0", ["run", "demo", "--realtime", "0"], r"--realtime 0\.0: give a positive number"),
+    ("deceleration near 0", ["run", "demo", "--set", "profile.limits.deceleration=1e-300"], r"a profile of inf knots"),
     ("tick far too small", ["run", "demo", "--set", "tick=1e-300"], r"tick = 1e-300"),
     ("step too large to be true", ["run", "demo", "--set", "step=0.5"], r"step = 0\.5: .*less than or equal"),
     ("delay beyond reason", ["run", "demo", "--set", "links.command.delay=1e300"], r"delay: 1e\+300 s is longer"),
@@ -165,6 +167,28 @@ def test_bad_data_files(
     refused(["run", "demo", "--set", f"plant.{what}={name}"], message, tmp_path, monkeypatch, capsys)
 
 
+@pytest.mark.parametrize("text", ["x: " + "[" * 50_000, "- " * 50_000], ids=["flow", "block"])
+@pytest.mark.parametrize("reader", ["line", "profile"])
+def test_deep_yaml_of_other_formats(
+    reader: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a file is composed by recursion in C: the stack overflows and the process ends with SIGSEGV."""
+    (tmp_path / "deep.yaml").write_text(text)
+    profile = ["run", "demo", "--engine", "--set", f"profile={{file: {tmp_path}/deep.yaml}}"]
+    command = ["plan", "level", "deep.yaml"] if reader == "line" else profile
+    refused(command, r"deep\.yaml: not valid.*nested deeper than 100 levels", tmp_path, monkeypatch, capsys)
+
+
+def test_large_jerk_limits_nothing() -> None:
+    """Breaks if the ramps of a large jerk limit cancel the speed curve by rounding and the motion becomes endless."""
+    found = [
+        sum(piece.duration for piece in change_of_speed(0.0, 20.0, lambda speed: 0.8 + 0 * speed, jerk))
+        for jerk in (1e6, 1e12, 1e300)
+    ]
+    assert found[1:] == pytest.approx(found[:1] * 2, rel=1e-9)
+    assert found[0] == pytest.approx(25.0, rel=0.01)  # 20 m/s at 0.8 m/s²
+
+
 def test_existing_and_unwritable_folders(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -175,7 +199,10 @@ def test_existing_and_unwritable_folders(
     refused(["run", "demo", "--out", "file/run"], r"--out file/run: cannot be made", tmp_path, monkeypatch, capsys)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", ""])
+@pytest.mark.parametrize("text", [
+    "{", "[]", "", '{"changes": 3}', '{"changes": [3]}', '{"changes": [{"at_s": 1, "name": "kp", "value": []}]}',
+    '{"status": []}', "[" * 100_000,
+])  # fmt: skip
 def test_a_summary_that_is_none(
     text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

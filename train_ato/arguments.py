@@ -27,13 +27,11 @@ def parse_yaml_value(text: str, option: str) -> Any:
     ValueError
         If the text is not valid YAML; the message begins with ``option``.
     """
-    import yaml
-
-    from plant_sim.library import StrictLoader  # pydantic: help needs neither
+    from plant_sim.data_text import parse_yaml  # help does not need yaml
 
     try:
-        return yaml.load(text, Loader=StrictLoader)
-    except (yaml.YAMLError, RecursionError):
+        return parse_yaml(text)
+    except ValueError:
         raise ValueError(
             f"{option}: '{text[:60]}' is not valid YAML; quote a text that contains [ ] {{ }} : or #"
         ) from None

@@ -15,7 +15,8 @@ from mcap.records import Channel, Schema
 
 from train_ato.log.bag_layout import LOG, table_name
 from train_ato.log.reading import log_file
-from train_ato.log.run_folder import parse_summary, read_run_folder
+from train_ato.log.run_folder import read_run_folder
+from train_ato.log.summary_file import parse_summary
 from train_ato.log.tables.portions import Reader
 from train_ato.log.tables.series import Group, TopicColumns
 from train_ato.log.versions import SUMMARY

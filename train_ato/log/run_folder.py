@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import re
 import shutil
@@ -12,13 +11,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from plant_sim.library import StrictLoader
+from plant_sim.data_text import parse_yaml
 from train_ato.log.bag_layout import LOG, PARTIAL
 from train_ato.log.compression import DEFAULT
 from train_ato.log.reading import attachments, log_file
 from train_ato.log.run_log import RunLog
+from train_ato.log.summary_file import parse_summary, summary_text
 from train_ato.log.versions import SCENARIO, SUMMARY, attachments_for
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup, prepare
@@ -116,11 +114,6 @@ class RunFolder:
         (self.path / SUMMARY).write_text(summary_text(result.summary), encoding="utf-8")
 
 
-def summary_text(summary: dict[str, Any]) -> str:
-    """Return the JSON text of a summary."""
-    return json.dumps(summary, indent=2, ensure_ascii=False) + "\n"
-
-
 def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
     """Return the setup and the summary of a recorded run.
 
@@ -142,9 +135,9 @@ def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
     if text is None:
         raise ValueError(f"{path}: no {SCENARIO} is attached; name a log or a run folder that `train-ato run` made")
     try:
-        data = yaml.load(text, Loader=StrictLoader)
-    except yaml.YAMLError as error:
-        raise ValueError(f"{path}: the attached {SCENARIO} is not YAML ({error})") from None
+        data = parse_yaml(text)
+    except ValueError as error:
+        raise ValueError(f"{path}: the attached {SCENARIO} is not YAML ({error}); name another log") from None
     return prepare(check_scenario(data, path), path), _attached_summary(path, attached)
 
 
@@ -169,17 +162,6 @@ def _attached_summary(log: Path, attached: Mapping[str, bytes]) -> dict[str, Any
     """Return the summary attached to a log, empty without one."""
     text = attached.get(SUMMARY)
     return {} if text is None else parse_summary(log, text)
-
-
-def parse_summary(file: Path, text: bytes) -> dict[str, Any]:
-    """Return the content of a ``summary.json``; the key ``way`` of earlier versions is read as ``mode``."""
-    try:
-        summary = json.loads(text)
-    except ValueError as error:
-        raise ValueError(f"{file}: is not JSON ({error}); remove the file; the log is complete") from None
-    if not isinstance(summary, dict):
-        raise ValueError(f"{file}: holds {type(summary).__name__}, not metrics by name; remove the file")
-    return {"mode" if key == "way" else key: value for key, value in summary.items()}
 
 
 class Encoder:
