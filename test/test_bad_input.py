@@ -140,6 +140,12 @@ def test_bad_input_is_one_line_and_status_2(
 FILES: list[tuple[str, str, dict[str, object], str]] = [
     ("negative mass", "consist", light(-3), r"train\.yaml: vehicle_types\.c80\.mass = -3000\.0: .*greater than 0"),
     (
+        "mass of 2^64 t",
+        "consist",
+        light(2.0**64),
+        r"train\.yaml: vehicle_types\.c80: mass 1\.8.* kg is above 1e\+09 kg",
+    ),
+    (
         "mass that is a truth value",
         "consist",
         light(True),
