@@ -43,6 +43,7 @@ def short_line() -> dict[str, object]:
     return {**yaml.safe_load(line_path("daqin_section").read_text()), "end_km": 2.0}
 
 
+SMALL_TICK = ["--set", "tick=0.0001", "--set", "step=0.0001"]
 CASES: list[tuple[str, list[str], str]] = [
     ("unknown scenario", ["run", "demmo"], r"unknown scenario 'demmo'; did you mean 'demo'\?"),
     ("unknown variant", ["run", "daqin_heavy_haul:idael"], r"no variant 'idael'; did you mean 'ideal'\?"),
@@ -92,6 +93,10 @@ CASES: list[tuple[str, list[str], str]] = [
     ("param through a value", ["run", "demo", "--set", "seed.a=1"], r"'seed' is a value, not a block"),
     ("real time factor 0", ["run", "demo", "--realtime", "0"], r"--realtime 0\.0: give a positive number"),
     ("deceleration near 0", ["run", "demo", "--set", "profile.limits.deceleration=1e-300"], r"a profile of inf knots"),
+    ("more ticks than fit into the memory", ["run", "demo", *SMALL_TICK, "--set", "duration=3600"],
+     r"duration 3600\.0 s has 3\.6e\+07 ticks of 0\.0001 s, at most 10000000; shorten it"),
+    ("more knots than a message should have", ["run", "demo", *SMALL_TICK, "--set", "duration=1"],
+     r"a profile of 7\.\d+e\+06 knots, at most 1000000; shorten it or increase the tick"),
     ("tick far too small", ["run", "demo", "--set", "tick=1e-300"], r"tick = 1e-300"),
     ("step too large to be true", ["run", "demo", "--set", "step=0.5"], r"step = 0\.5: .*less than or equal"),
     ("delay beyond reason", ["run", "demo", "--set", "links.command.delay=1e300"], r"delay: 1e\+300 s is longer"),
