@@ -83,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         with ending_like_ctrl_c(interrupt):
             options = _parser().parse_args(_with_present_command(sys.argv[1:] if arguments is None else arguments))
-            return int(options.execute(options) or DONE)
+            return _executed(options)
     except RunFailed as error:
         return _print_error(error, FAILED)
     except KeyboardInterrupt:
@@ -92,6 +92,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if interrupt.asked:  # some libraries convert KeyboardInterrupt into their own exception
             return _print_error("interrupted", FAILED)
         return _status_of(error)
+
+
+def _executed(options: argparse.Namespace) -> int:
+    """Execute the command; ``sys.exit()`` in the code of a user is a failure."""
+    try:
+        return int(options.execute(options) or DONE)
+    except SystemExit as error:
+        raise RunFailed(f"a law or another component called sys.exit({error.code!r}); raise an error there") from None
 
 
 def _with_present_command(arguments: Sequence[str]) -> list[str]:
