@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -294,3 +296,33 @@ def test_a_closed_reader_is_not_an_error(arguments: list[str]) -> None:
     )  # fmt: skip
     os.close(writer)
     assert done.stderr == ""
+
+
+def shell(words: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run a command with redirections of a shell; ``train-ato`` is the command of the source tree."""
+    command = words.replace("train-ato", f"{shlex.quote(sys.executable)} -m train_ato")
+    return subprocess.run(
+        ["bash", "-c", command], cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT), **variables},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_closed_streams_do_not_end_a_run(closed: str, tmp_path: Path) -> None:
+    """Breaks on a traceback after the run, a run that is refused in silence, or prints in a file of the run."""
+    done = shell(f"train-ato run demo --engine --set duration=2 --out run {closed}", tmp_path)
+    assert done.returncode == 0
+    assert "Traceback" not in done.stderr
+    assert main(["verify", str(tmp_path / "run")]) == 0
+    assert shell(f"train-ato run demmo {closed}", tmp_path).returncode == 2
+
+
+def test_characters_outside_an_encoding_are_escapes(tmp_path: Path) -> None:
+    """Breaks if a run is done and then refused because a stream cannot show a letter, or the JSON is not valid."""
+    run = "train-ato run demo --engine --set duration=2"
+    done = shell(run, tmp_path, PYTHONIOENCODING="ascii")
+    assert (done.returncode, done.stderr.replace(COMPILE_NOTE, "").strip()) == (0, "")
+    assert r"\xb5s" in done.stdout
+    text = shell(f"{run} --set 'summary=µ' --json", tmp_path, PYTHONIOENCODING="ascii").stdout
+    assert json.loads(text)["ticks"] == 20
+    assert json.loads(shell("train-ato list --json", tmp_path, PYTHONIOENCODING="ascii").stdout)

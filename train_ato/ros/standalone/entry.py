@@ -12,7 +12,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from train_ato.arguments import BAD_INPUT, OneLineParser
+from train_ato.arguments import BAD_INPUT, OneLineParser, prepare_streams
 from train_ato.interrupt import Interrupt
 from train_ato.log.compression import DEFAULT, add_compression
 from train_ato.messages.topics import Role
@@ -68,6 +68,7 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
     int
         Exit status: 0 done, 1 failed, 2 bad input.
     """
+    prepare_streams()
     options = _arguments(role, words)
     opened = opened_by()
     if opened and not options.attached:
