@@ -11,6 +11,7 @@ from typing import Any
 from plant_sim.data_text import parse_yaml
 from train_ato.log.bag_layout import LOG, METADATA, NEVER, ChannelCount, bag_information, metadata_yaml
 from train_ato.log.mcap_records import summary_of
+from train_ato.log.whole_file import write_whole
 
 BAG = "rosbag2_bagfile_information"
 
@@ -38,7 +39,7 @@ def rewritten(log: Path) -> Path | None:
         if kept.exists():
             raise ValueError(f"{kept}: exists already; move it away first")
         file.rename(kept)
-    file.write_text(metadata_yaml(information), encoding="utf-8")
+    write_whole(file, metadata_yaml(information))
     return kept
 
 

@@ -18,6 +18,7 @@ from train_ato.log.reading import attachments, log_file
 from train_ato.log.run_log import RunLog
 from train_ato.log.summary_file import parse_summary, summary_text
 from train_ato.log.versions import SCENARIO, SUMMARY, attachments_for
+from train_ato.log.whole_file import write_whole
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.codec.codec import Wire
@@ -49,11 +50,18 @@ def check_free(path: Path, option: str = "--out") -> None:
 
 
 class RunFolder:
-    """Folder with all files of one run, created before its start."""
+    """Folder with all files of one run, created before its start.
+
+    Attributes
+    ----------
+    begun : bool
+        True after the scenario was written.
+    """
 
     def __init__(self, path: Path, made: tuple[Path, ...] = ()) -> None:
         self.path = path
         self._made = made
+        self.begun = False
 
     @classmethod
     def make(cls, wanted: Path | None, name: str, option: str = "--out") -> RunFolder:
@@ -102,16 +110,17 @@ class RunFolder:
 
     def begin(self, setup: RunSetup) -> None:
         """Write the resolved scenario, which reproduces the run."""
-        (self.path / SCENARIO).write_text(setup.resolved_yaml(), encoding="utf-8")
+        write_whole(self.path / SCENARIO, setup.resolved_yaml())
+        self.begun = True
 
     def finish(self, setup: RunSetup, result: RunResult) -> None:
         """Write the summary; after unplanned changes also the scenario with them, and keep the initial scenario."""
         if any(not row["planned"] for row in result.summary["changes"]):
             started = self.path / SCENARIO
-            started.rename(self.path / STARTED)
             again = dataclasses.replace(setup, scenario=result.changes.driven(setup.scenario))
-            started.write_text(again.resolved_yaml(), encoding="utf-8")
-        (self.path / SUMMARY).write_text(summary_text(result.summary), encoding="utf-8")
+            write_whole(self.path / STARTED, started.read_text(encoding="utf-8"))
+            write_whole(started, again.resolved_yaml())
+        write_whole(self.path / SUMMARY, summary_text(result.summary))
 
 
 def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:

@@ -32,6 +32,7 @@ from train_ato.log.chunk_thread import ChunkThread, Entry
 from train_ato.log.compression import DEFAULT
 from train_ato.log.definitions import definition
 from train_ato.log.mcap_writer import McapWriter
+from train_ato.log.whole_file import write_whole
 from train_ato.messages.topics import EPOCH_NS, TOPICS, Topic
 
 CHUNK = 512 * 1024
@@ -171,7 +172,7 @@ class LogFile:
         information = bag_information(self.path.name, channels, *span)
         self._writer.metadata("rosbag2", metadata_record(information))
         self._writer.finish()
-        (self.path.parent / METADATA).write_text(metadata_yaml(information), encoding="utf-8")
+        write_whole(self.path.parent / METADATA, metadata_yaml(information))
         self._partial.rename(self.path)
         self._stream.close()
 
