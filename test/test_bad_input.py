@@ -202,6 +202,18 @@ def test_large_jerk_limits_nothing() -> None:
     assert found[0] == pytest.approx(25.0, rel=0.01)  # 20 m/s at 0.8 m/s²
 
 
+@pytest.mark.parametrize("command", [["run", "demo"], ["run", "demo", "--processes"], ["replay", "{golden}"]])
+def test_a_middleware_that_is_not_installed(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if rcl ends the process with status 102 after the folder was made."""
+    pytest.importorskip("rclpy")
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_of_another_vendor")
+    words = [word.format(golden=ROOT / "test" / "golden" / "short_train") for word in command]
+    message = r"RMW_IMPLEMENTATION=rmw_of_another_vendor: this middleware is not installed; `unset RMW_IMPLEMENTATION`"
+    refused(words, message, tmp_path, monkeypatch, capsys)
+
+
 def test_existing_and_unwritable_folders(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

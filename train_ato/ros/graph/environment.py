@@ -11,6 +11,8 @@ from pathlib import Path
 
 from filelock import FileLock, Timeout
 
+from train_ato.ros import DEFAULT_MIDDLEWARE
+
 DOMAINS = range(1, 102)
 """Domains with ports below the ephemeral ones."""
 
@@ -134,7 +136,7 @@ def variables(domain: int, log_folder: Path) -> dict[str, str]:
         **middleware(),
         "ROS_LOG_DIR": str(log_folder),
         "ROS_PYTHON_CHECK_FIELDS": "1",
-        "RMW_IMPLEMENTATION": os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp"),
+        "RMW_IMPLEMENTATION": os.environ.get("RMW_IMPLEMENTATION") or DEFAULT_MIDDLEWARE,
     }
 
 

@@ -16,6 +16,7 @@ from train_ato.arguments import BAD_INPUT, OneLineParser, prepare_streams
 from train_ato.interrupt import Interrupt
 from train_ato.log.compression import DEFAULT, add_compression
 from train_ato.messages.topics import Role
+from train_ato.ros import require_ros
 from train_ato.ros.graph.environment import middleware, opened_by
 from train_ato.ros.graph.graph_result import LOCKSTEP_TIMEOUT_S, PACED_TIMEOUT_S
 
@@ -87,6 +88,8 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
     if options.attached:
         threading.Thread(target=_stop_at_end_of_input, args=(stopped,), daemon=True).start()
     try:
+        if not options.attached:
+            require_ros()
         return _run(role, options, stopped, completed)
     except (ValueError, OSError) as error:
         sys.stderr.write(f"{role.value}: {' '.join(str(error).split())}\n")
