@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import random
+import re
 import tempfile
 import tracemalloc
 from collections.abc import Callable
@@ -327,3 +328,12 @@ def test_a_chunk_unpacks_no_more_than_its_head_says(name: str) -> None:
         assert tracemalloc.get_traced_memory()[1] < 60e6
     finally:
         tracemalloc.stop()
+
+
+def test_verify_refuses_a_message_too_long_for_the_train(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the messages of a log are kept whole before one of them is decoded."""
+    run = tmp_path / "run"
+    assert main(["run", "demo", "--engine", "--json", "--set", "duration=1", "--out", str(run)]) == 0
+    log_of(run / "run.mcap", "/ato/command", [(0, bytes((0, 1, 0, 0)) + bytes(2_000_000))])
+    assert main(["verify", str(run)]) == 2
+    assert re.search(r"ato/command: a message of 2000004 bytes, at most \d+ for this train", capsys.readouterr().err)
