@@ -75,7 +75,6 @@ setup(
         "Jinja2>=3.1",
         "tornado>=6.2",
         "foxglove-sdk>=0.30",
-        "filelock>=3.12",
         "pandas>=2.1",
         "pyarrow>=14",
         "pebble>=5.0.7",

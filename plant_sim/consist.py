@@ -16,6 +16,8 @@ from plant_sim.units import GRAVITY, Force, Length, Mass, Power, Pressure, Ratio
 SCHEMA = "train_ato/consist/1"
 MIN_VEHICLE_MASS = 500.0
 """Smallest plausible mass of a vehicle [kg]; a smaller one is probably in tonnes without the suffix."""
+MAX_VEHICLE_MASS = 1e9
+"""Largest accepted mass of a vehicle [kg]; a whole train as one vehicle is far below it."""
 
 
 class EnvelopeSegment(SiModel):
@@ -104,6 +106,8 @@ class VehicleType(SiModel):
     def _plausible(self) -> VehicleType:
         if self.mass < MIN_VEHICLE_MASS:
             raise ValueError(f"mass {self.mass:g} kg is below {MIN_VEHICLE_MASS:g} kg; write mass_t for tonnes")
+        if self.mass > MAX_VEHICLE_MASS:
+            raise ValueError(f"mass {self.mass:g} kg is above {MAX_VEHICLE_MASS:g} kg; correct it, mass is in kg")
         for name, segments in (("traction", self.traction), ("brake", self.brake)):
             _check_envelope(name, segments)
         if self.adhesive_mass is not None and self.adhesive_mass > self.mass:

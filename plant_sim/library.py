@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
 from pydantic import ValidationError
 
 from plant_sim.consist import Consist
+from plant_sim.data_text import parse_yaml
 from plant_sim.input_error import close_match, explain
 from plant_sim.line import Line
 from plant_sim.units import SiModel
@@ -72,47 +71,6 @@ def _path(kind: str, what: str, name: str) -> Path:
     )
 
 
-MAX_ALIASES = 50
-"""Largest number of aliases in a file; many aliases expand to a size far beyond that of the file."""
-
-
-class StrictLoader(yaml.SafeLoader):
-    """Safe YAML loader that rejects repeated keys and large numbers of aliases."""
-
-    def __init__(self, stream: Any) -> None:
-        super().__init__(stream)
-        self._aliases = 0
-
-    def compose_node(self, parent: Any, index: Any) -> Any:
-        """Compose a node and count its aliases."""
-        if self.check_event(yaml.AliasEvent):
-            self._aliases += 1
-            if self._aliases > MAX_ALIASES:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"more than {MAX_ALIASES} aliases; write them out", None
-                )
-        return super().compose_node(parent, index)
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        """Construct a mapping without repeated keys."""
-        seen: set[str] = set()
-        for key, _ in node.value:
-            text = str(key.value)
-            if text in seen and text != "<<":
-                problem = f"key '{text}' is repeated"
-                raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
-            seen.add(text)
-        return super().construct_mapping(node, deep=deep)
-
-
-StrictLoader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$"),
-    list("-+0123456789"),
-)
-"""YAML 1.1 reads 1e-2 as text; this resolver makes it a number."""
-
-
 def read_yaml(path: Path) -> Any:
     """Read a YAML file safely.
 
@@ -122,18 +80,15 @@ def read_yaml(path: Path) -> Any:
         One line with file, line and reason.
     """
     try:
-        return yaml.load(path.read_text(encoding="utf-8"), Loader=StrictLoader)
-    except RecursionError:
-        raise ValueError(f"{path}: nested too deeply; reduce the nesting") from None
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror}; check the path and its permissions") from None
     except UnicodeDecodeError:
         raise ValueError(f"{path}: not UTF-8 text; save it as UTF-8 YAML") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        place = f" line {mark.line + 1}:" if mark is not None else ""
-        problem = getattr(error, "problem", None) or "not YAML"
-        raise ValueError(f"{path}:{place} {problem}; correct the YAML there") from None
+    try:
+        return parse_yaml(text)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}; correct the YAML there") from None
 
 
 def build_model(model: type[_Model], raw: Any, where: str) -> _Model:

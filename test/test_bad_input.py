@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +16,7 @@ import yaml
 from plant_sim.library import consist_path, line_path
 from train_ato.apps.runs.progress import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.cli import main
+from train_ato.profile.motion import change_of_speed
 from train_ato.scenario.scenario import shipped_scenarios
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -42,6 +45,7 @@ def short_line() -> dict[str, object]:
     return {**yaml.safe_load(line_path("daqin_section").read_text()), "end_km": 2.0}
 
 
+SMALL_TICK = ["--set", "tick=0.0001", "--set", "step=0.0001"]
 CASES: list[tuple[str, list[str], str]] = [
     ("unknown scenario", ["run", "demmo"], r"unknown scenario 'demmo'; did you mean 'demo'\?"),
     ("unknown variant", ["run", "daqin_heavy_haul:idael"], r"no variant 'idael'; did you mean 'ideal'\?"),
@@ -90,6 +94,11 @@ CASES: list[tuple[str, list[str], str]] = [
     ("param without value", ["run", "demo", "--set", "plant.lag"], r"not an assignment; write key\.key=value"),
     ("param through a value", ["run", "demo", "--set", "seed.a=1"], r"'seed' is a value, not a block"),
     ("real time factor 0", ["run", "demo", "--realtime", "0"], r"--realtime 0\.0: give a positive number"),
+    ("deceleration near 0", ["run", "demo", "--set", "profile.limits.deceleration=1e-300"], r"a profile of inf knots"),
+    ("more ticks than fit into the memory", ["run", "demo", *SMALL_TICK, "--set", "duration=3600"],
+     r"duration 3600\.0 s has 3\.6e\+07 ticks of 0\.0001 s, at most 10000000; shorten it"),
+    ("more knots than a message should have", ["run", "demo", *SMALL_TICK, "--set", "duration=1"],
+     r"a profile of 7\.\d+e\+06 knots, at most 1000000; shorten it or increase the tick"),
     ("tick far too small", ["run", "demo", "--set", "tick=1e-300"], r"tick = 1e-300"),
     ("step too large to be true", ["run", "demo", "--set", "step=0.5"], r"step = 0\.5: .*less than or equal"),
     ("delay beyond reason", ["run", "demo", "--set", "links.command.delay=1e300"], r"delay: 1e\+300 s is longer"),
@@ -138,6 +147,12 @@ def test_bad_input_is_one_line_and_status_2(
 FILES: list[tuple[str, str, dict[str, object], str]] = [
     ("negative mass", "consist", light(-3), r"train\.yaml: vehicle_types\.c80\.mass = -3000\.0: .*greater than 0"),
     (
+        "mass of 2^64 t",
+        "consist",
+        light(2.0**64),
+        r"train\.yaml: vehicle_types\.c80: mass 1\.8.* kg is above 1e\+09 kg",
+    ),
+    (
         "mass that is a truth value",
         "consist",
         light(True),
@@ -165,6 +180,40 @@ def test_bad_data_files(
     refused(["run", "demo", "--set", f"plant.{what}={name}"], message, tmp_path, monkeypatch, capsys)
 
 
+@pytest.mark.parametrize("text", ["x: " + "[" * 50_000, "- " * 50_000], ids=["flow", "block"])
+@pytest.mark.parametrize("reader", ["line", "profile"])
+def test_deep_yaml_of_other_formats(
+    reader: str, text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a file is composed by recursion in C: the stack overflows and the process ends with SIGSEGV."""
+    (tmp_path / "deep.yaml").write_text(text)
+    profile = ["run", "demo", "--engine", "--set", f"profile={{file: {tmp_path}/deep.yaml}}"]
+    command = ["plan", "level", "deep.yaml"] if reader == "line" else profile
+    refused(command, r"deep\.yaml: not valid.*nested deeper than 100 levels", tmp_path, monkeypatch, capsys)
+
+
+def test_large_jerk_limits_nothing() -> None:
+    """Breaks if the ramps of a large jerk limit cancel the speed curve by rounding and the motion becomes endless."""
+    found = [
+        sum(piece.duration for piece in change_of_speed(0.0, 20.0, lambda speed: 0.8 + 0 * speed, jerk))
+        for jerk in (1e6, 1e12, 1e300)
+    ]
+    assert found[1:] == pytest.approx(found[:1] * 2, rel=1e-9)
+    assert found[0] == pytest.approx(25.0, rel=0.01)  # 20 m/s at 0.8 m/s²
+
+
+@pytest.mark.parametrize("command", [["run", "demo"], ["run", "demo", "--processes"], ["replay", "{golden}"]])
+def test_a_middleware_that_is_not_installed(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if rcl ends the process with status 102 after the folder was made."""
+    pytest.importorskip("rclpy")
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_of_another_vendor")
+    words = [word.format(golden=ROOT / "test" / "golden" / "short_train") for word in command]
+    message = r"RMW_IMPLEMENTATION=rmw_of_another_vendor: this middleware is not installed; `unset RMW_IMPLEMENTATION`"
+    refused(words, message, tmp_path, monkeypatch, capsys)
+
+
 def test_existing_and_unwritable_folders(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -175,7 +224,10 @@ def test_existing_and_unwritable_folders(
     refused(["run", "demo", "--out", "file/run"], r"--out file/run: cannot be made", tmp_path, monkeypatch, capsys)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", ""])
+@pytest.mark.parametrize("text", [
+    "{", "[]", "", '{"changes": 3}', '{"changes": [3]}', '{"changes": [{"at_s": 1, "name": "kp", "value": []}]}',
+    '{"status": []}', "[" * 100_000,
+])  # fmt: skip
 def test_a_summary_that_is_none(
     text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -256,3 +308,33 @@ def test_a_closed_reader_is_not_an_error(arguments: list[str]) -> None:
     )  # fmt: skip
     os.close(writer)
     assert done.stderr == ""
+
+
+def shell(words: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run a command with redirections of a shell; ``train-ato`` is the command of the source tree."""
+    command = words.replace("train-ato", f"{shlex.quote(sys.executable)} -m train_ato")
+    return subprocess.run(
+        ["bash", "-c", command], cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT), **variables},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_closed_streams_do_not_end_a_run(closed: str, tmp_path: Path) -> None:
+    """Breaks on a traceback after the run, a run that is refused in silence, or prints in a file of the run."""
+    done = shell(f"train-ato run demo --engine --set duration=2 --out run {closed}", tmp_path)
+    assert done.returncode == 0
+    assert "Traceback" not in done.stderr
+    assert main(["verify", str(tmp_path / "run")]) == 0
+    assert shell(f"train-ato run demmo {closed}", tmp_path).returncode == 2
+
+
+def test_characters_outside_an_encoding_are_escapes(tmp_path: Path) -> None:
+    """Breaks if a run is done and then refused because a stream cannot show a letter, or the JSON is not valid."""
+    run = "train-ato run demo --engine --set duration=2"
+    done = shell(run, tmp_path, PYTHONIOENCODING="ascii")
+    assert (done.returncode, done.stderr.replace(COMPILE_NOTE, "").strip()) == (0, "")
+    assert r"\xb5s" in done.stdout
+    text = shell(f"{run} --set 'summary=µ' --json", tmp_path, PYTHONIOENCODING="ascii").stdout
+    assert json.loads(text)["ticks"] == 20
+    assert json.loads(shell("train-ato list --json", tmp_path, PYTHONIOENCODING="ascii").stdout)

@@ -133,6 +133,15 @@ def test_a_full_disk_leaves_nothing(run, tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "deep").exists()
 
 
+def test_long_topic_names_become_file_names(tmp_path):
+    """Breaks if a topic of 300 letters makes a file name that no file system accepts."""
+    topics = ["/" + "ä" * 300, "/" + "ä" * 299 + "b"]
+    names = list(file_names(topics).values())
+    assert len(set(names)) == 2
+    for name in names:
+        (tmp_path / f"{name}.parquet").write_text("")
+
+
 def test_names_of_files_do_not_meet():
     """Breaks if two topics are written into one file."""
     topics = ["/a/b_c", "/a_b/c", "a/b/c", "/"]

@@ -5,20 +5,24 @@ A limit on the size of files replaces the full disk: writing fails at the same p
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from waiting import LIMIT_S
+from waiting import LIMIT_S, wait_for
 
 import plant_sim
 from train_ato.apps.runs.drive import finish
+from train_ato.apps.runs.progress import COMPILE_NOTE
 from train_ato.apps.runs.record import RunRecord
 from train_ato.apps.runs.run import Run
 from train_ato.errors import FirstFailure, RunFailed
 from train_ato.log.run_folder import RunFolder
+from train_ato.loop.engine import run_engine
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
@@ -85,3 +89,73 @@ def test_the_original_failure_is_reported_if_the_summary_cannot_be_written(tmp_p
     run = Run(outcome.summary, record=RunRecord(setup, folder), setup=setup, outcome=outcome)
     with pytest.raises(RunFailed, match="no room"):
         finish(run, outcome)
+
+
+@pytest.mark.parametrize("name", ["summary.json", "scenario.yaml", "metadata.yaml"])
+def test_a_small_file_is_whole_or_missing(name: str, tmp_path: Path) -> None:
+    """Breaks if a full disk leaves an empty file, or an earlier file is lost."""
+    program = """
+import resource, signal, sys
+from pathlib import Path
+from train_ato.log.whole_file import write_whole
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))
+for folder in ("full", "again"):
+    try:
+        write_whole(Path(folder) / sys.argv[1], "x" * 5000)
+    except OSError as error:
+        assert error.filename == str(Path(folder) / sys.argv[1])
+    else:
+        sys.exit(1)
+"""
+    for folder in ("full", "again"):
+        (tmp_path / folder).mkdir()
+    (tmp_path / "again" / name).write_text("earlier")
+    environment = {**os.environ, "PYTHONPATH": str(Path(plant_sim.__file__).parents[1])}
+    done = subprocess.run([sys.executable, "-c", program, name], cwd=tmp_path, env=environment, check=False)
+    assert done.returncode == 0
+    assert not list((tmp_path / "full").iterdir())
+    assert [path.read_text() for path in (tmp_path / "again").iterdir()] == ["earlier"]
+
+
+def test_a_full_disk_leaves_no_empty_summary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the summary is written in place: `info` then names a file that is not JSON."""
+    setup = prepare(*load_scenario("demo", ("duration=1",)))
+    folder = RunFolder.make(tmp_path / "run", "demo")
+    folder.begin(setup)
+    with folder.sink(setup) as sink:
+        result = run_engine(setup, sink=sink)
+    written = Path.write_text
+
+    def full(path: Path, text: str, encoding: str | None = None) -> int:
+        written(path, text[:10], encoding=encoding)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(OSError, match=r"summary\.json"):
+        folder.finish(setup, result)
+    assert sorted(path.name for path in folder.path.iterdir()) == ["metadata.yaml", "run.mcap", "scenario.yaml"]
+
+
+@pytest.mark.parametrize("mode", ["--engine", "--composed", "--processes"])
+def test_a_folder_removed_during_the_run_is_named(mode: str, tmp_path: Path) -> None:
+    """Breaks if the message names a full or read-only place, or an empty log takes the place of the removed one."""
+    if mode != "--engine":
+        pytest.importorskip("rclpy")
+    options = [] if mode == "--composed" else [mode]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "train_ato", "run", "demo", *options, "--pace", "20", "--set", "duration=60",
+         "--out", "out"],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(Path(plant_sim.__file__).parents[1])},
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    partial = tmp_path / "out" / "run.mcap.partial"
+    wait_for(lambda: partial.exists() and partial.stat().st_size > 100_000, "a run that records")
+    shutil.rmtree(tmp_path / "out")
+    out, err = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 1
+    assert out == ""
+    assert err.replace(COMPILE_NOTE, "").strip() == (
+        "train-ato: --out out: was removed during the run; nothing is recorded"
+    )
+    assert not list((tmp_path / "out").glob("**/run.mcap"))

@@ -192,3 +192,59 @@ def test_nohup_is_respected(tmp_path: Path) -> None:
         "    assert interrupt.asked\n"
     )
     subprocess.run([sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
+
+
+LAWS = """
+import sys, time
+from pathlib import Path
+from train_ato.control.laws.pid import Pid
+
+class Ends(Pid):
+    def step(self, inputs):
+        while inputs.t > 1.0:
+            {then}
+        return super().step(inputs)
+"""
+"""Module of a law that does not return after 1 s."""
+
+
+@pytest.mark.parametrize("mode", ["--engine", "--composed", "--processes"])
+def test_a_law_that_exits_fails_the_run(mode: str, tmp_path: Path) -> None:
+    """Breaks if ``sys.exit(0)`` in a law ends a run with status 0, or the message does not name the law."""
+    if mode != "--engine":
+        pytest.importorskip("rclpy")
+    (tmp_path / "own_laws.py").write_text(LAWS.format(then="sys.exit(0)"))
+    options = [] if mode == "--composed" else [mode]
+    with started(tmp_path, "run", "demo", *options, "--controller", "own_laws:Ends", "--out", "out") as process:
+        _, err = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 1
+    assert "node controller failed: law 'own_laws:Ends' called sys.exit(0)" in err
+    assert "Traceback" not in err
+    assert (tmp_path / "out" / "summary.json").is_file()
+
+
+def test_a_module_that_exits_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if ``sys.exit(0)`` at the import of a law ends the command with status 0."""
+    (tmp_path / "exiting_law.py").write_text("import sys; sys.exit(0)")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert main(["run", "demo", "--engine", "--controller", "exiting_law:Law"]) == 2
+    assert "controller 'exiting_law:Law' cannot be loaded: SystemExit" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("then", ["time.sleep(1000)", "pass"], ids=["sleeps", "loops"])
+@pytest.mark.parametrize("mode", ["--engine", "--composed"])
+def test_ctrl_c_ends_a_law_that_does_not_return(mode: str, then: str, tmp_path: Path) -> None:
+    """Breaks if Ctrl-C waits for the end of a step that never ends, or the message does not name the law."""
+    if mode != "--engine":
+        pytest.importorskip("rclpy")
+    (tmp_path / "own_laws.py").write_text(LAWS.format(then=f'Path("hangs").touch(); {then}'))
+    options = [] if mode == "--composed" else [mode]
+    with started(tmp_path, "run", "demo", *options, "--controller", "own_laws:Ends", "--out", "out") as process:
+        wait_for((tmp_path / "hangs").exists, "a law that does not return")
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 1
+    assert "node controller failed: law 'own_laws:Ends' did not return; Ctrl-C ended it" in err
+    assert (tmp_path / "out" / "summary.json").is_file()

@@ -28,6 +28,7 @@ from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
 from train_ato.loop.setup import prepare
 from train_ato.loop.trajectories import profile_of
+from train_ato.messages.types import Command
 from train_ato.scenario.interventions import (
     KEY,
     DelayJumpNow,
@@ -388,3 +389,46 @@ def test_train_and_line_that_are_empty_of_units_take_an_emergency_brake():
     )
     assert Line.model_validate({"schema": "train_ato/line/1", "name": "level", "end": 1000.0}).end == 1000.0
     assert EmergencyBrake(consist, PlantSetup()).demand(np.zeros(0)).shape == (0,)
+
+
+def ticked(plant, count):
+    """Run the plant for some ticks without commands."""
+    for _ in range(count):
+        plant.observe()
+        plant.hold()
+
+
+def test_requested_gusts_are_limited_in_number():
+    """Breaks if requests add up without bound: 400 gusts in a second accelerate a train to any speed."""
+    plant = PlantStage(demo())
+    for _ in range(5):
+        plant.request(gust(0.01, 2.0))
+    ticked(plant, 10)
+    for _ in range(5):
+        plant.request(gust(0.01, 2.0))
+    with pytest.raises(ValueError, match=r"10 requests of gust are in force, the maximum; repeat it after 2\.1 s"):
+        plant.request(gust(0.01, 2.0))
+    ticked(plant, 11)
+    plant.request(gust(0.01, 2.0))
+
+
+def test_requested_delay_jumps_are_limited_in_number_and_a_delay_has_no_overflow():
+    """Breaks if delay jumps add up without bound, or their product is not a number."""
+    plant = PlantStage(demo())
+    for _ in range(100):
+        plant.request(DelayJumpNow(factor=1000.0))
+    with pytest.raises(ValueError, match="100 requests of delay_jump are in force, the maximum"):
+        plant.request(DelayJumpNow(factor=1000.0))
+    plant.observe()
+    plant.act(Command(0, np.zeros(plant.setup.layout.n_units)), None)
+
+
+def test_requests_during_a_pause_are_limited_in_number():
+    """Breaks if requests to a paused run are queued without bound."""
+    plant = PlantStage(demo())
+    for _ in range(10):
+        plant.request(EmergencyBrakeNow())
+    with pytest.raises(ValueError, match="10 requests of emergency_brake are in force"):
+        plant.request(EmergencyBrakeNow())
+    ticked(plant, 1)
+    plant.request(EmergencyBrakeNow())

@@ -4,22 +4,30 @@ from __future__ import annotations
 
 import io
 import random
+import re
 import tempfile
+import tracemalloc
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import zstandard
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 
 from train_ato.cli import main
 from train_ato.log.bag_layout import published_name
+from train_ato.log.definitions import definition
 from train_ato.log.mcap_chunk import chunk_content
+from train_ato.log.mcap_records import Damage
 from train_ato.log.reading import attachments, log_file, stream
 from train_ato.log.recover import recover
 from train_ato.log.run_log import LogFile
+from train_ato.log.tables.loading import load
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
 CHUNK = 150_000
@@ -266,3 +274,66 @@ def test_our_checksums_are_those_of_the_format() -> None:
     """Breaks if the MCAP library calculates another checksum of the data section."""
     kinds = {type(record).__name__ for record in StreamReader(io.BytesIO(WHOLE), validate_crcs=True).records}
     assert {"Attachment", "AttachmentIndex", "Statistics", "DataEnd", "Message"} <= kinds
+
+
+def log_of(path: Path, topic: str, messages: list[tuple[int, bytes]]) -> None:
+    """Write a log of JointState messages (publish time [ns], CDR bytes) on one topic."""
+    known = definition("sensor_msgs/msg/JointState")
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=2**20)
+        writer.start("ros2")
+        schema = writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", known.text.encode())
+        channel = writer.register_channel(topic, "cdr", schema)
+        for time, data in messages:
+            writer.add_message(channel, 0, data, time)
+        writer.finish()
+
+
+@pytest.mark.parametrize("command", ["info", "export", "recover"])
+def test_a_time_beyond_that_of_ros_is_refused(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a publish time of 2^63 ns overflows the arrays of times."""
+    log_of(tmp_path / "run.mcap", "/ato/command", [(2**63, bytes(64))])
+    assert one_line(capsys, command, str(tmp_path / "run.mcap")) == 2
+
+
+@pytest.mark.parametrize("topic", ["/train/vehicles", "/foreign"])
+def test_long_arrays_are_refused_at_the_first_message(topic: str, tmp_path: Path) -> None:
+    """Breaks if a small log of compressed zeros is unpacked as a whole before its arrays are refused."""
+    size = 250_000  # numbers in one message, 2 MB
+    data = bytes((0, 1, 0, 0)) + bytes(16) + size.to_bytes(4, "little") + bytes(4) + bytes(8 * size) + bytes(8)
+    log_of(tmp_path / "run.mcap", topic, [(time, data) for time in range(100)])
+    assert (tmp_path / "run.mcap").stat().st_size < 100_000
+    tracemalloc.start()
+    try:
+        with pytest.raises(ValueError, match=r"position .* 250000 "):
+            load(tmp_path / "run.mcap", [topic])
+        assert tracemalloc.get_traced_memory()[1] < 60e6  # all messages have 200 MB
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("name", ["zstd", "lz4"])
+def test_a_chunk_unpacks_no_more_than_its_head_says(name: str) -> None:
+    """Breaks if a chunk that says 10 bytes and has 300 MB is unpacked before its length is compared."""
+    if name == "lz4":
+        packed = pytest.importorskip("lz4.frame").compress(bytes(300_000_000), store_size=False)
+    else:
+        packed = zstandard.ZstdCompressor(write_content_size=False).compress(bytes(300_000_000))
+    letters = len(name).to_bytes(4, "little") + name.encode()
+    head = bytes(16) + (10).to_bytes(8, "little") + bytes(4) + letters + len(packed).to_bytes(8, "little")
+    tracemalloc.start()
+    try:
+        with suppress(Damage):
+            assert len(chunk_content(head + packed)) == 10
+        assert tracemalloc.get_traced_memory()[1] < 60e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_verify_refuses_a_message_too_long_for_the_train(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the messages of a log are kept whole before one of them is decoded."""
+    run = tmp_path / "run"
+    assert main(["run", "demo", "--engine", "--json", "--set", "duration=1", "--out", str(run)]) == 0
+    log_of(run / "run.mcap", "/ato/command", [(0, bytes((0, 1, 0, 0)) + bytes(2_000_000))])
+    assert main(["verify", str(run)]) == 2
+    assert re.search(r"ato/command: a message of 2000004 bytes, at most \d+ for this train", capsys.readouterr().err)

@@ -39,6 +39,20 @@ def test_metadata_beside_a_whole_log_is_written_again(wrong: str, tmp_path: Path
         assert file.with_name("metadata.yaml.broken").read_text() == texts[wrong]
 
 
+def test_metadata_beside_a_log_with_unreadable_quality_of_service(tmp_path: Path) -> None:
+    """Breaks if the quality of service of a channel is parsed without a check."""
+    with (tmp_path / "run.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start("ros2")
+        schema = writer.register_schema("std_msgs/msg/String", "ros2msg", b"string data")
+        channel = writer.register_channel("/text", "cdr", schema, {"offered_qos_profiles": "["})
+        writer.add_message(channel, 1, bytes(8), 1)
+        writer.finish()
+    assert main(["recover", str(tmp_path)]) == 0
+    text = yaml.safe_load((tmp_path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert text["topics_with_message_count"][0]["topic_metadata"]["offered_qos_profiles"] == []
+
+
 def test_metadata_of_a_bag_in_several_files_is_left_alone(tmp_path: Path) -> None:
     """Breaks if the recovery of one file of a bag removes the others from it."""
     (tmp_path / "bag_0.mcap").write_bytes(GOLDEN.read_bytes()[:-30])

@@ -1,14 +1,34 @@
-"""Command-line parser with one-line errors, YAML values of options, and checks of output files."""
+"""Standard streams, command-line parser with one-line errors, YAML values of options, checks of output files."""
 
 from __future__ import annotations
 
 import argparse
+import io
+import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 BAD_INPUT = 2
 """Exit status of a command refused before its start."""
+
+
+def prepare_streams() -> None:
+    """Open closed standard streams to the null device, and show characters outside an encoding as escapes.
+
+    With a closed stream (``>&-``) Python has no ``sys.stdout``, and the next file that a library opens gets its number:
+    prints would go into that file.
+    """
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(number, True)
+    os.close(number)
+    for name, number, mode in (("stdin", 0, "r"), ("stdout", 1, "w"), ("stderr", 2, "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, mode, encoding="utf-8", closefd=False))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -27,13 +47,11 @@ def parse_yaml_value(text: str, option: str) -> Any:
     ValueError
         If the text is not valid YAML; the message begins with ``option``.
     """
-    import yaml
-
-    from plant_sim.library import StrictLoader  # pydantic: help needs neither
+    from plant_sim.data_text import parse_yaml  # help does not need yaml
 
     try:
-        return yaml.load(text, Loader=StrictLoader)
-    except (yaml.YAMLError, RecursionError):
+        return parse_yaml(text)
+    except ValueError:
         raise ValueError(
             f"{option}: '{text[:60]}' is not valid YAML; quote a text that contains [ ] {{ }} : or #"
         ) from None

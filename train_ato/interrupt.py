@@ -6,14 +6,53 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, ClassVar
+
+from train_ato.errors import RunFailed
 
 _ENDING = (signal.SIGTERM, signal.SIGHUP)
+RETURN_S = 2.0
+"""Wall time after which a call of a component, interrupted by Ctrl-C, is ended [s]."""
 AGAIN_S = 0.05
 """Wall time before a dropped interruption is sent again [s]."""
+
+
+class ComponentCall:
+    """Context of a call of a control law, an observer or another component that a user can write.
+
+    ``sys.exit()`` in it, and Ctrl-C during a call that does not return, become :class:`RunFailed` with its name.
+
+    Parameters
+    ----------
+    name
+        Kind and name of the component, for messages.
+    """
+
+    _since: ClassVar[dict[int, float]] = {}
+    """Wall time of the begin of the call of every thread [s]."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def __enter__(self) -> None:
+        self._since[threading.get_ident()] = time.monotonic()
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        del self._since[threading.get_ident()]
+        if isinstance(error, SystemExit):
+            raise RunFailed(f"{self.name} called sys.exit({error.code!r})") from error
+        if isinstance(error, KeyboardInterrupt):
+            raise RunFailed(f"{self.name} did not return; Ctrl-C ended it") from error
+
+    @classmethod
+    def overdue(cls) -> bool:
+        """Return True if the main thread is inside a call that takes longer than :data:`RETURN_S`."""
+        since = cls._since.get(threading.main_thread().ident or 0)
+        return since is not None and time.monotonic() - since > RETURN_S
 
 
 class Interrupt:
@@ -21,10 +60,27 @@ class Interrupt:
 
     def __init__(self) -> None:
         self.asked = False
+        self._released = threading.Event()
+        self._watching = False
 
     def ask(self, number: int, frame: FrameType | None) -> None:
-        """Signal handler: set the flag."""
+        """Signal handler: set the flag; end the call of a component that does not return."""
         self.asked = True
+        if ComponentCall.overdue():
+            raise KeyboardInterrupt
+        if not self._watching:
+            self._watching = True
+            threading.Thread(target=self._watch, args=(number,), name="interrupt", daemon=True).start()
+
+    def _watch(self, number: int) -> None:
+        """Send the signal again if a component does not return."""
+        while not self._released.wait(RETURN_S):
+            if ComponentCall.overdue():
+                os.kill(os.getpid(), number)
+
+    def release(self) -> None:
+        """End the watch over components."""
+        self._released.set()
 
     def end(self, number: int, frame: FrameType | None) -> None:
         """Signal handler: set the flag and raise KeyboardInterrupt."""
@@ -34,10 +90,13 @@ class Interrupt:
 
 @contextmanager
 def interruptible() -> Iterator[Interrupt]:
-    """Yield a flag set by the signals that end a command, so that no step and no write is interrupted."""
+    """Yield a flag set by the signals that end a command; no write is interrupted, and no step that returns."""
     interrupt = Interrupt()
     with _handled(interrupt.ask, (signal.SIGINT, *_ENDING)):
-        yield interrupt
+        try:
+            yield interrupt
+        finally:
+            interrupt.release()
 
 
 @contextmanager

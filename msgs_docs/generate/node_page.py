@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from train_ato.loop.plant import MAX_REQUESTS
 from train_ato.loop.setup import prepare
 from train_ato.messages.topics import Role, published_by, read_by
 from train_ato.ros.graph.environment import applied, claim_domain, variables
@@ -14,10 +15,11 @@ from train_ato.scenario.scenario import load_scenario
 PAGE = Path("msgs_docs", "nodes.md")
 """Path of the page in the repository."""
 MARK = "<!-- From here on made by `python -m msgs_docs.generate`; do not edit by hand. -->"
+_AT_MOST = {kind: f"at most {count}" for kind, count in MAX_REQUESTS.items()}
 _SERVICES = {
-    "delay_jump": "change the command delays with the parameters `delay_jump.*`",
+    "delay_jump": f"change the command delays with the parameters `delay_jump.*`; {_AT_MOST['delay_jump']} in a run",
     "emergency_brake": "`true` applies the emergency brake, `false` releases it (at standstill only)",
-    "gust": "a gust with the parameters `gust.*`",
+    "gust": f"a gust with the parameters `gust.*`; {_AT_MOST['gust']} at once",
     "pause": "`true` pauses the run, `false` resumes it",
     "ready": "`success` after the discovery of the other nodes; `data: true`: also of the recorder",
     "start": "resume a paused run",

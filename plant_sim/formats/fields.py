@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import Any
 
-import yaml
+from plant_sim.data_text import parse_json, parse_yaml
 
 MAX_FILE_SIZE = 64 * 2**20
 """Largest accepted file [bytes]."""
@@ -28,21 +27,14 @@ def read_data(path: Path) -> dict[str, Any]:
     except (OSError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: cannot be read ({error.__class__.__name__}); give a readable text file") from None
     try:
-        data = json.loads(text) if path.suffix.lower() == ".json" else _yaml(text)
-    except (ValueError, RecursionError) as error:
+        data = parse_json(text) if path.suffix.lower() == ".json" else parse_yaml(text)
+    except ValueError as error:
         raise ValueError(f"{path}: not valid: {' '.join(str(error).split())[:200]}; correct it") from None
     if not isinstance(data, dict):
         raise ValueError(
             f"{path}: holds {type(data).__name__} in place of keys and values; give a file of a train or a line"
         )
     return data
-
-
-def _yaml(text: str) -> Any:
-    try:
-        return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except yaml.YAMLError as error:
-        raise ValueError(str(error)) from None
 
 
 class Fields:

@@ -198,7 +198,8 @@ def _write_run(options: argparse.Namespace, setup: RunSetup, found: Measured, wi
     """Write the run folder with its log."""
     from train_ato.apps.import_csv.run import measured_result, write_messages
     from train_ato.apps.import_csv.series import series_of
-    from train_ato.log.run_folder import RunFolder, summary_text
+    from train_ato.log.run_folder import RunFolder
+    from train_ato.log.summary_file import summary_text
     from train_ato.log.versions import SUMMARY
 
     series = series_of(found, setup)

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from train_ato.arguments import BAD_INPUT, OneLineParser
+from train_ato.arguments import BAD_INPUT, OneLineParser, prepare_streams
 from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.version import VERSION
@@ -80,11 +80,12 @@ def _parser() -> argparse.ArgumentParser:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
+    prepare_streams()
     interrupt = Interrupt()
     try:
         with ending_like_ctrl_c(interrupt):
             options = _parser().parse_args(_with_present_command(sys.argv[1:] if arguments is None else arguments))
-            return int(options.execute(options) or DONE)
+            return _executed(options)
     except RunFailed as error:
         return _print_error(error, FAILED)
     except KeyboardInterrupt:
@@ -93,6 +94,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if interrupt.asked:  # some libraries convert KeyboardInterrupt into their own exception
             return _print_error("interrupted", FAILED)
         return _status_of(error)
+
+
+def _executed(options: argparse.Namespace) -> int:
+    """Execute the command; ``sys.exit(0)`` in the code of a user is a failure."""
+    try:
+        return int(options.execute(options) or DONE)
+    except SystemExit as error:
+        if error.code:  # rich, for a closed pipe
+            raise
+        raise RunFailed(f"a law or another component called sys.exit({error.code!r}); raise an error there") from None
 
 
 def _with_present_command(arguments: Sequence[str]) -> list[str]:

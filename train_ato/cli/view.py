@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.apps.runs.progress import console
+from train_ato.apps.view.origins import LOCAL_NAMES
 from train_ato.arguments import BAD_INPUT
 from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt, interruptible
@@ -95,6 +96,7 @@ def execute(options: argparse.Namespace) -> int:
             from train_ato.apps.view.foxglove import serve_foxglove
 
             foxglove = stack.enter_context(serve_foxglove(feed, options.foxglove))
+        _warn_of_network(options.address, feed.live)
         sys.stdout.write(f"{server.url}\n")
         if foxglove is not None:
             sys.stdout.write(f"{foxglove.url}\n")
@@ -105,6 +107,13 @@ def execute(options: argparse.Namespace) -> int:
             webbrowser.open(server.url)
         server.run(lambda: interrupt.asked)
     return 0
+
+
+def _warn_of_network(address: str, live: bool) -> None:
+    """Print a line if other hosts can open the page."""
+    if address not in LOCAL_NAMES:
+        able = "act on the train" if live else "read the run"
+        sys.stderr.write(f"train-ato: --address {address}: every host that reaches the page can {able}, no password\n")
 
 
 def _check(options: argparse.Namespace) -> None:

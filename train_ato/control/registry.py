@@ -116,7 +116,7 @@ class Registry:
             loaded = in_contract_form(load_class(target) if target is not None else external[name].load())
         except ValueError as error:
             raise ValueError(f"{self.kind} '{name}': {error}") from None
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise ValueError(f"{self.kind} '{name}' cannot be loaded: {type(error).__name__}: {error}") from error
         known[name] = loaded
         return loaded

@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from plant_sim.data_text import parse_yaml
 from train_ato.messages.topics import BY_NAME, TOPICS, Topic
 
 LOG = "run.mcap"
@@ -90,6 +91,15 @@ def qos_text(profiles: list[dict[str, Any]]) -> str:
     return yaml.dump(profiles, Dumper=_Plain, sort_keys=False)
 
 
+def offered_qos(text: str) -> list[Any]:
+    """Return the quality of service from the metadata of a channel; empty if the text is not a YAML sequence."""
+    try:
+        found = parse_yaml(text)
+    except ValueError:
+        return []
+    return found if isinstance(found, list) else []
+
+
 class _Plain(yaml.SafeDumper):
     """YAML writer without anchors, which readers of bags do not support."""
 
@@ -129,7 +139,7 @@ def bag_information(file_name: str, channels: Sequence[ChannelCount], begin: int
                 "name": channel.name,
                 "type": channel.type,
                 "serialization_format": channel.encoding,
-                "offered_qos_profiles": yaml.safe_load(channel.qos),
+                "offered_qos_profiles": offered_qos(channel.qos),
                 "type_description_hash": channel.hash,
             },
             "message_count": channel.count,

@@ -8,10 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from plant_sim.data_text import parse_yaml
 from train_ato.log.bag_layout import LOG, METADATA, NEVER, ChannelCount, bag_information, metadata_yaml
 from train_ato.log.mcap_records import summary_of
+from train_ato.log.whole_file import write_whole
 
 BAG = "rosbag2_bagfile_information"
 
@@ -39,7 +39,7 @@ def rewritten(log: Path) -> Path | None:
         if kept.exists():
             raise ValueError(f"{kept}: exists already; move it away first")
         file.rename(kept)
-    file.write_text(metadata_yaml(information), encoding="utf-8")
+    write_whole(file, metadata_yaml(information))
     return kept
 
 
@@ -79,9 +79,9 @@ def belongs(file: Path, log: str) -> bool:
 def _read(file: Path) -> tuple[list[str], dict[str, int]] | None:
     """Return files and message counts of ``metadata.yaml``; None if it is unreadable."""
     try:
-        information = yaml.safe_load(file.read_text(encoding="utf-8"))[BAG]
+        information = parse_yaml(file.read_text(encoding="utf-8"))[BAG]
         return information["relative_file_paths"], _counts(information)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
 

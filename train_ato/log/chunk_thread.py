@@ -9,6 +9,7 @@ import functools
 import threading
 import time
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import IO
 
 from train_ato.log.chunk_clock import ChunkClock
@@ -163,5 +164,8 @@ class ChunkThread:
     def _give_up(self, error: Exception) -> None:
         """Store the failure and close the file without further writing."""
         reason = error.strerror if isinstance(error, OSError) and error.strerror else error
-        self.failure = f"{self._name}: writing failed ({reason}); `train-ato recover` reads the rest"
+        if not Path(self._name).exists():
+            self.failure = f"{self._name}: was removed during the run; nothing is recorded"
+        else:
+            self.failure = f"{self._name}: writing failed ({reason}); `train-ato recover` reads the rest"
         self._raw.close()

@@ -95,11 +95,11 @@ def compare_logs(
     Raises
     ------
     ValueError
-        If one of the files is not a log, or damaged.
+        If one of the files is not a log, or damaged, or has a message too long for the train.
     """
     report = progress or _silent
-    left = _by_topic(one, lambda share: report(0.4 * share))
-    right = _by_topic(other, lambda share: report(0.4 + 0.4 * share))
+    left = _by_topic(one, wire, lambda share: report(0.4 * share))
+    right = _by_topic(other, wire, lambda share: report(0.4 + 0.4 * share))
     messages = 0
     topics: dict[str, int] = {}
     found: list[Difference] = []
@@ -122,10 +122,15 @@ def _silent(share: float) -> None:
     pass
 
 
-def _by_topic(run: Path, progress: Progress) -> dict[str, list[Entry]]:
+def _by_topic(run: Path, wire: Wire, progress: Progress) -> dict[str, list[Entry]]:
     """Return the messages by topic in stamp order; diagnostics of one stamp in the order of their content."""
     messages: dict[str, list[Entry]] = {}
     for topic, stamp, data in iter_raw(run, progress=progress):
+        if len(data) > wire.longest(topic):
+            raise ValueError(
+                f"{run}: {topic}: a message of {len(data)} bytes, at most {wire.longest(topic)} for this train; "
+                "name another log"
+            )
         messages.setdefault(topic, []).append((stamp, data))
     for topic, entries in messages.items():
         entries.sort(key=lambda entry: entry if topic == "/diagnostics" else entry[:1])

@@ -14,7 +14,7 @@ __all__ = ["ChunkHead", "chunk_content", "chunk_head"]
 
 _CHUNK = struct.Struct("<QQQII")
 _LONG = struct.Struct("<Q")
-_LARGEST_CHUNK = 1 << 30
+_LARGEST_CHUNK = 1 << 29
 """Maximum uncompressed size of a valid chunk [bytes]."""
 
 
@@ -78,7 +78,7 @@ def _unpacked(packed: bytes, head: ChunkHead) -> bytes:
         if head.compression == "lz4":
             import lz4.frame
 
-            return bytes(lz4.frame.decompress(packed))
+            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=head.uncompressed))
     except (zstandard.ZstdError, RuntimeError, MemoryError) as error:
         raise Damage(f"a chunk cannot be unpacked ({' '.join(str(error).split())})") from None
     raise Damage(f"a chunk is packed with '{head.compression[:16]}'")

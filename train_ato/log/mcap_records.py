@@ -25,6 +25,8 @@ HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQHIQQ")
 _FOOTER = struct.Struct("<BQQQI")
 _WORD = struct.Struct("<I")
+MAX_TIME_NS = 2**63 - 1
+"""Largest time of a message [ns since 1970], that of ROS 2."""
 _MESSAGE_CODE = int(Opcode.MESSAGE)
 _KNOWN = frozenset(int(code) for code in Opcode)
 _PRIVATE = 0x80
@@ -182,7 +184,7 @@ class Definitions:
         Raises
         ------
         Damage
-            If a record extends beyond the chunk.
+            If a record extends beyond the chunk, or a time is not one of ROS 2.
         """
         place, end, unpack = 0, len(data), _MESSAGE.unpack_from
         try:
@@ -192,6 +194,8 @@ class Definitions:
                     stop = place + HEAD.size + length
                     if stop > end or length < _MESSAGE.size - HEAD.size:
                         raise Damage("a message reaches beyond its chunk")
+                    if log_ns > MAX_TIME_NS or publish_ns > MAX_TIME_NS:
+                        raise Damage("a message has a time after the year 2262")
                     yield number, log_ns, publish_ns, place + _MESSAGE.size, stop
                 else:
                     code, length = HEAD.unpack_from(data, place)

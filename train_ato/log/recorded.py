@@ -15,9 +15,11 @@ from mcap.records import Channel, Schema
 
 from train_ato.log.bag_layout import LOG, table_name
 from train_ato.log.reading import log_file
-from train_ato.log.run_folder import parse_summary, read_run_folder
-from train_ato.log.tables.portions import Reader
+from train_ato.log.run_folder import read_run_folder
+from train_ato.log.summary_file import parse_summary
+from train_ato.log.tables.portions import KeptMessages, Reader
 from train_ato.log.tables.series import Group, TopicColumns
+from train_ato.log.tables.tables import check_known
 from train_ato.log.versions import SUMMARY
 from train_ato.loop.recording import DIAGNOSTICS, FIELDS, LIMITS, MEASUREMENT, PROFILE, Recording
 from train_ato.loop.recording_builder import reduced
@@ -55,7 +57,7 @@ def read_recording(run: Path, setup: RunSetup | None = None, *, vehicles: bool =
     """
     units = list(setup.model.units) if setup is not None else []
     parts: dict[str, list[TopicSamples]] = {}
-    payloads: dict[str, list[bytes]] = {}
+    payloads = KeptMessages()
     for topic, group in _groups(log_file(run), (*FIELDS, PROFILE, LIMITS, DIAGNOSTICS), payloads):
         time, values = _values(topic, group)
         parts.setdefault(topic, []).append(TopicSamples(time, reduced(topic, values, units, vehicles=vehicles)))
@@ -72,16 +74,16 @@ def read_recording(run: Path, setup: RunSetup | None = None, *, vehicles: bool =
 
 def read_reports(run: Path) -> tuple[Diagnostic, ...]:
     """Return the diagnostics of a run folder or a log by their stamps; errors as :func:`read_recording`."""
-    payloads: dict[str, list[bytes]] = {}
+    payloads = KeptMessages()
     deque(_groups(log_file(run), (DIAGNOSTICS,), payloads), maxlen=0)
     return _reports(payloads)
 
 
-def _reports(payloads: dict[str, list[bytes]]) -> tuple[Diagnostic, ...]:
+def _reports(payloads: KeptMessages) -> tuple[Diagnostic, ...]:
     return tuple(sorted(map(decode_diagnostic, payloads.get(DIAGNOSTICS, ())), key=lambda message: message.stamp))
 
 
-def _groups(path: Path, topics: Collection[str], payloads: dict[str, list[bytes]]) -> Iterator[tuple[str, Group]]:
+def _groups(path: Path, topics: Collection[str], payloads: KeptMessages) -> Iterator[tuple[str, Group]]:
     """Read the messages of some topics of the topic table: thousands of one layout at once, texts as ``payloads``.
 
     Of several trains in one log the first is read.
@@ -98,12 +100,13 @@ def _groups(path: Path, topics: Collection[str], payloads: dict[str, list[bytes]
     series: dict[str, TopicColumns] = {}
     for portion in Reader(path, wanted).portions():
         topic = str(table_name(portion.channel.topic))
-        if topic not in FIELDS:
-            payloads.setdefault(topic, []).extend(map(bytes, portion.payloads))
-            continue
-        if topic not in series:
-            series[topic] = TopicColumns(typestore(), portion.schema.name, partial(_chosen, topic))
         try:
+            if topic not in FIELDS:
+                payloads.keep(topic, portion.payloads)
+                continue
+            if topic not in series:
+                chosen, check = partial(_chosen, topic), partial(check_known, topic)
+                series[topic] = TopicColumns(typestore(), portion.schema.name, chosen, check)
             series[topic].add(portion)
         except ValueError as error:
             raise ValueError(f"{path}: {portion.channel.topic}: {error}") from None

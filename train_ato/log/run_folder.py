@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import re
 import shutil
@@ -12,14 +11,14 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from plant_sim.library import StrictLoader
+from plant_sim.data_text import parse_yaml
 from train_ato.log.bag_layout import LOG, PARTIAL
 from train_ato.log.compression import DEFAULT
 from train_ato.log.reading import attachments, log_file
 from train_ato.log.run_log import RunLog
+from train_ato.log.summary_file import parse_summary, summary_text
 from train_ato.log.versions import SCENARIO, SUMMARY, attachments_for
+from train_ato.log.whole_file import write_whole
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.codec.codec import Wire
@@ -51,11 +50,18 @@ def check_free(path: Path, option: str = "--out") -> None:
 
 
 class RunFolder:
-    """Folder with all files of one run, created before its start."""
+    """Folder with all files of one run, created before its start.
+
+    Attributes
+    ----------
+    begun : bool
+        True after the scenario was written.
+    """
 
     def __init__(self, path: Path, made: tuple[Path, ...] = ()) -> None:
         self.path = path
         self._made = made
+        self.begun = False
 
     @classmethod
     def make(cls, wanted: Path | None, name: str, option: str = "--out") -> RunFolder:
@@ -104,21 +110,17 @@ class RunFolder:
 
     def begin(self, setup: RunSetup) -> None:
         """Write the resolved scenario, which reproduces the run."""
-        (self.path / SCENARIO).write_text(setup.resolved_yaml(), encoding="utf-8")
+        write_whole(self.path / SCENARIO, setup.resolved_yaml())
+        self.begun = True
 
     def finish(self, setup: RunSetup, result: RunResult) -> None:
         """Write the summary; after unplanned changes also the scenario with them, and keep the initial scenario."""
         if any(not row["planned"] for row in result.summary["changes"]):
             started = self.path / SCENARIO
-            started.rename(self.path / STARTED)
             again = dataclasses.replace(setup, scenario=result.changes.driven(setup.scenario))
-            started.write_text(again.resolved_yaml(), encoding="utf-8")
-        (self.path / SUMMARY).write_text(summary_text(result.summary), encoding="utf-8")
-
-
-def summary_text(summary: dict[str, Any]) -> str:
-    """Return the JSON text of a summary."""
-    return json.dumps(summary, indent=2, ensure_ascii=False) + "\n"
+            write_whole(self.path / STARTED, started.read_text(encoding="utf-8"))
+            write_whole(started, again.resolved_yaml())
+        write_whole(self.path / SUMMARY, summary_text(result.summary))
 
 
 def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
@@ -142,9 +144,9 @@ def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
     if text is None:
         raise ValueError(f"{path}: no {SCENARIO} is attached; name a log or a run folder that `train-ato run` made")
     try:
-        data = yaml.load(text, Loader=StrictLoader)
-    except yaml.YAMLError as error:
-        raise ValueError(f"{path}: the attached {SCENARIO} is not YAML ({error})") from None
+        data = parse_yaml(text)
+    except ValueError as error:
+        raise ValueError(f"{path}: the attached {SCENARIO} is not YAML ({error}); name another log") from None
     return prepare(check_scenario(data, path), path), _attached_summary(path, attached)
 
 
@@ -169,17 +171,6 @@ def _attached_summary(log: Path, attached: Mapping[str, bytes]) -> dict[str, Any
     """Return the summary attached to a log, empty without one."""
     text = attached.get(SUMMARY)
     return {} if text is None else parse_summary(log, text)
-
-
-def parse_summary(file: Path, text: bytes) -> dict[str, Any]:
-    """Return the content of a ``summary.json``; the key ``way`` of earlier versions is read as ``mode``."""
-    try:
-        summary = json.loads(text)
-    except ValueError as error:
-        raise ValueError(f"{file}: is not JSON ({error}); remove the file; the log is complete") from None
-    if not isinstance(summary, dict):
-        raise ValueError(f"{file}: holds {type(summary).__name__}, not metrics by name; remove the file")
-    return {"mode" if key == "way" else key: value for key, value in summary.items()}
 
 
 class Encoder:

@@ -13,7 +13,6 @@ from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
-import yaml
 from mcap.records import Channel, Schema
 
 from train_ato.log.bag_layout import (
@@ -25,6 +24,7 @@ from train_ato.log.bag_layout import (
     log_name,
     metadata_record,
     metadata_yaml,
+    offered_qos,
     qos_profiles,
     qos_text,
 )
@@ -32,6 +32,7 @@ from train_ato.log.chunk_thread import ChunkThread, Entry
 from train_ato.log.compression import DEFAULT
 from train_ato.log.definitions import definition
 from train_ato.log.mcap_writer import McapWriter
+from train_ato.log.whole_file import write_whole
 from train_ato.messages.topics import EPOCH_NS, TOPICS, Topic
 
 CHUNK = 512 * 1024
@@ -117,7 +118,8 @@ class LogFile:
 
     def copy(self, channel: Channel, schema: Schema) -> int:
         """Add a topic of another log with its encoding; return its number."""
-        metadata = {**channel.metadata, "offered_qos_profiles": _readable_qos(channel.metadata)}
+        offered = channel.metadata.get("offered_qos_profiles", "")
+        metadata = {**channel.metadata, "offered_qos_profiles": offered if offered_qos(offered) else "[]"}
         return self._declare(channel.topic, channel.message_encoding, schema, metadata)
 
     def _declare(self, name: str, encoding: str, schema: Schema, metadata: dict[str, str]) -> int:
@@ -170,18 +172,9 @@ class LogFile:
         information = bag_information(self.path.name, channels, *span)
         self._writer.metadata("rosbag2", metadata_record(information))
         self._writer.finish()
-        (self.path.parent / METADATA).write_text(metadata_yaml(information), encoding="utf-8")
+        write_whole(self.path.parent / METADATA, metadata_yaml(information))
         self._partial.rename(self.path)
         self._stream.close()
-
-
-def _readable_qos(metadata: Mapping[str, str]) -> str:
-    """Return the quality of service of a channel, "[]" if it is not valid YAML."""
-    text = metadata.get("offered_qos_profiles", "")
-    try:
-        return text if isinstance(yaml.safe_load(text), list) else "[]"
-    except yaml.YAMLError:
-        return "[]"
 
 
 class RunLog:

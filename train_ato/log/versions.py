@@ -11,6 +11,7 @@ from pathlib import Path
 
 import yaml
 
+from plant_sim.data_text import parse_yaml
 from train_ato.version import VERSION
 
 SCENARIO = "scenario.yaml"
@@ -47,8 +48,8 @@ def attachments_for(scenario: str) -> dict[str, bytes]:
 def read_versions(text: bytes) -> dict[str, str]:
     """Return the versions in an attachment; empty if it is not valid."""
     try:
-        found = yaml.safe_load(text)
-    except yaml.YAMLError:
+        found = parse_yaml(text)
+    except ValueError:
         return {}
     return {str(key): str(value) for key, value in found.items()} if isinstance(found, dict) else {}
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.stack import ControlStack
+from train_ato.interrupt import ComponentCall
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import ControllerMessages, diagnostics_due, stamped
 from train_ato.loop.step_times import StepTimes
@@ -52,6 +53,7 @@ class ControllerStage:
         self._measurement_link = MessageLink(links.measurement, step, seed, "measurement")
         self._reference_link = MessageLink(links.reference, step, seed, "reference")
         self._estimate_link = MessageLink(links.estimate, step, seed, "estimate")
+        self._call = ComponentCall(f"law '{setup.controller}'")
         self.controller = setup.controller
         self.changed: Changes = {}
         self.step_times = StepTimes([])
@@ -112,6 +114,7 @@ class ControllerStage:
         """Store a value; return True if it changes the current law."""
         if name == LAW:
             self.controller = str(value)
+            self._call.name = f"law '{value}'"
             return True
         law, _, parameter = name.rpartition(".")
         self._parameters.setdefault(law, {})[parameter] = value
@@ -140,12 +143,13 @@ class ControllerStage:
         assert self._stack is not None, "the profile comes before the first step"
         begin = time.perf_counter_ns()
         stamp = measurement.stamp
-        self._change(stamp)
-        force, pressure = self._stack.step(
-            stamped(self._measurement_link.pass_on(stamp, measurement), stamp),
-            self._reference_link.pass_on(stamp, reference),
-            self._estimate_link.pass_on(stamp, estimate),
-        )
+        with self._call:
+            self._change(stamp)
+            force, pressure = self._stack.step(
+                stamped(self._measurement_link.pass_on(stamp, measurement), stamp),
+                self._reference_link.pass_on(stamp, reference),
+                self._estimate_link.pass_on(stamp, estimate),
+            )
         self.step_times.nanoseconds.append(time.perf_counter_ns() - begin)
         pipe = None if pressure is None else Pipe(stamp, pressure)
         return ControllerMessages(Command(stamp, force), pipe, self.diagnostic(stamp))

@@ -76,7 +76,7 @@ def run_engine(
                 progress(Progress(loop.ticks * setup.tick, setup.ticks * setup.tick, now - begin))
                 next_report = now + 0.1
         loop.conclude()
-    except Exception as error:  # a user-defined law may raise any exception; the failure names the stage
+    except (Exception, SystemExit) as error:  # a user-defined law may raise any; the failure names the stage
         watch.fail(loop.active, error)
     wall = time.perf_counter() - begin
     times = loop.controller.step_times

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from train_ato.control.observers.stack import ObserverStack
 from train_ato.control.registry import OBSERVERS
+from train_ato.interrupt import ComponentCall
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import ObserverMessages, diagnostics_due, stamped
 from train_ato.messages.links import MessageLink
@@ -24,12 +25,14 @@ class ObserverStage:
         self.setup = setup
         observer = OBSERVERS.make(setup.observer, setup.observer_parameters, setup.model, setup.tick)
         self._stack = ObserverStack(setup.model, observer, setup.brake_policy())
+        self._call = ComponentCall(f"observer '{setup.observer}'")
         self._link = MessageLink(setup.links.measurement, setup.step_ns, setup.seed, "measurement")
 
     def step(self, measurement: Measurement) -> DisturbanceEstimate:
         """Return the estimate for the stamp of the measurement, from the measurements that have arrived."""
         stamp = measurement.stamp
-        estimate: DisturbanceEstimate = stamped(self._stack.step(self._link.pass_on(stamp, measurement)), stamp)
+        with self._call:
+            estimate: DisturbanceEstimate = stamped(self._stack.step(self._link.pass_on(stamp, measurement)), stamp)
         return estimate
 
     def on_measurement(self, measurement: Measurement) -> ObserverMessages:

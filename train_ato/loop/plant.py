@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 
 import numpy as np
@@ -48,6 +49,8 @@ TOTALS: tuple[tuple[str, str], ...] = (
 """Key in the diagnostics of the plant, and attribute of the totals of the train [SI]."""
 STANDSTILL = 0.05
 """Maximum speed of every vehicle for a release of the emergency brake [m/s]."""
+MAX_REQUESTS = {"gust": 10, "delay_jump": 100, "emergency_brake": 10}
+"""Maximum number of requested interventions in force, by kind; their effects add up."""
 
 
 class PlantStage:
@@ -70,6 +73,7 @@ class PlantStage:
         self.setup = setup
         self.emergency = False
         self._due = [(due_stamp(planned, setup.tick_ns), planned) for planned in setup.scenario.interventions]
+        self._in_force: dict[str, list[int]] = {}
         self._brake = EmergencyBrake(setup.consist, setup.plant)
         self.train = setup.train()
         self._link = Link(setup.links.command, setup.layout.n_units, setup.step_ns, setup.seed, "command")
@@ -101,12 +105,25 @@ class PlantStage:
         Raises
         ------
         ValueError
-            For a release of the emergency brake of a moving train.
+            For a release of the emergency brake of a moving train, or too many requests in force.
         """
         if _releases(intervention) and self._speed >= STANDSTILL:
             speed = f"{3.6 * self._speed:.1f} km/h"
             raise ValueError(f"the emergency brake is released at standstill only; the train runs {speed}")
+        self._take_place(intervention)
         self._due.append((self.stamp, intervention))
+
+    def _take_place(self, intervention: Intervention) -> None:
+        """Count a request in force: a gust to its end, a delay jump to the end of the run, others for one tick."""
+        kind = intervention.do
+        places = self._in_force[kind] = [end for end in self._in_force.get(kind, ()) if end > self.stamp]
+        if len(places) >= MAX_REQUESTS[kind]:
+            until = "" if intervention.do == "delay_jump" else f"; repeat it after {min(places) * 1e-9:.1f} s"
+            raise ValueError(f"{len(places)} requests of {kind} are in force, the maximum{until}")
+        end = self.stamp + self.setup.tick_ns
+        if isinstance(intervention, GustNow):
+            end += round(intervention.duration * 1e9)
+        places.append(sys.maxsize if isinstance(intervention, DelayJumpNow) else end)
 
     @property
     def _speed(self) -> float:

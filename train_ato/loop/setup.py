@@ -206,6 +206,8 @@ def prepare(scenario: Scenario, path: Path) -> RunSetup:
     except ValueError as error:
         message = str(error)
         raise ValueError(message if message.startswith(str(path)) else f"{path}: {message}") from None
+    except ArithmeticError as error:
+        raise ValueError(f"{path}: a number is too large or too small ({error}); correct it") from None
 
 
 def _with_current_names(scenario: Scenario) -> Scenario:

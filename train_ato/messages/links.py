@@ -22,6 +22,8 @@ from train_ato.messages.types import Array
 
 MAX_DELAY = 600.0
 """Maximum delay of a topic [s]."""
+NEVER = 1e6
+"""Delay of a command that does not arrive in any run [s]; a product of factors can exceed every number."""
 
 
 class VaryingDelay(SiModel):
@@ -128,7 +130,7 @@ class Link:
         for unit, queue in enumerate(self._in_flight):
             command = float(value[unit])
             delay = self._backward[unit] if command < 0 else self._forward[unit]
-            due = stamp + self._rounded(max(0.0, delay * factor + add + late))
+            due = stamp + self._rounded(min(max(0.0, delay * factor + add + late), NEVER))
             while queue and queue[-1][0] >= due:
                 queue.pop()
             queue.append((due, command))

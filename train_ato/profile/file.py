@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from plant_sim.data_text import parse_yaml
 from train_ato.messages.types import Array
 from train_ato.profile.knots import hermite, knot_count
 from train_ato.profile.profile import Profile
@@ -89,9 +90,9 @@ def parse_csv(text: str, period: float | None = None) -> Profile:
 
 def _parse_yaml(text: str, period: float | None) -> Profile:
     try:
-        data = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except yaml.YAMLError as error:
-        raise ValueError("not valid YAML: " + " ".join(str(error).split()) + "; correct it") from None
+        data = parse_yaml(text)
+    except ValueError as error:
+        raise ValueError(f"not valid YAML: {error}; correct it") from None
     if not isinstance(data, dict) or data.get("schema") != SCHEMA:
         raise ValueError(f"schema: missing or wrong; add the line 'schema: {SCHEMA}'")
     data = {key: value for key, value in data.items() if key not in ("schema", "name", "source", "summary")}

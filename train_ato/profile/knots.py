@@ -19,8 +19,8 @@ from train_ato.messages.types import Array
 
 STEP_ACCELERATION = 20.0
 """Mean acceleration between two knots above which the change of speed is a step [m/s²]."""
-MAX_KNOTS = 20_000_000
-"""Maximum number of knots of a profile."""
+MAX_KNOTS = 1_000_000
+"""Maximum number of knots of a profile, 27 h at 0.1 s; a profile is one message, which every node decodes whole."""
 MAX_TIME = 1e8
 """Maximum time of a knot [s]."""
 
@@ -93,7 +93,7 @@ def knot_count(count: float) -> int:
         Above :data:`MAX_KNOTS`.
     """
     if not count <= MAX_KNOTS:
-        raise ValueError(f"a profile of {count:.3g} knots, at most {MAX_KNOTS}; check its duration and period")
+        raise ValueError(f"a profile of {count:.3g} knots, at most {MAX_KNOTS}; shorten it or increase the tick")
     return int(count)
 
 

@@ -90,7 +90,7 @@ class Motion:
             v = 0.0 if abs(v) < MIN_SPEED_CHANGE else v
             time += piece.duration
         states[-1] = time, x, v, self.acceleration, 0.0
-        count = knot_count(max(2.0, math.ceil((time - self.begin[0]) / period - 1e-9) + 1))
+        count = knot_count(max(2.0, float(np.ceil((time - self.begin[0]) / period - 1e-9)) + 1))
         knots = self.begin[0] + period * np.arange(count)
         index = np.clip(np.searchsorted(states[:, 0], knots + 1e-12, side="right") - 1, 0, len(self.pieces))
         t0, x0, v0, a0, j0 = states[index].T
@@ -132,7 +132,8 @@ def change_of_speed(start: float, target: float, limit: Callable[[Array], Array]
         )
     y = _under_slope(largest**2 / 2, abs(target - start) / CELLS, jerk)
     a = np.sqrt(2 * y) * math.copysign(1.0, target - start)
-    duration = 2 * abs(target - start) / CELLS / np.abs(a[:-1] + a[1:])
+    with np.errstate(divide="ignore"):  # an acceleration that is 0 in floating point: endless, refused by knot_count
+        duration = 2 * abs(target - start) / CELLS / np.abs(a[:-1] + a[1:])
     slope = (a[1:] - a[:-1]) / duration
     return [Piece(*row) for row in zip(duration.tolist(), a[:-1].tolist(), slope.tolist(), strict=True)]
 
@@ -143,7 +144,8 @@ def _under_slope(y: Array, step: float, jerk: float | None) -> Array:
         return y
     y = y.copy()
     y[0] = y[-1] = 0.0
-    ramp = jerk * step * np.arange(y.size)
+    rise = min(jerk * step, float(y.max()))  # a steeper ramp limits nothing else and would cancel y by rounding
+    ramp = rise * np.arange(y.size)
     y = np.minimum.accumulate(y - ramp) + ramp
     y = (np.minimum.accumulate(y[::-1] - ramp) + ramp)[::-1]
     return np.maximum(y, 0.0)

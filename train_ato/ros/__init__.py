@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 import importlib.util
+import os
+import subprocess
+import sys
+from functools import lru_cache
 
+DEFAULT_MIDDLEWARE = "rmw_fastrtps_cpp"
+"""Middleware of the nodes without ``RMW_IMPLEMENTATION``."""
+_MIDDLEWARE = "RMW_IMPLEMENTATION"
 REMEDY = (
     "run the engine (`train-ato run --engine`, mode='engine'), source a ROS 2 installation, or "
     "`pip install 'ros-jazzy-rclpy[fastrtps]' ros-jazzy-common-interfaces`"
@@ -11,7 +18,7 @@ REMEDY = (
 
 
 def require_ros() -> None:
-    """Check that ROS 2 is installed.
+    """Check that ROS 2 is installed, and the middleware of ``RMW_IMPLEMENTATION``.
 
     Raises
     ------
@@ -20,6 +27,19 @@ def require_ros() -> None:
     """
     if importlib.util.find_spec("rclpy") is None:
         raise ValueError(f"ROS 2 is not installed (no rclpy); {REMEDY}")
+    wanted = os.environ.get(_MIDDLEWARE, "")
+    if wanted not in ("", DEFAULT_MIDDLEWARE) and not _loads(wanted):
+        raise ValueError(
+            f"{_MIDDLEWARE}={wanted}: this middleware is not installed; `unset {_MIDDLEWARE}`, or install its package"
+        )
+
+
+@lru_cache(maxsize=4)
+def _loads(middleware: str) -> bool:
+    """Return True if rclpy loads a middleware; rcl ends the process without one, so another process loads it."""
+    command = [sys.executable, "-c", "import rclpy; rclpy.get_rmw_implementation_identifier()"]
+    environment = {**os.environ, _MIDDLEWARE: middleware}
+    return subprocess.run(command, env=environment, capture_output=True, check=False).returncode == 0
 
 
 def missing_ros(error: Exception) -> str | None:

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from plant_sim.data_text import parse_json
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario import interventions
 from train_ato.scenario.interventions import Intervention, due_stamp, planned_for
@@ -41,7 +42,7 @@ def changes_from_json(text: str) -> Changes:
         If the text was not written by :func:`changes_to_json`.
     """
     try:
-        found = json.loads(text)
+        found = parse_json(text)
     except ValueError:
         found = None
     if not isinstance(found, dict) or not all(isinstance(value, (bool, int, float, str)) for value in found.values()):

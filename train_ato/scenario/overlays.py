@@ -5,9 +5,7 @@ from __future__ import annotations
 import copy
 from typing import Any
 
-import yaml
-
-from plant_sim.library import StrictLoader
+from train_ato.arguments import parse_yaml_value
 from train_ato.scenario.former_names import replace_former_keys
 
 __all__ = ["assign", "keys_of", "overlay", "put"]
@@ -37,10 +35,7 @@ def assign(data: dict[str, Any], text: str) -> None:
     key, equals, value = text.partition("=")
     if not equals or not key:
         raise ValueError(f"--set {text}: not an assignment; write key.key=value, for example --set plant.lag=0.4")
-    try:
-        put(data, key, yaml.load(value, Loader=StrictLoader), f"--set {text}")
-    except yaml.YAMLError:
-        raise ValueError(f"--set {text}: '{value}' is not valid YAML; correct it") from None
+    put(data, key, parse_yaml_value(value, f"--set {key}"), f"--set {text}")
 
 
 def put(data: dict[str, Any], key: str, value: Any, option: str) -> None:

@@ -31,6 +31,9 @@ SCHEMA = "train_ato/scenario/1"
 LARGEST_FILE = 64 * 2**20
 """Maximum size of a scenario file [bytes]."""
 
+MAX_TICKS = 10_000_000
+"""Maximum number of ticks of a run, 24 h at 0.01 s; the series for the metrics are kept in memory."""
+
 
 class PlantBlock(PlantSetup):
     """The simulated train: data files and differences from the model."""
@@ -134,6 +137,11 @@ class Scenario(SiModel):
             )
         if any(planned.at is None for planned in self.interventions):
             raise ValueError("interventions: an entry has no 'at'; add its time")
+        if round(self.duration * 1e9) > MAX_TICKS * tick:
+            raise ValueError(
+                f"duration {self.duration} s has {self.duration / self.tick:.3g} ticks of {self.tick} s, at most "
+                f"{MAX_TICKS}; shorten it or increase tick"
+            )
         if round(self.duration * 1e9) < tick:
             raise ValueError(f"duration {self.duration} s is shorter than one tick of {self.tick} s; increase it")
         return self

@@ -14,11 +14,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import BinaryIO
 
-import yaml
 from mcap.opcode import Opcode
 from mcap.records import Channel
 
-from train_ato.log.bag_layout import published_name
+from train_ato.log.bag_layout import offered_qos, published_name
 from train_ato.log.mcap_chunk import chunk_content
 from train_ato.log.mcap_records import HEAD, Damage, Definitions, RawMessage, records, summary_of
 from train_ato.log.reading import log_file, readable, stream
@@ -247,11 +246,8 @@ class ReplayLog:
 
 def _described(channel: Channel, type_name: str, count: int) -> LogTopic:
     """Return a topic with the quality of service of its channel."""
-    try:
-        profiles = yaml.safe_load(channel.metadata.get("offered_qos_profiles", ""))
-    except yaml.YAMLError:
-        profiles = None
-    offered = profiles[0] if isinstance(profiles, list) and profiles and isinstance(profiles[0], dict) else {}
+    profiles = offered_qos(channel.metadata.get("offered_qos_profiles", ""))
+    offered = profiles[0] if profiles and isinstance(profiles[0], dict) else {}
     depth = offered.get("depth")
     return LogTopic(
         channel.topic,

@@ -11,6 +11,7 @@ from train_ato.apps.replay.log import ReplayLog
 from train_ato.apps.replay.options import ReplayOptions, chosen_topics
 from train_ato.apps.replay.playback import Playback, ReplayState
 from train_ato.interrupt import interruptible
+from train_ato.ros import require_ros
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,7 @@ def replay(
         For invalid options, topics not in the log, missing message types, or a damaged log.
     """
     options.check()
+    require_ros()
     with ReplayLog(run) as log, interruptible() as interrupt:
         topics = chosen_topics(log.topics, options)
         log.check_place("--start-offset", options.start_offset)

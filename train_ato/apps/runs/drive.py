@@ -15,6 +15,7 @@ from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.interrupt import interruptible
 from train_ato.log.compression import DEFAULT
 from train_ato.log.run_folder import RunFolder
+from train_ato.log.versions import SCENARIO
 from train_ato.loop.engine import run_engine
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup
@@ -189,6 +190,8 @@ def drive(
 
         compile_kernel()
         outcome = _driven(setup, run_mode, record, shown, title or setup.scenario.name)
+        if folder is not None and not (folder.path / SCENARIO).is_file():
+            raise FileNotFoundError(folder.path)
         outcome = replace(outcome, summary={**outcome.summary, "mode": run_mode.mode, **_reach(run_mode)})
         result = Run(outcome.summary, record=record, setup=setup, outcome=outcome)
         if folder is not None:
@@ -201,7 +204,10 @@ def drive(
     except OSError as error:
         if folder is None or folder.recorded:
             raise
+        removed = folder.begun and not (folder.path / SCENARIO).exists()
         folder.discard()
+        if removed:
+            raise RunFailed(f"{option} {folder.path}: was removed during the run; nothing is recorded") from None
         raise ValueError(
             f"{option} {folder.path}: cannot be written ({error.strerror or error}); give a writable folder"
         ) from None

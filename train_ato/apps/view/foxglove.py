@@ -19,6 +19,8 @@ from foxglove.websocket import PlaybackCommand, PlaybackControlRequest, Playback
 from train_ato.apps.replay.log import ReplayLog, message_time
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed
 from train_ato.apps.view.live import LiveFeed
+from train_ato.apps.view.origin_gate import OriginGate, hidden_address
+from train_ato.apps.view.origins import LOOPBACK
 from train_ato.apps.view.reader import Copied
 from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.log.bag_layout import log_name, table_name
@@ -26,7 +28,6 @@ from train_ato.log.definitions import definition
 from train_ato.log.mcap_records import RawMessage
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, topics_of
 
-LOOPBACK = "127.0.0.1"
 MOST_AT_ONCE = 20_000
 """Messages of a recorded run sent in one period; the rest of a longer interval is skipped."""
 
@@ -87,10 +88,9 @@ class FoxgloveServer:
         )
         self.listener = _Listener(self, feed)
         try:
-            self._server = foxglove.start_server(
+            self._server, self._gate = _gated(
+                port,
                 name=f"train_ato: {feed.facts.title}",
-                host=LOOPBACK,
-                port=port,
                 capabilities=capabilities,
                 server_listener=self.listener,
                 supported_encodings=["cdr"],
@@ -102,7 +102,7 @@ class FoxgloveServer:
             raise ValueError(
                 f"--foxglove {port}: {' '.join(str(error).split())}; give another port, or 0 for a free one"
             ) from None
-        self.url = f"ws://{LOOPBACK}:{self._server.port}"
+        self.url = f"ws://{LOOPBACK}:{self._gate.port}"
         self._thread = threading.Thread(target=self._run, name="foxglove", daemon=True)
         self._thread.start()
 
@@ -132,9 +132,21 @@ class FoxgloveServer:
         self._stopping.set()
         self._thread.join(timeout=2.0)
         self._source.close()
+        self._gate.close()
         self._server.stop()
         for channel in self._channels.values():
             channel.close()
+
+
+def _gated(port: int, **options: Any) -> tuple[foxglove.websocket.WebSocketServer, OriginGate]:
+    """Start a server with the options behind a gate at a port of this machine."""
+    hidden = hidden_address()
+    server = foxglove.start_server(host=hidden, port=0, **options)
+    try:
+        return server, OriginGate(port, (hidden, server.port))
+    except OSError:
+        server.stop()
+        raise
 
 
 class _Listener(ServerListener):

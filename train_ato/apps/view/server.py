@@ -16,12 +16,14 @@ from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
 from bokeh.server.util import bind_sockets
 from tornado.httpserver import HTTPServer
+from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.ioloop import IOLoop, PeriodicCallback
+from tornado.web import OutputTransform, RequestHandler
 
 from train_ato.apps.view.feed import Feed
+from train_ato.apps.view.origins import LOCAL_IPV6, LOOPBACK, host_of
 from train_ato.apps.view.page import ViewPage
 
-LOOPBACK = "127.0.0.1"
 ANYWHERE = ("0.0.0.0", "::", "")
 UNUSED_MS = 5_000
 """Time after which the state of a closed browser window is dropped."""
@@ -69,7 +71,7 @@ class PageServer:
             raise ValueError(f"--address {address}, --port {port}: {error.strerror or error}") from None
         host = LOOPBACK if address in ANYWHERE else address
         self.url = f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
-        application = BokehTornado(
+        application = _Guarded(
             {"/": Application(FunctionHandler(self._fill))},
             extra_websocket_origins=[f"{name}:{self.port}" for name in _names(address)],
             absolute_url=self.url,
@@ -77,6 +79,8 @@ class PageServer:
             unused_session_lifetime_milliseconds=UNUSED_MS,
             check_unused_sessions_milliseconds=UNUSED_MS,
         )
+        application.hosts = {*_names(address), LOCAL_IPV6}
+        application.add_transform(_NoFrames)
         http = HTTPServer(application)
         http.add_sockets(sockets)
         self._server = BaseServer(self._loop, application, http)
@@ -110,6 +114,49 @@ class PageServer:
         for task in others:
             task.cancel()
         await asyncio.gather(*others, return_exceptions=True)
+
+
+class _NoFrames(OutputTransform):
+    """Headers of every answer: no page of another origin can show this one in a frame and direct clicks to it."""
+
+    def transform_first_chunk(
+        self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
+    ) -> tuple[int, HTTPHeaders, bytes]:
+        """Add the headers."""
+        headers["Content-Security-Policy"] = "frame-ancestors 'none'"
+        headers["X-Frame-Options"] = "DENY"
+        return status_code, headers, chunk
+
+
+class _Guarded(BokehTornado):  # type: ignore[misc]  # bokeh has no types
+    """Application that answers only under the names of its server.
+
+    A page of another origin can direct its own name to this machine (DNS rebinding) and then read answers as its own.
+    """
+
+    hosts: frozenset[str] | set[str] = frozenset()
+
+    def find_handler(self, request: HTTPServerRequest, **more: Any) -> Any:
+        """Return the handler of a request, or a refusal for another host name."""
+        reached = request.connection.stream.socket.getsockname()[0]  # type: ignore[union-attr]
+        if host_of(request.headers.get("Host", "")) in {*self.hosts, reached}:
+            return super().find_handler(request, **more)
+        message = "403: the host name is not that of this server; open the printed address\n"
+        return self.get_handler_delegate(request, _Refused, {"message": message})
+
+
+class _Refused(RequestHandler):
+    """Handler that refuses every request."""
+
+    def initialize(self, message: str) -> None:
+        """Store the message."""
+        self._message = message
+
+    def prepare(self) -> None:
+        """Answer with status 403."""
+        self.set_status(403)
+        self.set_header("Content-Type", "text/plain")
+        self.finish(self._message)
 
 
 def _names(address: str) -> list[str]:

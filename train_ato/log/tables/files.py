@@ -20,6 +20,8 @@ from train_ato.version import VERSION
 
 __all__ = ["FORMATS", "Written", "file_names", "write_frames"]
 
+LONGEST_NAME = 200
+"""Maximum length of the name of a topic in a file name [bytes]; file systems permit 255 with number and ending."""
 ROWS = 4096
 """Number of rows per step of writing."""
 
@@ -81,7 +83,8 @@ def file_names(topics: Iterable[str]) -> dict[str, str]:
     """Return a file name without its ending for every topic: ``train/vehicles`` becomes ``train_vehicles``."""
     names: dict[str, str] = {}
     for topic in topics:
-        stem = name = topic.strip("/").replace("/", "_") or "topic"
+        whole = topic.strip("/").replace("/", "_").replace("\0", "_") or "topic"
+        stem = name = whole.encode(errors="replace")[:LONGEST_NAME].decode(errors="ignore")
         number = 2
         while name in names.values():
             name, number = f"{stem}_{number}", number + 1

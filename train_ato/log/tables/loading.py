@@ -14,9 +14,9 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from plant_sim.input_error import close_match
 from train_ato.log.bag_layout import table_name
 from train_ato.log.reading import log_file
-from train_ato.log.tables.portions import Portion, Reader
+from train_ato.log.tables.portions import KeptMessages, Portion, Reader
 from train_ato.log.tables.series import TopicColumns
-from train_ato.log.tables.tables import foreign_table, known_part, known_table
+from train_ato.log.tables.tables import check_foreign, check_known, foreign_table, known_part, known_table
 from train_ato.log.tables.variable_length import diagnostic_table, trajectory_table
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, present_topic
@@ -93,7 +93,7 @@ class _Loading:
         self._reader = Reader(path, self._wanted, progress)
         self._path = path
         self._series: dict[str, TopicColumns] = {}
-        self._payloads: dict[str, list[bytes]] = {}
+        self._payloads = KeptMessages()
         self._left_out: dict[str, str] = {}
 
     def run(self) -> Frames:
@@ -132,14 +132,14 @@ class _Loading:
         """Add a portion of a topic."""
         known = _known(name, portion.schema)
         if known is not None and BY_NAME[known].of_variable_length:
-            self._payloads.setdefault(name, []).extend(map(bytes, portion.payloads))
+            self._payloads.keep(name, portion.payloads)
             return
         if name not in self._series:
             if known is not None:
                 chosen = partial(known_part, known)
-                self._series[name] = TopicColumns(typestore(), portion.schema.name, chosen)
+                self._series[name] = TopicColumns(typestore(), portion.schema.name, chosen, partial(check_known, known))
             else:
-                self._series[name] = TopicColumns(_types(portion.schema), portion.schema.name)
+                self._series[name] = TopicColumns(_types(portion.schema), portion.schema.name, check=check_foreign)
         self._series[name].add(portion)
 
     def _table(self, name: str) -> pd.DataFrame | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,10 +11,12 @@ from mcap.records import Channel, Schema
 from train_ato.log.mcap_records import NO_SCHEMA, Definitions
 from train_ato.log.reading import Progress, blocks, readable
 
-__all__ = ["Portion", "Reader"]
+__all__ = ["KeptMessages", "Portion", "Reader"]
 
 PORTION = 2**20
 """Size of a portion [bytes]: large enough for a low cost per message, small enough for a cache."""
+MAX_KEPT = 2**30
+"""Maximum size of the messages of variable length of one log [bytes]."""
 
 
 @dataclass
@@ -33,6 +35,31 @@ class Portion:
     schema: Schema
     payloads: list[memoryview] = field(default_factory=list)
     publish_ns: list[int] = field(default_factory=list)
+
+
+class KeptMessages(dict[str, list[bytes]]):
+    """Messages of variable length by topic, up to :data:`MAX_KEPT` bytes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._size = 0
+
+    def keep(self, topic: str, payloads: Iterable[bytes | memoryview]) -> None:
+        """Add messages of a topic.
+
+        Raises
+        ------
+        ValueError
+            If all kept messages are larger than :data:`MAX_KEPT`.
+        """
+        kept = self.setdefault(topic, [])
+        for payload in payloads:
+            self._size += len(payload)
+            if self._size > MAX_KEPT:
+                raise ValueError(
+                    f"more than {MAX_KEPT >> 20} MiB of profiles, limits and diagnostics; name another log"
+                )
+            kept.append(bytes(payload))
 
 
 class Reader:

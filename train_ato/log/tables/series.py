@@ -74,6 +74,8 @@ class TopicColumns:
         Type of the messages.
     choose
         Selection of parts.
+    check
+        Check of every new layout before its messages are kept; it raises ValueError.
 
     Attributes
     ----------
@@ -81,10 +83,17 @@ class TopicColumns:
         Messages by layout.
     """
 
-    def __init__(self, types: Typestore, type_name: str, choose: Callable[[Leaf], bool] = lambda leaf: True) -> None:
+    def __init__(
+        self,
+        types: Typestore,
+        type_name: str,
+        choose: Callable[[Leaf], bool] = lambda leaf: True,
+        check: Callable[[Layout], None] = lambda layout: None,
+    ) -> None:
         self._types = types
         self._type_name = type_name
         self._choose = choose
+        self._check = check
         self._known: dict[int, list[Group]] = {}
         self._publish: list[int] = []
         self.groups: list[Group] = []
@@ -100,7 +109,7 @@ class TopicColumns:
         Raises
         ------
         ValueError
-            For bytes that are not a message of the type.
+            For bytes that are not a message of the type, and from ``check``.
         """
         lengths = np.array([len(payload) for payload in portion.payloads])
         for length in np.unique(lengths).tolist():
@@ -119,6 +128,7 @@ class TopicColumns:
             numbers, messages = _taken(group, numbers, messages)
         while numbers.size:
             layout = layout_of(self._types, self._type_name, messages[0].tobytes())
+            self._check(layout)
             group = Group(layout, tuple(leaf for leaf in layout.leaves if self._choose(leaf)))
             self.groups.append(group)
             if len(known) < MOST_LAYOUTS:

@@ -18,7 +18,7 @@ from train_ato.messages.codec.cdr import nanoseconds
 from train_ato.messages.layout import present_name
 from train_ato.messages.topics import EPOCH_NS
 
-__all__ = ["LONGEST_ARRAY", "STAMPS", "foreign_table", "known_part", "known_table"]
+__all__ = ["LONGEST_ARRAY", "STAMPS", "check_foreign", "check_known", "foreign_table", "known_part", "known_table"]
 
 STAMPS = ("header.stamp", "clock")
 """Paths of the stamp in messages of the topic table."""
@@ -33,13 +33,40 @@ def known_part(topic: str, leaf: Leaf) -> bool:
     return leaf.dtype is not None and leaf.count != 0 and has_column(topic, leaf.path)
 
 
+def check_known(topic: str, layout: Layout) -> None:
+    """Check that a message of a topic has one value per name.
+
+    Raises
+    ------
+    ValueError
+        If the numbers of names and values differ.
+    """
+    owners = _owners(layout)
+    for leaf in layout.leaves:
+        if known_part(topic, leaf) and leaf.path not in STAMPS and not leaf.is_time:
+            _names(topic, leaf, owners)
+
+
+def check_foreign(layout: Layout) -> None:
+    """Check that the arrays of a message can be columns.
+
+    Raises
+    ------
+    ValueError
+        For arrays longer than :data:`LONGEST_ARRAY`.
+    """
+    for leaf in layout.leaves:
+        if leaf.count is not None and leaf.count > LONGEST_ARRAY:
+            raise ValueError(f"{leaf.path} is an array of {leaf.count} numbers, at most {LONGEST_ARRAY} make columns")
+
+
 def known_table(topic: str, series: TopicColumns) -> pd.DataFrame:
     """Return the table of a topic of the topic table: float64 columns over simulated time.
 
     Raises
     ------
     ValueError
-        If the numbers of names and values in a message differ.
+        If two columns have the same name.
     """
     parts = [(group.numbers(), _part(topic, group)) for group in series.groups]
     return in_order(_joined(parts))
@@ -113,11 +140,6 @@ def foreign_table(series: TopicColumns, begin_ns: int) -> pd.DataFrame:
         Messages of the topic.
     begin_ns
         Time 0 of the table [ns since 1970].
-
-    Raises
-    ------
-    ValueError
-        For arrays longer than :data:`LONGEST_ARRAY`.
     """
     publish = series.publish_ns
     found: dict[str, NDArray[Any]] = {}
@@ -143,8 +165,6 @@ def _foreign_columns(group: Group) -> Iterator[tuple[str, NDArray[Any]]]:
             yield f"{name}_ns", nanoseconds(group.values(leaf))
         elif leaf.count is None:
             yield name, group.values(leaf)
-        elif leaf.count > LONGEST_ARRAY:
-            raise ValueError(f"{leaf.path} is an array of {leaf.count} numbers, at most {LONGEST_ARRAY} make columns")
         else:
             named = len(owners) == leaf.count and "." not in leaf.path
             for index, row in enumerate(group.values(leaf)):

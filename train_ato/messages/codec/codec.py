@@ -16,6 +16,11 @@ from train_ato.messages.topics import topics_of
 
 __all__ = ["Wire", "stamp_of"]
 
+MAX_FRAME = 1024
+"""Maximum length of the frame and of padding, which this program leaves empty [bytes]."""
+MAX_VARIABLE = 2**29
+"""Maximum length of a message of variable length [bytes]."""
+
 
 class Wire:
     """Encoder and decoder of every topic of a run.
@@ -30,12 +35,18 @@ class Wire:
         self.layout = layout
         self._encoders: dict[str, Callable[[Any], bytes]] = {}
         self._decoders: dict[str, Callable[[bytes], Any]] = {}
+        self._longest: dict[str, int] = {}
         for topic in topics_of(layout):
             if topic.of_variable_length:
                 self._encoders[topic.name], self._decoders[topic.name] = VARIABLE[topic.message]
             else:
                 codec = FixedCodec(topic, layout)
                 self._encoders[topic.name], self._decoders[topic.name] = codec.encode, codec.decode
+                self._longest[topic.name] = 2 * codec.length + MAX_FRAME
+
+    def longest(self, topic: str) -> int:
+        """Return the maximum length of a valid message [bytes]: twice the present one, for former names."""
+        return self._longest.get(topic, MAX_VARIABLE)
 
     def encode(self, topic: str, message: Any) -> bytes:
         """Return the CDR bytes of a message.

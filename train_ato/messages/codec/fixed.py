@@ -164,7 +164,7 @@ class FixedCodec:
         for slot in self._slots:
             edges += [slot.start, slot.start + 8 * slot.size]
         gaps = list(zip(edges[::2], [*edges[1::2], len(sample)], strict=True))
-        self._length = len(sample)
+        self.length = len(sample)
         self._constants = tuple((begin, end, sample[begin:end]) for begin, end in ((0, 4), *gaps) if begin < end)
         self._head, self._first = sample[:4], sample[_STAMP_END : gaps[0][1]]
         self._writers: list[tuple[Callable[[Any], Any], bytes]] = []
@@ -214,7 +214,7 @@ class FixedCodec:
 
     def _fits(self, data: bytes) -> bool:
         """Return True if the constant bytes are those of the blank message."""
-        if len(data) != self._length:
+        if len(data) != self.length:
             return False
         for begin, end, constant in self._constants:  # noqa: SIM110 (a generator costs three times as much here)
             if data[begin:end] != constant:

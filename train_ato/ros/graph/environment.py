@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 
-from filelock import FileLock, Timeout
+from train_ato.ros import DEFAULT_MIDDLEWARE
+from train_ato.ros.graph.domain_lock import DomainLock
 
 DOMAINS = range(1, 102)
 """Domains with ports below the ephemeral ones."""
@@ -52,29 +52,6 @@ def middleware(profile: str = "fastdds.xml") -> dict[str, str]:
     return {_RANGE: "SUBNET" if os.environ.get(_RANGE) == "SUBNET" else "LOCALHOST", _PROFILE: file}
 
 
-def _lock(domain: int) -> FileLock:
-    return FileLock(Path(tempfile.gettempdir()) / f"train_ato-domain-{domain}.lock", mode=0o666)
-
-
-def _taken(lock: FileLock) -> bool:
-    """Return False if the lock was acquired; another run may remove its file at the same time."""
-    try:
-        lock.acquire(timeout=0)
-    except (Timeout, OSError):
-        return True
-    if not Path(lock.lock_file).exists():
-        lock.release()
-        return True
-    return False
-
-
-def _release(lock: FileLock) -> None:
-    """Remove the file of a held lock, then release the lock."""
-    with suppress(OSError):
-        Path(lock.lock_file).unlink()
-    lock.release()
-
-
 def check_domain(wanted: int | None) -> None:
     """Refuse a ROS domain out of range; None is any free one."""
     if wanted is not None and wanted not in DOMAINS:
@@ -93,35 +70,33 @@ def claim_domain(wanted: int | None = None) -> Iterator[int]:
     Raises
     ------
     ValueError
-        If it is out of range, or another run holds it.
+        If it is out of range, another run holds it, or its lock file is not a plain file.
     """
     check_domain(wanted)
     start = os.getpid() % len(DOMAINS)
     order = [DOMAINS[(start + i) % len(DOMAINS)] for i in range(len(DOMAINS))] if wanted is None else [wanted]
     for domain in order:
-        lock = _lock(domain)
-        if not _taken(lock):
+        lock = DomainLock(domain)
+        try:
+            acquired = lock.acquire()
+        except ValueError:
+            if wanted is not None:
+                raise
+            continue
+        if acquired:
             try:
                 yield domain
             finally:
-                _release(lock)
+                lock.release()
             return
     if wanted is not None:
-        raise ValueError(f"--domain {wanted}: another run holds it ({_lock(wanted).lock_file}); leave --domain out")
+        raise ValueError(f"--domain {wanted}: another run holds it ({DomainLock(wanted).path}); leave --domain out")
     raise ValueError(f"all domains from {DOMAINS.start} to {DOMAINS.stop - 1} are held by other runs; end one of them")
 
 
 def held_domains() -> list[int]:
     """Return the domains that are locked by runs on this machine."""
-    held = []
-    for domain in DOMAINS:
-        lock = _lock(domain)
-        if Path(lock.lock_file).exists():
-            if _taken(lock):
-                held.append(domain)
-            else:
-                _release(lock)
-    return held
+    return [domain for domain in DOMAINS if DomainLock(domain).held]
 
 
 def variables(domain: int, log_folder: Path) -> dict[str, str]:
@@ -134,7 +109,7 @@ def variables(domain: int, log_folder: Path) -> dict[str, str]:
         **middleware(),
         "ROS_LOG_DIR": str(log_folder),
         "ROS_PYTHON_CHECK_FIELDS": "1",
-        "RMW_IMPLEMENTATION": os.environ.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp"),
+        "RMW_IMPLEMENTATION": os.environ.get("RMW_IMPLEMENTATION") or DEFAULT_MIDDLEWARE,
     }
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from train_ato.interrupt import Interrupt, interruptible
 from train_ato.log.bag_layout import LOG, PARTIAL
+from train_ato.log.whole_file import write_whole
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.topics import Role
 from train_ato.ros.graph import shared_memory
@@ -55,7 +56,7 @@ def run_processes(
         if (folder / taken).exists():
             raise ValueError(f"{folder / taken}: exists already; name another output folder")
     scenario = folder / "scenario.yaml"
-    scenario.write_text(setup.resolved_yaml(), encoding="utf-8")
+    write_whole(scenario, setup.resolved_yaml())
     (folder / "log").mkdir(exist_ok=True)
     with interruptible() as interrupt:
         nodes: dict[Role, NodeProcess] = {}

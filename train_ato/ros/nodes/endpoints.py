@@ -190,7 +190,7 @@ class NodeEndpoints:
                     if not source.begun:
                         source.begin()
                     receive(data)
-                except Exception as error:
+                except (Exception, SystemExit) as error:
                     watch.fail(node, error)
 
         depth = COMMAND_DEPTH if name == "ato/command" and self.role is Role.PLANT else None
@@ -210,7 +210,7 @@ class NodeEndpoints:
         def guarded(request: Any, response: Any) -> Any:
             try:
                 return answer(request, response)
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 self.watch.fail(self.name, error)
                 return response
 
@@ -240,7 +240,7 @@ class NodeEndpoints:
         """Run an action outside of callbacks; an exception fails the run as in callbacks."""
         try:
             action()
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             self.watch.fail(self.name, error)
 
     def missing(self, besides: Collection[Role] = ()) -> list[str]:

@@ -13,6 +13,7 @@ from typing import Any
 
 from std_srvs.srv import SetBool
 
+from plant_sim.data_text import parse_json
 from train_ato.messages.topics import Role
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 
@@ -105,7 +106,7 @@ class Discovery:
     def _compare(self, role: Role, theirs: str) -> None:
         """Fail the run if the scenario of a node differs; a program without a fingerprint is not checked."""
         try:
-            found = json.loads(theirs) if theirs else self._fingerprint
+            found = parse_json(theirs) if theirs else self._fingerprint
         except ValueError:
             found = None
         if found == self._fingerprint:

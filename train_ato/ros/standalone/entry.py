@@ -9,11 +9,14 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING
 
-from train_ato.arguments import BAD_INPUT, OneLineParser
+from train_ato.arguments import BAD_INPUT, OneLineParser, prepare_streams
+from train_ato.interrupt import Interrupt
 from train_ato.log.compression import DEFAULT, add_compression
 from train_ato.messages.topics import Role
+from train_ato.ros import require_ros
 from train_ato.ros.graph.environment import middleware, opened_by
 from train_ato.ros.graph.graph_result import LOCKSTEP_TIMEOUT_S, PACED_TIMEOUT_S
 
@@ -66,6 +69,7 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
     int
         Exit status: 0 done, 1 failed, 2 bad input.
     """
+    prepare_streams()
     options = _arguments(role, words)
     opened = opened_by()
     if opened and not options.attached:
@@ -73,11 +77,19 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
     os.environ.update(middleware())
     os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
     stopped = threading.Event()
+    interrupt = Interrupt()
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        stopped.set()
+        interrupt.ask(number, frame)
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stopped.set())
+        signal.signal(number, stop)
     if options.attached:
         threading.Thread(target=_stop_at_end_of_input, args=(stopped,), daemon=True).start()
     try:
+        if not options.attached:
+            require_ros()
         return _run(role, options, stopped, completed)
     except (ValueError, OSError) as error:
         sys.stderr.write(f"{role.value}: {' '.join(str(error).split())}\n")

@@ -1,0 +1,112 @@
+"""Data from YAML and JSON text of unknown origin, with limits on nesting, aliases and repeated keys.
+
+The C loader of PyYAML composes nested nodes by recursion in C: 50 000 brackets overflow the stack and end the process.
+Here the parser in C delivers events, and Python composes them within a limit on the depth.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Any
+
+import yaml
+
+MAX_NESTING = 100
+"""Largest depth of nested values."""
+MAX_ALIASES = 50
+"""Largest number of aliases in a text; many aliases expand to a size far beyond that of the text."""
+
+_Base: Any = getattr(yaml.cyaml, "CParser", None) if yaml.__with_libyaml__ else None
+_PYTHON = (yaml.reader.Reader, yaml.scanner.Scanner, yaml.parser.Parser)
+_PARSERS: tuple[Any, ...] = _PYTHON if _Base is None else (_Base,)
+
+
+class _LimitedComposer(yaml.composer.Composer):
+    """Composer that counts the depth and the aliases."""
+
+    _aliases = 0
+    _depth = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Compose a node within the limits."""
+        if self.check_event(yaml.AliasEvent):  # type: ignore[attr-defined]  # a method of the parser
+            self._aliases += 1
+            if self._aliases > MAX_ALIASES:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"more than {MAX_ALIASES} aliases; write them out", None
+                )
+        self._depth += 1
+        if self._depth > MAX_NESTING:
+            raise yaml.constructor.ConstructorError(None, None, f"nested deeper than {MAX_NESTING} levels", None)
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+
+class _UniqueKeys(yaml.constructor.SafeConstructor):
+    """Safe constructor that rejects repeated keys."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        """Construct a mapping without repeated keys."""
+        seen: set[str] = set()
+        for key, _ in node.value:
+            text = str(key.value)
+            if text in seen and text != "<<":
+                problem = f"key '{text}' is repeated"
+                raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
+            seen.add(text)
+        return super().construct_mapping(node, deep=deep)
+
+
+class _Loader(_LimitedComposer, *_PARSERS, _UniqueKeys, yaml.resolver.Resolver):  # type: ignore[misc]
+    """YAML loader of this module."""
+
+    def __init__(self, text: Any) -> None:
+        _PARSERS[0].__init__(self, text)
+        for base in _PARSERS[1:]:
+            base.__init__(self)
+        yaml.composer.Composer.__init__(self)
+        yaml.constructor.SafeConstructor.__init__(self)
+        yaml.resolver.Resolver.__init__(self)
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$"),
+    list("-+0123456789"),
+)
+"""YAML 1.1 reads 1e-2 as text; this resolver makes it a number."""
+
+
+def parse_yaml(text: str | bytes) -> Any:
+    """Return the data of a YAML text.
+
+    Raises
+    ------
+    ValueError
+        Line number and problem, without remedy: not YAML, an unsafe tag, a repeated key, or a limit exceeded.
+    """
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f"line {mark.line + 1}: " if mark is not None else ""
+        problem = getattr(error, "problem", None) or "not YAML"
+        raise ValueError(f"{place}{problem}") from None
+    except (ValueError, ArithmeticError) as error:  # a date or a number that does not exist
+        raise ValueError(f"{' '.join(str(error).split())[:200]}") from None
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Return the data of a JSON text.
+
+    Raises
+    ------
+    ValueError
+        The problem, without remedy.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
