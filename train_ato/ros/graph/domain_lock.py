@@ -1,7 +1,7 @@
 """Lock of a ROS domain on this machine, by a file with the same path for all users and environments.
 
-The package ``filelock`` opens its file with ``O_CREAT``.  With ``fs.protected_regular`` the kernel refuses that in a folder
-with the sticky bit for a file of another user, and a domain would be held for ever after a killed run of that user.
+The package ``filelock`` opens its file with ``O_CREAT``.  With ``fs.protected_regular`` the kernel refuses that in a
+folder with the sticky bit for a file of another user; after a killed run of that user the domain would stay held.
 """
 
 from __future__ import annotations
