@@ -28,10 +28,12 @@ ENDED = (1, -signal.SIGINT)
 
 @pytest.fixture(autouse=True)
 def interruptible_process() -> Iterator[None]:
-    """Handle SIGINT as in a terminal; a shell ignores it for commands in the background, and so for the tests."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    """Handle signals as in a terminal; a shell ignores them for commands in the background, and so for the tests."""
+    ignored = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in ignored.items()}
     yield
-    signal.signal(signal.SIGINT, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @contextmanager

@@ -46,9 +46,12 @@ class View:
         self.url = lines[0]
 
     def end(self) -> int:
-        """Send Ctrl-C and return the exit status."""
+        """Send Ctrl-C and return the exit status; errors of the command are printed."""
         self.process.send_signal(signal.SIGINT)
-        return self.process.wait(timeout=LIMIT_S)
+        status = self.process.wait(timeout=LIMIT_S)
+        if status and self.process.stderr is not None:
+            sys.stderr.write(self.process.stderr.read())
+        return status
 
 
 @contextmanager
