@@ -91,7 +91,8 @@ def parse_yaml(text: str | bytes) -> Any:
         return yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
-        place = f"line {mark.line + 1}: " if mark is not None else ""
+        last = len(text.splitlines()) - 1  # the parser in C counts one line more at the end
+        place = f"line {min(mark.line, last) + 1}: " if mark is not None else ""
         problem = getattr(error, "problem", None) or "not YAML"
         raise ValueError(f"{place}{problem}") from None
     except (ValueError, ArithmeticError) as error:  # a date or a number that does not exist
