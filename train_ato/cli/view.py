@@ -177,7 +177,8 @@ def _feed(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[Feed]:
         return
     with (
         _run(options, interrupt) as (domain, wait),
-        tempfile.TemporaryDirectory(prefix="train_ato_view_") as scratch,
+        # the middleware may still write its log into the folder
+        tempfile.TemporaryDirectory(prefix="train_ato_view_", ignore_cleanup_errors=True) as scratch,
         applied(variables(domain, Path(scratch))),
     ):
         from train_ato.apps.view.live import LiveFeed

@@ -29,6 +29,8 @@ FACTOR_SPAN_S = 1.0
 LABELS = {"emergency brake applied": "emergency", "emergency brake released": "released"}
 MOST_COPIED = 20_000
 """Largest number of messages in a tap; the oldest are dropped."""
+ENDING_S = 30.0
+"""Maximum wall time for the thread of the feed to end [s]."""
 STANDING_S = 1.0
 """Wall time without a new tick after which no pace is shown."""
 
@@ -215,7 +217,7 @@ class LiveFeed(Feed):
         """Stop the thread and destroy the nodes."""
         self._stopping.set()
         self._executor.wake()
-        self._thread.join(timeout=5.0)
+        self._thread.join(timeout=ENDING_S)
 
 
 def marks_of(message: Diagnostic) -> list[Mark]:

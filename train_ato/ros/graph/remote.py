@@ -111,7 +111,9 @@ class GraphClient:
 @contextmanager
 def graph_client(domain: int) -> Iterator[GraphClient]:
     """Yield a client on the domain of a run; destroy it on exit."""
-    with tempfile.TemporaryDirectory(prefix="train_ato_set_") as scratch, applied(variables(domain, Path(scratch))):
+    # the middleware may still write its log into the folder
+    folder = tempfile.TemporaryDirectory(prefix="train_ato_set_", ignore_cleanup_errors=True)
+    with folder as scratch, applied(variables(domain, Path(scratch))):
         import rclpy
 
         context = rclpy.Context()
