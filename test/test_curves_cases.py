@@ -14,6 +14,7 @@ from train_ato.apps.curves.case_file import CurveCase, read_cases
 from train_ato.apps.curves.case_inputs import CurveInputs
 from train_ato.apps.curves.table import case_table
 from train_ato.cli.main import main
+from train_ato.supervision.gradient import gradient_acceleration
 
 FILE = Path(__file__).parent / "data" / "etcs_braking_cases.json"
 PUBLISHED: dict[str, dict[str, Any]] = json.loads(FILE.read_text())
@@ -40,13 +41,43 @@ def test_every_published_point(name: str, curve: str) -> None:
         assert distance == pytest.approx(published, abs=bound), f"{name} {curve} {speed} km/h"
 
 
-@pytest.mark.parametrize("name", [n for n, case in PUBLISHED.items() if case["inputs"]["gradients"] == [[0.0, 0.0]]])
-def test_the_rest_of_the_deviation_is_a_rounded_speed(name: str) -> None:
-    """Breaks if the published level cases deviate for another reason than a first step that ends at a whole km/h."""
-    inputs = PUBLISHED[name]["inputs"] | {"V_lim_resolution_kmh": 1.0}
-    for curve, rows in PUBLISHED[name]["curves"].items():
-        found = distances(inputs, curve, *(row[0] for row in rows))
-        assert found == pytest.approx([row[1] for row in rows], abs=0.0051)  # they have two decimals
+def deviation_of_cells(name: str, width_kmh: float) -> float:
+    """Return the deviation [m] of published EBD figures from an integration in cells of the speed.
+
+    Brake and gradient have in the whole cell the values of its lower end, where an integration from the target begins.
+    """
+    inputs = CurveInputs.model_validate(PUBLISHED[name]["inputs"])
+    train, foot = inputs.train(), 7.5  # V_ebi of the target speed 0 [km/h]
+    gradient = gradient_acceleration(inputs.gradients, train.length, None, inputs.fixed_values())
+    kmh, place, locations = foot, inputs.target_location_m, {}
+    for index in range(int(foot / width_kmh + 1e-9) + 1, int(190.0 / width_kmh + 1e-9) + 2):
+        locations[round(kmh, 6)] = place
+        deceleration = train.brake.safe.above(kmh / 3.6)[0] + gradient.below(place)[0]
+        place -= ((index * width_kmh) ** 2 - kmh**2) / 3.6**2 / 2 / deceleration
+        kmh = index * width_kmh
+    points = PUBLISHED[name]["curves"]["EBD"]
+    return max(
+        abs(inputs.target_location_m - locations[speed] - distance) for speed, distance in points if speed > foot
+    )
+
+
+@pytest.mark.parametrize("name", [name for name, case in PUBLISHED.items() if case["inputs"]["model"] == "lambda"])
+def test_the_rest_of_the_deviation_is_an_integration_in_cells(name: str) -> None:
+    """Breaks if the published lambda cases deviate for another reason than their cells of 0.1 km/h.
+
+    The bound is the rounding of figures with two decimals.
+    """
+    assert deviation_of_cells(name, 0.1) < 0.005 + 1e-4
+    assert deviation_of_cells(name, 0.05) > 0.1  # the first step ends at 121.0 km/h in wide cells, 120.948 in the model
+
+
+def test_the_width_of_the_cells_in_the_page() -> None:
+    """Breaks if the figures of supervision.md for the width of the cells are not those of the integration."""
+    page = (FILE.parents[2] / "msgs_docs" / "supervision.md").read_text()
+    gradients = ("Gamma PasInP", "Lambda PasInP TractCutOff 2 + SBInterface + TCOInterface")
+    for width in (0.1, 0.2):
+        gamma, driven = (deviation_of_cells(name, width) for name in gradients)
+        assert f"{gamma:.3f} m and {driven:.3f} m with cells of {width:g} km/h" in " ".join(page.split())
 
 
 TIMES = [  # T_be and T_bs [s] of A.3.8 and A.3.9, by hand: a + b L/100 + c (L/100)²
@@ -146,6 +177,11 @@ REFUSED: list[tuple[str, dict[str, Any], str]] = [
     ),
     ("too steep", {"gradients": [[0, -100]]}, "is not stronger than the gradient"),
     ("release without an end", {"release_computed_at_m": 0}, "release_computed_at_m: only an end of authority"),
+    (
+        "release speed at level 1",
+        {"target_type": "EOA", "release_computed_at_m": 0, "level": 1},
+        "release_computed_at_m: the delay of the trip at level 1 .T41. is not covered; write level 2",
+    ),
     ("end of authority with a speed", {"target_type": "EOA", "target_speed_kmh": 30}, "target_speed_kmh: an end of"),
 ]
 
@@ -221,7 +257,7 @@ def test_deviation_is_the_largest_of_each_curve(tmp_path: Path, capsys: pytest.C
 
 
 def test_odometry_and_release_speed_of_a_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if the position error, A_est1, A_est2 or the antenna does not reach curves and release speed."""
+    """Breaks if the position error, A_est1, A_est2 or the EOA does not reach curves or release speed."""
     inputs = GAMMA | {"t_traction_cutoff_s": 1.0, "gradients": []}
     (exact,) = distances(inputs, "EBI", 72.0)
     (far,) = distances(inputs | {"distance_since_balise_m": 400.0}, "EBI", 72.0)
@@ -229,14 +265,31 @@ def test_odometry_and_release_speed_of_a_case(tmp_path: Path, capsys: pytest.Cap
     (driven,) = distances(inputs | {"A_est1": 0.5, "A_est2": 0.2}, "EBI", 72.0)  # rises: 0.5 · 1 s, 0.2 · 1.5 s
     assert driven - exact == pytest.approx((20.8**2 - 20**2) / 2 + 0.25 * 1.0 + (0.5 + 0.15) * 1.5)
     end = {"target_type": "EOA", "eoa_location_m": 6950.0, "release_computed_at_m": 6800.0}
-    found = {}
-    for level in (1, 2):
-        path = tmp_path / f"{level}.json"
-        path.write_text(json.dumps({"inputs": inputs | end | {"level": level}, "curves": {"EBI": [20]}}))
-        assert main(["curves", str(path), "--json"]) == 0
-        found[level] = json.loads(capsys.readouterr().out)["release"]
-    for level, trip in ((1, 6980.0), (2, 6975.0)):  # 10 m + 10 % of 150 m beyond the end, and the antenna 5 m ahead
-        reached = (found[level]["speed_kmh"] + 2.0) / 3.6
-        assert trip + 2.5 * reached + reached**2 / 2 == pytest.approx(7000.0)
+    path = tmp_path / "case.json"
+    path.write_text(json.dumps({"inputs": inputs | end, "curves": {"EBI": [20]}}))
+    assert main(["curves", str(path), "--json"]) == 0
+    release = json.loads(capsys.readouterr().out)["release"]["speed_kmh"]
+    reached = (release + 2.0) / 3.6
+    assert 6975.0 + 2.5 * reached + reached**2 / 2 == pytest.approx(7000.0)  # trip 10 m + 10 % of 150 m beyond the end
     assert main(["curves", str(path)]) == 0
-    assert f"release speed {found[2]['speed_kmh']:.2f} km/h" in capsys.readouterr().out
+    assert f"release speed {release:.2f} km/h" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("behind", "limit", "expected"),
+    [  # by hand: the trip is 10 m + 10 % of (1000 m + behind) beyond the end, the rest of the 300 m to the SvL is for
+        # u = V + f41(V) with 2.5 s u + u²/2, f41 = 2 km/h + (V - 30 km/h)/47: V + f41 = 45.15 and 24.43 km/h
+        (800.0, 160.0, 42.88),
+        (1500.0, 160.0, 22.43),
+        (800.0, 40.0, 40.0),
+    ],
+)
+def test_release_speed_counts_distances_from_the_last_balise(behind: float, limit: float, expected: float) -> None:
+    """Breaks if 10 % of the distance to the EOA are taken from the front, or the speed limit does not limit the speed.
+
+    The odometer error grows from the last balise on; the share from the front gave 59.13 and 49.49 km/h.
+    """
+    end = {"target_type": "EOA", "eoa_location_m": 6700.0, "release_computed_at_m": 5700.0, "gradients": []}
+    case = CurveInputs.model_validate(GAMMA | end | {"distance_since_balise_m": behind, "mrsp_kmh": limit})
+    release = case.release(case.limits())
+    assert release is not None and release["speed_kmh"] == pytest.approx(expected, abs=0.005)

@@ -199,10 +199,10 @@ def test_odometry_of_subset_041() -> None:
 
 
 def test_release_speed_stops_before_the_supervised_location() -> None:
-    """Breaks if the build-up time, the trip location or the speed error is not part of the release speed."""
+    """Breaks if build-up time, trip location, speed error or speed limit are not part of the release speed."""
     limits = TargetLimits(train(), BrakingTarget(1100.0, kind="EOA", end_of_authority=1000.0), LEVEL, FIXED)
-    assert trip_location(1000.0, 700.0, antenna_to_front=5.0) == pytest.approx(1040.0)
-    assert trip_location(1000.0, 700.0, antenna_to_front=5.0, balise_accuracy=3.0, level_1=True) == pytest.approx(1051)
+    assert trip_location(1000.0, 700.0) == pytest.approx(1040.0)
+    assert trip_location(1000.0, 700.0, balise_accuracy=3.0) == pytest.approx(1046.0)
     wide = MotionEstimate(under_reading=40.0, over_reading=30.0)
     assert trip_location(1000.0, 700.0, wide) == pytest.approx(1070.0)
     exact = release_speed(limits, 1040.0, inhibit_compensation=True)
@@ -211,6 +211,8 @@ def test_release_speed_stops_before_the_supervised_location() -> None:
     faster = careful + 2 / 3.6
     assert 1040.0 + 5.0 * faster + faster**2 / 2 == pytest.approx(1100.0)
     assert release_speed(limits, 1100.0) == 0.0
+    slow = TargetLimits(train(), limits.target, LEVEL, FIXED, speed_limit=1.5)
+    assert release_speed(slow, 1040.0) == 1.5 < careful
     start = release_start(limits, exact, inhibit_compensation=True)
     assert start == pytest.approx(min(1000 - exact**2 / 1.4, 1100 - exact**2 / 2 - 5 * exact))
 

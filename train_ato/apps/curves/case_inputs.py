@@ -56,7 +56,7 @@ class CurveInputs(SiModel):
     traction_cutoff_command: bool = False
     t_traction_cutoff_s: Duration = 0.0
     m_rotating_nom_pct: float | None = Field(None, ge=0, le=100)
-    antenna_to_front_m: float = Field(0.0, ge=0, le=1e3, description="of the release speed in level 1")
+    antenna_to_front_m: float = Field(0.0, ge=0, le=1e3, description="of the trip at level 1; no limit uses it")
     gradients: tuple[Pair, ...] = Field((), max_length=10_000, description="start [m] and grade [‰]")
     target_location_m: float
     target_speed_kmh: float = Field(0.0, ge=0, le=600)
@@ -69,12 +69,9 @@ class CurveInputs(SiModel):
         None, ge=0, le=1e6, description="for the position error 5 m + 5 %; default: exact position"
     )
     release_computed_at_m: float | None = Field(
-        None, description="front position at which the release speed of an EOA is computed; default: none is"
+        None, description="front position at which the release speed of an EOA is computed, level 2; default: none is"
     )
     level: Literal[1, 2] = 2
-    V_lim_resolution_kmh: float = Field(
-        0.0, ge=0, le=10, description="rounding of the end of the first deceleration step; 0: none, as in A.3.7.3"
-    )
     Kv_int: Factor | tuple[Pair, ...] | None = None
     Kv_int_b: Factor | tuple[Pair, ...] | None = Field(None, description="passenger subset b of Kv_int")
     A_P12: float | None = Field(None, ge=0, le=5)
@@ -108,6 +105,10 @@ class CurveInputs(SiModel):
             raise ValueError("target_speed_kmh: an end of authority has the target speed 0; write 0 or another type")
         if self.target_type != "EOA" and self.release_computed_at_m is not None:
             raise ValueError("release_computed_at_m: only an end of authority has a release speed; write EOA")
+        if self.level == 1 and self.release_computed_at_m is not None:
+            raise ValueError(
+                "release_computed_at_m: the delay of the trip at level 1 (T41) is not covered; write level 2"
+            )
         if self.target_speed_kmh > self.max_speed_kmh:
             raise ValueError("target_speed_kmh: above max_speed_kmh; lower it")
         if self.eoa_location_m is not None and self.eoa_location_m > self.target_location_m:
@@ -161,7 +162,7 @@ class CurveInputs(SiModel):
         check_conversion(self.brake_percentage, self.brake_position, self.length_m, max_speed)
         kv_int = _over_speed(self.Kv_int, 1.0)
         if self.Kv_int_b is not None and self.brake_position == "PassengerTrainInP":
-            largest = basic_deceleration(self.brake_percentage, self.V_lim_resolution_kmh).largest_up_to(max_speed)
+            largest = basic_deceleration(self.brake_percentage).largest_up_to(max_speed)
             upper = _over_speed(self.Kv_int_b, 1.0)
             kv_int = passenger_kv_int(kv_int, upper, self.A_P12 or 0.0, self.A_P23 or 0.0, largest)
         return lambda_brake(
@@ -172,7 +173,6 @@ class CurveInputs(SiModel):
             kv_int,
             _steps_of(self.Kr_int, 1.0),
             1.0 if self.Kt_int is None else self.Kt_int,
-            self.V_lim_resolution_kmh,
         )
 
     def _gamma(self) -> BrakeModel:
@@ -199,7 +199,8 @@ class CurveInputs(SiModel):
         if front is None:
             return None
         motion = self.motion()
-        trip = trip_location(limits.target.eoa, front, motion, self.antenna_to_front_m, level_1=self.level == 1)
+        reference = front - (self.distance_since_balise_m or 0.0)
+        trip = trip_location(limits.target.eoa, reference, motion)
         speed = release_speed(limits, trip, motion.speed_error)
         begin = release_start(limits, speed, motion)
         return {"speed_kmh": speed * KMH, "begin_m": limits.target.location - begin}
