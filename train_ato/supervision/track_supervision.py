@@ -152,12 +152,11 @@ class TrackSupervision:
         """
         foremost = front + motion.under_reading
         speeds = self.ceiling(front - motion.over_reading, foremost)
-        wider = _wider(motion)
         first = bisect_left(self._locations, foremost)
         if first == len(self.targets) > 0 and self.targets[-1].target.kind == "EOA":
             first -= 1  # an end of authority stays supervised when the train has passed it
         for index in range(first, len(self.targets)):
-            if front < self._begins[index] and not wider:
+            if front < self._begins[index] and not _wider(motion):
                 break
             found = self._target_speeds(self.targets[index], front, motion)
             speeds = SupervisionSpeeds(
