@@ -56,11 +56,10 @@ REFUSED: list[tuple[str, dict[str, Any], str]] = [
         r"the brake \(8.26e-07 m/s² at 7.5 km/h\) is not stronger than the gradient \(0.0096",
     ),
     ("gamma key", {"Kdry": 0.9}, "key Kdry belongs to a gamma train; remove it, or write the model gamma"),
-    ("gamma deceleration", {"A_brake_emergency": 1.0}, "key A_brake_emergency belongs to a gamma train"),
     (
         "lambda key",
-        {"model": "gamma", "A_brake_emergency": 1.0, "T_brake_emergency": 2.0},
-        "key brake_percentage belongs to a lambda train; remove it, or write the model lambda",
+        {"model": "gamma", "A_brake_emergency": 1.0, "T_brake_emergency": 2.0, "Kv_int_b": 0.9},
+        "key Kv_int_b belongs to a lambda train; remove it, or write the model lambda",
     ),
     (
         "pivot alone",

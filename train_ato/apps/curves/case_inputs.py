@@ -34,12 +34,12 @@ REQUIRED = {
     "lambda": ("brake_percentage", "Kv_int", "Kr_int", "Kt_int"),
     "gamma": ("A_brake_emergency", "T_brake_emergency"),
 }
-"""Keys of ``inputs`` that a model needs."""
+"""Keys of ``inputs`` that a model needs; published files have them for the other model too, without effect."""
 OPTIONAL = {
     "lambda": ("Kv_int_b", "A_P12", "A_P23"),
     "gamma": ("A_brake_service", "T_brake_service", "Kdry", "Kwet", "available_adhesion"),
 }
-"""Further keys of a model; the other model refuses them, and those that it needs."""
+"""Further keys of a model; the other model refuses them."""
 SMALLEST, MAX_FACTOR, MAX_DECELERATION = 1e-6, 2.0, 5.0
 """Smallest factor and deceleration, largest factor, largest deceleration [m/s²]."""
 
@@ -126,7 +126,7 @@ class CurveInputs(SiModel):
             if getattr(self, key) is None:
                 raise ValueError(f"key {key} is missing, a {self.model} train needs it; add it")
         other = "gamma" if self.model == "lambda" else "lambda"
-        for key in (*REQUIRED[other], *OPTIONAL[other]):
+        for key in OPTIONAL[other]:
             if getattr(self, key) is not None:
                 raise ValueError(f"key {key} belongs to a {other} train; remove it, or write the model {other}")
         if self.Kv_int_b is None:
