@@ -64,7 +64,9 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
 
 def _branch_of_union(part: Any) -> bool:
     """Return True if a part of the location is the name of a type in a union instead of a key of the file."""
-    return isinstance(part, str) and (part in ("float", "int", "str", "bool") or "[" in part)
+    return isinstance(part, str) and (
+        part.removeprefix("constrained-") in ("float", "int", "str", "bool") or "[" in part
+    )
 
 
 def _keys_at(model: type[BaseModel], path: tuple[Any, ...]) -> set[str]:

@@ -24,11 +24,11 @@ ONE = StepFunction.constant(1.0)
 LEVEL = StepFunction.constant(0.0)
 
 
-def train(emergency: float = 1.0, service: float | None = 0.7, **interfaces: object) -> SupervisedTrain:
-    brake = gamma_brake(
-        StepFunction.constant(emergency), 5.0, None if service is None else StepFunction.constant(service), 6.0, ONE,
-        ONE, 1.0,
-    )  # fmt: skip
+def train(
+    emergency: float = 1.0, service: float | None = 0.7, service_time: float = 6.0, **interfaces: object
+) -> SupervisedTrain:
+    curve = None if service is None else StepFunction.constant(service)
+    brake = gamma_brake(StepFunction.constant(emergency), 5.0, curve, service_time, ONE, ONE, 1.0)
     return SupervisedTrain(200.0, 50.0, brake, **interfaces)  # type: ignore[arg-type]
 
 
@@ -65,6 +65,22 @@ def test_times_of_the_interfaces(
     times = intervention_times(given_train, 0.0, FIXED)
     found = (times.traction, times.remaining, times.bs1, times.bs2, times.indication)
     assert found == pytest.approx(expected)
+
+
+def test_feedback_has_two_seconds_from_the_service_to_the_emergency_brake() -> None:
+    """Breaks if T_bs2 is below 2 s with feedback (3.13.9.3.3.4.1), or this raises T_bs1 or a train without feedback."""
+    end, speed = BrakingTarget(1000.0, kind="EOA"), 50 / 3.6
+    gaps = {}
+    for feedback in (True, False):
+        short = train(service_time=1.0, service_command=True, service_feedback=feedback)
+        limits = TargetLimits(short, end, LEVEL, FIXED)
+        gaps[feedback] = limits.emergency(speed) - limits.service_from_ebd(speed)
+        assert limits.sbd is not None
+        assert limits.sbd.location(speed) - limits.service_from_sbd(speed) == pytest.approx(speed)
+    assert gaps == pytest.approx({True: 27.78, False: 13.89}, abs=0.005)
+    delayed = train(service_time=1.0, service_command=True, service_feedback=True, traction_command=True,
+                    t_traction_cut_off=7.0)  # fmt: skip
+    assert intervention_times(delayed, 0.0, FIXED).traction == pytest.approx(7.0 - (2.0 + 2.0))
 
 
 def test_limits_with_acceleration_and_speed_error() -> None:
@@ -199,10 +215,10 @@ def test_odometry_of_subset_041() -> None:
 
 
 def test_release_speed_stops_before_the_supervised_location() -> None:
-    """Breaks if the build-up time, the trip location or the speed error is not part of the release speed."""
+    """Breaks if build-up time, trip location, speed error or speed limit are not part of the release speed."""
     limits = TargetLimits(train(), BrakingTarget(1100.0, kind="EOA", end_of_authority=1000.0), LEVEL, FIXED)
-    assert trip_location(1000.0, 700.0, antenna_to_front=5.0) == pytest.approx(1040.0)
-    assert trip_location(1000.0, 700.0, antenna_to_front=5.0, balise_accuracy=3.0, level_1=True) == pytest.approx(1051)
+    assert trip_location(1000.0, 700.0) == pytest.approx(1040.0)
+    assert trip_location(1000.0, 700.0, balise_accuracy=3.0) == pytest.approx(1046.0)
     wide = MotionEstimate(under_reading=40.0, over_reading=30.0)
     assert trip_location(1000.0, 700.0, wide) == pytest.approx(1070.0)
     exact = release_speed(limits, 1040.0, inhibit_compensation=True)
@@ -211,6 +227,8 @@ def test_release_speed_stops_before_the_supervised_location() -> None:
     faster = careful + 2 / 3.6
     assert 1040.0 + 5.0 * faster + faster**2 / 2 == pytest.approx(1100.0)
     assert release_speed(limits, 1100.0) == 0.0
+    slow = TargetLimits(train(), limits.target, LEVEL, FIXED, speed_limit=1.5)
+    assert release_speed(slow, 1040.0) == 1.5 < careful
     start = release_start(limits, exact, inhibit_compensation=True)
     assert start == pytest.approx(min(1000 - exact**2 / 1.4, 1100 - exact**2 / 2 - 5 * exact))
 
@@ -243,20 +261,31 @@ def test_supervision_of_a_line() -> None:
     assert released.evaluate(4500.0) == supervision.evaluate(4500.0)
 
 
-def test_every_target_within_reach_is_evaluated() -> None:
-    """Breaks if a target is skipped whose limits are lower than the ceiling, at any position and odometry error."""
+@pytest.mark.parametrize(
+    "motion",
+    [
+        MotionEstimate(0.3, 1.0, 40.0, 25.0),
+        MotionEstimate(0.3, 1.0, 3000.0, 25.0),
+        MotionEstimate(4.0, 1.0, 2500.0, 25.0),
+        MotionEstimate(0.3, 9.0, 2500.0, 25.0),
+    ],
+)
+def test_every_target_within_reach_is_evaluated(motion: MotionEstimate) -> None:
+    """Breaks if a target is skipped whose limits are lower than the ceiling, at any position, also for wide errors."""
     limits = [(0.0, 45.0), (3000.0, 30.0), (3500.0, 25.0), (3600.0, 40.0), (6000.0, 10.0), (9000.0, 45.0)]
     supervision = TrackSupervision(
-        train(service_command=True), [(0.0, 0.0), (5000.0, -15.0)], limits, BrakingTarget(12e3, kind="EOA")
+        train(service_command=True, t_traction_cut_off=5.0),
+        [(0.0, 0.0), (5000.0, -15.0)],
+        limits,
+        BrakingTarget(12e3, kind="EOA"),
     )
     for place in range(-2000, 12500, 37):
-        motion = MotionEstimate(0.3, 1.0, 40.0, 25.0)
         found = supervision.evaluate(float(place), motion)
-        every = [supervision.ceiling(place - 25.0, place + 40.0)]
+        every = [supervision.ceiling(place - motion.over_reading, place + motion.under_reading)]
         every += [
             entry.speeds(float(place), motion)
             for entry in supervision.targets
-            if place + 40.0 <= entry.target.location or entry.target.kind == "EOA"
+            if place + motion.under_reading <= entry.target.location or entry.target.kind == "EOA"
         ]
         for name in ("permitted", "warning", "service", "emergency"):
             assert getattr(found, name) == min(getattr(speeds, name) for speeds in every), (place, name)

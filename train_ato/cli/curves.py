@@ -13,6 +13,13 @@ from train_ato.supervision.fixed_values import KMH
 FIGURES = (".png", ".pdf", ".svg")
 MAX_SPEED_KMH = 600.0
 DEVIATION_TITLE = "largest deviation in m"
+CASE_KEYS = {
+    "at_km": "target_location_m",
+    "max_speed_kmh": "max_speed_kmh",
+    "acceleration": "A_est1",
+    "balise_m": "distance_since_balise_m",
+}
+"""Options of a scenario, and the keys of a case with the same meaning."""
 WIDTH = 11
 """Characters of a column of distances."""
 
@@ -53,11 +60,11 @@ def execute(options: argparse.Namespace) -> int:
     if options.out is not None:
         check_new_file(options.out, FIGURES)
     from_file = options.case.lower().endswith(".json")
-    result = _cases(options) if from_file else _scenario(options)
+    result, bare = _cases(options) if from_file else (_scenario(options), True)
     if options.out is not None:
         draw_curves({name: entry["curves"] for name, entry in result.items()}, options.out)
     if options.json:
-        print_json(result if len(result) > 1 else next(iter(result.values())))
+        print_json(next(iter(result.values())) if bare else result)
         return 0
     if options.deviation:
         _print_deviations({name: entry["deviation_m"] for name, entry in result.items()})
@@ -69,24 +76,27 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _cases(options: argparse.Namespace) -> dict[str, Any]:
-    """Return inputs and curves of every case of a file."""
+def _cases(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
+    """Return inputs and curves of every case of a file, and True for a file with one case without a name."""
     from train_ato.apps.curves.case_file import read_cases
     from train_ato.apps.curves.table import case_table, largest_deviations
 
-    for key in ("at_km", "max_speed_kmh", "acceleration", "balise_m"):
-        if getattr(options, key) is not None:
-            raise ValueError(f"--{key.replace('_', '-')}: belongs to a scenario; write it in {options.case}")
+    for option, key in CASE_KEYS.items():
+        if getattr(options, option) is not None:
+            raise ValueError(f"--{option.replace('_', '-')}: belongs to a scenario; write {key} in {options.case}")
     path = Path(options.case)
+    cases, bare = read_cases(path)
+    if options.deviation and not any(case.has_distances for case in cases.values()):
+        raise ValueError(f"{path}: curves: no distance for --deviation; write [speed, distance] in place of speeds")
     found: dict[str, Any] = {}
-    for name, case in read_cases(path).items():
+    for name, case in cases.items():
         table = case_table(case, f"{path}: {name}")
         found[name] = {"inputs": case.inputs.model_dump(mode="json", exclude_unset=True), "curves": table}
         if (release := case.inputs.release(case.inputs.limits())) is not None:
             found[name]["release"] = release
         if options.deviation:
             found[name]["deviation_m"] = largest_deviations(case, table)
-    return found
+    return found, bare
 
 
 def _scenario(options: argparse.Namespace) -> dict[str, Any]:
@@ -97,6 +107,7 @@ def _scenario(options: argparse.Namespace) -> dict[str, Any]:
 
     if options.deviation:
         raise ValueError("--deviation: needs distances; name a JSON file of cases")
+    _refuse_case_file(Path(options.case))
     scenario, path = load_scenario(options.case)
     consist = scenario_consist(scenario.plant.consist, path.parent)
     line = scenario_line(scenario.plant.line, path.parent)
@@ -116,6 +127,15 @@ def _scenario(options: argparse.Namespace) -> dict[str, Any]:
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     return {name: {"inputs": _train_data(found.supervision), "curves": found.table}}
+
+
+def _refuse_case_file(path: Path) -> None:
+    """Raise ValueError for a file that is no scenario but a JSON object: a case file with another name."""
+    if path.is_file():
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            begin = file.read(2**16)
+        if begin.lstrip().startswith("{") and "schema" not in begin:
+            raise ValueError(f"{path}: begins with '{{': cases need a name ending in .json; rename the file")
 
 
 def _motion(options: argparse.Namespace, speed: float) -> Any:

@@ -167,5 +167,5 @@ class DecelerationCurve:
 def _too_weak(braking: float, slope: float, location: float, speed: float) -> str:
     return (
         f"the brake ({braking:.4g} m/s² at {speed * KMH:.4g} km/h) is not stronger than the gradient "
-        f"({-slope:.4g} m/s² at {location:.6g} m): no braking curve; give a stronger brake or a smaller gradient"
+        f"({0.0 - slope:.4g} m/s² at {location:.6g} m): no braking curve; give a stronger brake or a smaller gradient"
     )

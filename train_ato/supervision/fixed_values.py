@@ -12,6 +12,8 @@ MIN_INDICATION_TIME = 5.0
 """Smallest time between the indication and the permitted speed [s]: 3.13.9.3.6."""
 INDICATION_SHARE = 0.8
 """Part of the service-brake build-up time in the indication time: 3.13.9.3.6."""
+LOCKED_SERVICE_TIME = 2.0
+"""Smallest time from the SBI2 to the EBI with service-brake feedback, ``T_bs2_locked`` [s]: A.3.10."""
 MAX_LATER_ACCELERATION = 0.4
 """Largest estimated acceleration after the traction time [m/s²]: 3.13.9.3.2.9."""
 

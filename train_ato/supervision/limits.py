@@ -9,6 +9,7 @@ from train_ato.supervision.ceiling import EMERGENCY_MARGIN, SupervisionSpeeds, c
 from train_ato.supervision.deceleration_curve import DecelerationCurve
 from train_ato.supervision.fixed_values import (
     INDICATION_SHARE,
+    LOCKED_SERVICE_TIME,
     MAX_LATER_ACCELERATION,
     MIN_INDICATION_TIME,
     FixedValues,
@@ -69,16 +70,17 @@ def intervention_times(train: SupervisedTrain, target_speed: float, fixed: Fixed
     With the service-brake feedback the times are those before its pressure falls.
     """
     t_bs = train.brake.service_time.for_target(target_speed)
-    bs = t_bs if train.service_command else 0.0
+    feedback = train.service_command and train.service_feedback
+    bs1 = t_bs if train.service_command else 0.0
+    bs2 = max(bs1, LOCKED_SERVICE_TIME) if feedback else bs1
     traction = train.t_traction_cut_off
     if train.traction_command:
-        traction = max(traction - (fixed.t_warning + bs), 0.0)
-    feedback = train.service_command and train.service_feedback
+        traction = max(traction - (fixed.t_warning + bs2), 0.0)
     indication = MIN_INDICATION_TIME if feedback else max(INDICATION_SHARE * t_bs, MIN_INDICATION_TIME)
     if fixed.driver_time_twice:
         indication += fixed.t_driver
     remaining = max(train.brake.emergency_time.for_target(target_speed) - traction, 0.0)
-    return InterventionTimes(traction, remaining, bs, bs, indication)
+    return InterventionTimes(traction, remaining, bs1, bs2, indication)
 
 
 class TargetLimits:

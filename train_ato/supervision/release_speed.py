@@ -6,45 +6,38 @@ from train_ato.supervision.limits import TargetLimits
 from train_ato.supervision.odometry import EXACT_MOTION, MotionEstimate, speed_measurement_error
 
 TRIP_OFFSET, TRIP_SHARE = 10.0, 0.10
-"""Confidence interval predicted for the end of authority: offset [m], and part of the distance to it."""
+"""Confidence interval predicted for the end of authority: offset [m], and part of its distance to the reference."""
 ITERATIONS = 60
 """Halvings of the speed interval; beyond the resolution of a float."""
 
 
 def trip_location(
     eoa: float,
-    front: float,
+    reference: float,
     motion: MotionEstimate = EXACT_MOTION,
-    antenna_to_front: float = 0.0,
     balise_accuracy: float = 0.0,
-    level_1: bool = False,
 ) -> float:
-    """Return the largest front position at the trip of an end of authority, ``d_tripEOA`` [m]: 3.13.9.4.8.2.
+    """Return the largest front position at the trip of an end of authority, ``d_tripEOA`` [m]: 3.13.9.4.8.2, level 2.
 
     Parameters
     ----------
     eoa
         Location of the end of authority [m].
-    front
-        Estimated front position [m], for the distance travelled until the end of authority.
+    reference
+        On-board reference location [m]: the last balise, not the front (3.13.1.4). The odometer error grows from there.
     motion
         Confidence of the position now.
-    antenna_to_front
-        Distance from the antenna to the front [m]; used in level 1.
     balise_accuracy
         Accuracy of the location of the last balise [m].
-    level_1
-        True if the antenna, not the front, triggers the trip.
     """
-    predicted = 2.0 * balise_accuracy + TRIP_OFFSET + TRIP_SHARE * max(eoa - front, 0.0)
-    interval = max(predicted, motion.under_reading + motion.over_reading)
-    return eoa + (antenna_to_front if level_1 else 0.0) + interval
+    predicted = 2.0 * balise_accuracy + TRIP_OFFSET + TRIP_SHARE * max(eoa - reference, 0.0)
+    return eoa + max(predicted, motion.under_reading + motion.over_reading)
 
 
 def release_speed(
     limits: TargetLimits, trip: float, speed_error: float = 0.0, inhibit_compensation: bool = False
 ) -> float:
-    """Return the release speed [m/s] that stops the train before the target after a trip: 3.13.9.4.8.
+    """Return the release speed [m/s] that stops the train before the target after a trip: 3.13.9.4.8-9, level 2.
 
     Parameters
     ----------
@@ -60,8 +53,8 @@ def release_speed(
     Returns
     -------
     float
-        Largest speed with EBD(trip + D_bec) at least as high as the compensated speed; the target speed if there is
-        none above it.
+        Largest speed with EBD(trip + D_bec) at least as high as the compensated speed, not above the speed limit of
+        the limits; the target speed if there is none above it.
     """
     train = limits.train
     build_up = train.brake.emergency_time.for_target(limits.target.speed)
@@ -71,7 +64,7 @@ def release_speed(
         error = 0.0 if inhibit_compensation else max(speed_measurement_error(speed), speed_error)
         return limits.ebd.speed(trip + (speed + error) * time) >= speed + error
 
-    low, high = limits.target.speed, train.max_speed
+    low, high = limits.target.speed, max(limits.speed_limit, limits.target.speed)
     if not stops(low):
         return low
     if stops(high):

@@ -20,7 +20,10 @@ from train_ato.supervision.step_function import StepFunction
 from train_ato.supervision.train_model import SupervisedTrain
 
 WIDEST_MOTION = MotionEstimate(0.5, 3.0, 2500.0, 2500.0)
-"""Motion for which the begin of a target is computed: acceleration [m/s²], speed error [m/s], position errors [m]."""
+"""Motion for which the begin of a target is computed: acceleration [m/s²], speed error [m/s], position errors [m].
+
+With a wider motion all targets are evaluated.
+"""
 
 
 def limits_under_train(limits: Sequence[tuple[float, float]], length: float) -> list[tuple[float, float]]:
@@ -153,7 +156,7 @@ class TrackSupervision:
         if first == len(self.targets) > 0 and self.targets[-1].target.kind == "EOA":
             first -= 1  # an end of authority stays supervised when the train has passed it
         for index in range(first, len(self.targets)):
-            if front < self._begins[index]:
+            if front < self._begins[index] and not _wider(motion):
                 break
             found = self._target_speeds(self.targets[index], front, motion)
             speeds = SupervisionSpeeds(
@@ -172,6 +175,15 @@ class TrackSupervision:
         if front >= release_start(limits, release.emergency, motion):
             return release
         return limits.speeds(front, motion)
+
+
+def _wider(motion: MotionEstimate) -> bool:
+    """Return True for a motion with an earlier begin of the targets than that of ``WIDEST_MOTION``."""
+    return (
+        motion.acceleration > WIDEST_MOTION.acceleration
+        or motion.speed_error > WIDEST_MOTION.speed_error
+        or motion.under_reading > WIDEST_MOTION.under_reading
+    )
 
 
 def _permitted(speeds: SupervisionSpeeds) -> float:

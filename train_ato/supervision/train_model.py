@@ -115,19 +115,15 @@ class SupervisedTrain:
     t_traction_cut_off: float = 0.0
 
 
-def basic_deceleration(percentage: float, resolution_kmh: float = 0.0) -> StepFunction:
+def basic_deceleration(percentage: float) -> StepFunction:
     """Return the basic deceleration [m/s²] over the speed [m/s] for a brake percentage [%]: A.3.7.3-A.3.7.6.
 
     Parameters
     ----------
     percentage
         Brake percentage [%].
-    resolution_kmh
-        Resolution to which the end of the first step is rounded [km/h]; 0 (the standard): not rounded.
     """
     limit = LIMIT_FACTOR * percentage**LIMIT_EXPONENT
-    if resolution_kmh > 0.0:
-        limit = resolution_kmh * round(limit / resolution_kmh)
     bounds, values = [limit], [FIRST_SLOPE * percentage + FIRST_OFFSET]
     for upper, (a3, a2, a1, a0) in POLYNOMIALS:
         if limit < upper:
@@ -187,7 +183,6 @@ def lambda_brake(
     kv_int: StepFunction,
     kr_int: StepFunction,
     kt_int: float,
-    resolution_kmh: float = 0.0,
 ) -> BrakeModel:
     """Return the brake model of a train with a brake percentage (lambda train).
 
@@ -199,8 +194,6 @@ def lambda_brake(
         Integrated correction factors over the speed [m/s] and over the train length [m]: 3.13.2.3.7.
     kt_int
         Integrated correction factor of the emergency build-up time.
-    resolution_kmh
-        As in :func:`basic_deceleration`.
 
     Raises
     ------
@@ -210,8 +203,8 @@ def lambda_brake(
     check_conversion(percentage, position, length, max_speed)
     kr = kr_int.at(length)
     return BrakeModel(
-        basic_deceleration(percentage, resolution_kmh).combine(kv_int, lambda a, kv: kv * kr * a),
-        basic_deceleration(min(percentage, LAMBDA_SERVICE_MAX), resolution_kmh),
+        basic_deceleration(percentage).combine(kv_int, lambda a, kv: kv * kr * a),
+        basic_deceleration(min(percentage, LAMBDA_SERVICE_MAX)),
         _basic_time(EMERGENCY_TIMES, position, length, kt_int),
         _basic_time(SERVICE_TIMES, position, length),
     )

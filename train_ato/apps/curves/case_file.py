@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -60,13 +60,25 @@ class CurveCase(SiModel):
         """Return the speeds of a curve [km/h]."""
         return [speed for speed, _ in self.curves[name]]
 
+    @property
+    def has_distances(self) -> bool:
+        """True if a curve of the file has a distance."""
+        return any(distance is not None for rows in self.curves.values() for _, distance in rows)
+
     def distances(self, name: str) -> list[float | None]:
         """Return the distances of a curve in the file [m]; None for a speed without one."""
         return [distance for _, distance in self.curves[name]]
 
 
-def read_cases(path: Path) -> dict[str, CurveCase]:
-    """Return the cases of a file by name; a single case has the name of the file.
+class CaseFile(NamedTuple):
+    """Cases of a file by name; ``bare`` if it holds one without a name, which has here the name of the file."""
+
+    cases: dict[str, CurveCase]
+    bare: bool
+
+
+def read_cases(path: Path) -> CaseFile:
+    """Return the cases of a file.
 
     Raises
     ------
@@ -75,10 +87,10 @@ def read_cases(path: Path) -> dict[str, CurveCase]:
     """
     data = _read_json(path)
     if "inputs" in data or "curves" in data:
-        return {path.stem: build_model(CurveCase, data, str(path))}
+        return CaseFile({path.stem: build_model(CurveCase, data, str(path))}, True)
     if not data:
         raise ValueError(f"{path}: no case; give 'inputs' and 'curves', or cases by name")
-    return {name: build_model(CurveCase, case, f"{path}: {name}") for name, case in data.items()}
+    return CaseFile({name: build_model(CurveCase, case, f"{path}: {name}") for name, case in data.items()}, False)
 
 
 def _read_json(path: Path) -> dict[str, Any]:

@@ -34,10 +34,17 @@ REQUIRED = {
     "lambda": ("brake_percentage", "Kv_int", "Kr_int", "Kt_int"),
     "gamma": ("A_brake_emergency", "T_brake_emergency"),
 }
-"""Keys of ``inputs`` that a model needs."""
+"""Keys of ``inputs`` that a model needs; published files have them for the other model too, without effect."""
+OPTIONAL = {
+    "lambda": ("Kv_int_b", "A_P12", "A_P23"),
+    "gamma": ("A_brake_service", "T_brake_service", "Kdry", "Kwet", "available_adhesion"),
+}
+"""Further keys of a model; the other model refuses them."""
+SMALLEST, MAX_FACTOR, MAX_DECELERATION = 1e-6, 2.0, 5.0
+"""Smallest factor and deceleration, largest factor, largest deceleration [m/s²]."""
 
-Factor = Annotated[float, Field(ge=0, le=2)]
-Deceleration = Annotated[float, Field(gt=0, le=5)]
+Factor = Annotated[float, Field(ge=SMALLEST, le=MAX_FACTOR)]
+Deceleration = Annotated[float, Field(ge=SMALLEST, le=MAX_DECELERATION)]
 Pair = tuple[float, float]
 Duration = Annotated[float, Field(ge=0, le=300)]
 
@@ -56,7 +63,7 @@ class CurveInputs(SiModel):
     traction_cutoff_command: bool = False
     t_traction_cutoff_s: Duration = 0.0
     m_rotating_nom_pct: float | None = Field(None, ge=0, le=100)
-    antenna_to_front_m: float = Field(0.0, ge=0, le=1e3, description="of the release speed in level 1")
+    antenna_to_front_m: float = Field(0.0, ge=0, le=1e3, description="of the trip at level 1; no limit uses it")
     gradients: tuple[Pair, ...] = Field((), max_length=10_000, description="start [m] and grade [‰]")
     target_location_m: float
     target_speed_kmh: float = Field(0.0, ge=0, le=600)
@@ -69,18 +76,15 @@ class CurveInputs(SiModel):
         None, ge=0, le=1e6, description="for the position error 5 m + 5 %; default: exact position"
     )
     release_computed_at_m: float | None = Field(
-        None, description="front position at which the release speed of an EOA is computed; default: none is"
+        None, description="front position at which the release speed of an EOA is computed, level 2; default: none is"
     )
     level: Literal[1, 2] = 2
-    V_lim_resolution_kmh: float = Field(
-        0.0, ge=0, le=10, description="rounding of the end of the first deceleration step; 0: none, as in A.3.7.3"
-    )
     Kv_int: Factor | tuple[Pair, ...] | None = None
     Kv_int_b: Factor | tuple[Pair, ...] | None = Field(None, description="passenger subset b of Kv_int")
     A_P12: float | None = Field(None, ge=0, le=5)
     A_P23: float | None = Field(None, ge=0, le=5)
     Kr_int: Factor | tuple[Pair, ...] | None = None
-    Kt_int: Factor | None = None
+    Kt_int: float | None = Field(None, ge=0, le=2, description="0 is permitted: A.3.12.1.4")
     Kdry: Factor | tuple[Pair, ...] | None = None
     Kwet: Factor | tuple[Pair, ...] | None = None
     available_adhesion: float | None = Field(None, ge=0, le=1, description="M_NVAVADH, 0 wet ... 1 dry")
@@ -101,34 +105,49 @@ class CurveInputs(SiModel):
         if any(abs(grade) > 500 for _, grade in self.gradients):
             raise ValueError("gradients: a grade is above 500 ‰; give [start in m, grade in ‰]")
         self._check_steps()
-        for key in REQUIRED[self.model]:
-            if getattr(self, key) is None:
-                raise ValueError(f"key {key} is missing, a {self.model} train needs it; add it")
+        self._check_keys()
         if self.target_type == "EOA" and self.target_speed_kmh:
             raise ValueError("target_speed_kmh: an end of authority has the target speed 0; write 0 or another type")
         if self.target_type != "EOA" and self.release_computed_at_m is not None:
             raise ValueError("release_computed_at_m: only an end of authority has a release speed; write EOA")
+        if self.level == 1 and self.release_computed_at_m is not None:
+            raise ValueError(
+                "release_computed_at_m: the delay of the trip at level 1 (T41) is not covered; write level 2"
+            )
         if self.target_speed_kmh > self.max_speed_kmh:
             raise ValueError("target_speed_kmh: above max_speed_kmh; lower it")
         if self.eoa_location_m is not None and self.eoa_location_m > self.target_location_m:
             raise ValueError("eoa_location_m: beyond the supervised location target_location_m; correct one of them")
-        if self.Kv_int_b is not None and not (self.A_P12 or 0.0) < (self.A_P23 or 0.0):
-            raise ValueError("pivots of Kv_int_b: A_P12 must be below A_P23; give both")
         return self
+
+    def _check_keys(self) -> None:
+        """Raise ValueError for a missing key of the model, a key of the other model, or an incomplete ``Kv_int_b``."""
+        for key in REQUIRED[self.model]:
+            if getattr(self, key) is None:
+                raise ValueError(f"key {key} is missing, a {self.model} train needs it; add it")
+        other = "gamma" if self.model == "lambda" else "lambda"
+        for key in OPTIONAL[other]:
+            if getattr(self, key) is not None:
+                raise ValueError(f"key {key} belongs to a {other} train; remove it, or write the model {other}")
+        if self.Kv_int_b is None:
+            if self.A_P12 is not None or self.A_P23 is not None:
+                raise ValueError("pivots A_P12 and A_P23 belong to Kv_int_b, which is missing; add it, or remove them")
+        elif self.brake_position != "PassengerTrainInP":
+            raise ValueError("key Kv_int_b belongs to a passenger train in P; remove it")
+        elif not (self.A_P12 or 0.0) < (self.A_P23 or 0.0):
+            raise ValueError("pivots of Kv_int_b: A_P12 must be below A_P23; give both")
 
     def _check_steps(self) -> None:
         """Raise ValueError for a list of steps that is empty, does not rise, or has a value out of range."""
-        highest = {"A_brake_emergency": 5.0, "A_brake_service": 5.0}
         for key in ("Kv_int", "Kv_int_b", "Kr_int", "Kdry", "Kwet", "A_brake_emergency", "A_brake_service"):
             steps = getattr(self, key)
             if not isinstance(steps, tuple):
                 continue
             if not 1 <= len(steps) <= MAX_STEPS or steps[0][0] != 0 or any(b[0] <= a[0] for a, b in pairwise(steps)):
                 raise ValueError(f"steps of {key}: give [start, value] by rising start, the first from 0")
-            most = highest.get(key, 2.0)
-            least = 1e-6 if key in highest else 0.0
-            if any(not least <= value <= most for _, value in steps):
-                raise ValueError(f"steps of {key}: a value is outside {least:g} ... {most:g}; correct it")
+            most = MAX_DECELERATION if key.startswith("A_") else MAX_FACTOR
+            if any(not SMALLEST <= value <= most for _, value in steps):
+                raise ValueError(f"steps of {key}: a value is outside {SMALLEST:g} ... {most:g}; correct it")
 
     def fixed_values(self) -> FixedValues:
         """Return the fixed values of the case."""
@@ -160,8 +179,8 @@ class CurveInputs(SiModel):
         max_speed = self.max_speed_kmh / KMH
         check_conversion(self.brake_percentage, self.brake_position, self.length_m, max_speed)
         kv_int = _over_speed(self.Kv_int, 1.0)
-        if self.Kv_int_b is not None and self.brake_position == "PassengerTrainInP":
-            largest = basic_deceleration(self.brake_percentage, self.V_lim_resolution_kmh).largest_up_to(max_speed)
+        if self.Kv_int_b is not None:
+            largest = basic_deceleration(self.brake_percentage).largest_up_to(max_speed)
             upper = _over_speed(self.Kv_int_b, 1.0)
             kv_int = passenger_kv_int(kv_int, upper, self.A_P12 or 0.0, self.A_P23 or 0.0, largest)
         return lambda_brake(
@@ -172,7 +191,6 @@ class CurveInputs(SiModel):
             kv_int,
             _steps_of(self.Kr_int, 1.0),
             1.0 if self.Kt_int is None else self.Kt_int,
-            self.V_lim_resolution_kmh,
         )
 
     def _gamma(self) -> BrakeModel:
@@ -199,7 +217,8 @@ class CurveInputs(SiModel):
         if front is None:
             return None
         motion = self.motion()
-        trip = trip_location(limits.target.eoa, front, motion, self.antenna_to_front_m, level_1=self.level == 1)
+        reference = front - (self.distance_since_balise_m or 0.0)
+        trip = trip_location(limits.target.eoa, reference, motion)
         speed = release_speed(limits, trip, motion.speed_error)
         begin = release_start(limits, speed, motion)
         return {"speed_kmh": speed * KMH, "begin_m": limits.target.location - begin}
