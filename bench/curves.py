@@ -19,7 +19,7 @@ from goals import Goal, judge
 
 from plant_sim.library import load_consist, load_line
 from plant_sim.plant_setup import PlantSetup
-from train_ato.apps.curves.line_curves import line_supervision
+from train_ato.supervision.plant_line import line_supervision
 from train_ato.supervision.ceiling import SupervisionSpeeds
 from train_ato.supervision.odometry import motion_estimate
 

@@ -16,6 +16,8 @@ from plant_sim.units import Force, ForceRate, Length, Ratio, SiModel, Speed, Tim
 
 MAX_START_SPEED = 300.0
 """Largest initial speed [m/s]."""
+MAX_ODOMETER_ERROR = 0.05
+"""Largest relative error of an odometer: SUBSET-041, 5.3.1.1."""
 
 
 class Start(SiModel):
@@ -103,6 +105,16 @@ class Sensors(SiModel):
     force_noise: Force = Field(0.0, ge=0, description="rms")
 
 
+class OdometrySpec(SiModel):
+    """Odometers of the supervisor."""
+
+    wheel_error: Ratio = Field(
+        0.01, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the wheel odometer"
+    )
+    radar_error: Ratio = Field(0.01, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the radar")
+    balise_spacing: Length = Field(500.0, ge=1, description="distance of the balises")
+
+
 class Mismatch(SiModel):
     """Difference between the plant and the data of the train."""
 
@@ -173,6 +185,7 @@ class PlantSetup(SiModel):
         description="average grades, curves and tunnels over the length of each vehicle (for a train as one mass)",
     )
     sensors: Sensors = Sensors()
+    odometry: OdometrySpec = OdometrySpec()
     disturbances: tuple[DisturbanceSource, ...] = ()
     mismatch: Mismatch = Mismatch()
     jumps: tuple[Jump, ...] = ()

@@ -82,3 +82,16 @@ class Pipe:
 
     stamp: int
     pressure: float = field(metadata=described("pressure", "Pa", "absolute; 600 kPa charged"))
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """Odometry of the supervisor, wheel first, then radar, shape (2,) each (topic ``train/odometry``).
+
+    It is independent of the measurement of the ATO. Every odometer counts from the last balise.
+    """
+
+    stamp: int
+    position: Array = field(metadata=described("position", "m", "front of the train, from the last balise"))
+    speed: Array = field(metadata=described("speed", "m/s"))
+    since_balise: Array = field(metadata=described("since_balise", "m", "distance counted since the last balise"))

@@ -220,6 +220,13 @@ class Train:
         if self._events is not None:
             self._events.vent(self.time)
 
+    def apply_emergency_brake(self) -> None:
+        """Apply."""
+        self.vent_brake_pipe()
+
+    def release_emergency_brake(self) -> None:
+        """Release."""
+
     def _integrate(self, demand: Array, outside: Array, begin: int, end: int) -> None:
         if end <= begin:
             return

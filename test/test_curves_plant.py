@@ -14,7 +14,7 @@ from plant_sim.library import load_consist, load_line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.traction import Envelope
 from plant_sim.train import Train
-from train_ato.apps.curves.line_curves import line_supervision
+from train_ato.supervision.plant_line import line_supervision
 from train_ato.cli.main import main
 from train_ato.supervision.odometry import MotionEstimate
 

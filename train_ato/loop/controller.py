@@ -7,18 +7,23 @@ from typing import Any
 
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.stack import ControlStack
+from train_ato.errors import RunFailed
 from train_ato.interrupt import ComponentCall
+from train_ato.loop.ato_mode import AtoMode
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import ControllerMessages, diagnostics_due, stamped
 from train_ato.loop.step_times import StepTimes
 from train_ato.messages.links import MessageLink
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
+    Array,
+    AtoState,
     Command,
     Diagnostic,
     DisturbanceEstimate,
     Measurement,
     Pipe,
+    ProtectionState,
     Reference,
 )
 from train_ato.profile.profile import Profile
@@ -56,12 +61,14 @@ class ControllerStage:
         self._call = ComponentCall(f"law '{setup.controller}'")
         self.controller = setup.controller
         self.changed: Changes = {}
+        self.ato = AtoMode(setup)
         self.step_times = StepTimes([])
 
     def set_profile(self, profile: Profile) -> None:
         """Set the profile; the first one creates the stack."""
         self._profile = profile
-        if self._stack is None:
+        if self._stack is None or self.ato.awaits_profile:
+            self.ato.awaits_profile = False
             self._stack = self._new_stack(profile)
         else:
             self._stack.set_profile(profile)
@@ -138,26 +145,63 @@ class ControllerStage:
                 self._stack.swap(self.controller, self._parameters.get(self.controller, {}))
         self._fresh = self._law_changed = False
 
-    def step(self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate) -> ControllerMessages:
-        """Return the command for the stamp of the messages, and the brake-pipe command if there is an air brake."""
+    def step(
+        self,
+        measurement: Measurement,
+        reference: Reference,
+        estimate: DisturbanceEstimate,
+        protection: ProtectionState | None = None,
+    ) -> ControllerMessages:
+        """Return the command for the stamp of the messages, and the brake-pipe command if there is an air brake.
+
+        Parameters
+        ----------
+        measurement, reference, estimate
+            Messages of one stamp.
+        protection
+            Fail-safe state of the train at a step of the supervisor.
+        """
         assert self._stack is not None, "the profile comes before the first step"
         begin = time.perf_counter_ns()
         stamp = measurement.stamp
+        seen = stamped(self._measurement_link.pass_on(stamp, measurement), stamp)
+        expected = self._reference_link.pass_on(stamp, reference)
+        disturbance = self._estimate_link.pass_on(stamp, estimate)
+        self.ato.changed = False
+        report = None if protection is None else self.ato.update(seen, protection)
         with self._call:
             self._change(stamp)
-            force, pressure = self._stack.step(
-                stamped(self._measurement_link.pass_on(stamp, measurement), stamp),
-                self._reference_link.pass_on(stamp, reference),
-                self._estimate_link.pass_on(stamp, estimate),
-            )
+            if self.ato.drives:
+                force, pressure = self._engaged_step(seen, expected, disturbance)
+            else:
+                force, pressure = self.ato.command(seen)
         self.step_times.nanoseconds.append(time.perf_counter_ns() - begin)
         pipe = None if pressure is None else Pipe(stamp, pressure)
-        return ControllerMessages(Command(stamp, force), pipe, self.diagnostic(stamp))
+        return ControllerMessages(Command(stamp, force), pipe, self.diagnostic(stamp), report)
+
+    def _engaged_step(
+        self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate
+    ) -> tuple[Array, float | None]:
+        """Return force and pressure of the control stack; with supervision its failure disengages the ATO.
+
+        Raises
+        ------
+        RunFailed
+            If the stack has no valid command for longer than ``hold_limit``, in a run without supervision.
+        """
+        assert self._stack is not None
+        try:
+            return self._stack.step(measurement, reference, estimate)
+        except RunFailed as error:
+            if not self.setup.layout.supervised:
+                raise
+            self.ato.fail(measurement.stamp, str(error))
+            return self.ato.command(measurement)
 
     def diagnostic(self, stamp: int) -> Diagnostic | None:
         """Return the state of the controller once a second, and at every step with a change or a held command."""
         if self._stack is None or not (
-            diagnostics_due(stamp, self.setup.tick_ns) or self._stack.holding or self.changed
+            diagnostics_due(stamp, self.setup.tick_ns) or self._stack.holding or self.changed or self.ato.changed
         ):
             return None
         model = self.setup.model
@@ -171,6 +215,11 @@ class ControllerStage:
         }
         if self.changed:
             values[KEY] = changes_to_json(self.changed)
+        if self.setup.layout.supervised:
+            values |= self.ato.diagnostics()
+        if not self.ato.drives:
+            state = self.ato.machine.state
+            return Diagnostic(stamp, "controller", 1 + (state is AtoState.FAILURE), state.text, values)
         if self._stack.holding:
             return Diagnostic(stamp, "controller", 1, "holding the last command", values)
         return Diagnostic(stamp, "controller", 0, "engaged", values)

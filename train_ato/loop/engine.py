@@ -18,7 +18,9 @@ from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.result import Progress, RunResult
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import Published
+from train_ato.loop.supervisor import SupervisorStage
 from train_ato.loop.trajectories import profile_of
+from train_ato.messages.types import AtoReport
 
 
 class Sink(Protocol):
@@ -85,14 +87,16 @@ def run_engine(
 
 
 class _Loop:
-    """The four stages in the order of the messages of the nodes."""
+    """The stages in the order of the messages of the nodes."""
 
     def __init__(self, setup: RunSetup, sink: Sink | None) -> None:
         self.plant = PlantStage(setup)
         self.profile = ProfileStage(setup)
         self.observer = ObserverStage(setup)
         self.controller = ControllerStage(setup)
+        self.supervisor = SupervisorStage(setup) if setup.layout.supervised else None
         self.recording = RecordingBuilder(setup)
+        self._ato: AtoReport | None = None
         self.ticks = 0
         self.active = "engine"
         self.published: dict[str, int] = {}
@@ -116,8 +120,14 @@ class _Loop:
         self.active = "plant"
         plant = self.plant.observe()
         self._publish(stamp, plant.published())
+        release = None
+        if self.supervisor is not None and plant.odometry is not None:
+            self.active = "supervisor"
+            supervisor = self.supervisor.step(plant.odometry, self._ato)
+            self._publish(stamp, supervisor.published())
+            release = supervisor.release
         self.active = "profile"
-        profile = self.profile.on_measurement(plant.measurement)
+        profile = self.profile.on_measurement(plant.measurement, None if release is None else self._ato)
         self._publish(stamp, profile.published())
         if profile.profile is not None:
             self.controller.set_profile(profile_of(profile.profile))
@@ -125,10 +135,11 @@ class _Loop:
         observer = self.observer.on_measurement(plant.measurement)
         self._publish(stamp, observer.published())
         self.active = "controller"
-        controller = self.controller.step(plant.measurement, profile.reference, observer.estimate)
+        controller = self.controller.step(plant.measurement, profile.reference, observer.estimate, plant.protection)
         self._publish(stamp, controller.published())
         self.active = "plant"
-        self.plant.act(controller.command, controller.brake_pipe_command)
+        self.plant.act(controller.command, controller.brake_pipe_command, release)
+        self._ato = controller.state or self._ato
         self.ticks += 1
 
     def conclude(self) -> None:

@@ -8,18 +8,23 @@ from collections.abc import Sequence
 import numpy as np
 
 from plant_sim.disturbances import Gust
-from plant_sim.emergency import EmergencyBrake
+from plant_sim.odometry import Odometers
+from plant_sim.service_brake import FullServiceBrake
 from plant_sim.train import Observation
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due
+from train_ato.loop.train_protection import Protection, TrainProtection
 from train_ato.messages.links import DelayJump, Link
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
     Array,
+    BrakeRelease,
     Command,
     Diagnostic,
     Disturbance,
+    Odometry,
     Pipe,
+    ProtectionState,
     Tick,
 )
 from train_ato.scenario.interventions import (
@@ -63,22 +68,29 @@ class PlantStage:
 
     Attributes
     ----------
-    emergency : bool
-        True if the emergency brake is applied; the commands of the law then have no effect.
+    protection : TrainProtection
+        Fail-safe reactions; with a brake in effect the commands of the law have no effect.
     """
 
     role = Role.PLANT
 
     def __init__(self, setup: RunSetup) -> None:
         self.setup = setup
-        self.emergency = False
+        self.protection = TrainProtection(setup)
+        self._reported = Protection.NONE
         self._due = [(due_stamp(planned, setup.tick_ns), planned) for planned in setup.scenario.interventions]
         self._in_force: dict[str, list[int]] = {}
-        self._brake = EmergencyBrake(setup.consist, setup.plant)
+        self._service_brake = FullServiceBrake(setup.consist, setup.plant)
         self.train = setup.train()
         self._link = Link(setup.links.command, setup.layout.n_units, setup.step_ns, setup.seed, "command")
         self._pipe_link = Link(setup.links.brake_pipe, 1, setup.step_ns, setup.seed, "brake_pipe")
         self._substeps = setup.tick_ns // setup.step_ns
+        self._half = setup.consist.vehicles[0].length / 2.0
+        self._odometers: Odometers | None = None
+        if setup.layout.supervised:
+            front = float(self.train.position[0]) + self._half
+            slips = setup.plant.sensors.wheel_slip
+            self._odometers = Odometers(setup.plant.odometry, slips, front, setup.seed)
         self.tick = 0
 
     @property
@@ -96,8 +108,22 @@ class PlantStage:
         stamp = self.stamp
         taken = self._intervene(stamp) if self._due else []
         seen = self.train.observe()
-        reported = taken or diagnostics_due(stamp, self.setup.tick_ns)
-        return PlantMessages(self._truth(seen, self.diagnostic(taken) if reported else None), seen.measurement)
+        odometry, protection = self._for_supervisor(stamp, seen)
+        changed = self.protection.level is not self._reported
+        self._reported = self.protection.level
+        reported = taken or changed or diagnostics_due(stamp, self.setup.tick_ns)
+        truth = self._truth(seen, self.diagnostic(taken) if reported else None)
+        return PlantMessages(truth, seen.measurement, odometry, protection)
+
+    def _for_supervisor(self, stamp: int, seen: Observation) -> tuple[Odometry | None, ProtectionState | None]:
+        """Return odometry and fail-safe state at a step of the supervisor, otherwise None."""
+        if self._odometers is None:
+            return None, None
+        front, speed = float(seen.vehicles.position[0]) + self._half, float(seen.vehicles.velocity[0])
+        odometry = self._odometers.observe(stamp, front, speed)
+        if not self.setup.supervised_at(stamp):
+            return None, None
+        return odometry, ProtectionState(stamp, np.array(self.protection.level.active, dtype=np.float64))
 
     def request(self, intervention: Intervention) -> None:
         """Add an intervention; it acts from the next observation on, which reports it.
@@ -147,11 +173,11 @@ class PlantStage:
                 acceleration = intervention.acceleration
                 self.train.add_gust(Gust(kind="gust", begin=now, end=end, ramp=ramp, acceleration=acceleration))
             elif isinstance(intervention, DelayJumpNow):
-                self._link.jump(DelayJump(at=now, factor=intervention.factor, add=intervention.add))
+                jump = DelayJump(at=now, factor=intervention.factor, add=intervention.add)
+                self._link.jump(jump)
+                self.protection.jump(jump)
             else:
-                self.emergency = intervention.applied
-                if self.emergency:
-                    self.train.vent_brake_pipe()
+                self.protection.requested = intervention.applied
         return taken
 
     def conclude(self) -> PlantTruth:
@@ -170,26 +196,43 @@ class PlantStage:
             diagnostics,
         )
 
-    def act(self, command: Command, pipe: Pipe | None) -> None:
-        """Integrate to t_k+1 with the command stamped t_k."""
+    def act(self, command: Command, pipe: Pipe | None, release: BrakeRelease | None = None) -> None:
+        """Integrate to t_k+1 with the command stamped t_k, and the brake release at a step of the supervisor."""
         stamp = self.stamp
         self._link.push(stamp, command.force)
+        self.protection.on_command(stamp)
         pressure = None
         if pipe is not None:
             self._pipe_link.push(stamp, (pipe.pressure,))
             pressure = float(self._pipe_link.pop(stamp)[0])
+        if release is not None:
+            self.protection.on_release(release)
         self._advance(pressure)
 
-    def hold(self) -> None:
+    def hold(self, release: BrakeRelease | None = None) -> None:
         """Integrate one tick without a new command (``realtime`` only)."""
+        if release is not None:
+            self.protection.on_release(release)
         self._advance(None)
 
     def _advance(self, pressure: float | None) -> None:
-        """Integrate one tick with the arrived commands, or with the emergency brake."""
+        """Integrate one tick with the arrived commands, or with the fail-safe reaction in their place."""
         demand: Array = self._link.window(self.stamp, self._substeps)
-        if self.emergency:
-            demand[:] = self._brake.demand(self.train.velocity[list(self.train.units)])
+        before = self.protection.level
+        level = self.protection.step(self.stamp, stands=self._speed < STANDSTILL)
+        if level is not Protection.NONE:
+            demand[:] = 0.0
+        if level is Protection.SERVICE_BRAKE:
+            demand[:] = self._service_brake.demand(self.train.velocity[list(self.train.units)])
+            brake = self.setup.consist.air_brake
+            pressure = None if brake is None else brake.charged - brake.reduction[-1]
+        elif level is Protection.EMERGENCY_BRAKE:
             pressure = None
+        if level is not before:
+            if level is Protection.EMERGENCY_BRAKE:
+                self.train.apply_emergency_brake()
+            elif before is Protection.EMERGENCY_BRAKE:
+                self.train.release_emergency_brake()
         self.train.advance(demand, pressure)
         self.tick += 1
 
@@ -202,8 +245,11 @@ class PlantStage:
             values[KEY] = interventions_to_json(taken)
         if self.finished:
             return Diagnostic(self.stamp, "plant", 0, "finished", values)
-        level, state = (1, "emergency brake") if self.emergency else (0, "running")
-        return Diagnostic(self.stamp, "plant", level, state, values)
+        protection = self.protection
+        if protection.level is Protection.NONE:
+            return Diagnostic(self.stamp, "plant", 0, "running", values)
+        values["protection"] = protection.reason
+        return Diagnostic(self.stamp, "plant", 1, protection.level.text, values)
 
 
 def _releases(intervention: Intervention) -> bool:

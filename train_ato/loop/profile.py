@@ -10,10 +10,14 @@ from train_ato.loop.trajectories import limits_of, trajectory_of
 from train_ato.messages.links import MessageLink
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
+    AtoReport,
+    AtoState,
     Diagnostic,
     Measurement,
     Reference,
 )
+from train_ato.profile.planner.plan_from_state import TrainState, replan
+from train_ato.profile.planner.settings import ReplanSpec
 from train_ato.profile.profile import Profile
 
 if TYPE_CHECKING:
@@ -40,6 +44,8 @@ class ProfileStage:
         self._replanner = setup.replanner()
         self._link = MessageLink(setup.links.measurement, setup.step_ns, setup.seed, "measurement")
         self._decision: ReplanDecision | None = None
+        self._engaged = True
+        self._refusal = ""
 
     def start(self) -> ProfileStart:
         """Return the profile and the speed limits for latched topics."""
@@ -50,10 +56,18 @@ class ProfileStage:
         position, velocity, acceleration, _ = self.profile.at(stamp * 1e-9)
         return Reference(stamp, position, velocity, acceleration, self.planned)
 
-    def on_measurement(self, measurement: Measurement) -> ProfileMessages:
-        """Return the reference for the stamp of the measurement, with the new profile after re-planning."""
+    def on_measurement(self, measurement: Measurement, ato: AtoReport | None = None) -> ProfileMessages:
+        """Return the reference for the stamp of the measurement, with the new profile after re-planning.
+
+        Parameters
+        ----------
+        measurement
+            Measurement of this stamp.
+        ato
+            At a step of the supervisor: report of the ATO at the step before.
+        """
         stamp = measurement.stamp
-        decided = self._replanned(measurement)
+        decided = self._begun_again(measurement, ato) or self._replanned(measurement)
         reported = decided or diagnostics_due(stamp, self.setup.tick_ns)
         return ProfileMessages(
             self.step(stamp),
@@ -61,9 +75,28 @@ class ProfileStage:
             self.diagnostic(stamp) if reported else None,
         )
 
+    def _begun_again(self, measurement: Measurement, ato: AtoReport | None) -> bool:
+        """Plan from standstill after the ATO was engaged again; return True after this decision."""
+        if ato is None:
+            return False
+        before, self._engaged = self._engaged, bool(ato.state[0] == AtoState.ENGAGED)
+        if before or not self._engaged:
+            return False
+        stamp, setup = measurement.stamp, self.setup
+        state = TrainState(stamp * 1e-9, float(measurement.position[0] + setup.model.offsets[0]), 0.0)
+        own = setup.scenario.profile.plan
+        settings = (setup.scenario.replan or ReplanSpec()).settings(own)
+        try:
+            rest = replan(state, setup.profile, setup.model.line, setup.model.consist, settings).profile
+            self.profile, self.planned, self._refusal = self.profile.followed_by(rest), stamp, ""
+            self._replanner = setup.replanner(self.profile)
+        except ValueError as error:
+            self._refusal = str(error)
+        return True
+
     def _replanned(self, measurement: Measurement) -> bool:
         """Check that the train can follow the profile; return True after a decision on re-planning."""
-        if self._replanner is None:
+        if self._replanner is None or not self._engaged:
             return False
         decision = self._replanner.step(self._link.pass_on(measurement.stamp, measurement))
         if decision is None:
@@ -78,6 +111,10 @@ class ProfileStage:
         profile, replanner, decision = self.profile, self._replanner, self._decision
         remaining = max(0.0, profile.end - stamp * 1e-9)
         values = {"knots": str(profile.time.size), "period": repr(profile.period), "remaining": repr(remaining)}
+        if self._refusal:
+            return Diagnostic(stamp, "profile", 1, "cannot be planned again", {**values, "reason": self._refusal})
+        if self.planned and decision is None:
+            return Diagnostic(stamp, "profile", 0, "following, planned again", values)
         if replanner is None or decision is None:
             return Diagnostic(stamp, "profile", 0, "following", values)
         values |= {

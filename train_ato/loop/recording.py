@@ -23,7 +23,7 @@ PROFILE, LIMITS, DIAGNOSTICS = "ato/profile", "ato/limits", "/diagnostics"
 FIELDS: dict[str, dict[str, str]] = {
     topic.name: fields
     for topic in TOPICS
-    if topic.rate is Rate.TICK
+    if topic.rate in (Rate.TICK, Rate.SUPERVISION)
     and (
         fields := {
             place.field: place.path

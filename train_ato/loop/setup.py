@@ -24,6 +24,8 @@ from train_ato.loop.scenario_data import nominal_model, scenario_consist, scenar
 from train_ato.messages.layout import TrainLayout
 from train_ato.profile.profile import Profile
 from train_ato.scenario.scenario import ControllerChange, Links, PlantBlock, Scenario
+from train_ato.supervision.plant_line import line_supervision
+from train_ato.supervision.supervisor import Supervisor
 
 if TYPE_CHECKING:
     from train_ato.profile.planner.replanner import Replanner
@@ -62,6 +64,15 @@ class RunSetup:
     def tick(self) -> float:
         """Period of the loop [s]."""
         return self.tick_ns * 1e-9
+
+    @property
+    def supervision_ticks(self) -> int:
+        """Number of ticks of a supervision period."""
+        return max(1, -(-round(self.scenario.supervision.period * 1e9) // self.tick_ns))
+
+    def supervised_at(self, stamp: int) -> bool:
+        """Return True if the supervisor takes a step at a stamp [ns]."""
+        return self.layout.supervised and stamp % (self.supervision_ticks * self.tick_ns) == 0
 
     @property
     def control_period(self) -> float:
@@ -153,14 +164,35 @@ class RunSetup:
         """Return a fresh policy of the air brake."""
         return make_brake_policy(self.scenario.brake, self.model, self.line)
 
-    def replanner(self) -> Replanner | None:
-        """Return the replanner; None without ``replan:`` in the scenario."""
+    def supervisor(self) -> Supervisor:
+        """Return the supervisor of the train on its line, up to the stop at the end of the profile.
+
+        Raises
+        ------
+        ValueError
+            If the emergency brake is weaker than a grade before a target.
+        """
+        spec, profile = self.scenario.supervision, self.profile
+        front = self.consist.vehicles[0].length / 2.0
+        stop = float(profile.position[-1]) + front if profile.velocity[-1] == 0.0 else None
+        reaction = (self.supervision_ticks + 1) * self.tick + self.links.brake_release.longest
+        try:
+            track = line_supervision(
+                self.consist, self.line, self.plant, None if stop is None else stop + spec.overlap,
+                kdry=spec.kdry, reaction=reaction, service_brake=spec.service_brake,
+            )  # fmt: skip
+        except ValueError as error:
+            raise ValueError(f"supervision: {error}; or set supervision.enabled: false") from None
+        return Supervisor(track, spec, front)
+
+    def replanner(self, profile: Profile | None = None) -> Replanner | None:
+        """Return the replanner of a profile, by default the first one; None without ``replan:`` in the scenario."""
         spec = self.scenario.replan
         if spec is None:
             return None
         from train_ato.profile.planner.replanner import Replanner  # a late import: it compiles kernels
 
-        replanner = Replanner(spec, self.profile, self.model, self.scenario.profile.plan)
+        replanner = Replanner(spec, profile or self.profile, self.model, self.scenario.profile.plan)
         replanner.warm_up()
         return replanner
 
@@ -235,6 +267,7 @@ def _prepare(scenario: Scenario, folder: Path) -> RunSetup:
         sensors=scenario.plant.sensors.couplers,
         air_brake=consist.air_brake is not None,
         disturbed=bool(scenario.plant.disturbances),
+        supervised=_is_supervised(scenario, line),
     )
     tick_ns, step_ns = round(scenario.tick * 1e9), round(scenario.step * 1e9)
     profile = scenario.profile.build(consist, line, tick_ns * 1e-9, folder, scenario.brake.deepest)
@@ -254,6 +287,12 @@ def _prepare(scenario: Scenario, folder: Path) -> RunSetup:
     return setup
 
 
+def _is_supervised(scenario: Scenario, line: Line) -> bool:
+    """Return the choice of the scenario, or True for a line with speed limits."""
+    chosen = scenario.supervision.enabled
+    return bool(line.speed_limits) if chosen is None else chosen
+
+
 def _check_choices(setup: RunSetup) -> None:
     """Check the combination: create train, laws, observer, compensation and brake policy once."""
     _check_replan(setup)
@@ -268,6 +307,8 @@ def _check_choices(setup: RunSetup) -> None:
     COMPENSATIONS.make(setup.compensation, setup.compensation_parameters, setup.model, setup.control_period)
     setup.brake_policy()
     setup.train()
+    if setup.layout.supervised:
+        setup.supervisor()
 
 
 def _check_laws(setup: RunSetup) -> None:

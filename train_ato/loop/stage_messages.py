@@ -6,14 +6,19 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from train_ato.messages.types import (
+    AtoReport,
+    BrakeRelease,
     BrakeShoes,
     Command,
     Diagnostic,
     Disturbance,
     DisturbanceEstimate,
     Measurement,
+    Odometry,
     Pipe,
+    ProtectionState,
     Reference,
+    SupervisedSpeeds,
     Tick,
     Trajectory,
     VehicleStates,
@@ -55,14 +60,32 @@ class PlantTruth:
 
 @dataclass(frozen=True, slots=True)
 class PlantMessages:
-    """Truth and measurement of a stamp."""
+    """Truth and measurement of a stamp, at a step of the supervisor with its inputs."""
 
     truth: PlantTruth
     measurement: Measurement
+    odometry: Odometry | None = None
+    protection: ProtectionState | None = None
 
     def published(self) -> Published:
         """Return the messages in the order of publication; the measurement is last, because it starts the step."""
-        return [*self.truth.published(), ("train/measurement", self.measurement)]
+        inputs = _present(("train/odometry", self.odometry), ("train/protection", self.protection))
+        return [*self.truth.published(), *inputs, ("train/measurement", self.measurement)]
+
+
+@dataclass(frozen=True, slots=True)
+class SupervisorMessages:
+    """Decision of the supervisor."""
+
+    release: BrakeRelease
+    speeds: SupervisedSpeeds
+    diagnostics: Diagnostic | None = None
+
+    def published(self) -> Published:
+        """Return the messages in the order of publication; the release is last, because it ends the step."""
+        return _present(
+            ("atp/speeds", self.speeds), ("/diagnostics", self.diagnostics), ("atp/brake_release", self.release)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,16 +129,18 @@ class ObserverMessages:
 
 @dataclass(frozen=True, slots=True)
 class ControllerMessages:
-    """Command of a stamp, with the demanded brake-pipe pressure of a train with an air brake."""
+    """Command of a stamp, with the brake-pipe pressure of a train with an air brake and the state of the ATO."""
 
     command: Command
     brake_pipe_command: Pipe | None = None
     diagnostics: Diagnostic | None = None
+    state: AtoReport | None = None
 
     def published(self) -> Published:
         """Return the messages in the order of publication; the command is last, because it ends the step."""
         return _present(
             ("ato/brake_pipe_command", self.brake_pipe_command),
+            ("ato/state", self.state),
             ("/diagnostics", self.diagnostics),
             ("ato/command", self.command),
         )

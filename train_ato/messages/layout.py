@@ -7,11 +7,18 @@ from enum import Enum
 
 
 class Owner(Enum):
-    """Parts of a train with one value each in a message; the enum value is the prefix of their names (``unit_0``)."""
+    """Parts of a train with one value each in a message.
+
+    The enum value of numbered parts is the prefix of their names (``unit_0``); :data:`FIXED_NAMES` has the others.
+    """
 
     VEHICLE = "vehicle"
     UNIT = "unit"
     COUPLER = "coupler"
+    ODOMETER = "odometer"
+    BRAKE_LINE = "brake_line"
+    SUPERVISED_SPEED = "supervised_speed"
+    ATO = "ato"
 
     @property
     def meaning(self) -> str:
@@ -20,7 +27,20 @@ class Owner(Enum):
             Owner.VEHICLE: "every vehicle, front first",
             Owner.UNIT: "every power unit, front first",
             Owner.COUPLER: "the coupler behind vehicle I where a sensor is fitted",
+            Owner.ODOMETER: "the odometers of the supervisor",
+            Owner.BRAKE_LINE: "traction and brakes that the supervisor releases",
+            Owner.SUPERVISED_SPEED: "estimated speed and limits of the supervisor",
+            Owner.ATO: "the ATO",
         }[self]
+
+
+FIXED_NAMES: dict[Owner, tuple[str, ...]] = {
+    Owner.ODOMETER: ("wheel", "radar"),
+    Owner.BRAKE_LINE: ("traction", "service_brake", "emergency_brake"),
+    Owner.SUPERVISED_SPEED: ("estimate", "permitted", "warning", "service_brake", "emergency_brake"),
+    Owner.ATO: ("ato",),
+}
+"""Names of the parts that do not depend on the train."""
 
 
 FORMER_OWNERS = {"car": Owner.VEHICLE}
@@ -44,8 +64,9 @@ class TrainLayout:
         Vehicles and power units of the train.
     sensors
         Numbers of the vehicles with a coupler sensor behind them.
-    air_brake, disturbed
-        True for a train with an air brake, and for a run with disturbances; otherwise their topics do not exist.
+    air_brake, disturbed, supervised
+        True for a train with an air brake, for a run with disturbances, and for one with a supervisor; otherwise their
+        topics do not exist.
     """
 
     n_vehicles: int
@@ -53,9 +74,12 @@ class TrainLayout:
     sensors: tuple[int, ...] = ()
     air_brake: bool = False
     disturbed: bool = False
+    supervised: bool = False
 
     def names(self, owner: Owner) -> tuple[str, ...]:
-        """Return the names of the vehicles, power units or coupler sensors, front first."""
+        """Return the names of the parts, of vehicles, power units and coupler sensors front first."""
+        if owner in FIXED_NAMES:
+            return FIXED_NAMES[owner]
         numbers = {
             Owner.VEHICLE: range(self.n_vehicles),
             Owner.UNIT: range(self.n_units),

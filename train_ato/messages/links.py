@@ -68,6 +68,20 @@ class LinkSpec(SiModel):
         return traction, _for_units(self.delay_brake, width, f"{block}.delay_brake")
 
 
+    def newest(self) -> LinkSpec:
+        """Return the parameters of a link of width 1 that delivers with the slowest unit."""
+        values = [value for value in (self.delay, self.delay_brake) if value is not None]
+        delay = max(max(value, default=0.0) if isinstance(value, tuple) else value for value in values)
+        return self.model_copy(update={"delay": delay, "delay_brake": None})
+
+    @property
+    def longest(self) -> float:
+        """Largest delay without jumps [s]."""
+        delay = self.newest().delay
+        assert isinstance(delay, (int, float))
+        return delay + self.jitter + (0.0 if self.varying is None else self.varying.amplitude)
+
+
 def _for_units(value: float | tuple[float, ...], width: int, key: str) -> Array:
     values = (value,) * width if isinstance(value, (int, float)) else value
     if len(values) != width:

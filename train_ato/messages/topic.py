@@ -22,6 +22,7 @@ class Role(Enum):
     PROFILE = "profile"
     OBSERVER = "observer"
     CONTROLLER = "controller"
+    SUPERVISOR = "supervisor"
     RECORDER = "recorder"
 
 
@@ -30,6 +31,7 @@ class Rate(Enum):
 
     ONCE = "once, latched"
     TICK = "every tick"
+    SUPERVISION = "every supervision period"
     SECOND = "every simulated second and at the end"
 
 
@@ -44,6 +46,7 @@ class Condition:
 ALWAYS = Condition(lambda layout: True)
 AIR_BRAKE = Condition(lambda layout: layout.air_brake, "only with an air brake")
 DISTURBED = Condition(lambda layout: layout.disturbed, "only where the scenario has disturbances")
+SUPERVISED = Condition(lambda layout: layout.supervised, "only with a supervisor")
 
 
 @dataclass(frozen=True)

@@ -7,22 +7,38 @@ a docstring gives another shape.  Forces are > 0 forward, coupler forces > 0 in 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.states import Array, BrakeShoes, Disturbance, Measurement, Pipe, VehicleStates, described
+from plant_sim.states import (
+    Array,
+    BrakeShoes,
+    Disturbance,
+    Measurement,
+    Odometry,
+    Pipe,
+    VehicleStates,
+    described,
+)
 
 __all__ = [
     "Array",
+    "AtoReport",
+    "AtoState",
+    "BrakeRelease",
     "BrakeShoes",
     "Command",
     "Diagnostic",
     "Disturbance",
     "DisturbanceEstimate",
     "Measurement",
+    "Odometry",
     "Pipe",
+    "ProtectionState",
     "Reference",
+    "SupervisedSpeeds",
     "Tick",
     "Trajectory",
     "VehicleStates",
@@ -93,3 +109,58 @@ class Diagnostic:
     level: int = field(metadata=described("level", "", "0 ok, 1 warning, 2 error"))
     message: str = field(metadata=described("message", "", "state in words"))
     values: dict[str, str] = field(default_factory=dict, metadata=described("", "", "key and value as text, SI"))
+
+
+@dataclass(frozen=True, slots=True)
+class BrakeRelease:
+    """Release of traction, service brake and emergency brake by the supervisor (topic ``atp/brake_release``).
+
+    The plant brakes without this message.
+    """
+
+    stamp: int
+    released: Array = field(metadata=described("released", "", "1 released; 0 traction cut off, or brake demanded"))
+
+
+@dataclass(frozen=True, slots=True)
+class ProtectionState:
+    """Traction cut-off and brakes in effect for any reason (topic ``train/protection``)."""
+
+    stamp: int
+    active: Array = field(metadata=described("active", "", "1 traction cut off, or brake applied; 0 as the ATO commands"))
+
+
+@dataclass(frozen=True, slots=True)
+class SupervisedSpeeds:
+    """Estimated speed and limits at the estimated position (topic ``atp/speeds``), shape (5,)."""
+
+    stamp: int
+    speed: Array = field(metadata=described("speed", "m/s"))
+
+
+class AtoState(IntEnum):
+    """State of the ATO: SUBSET-125, 6.3, without the states of its configuration."""
+
+    NOT_AVAILABLE = 0
+    AVAILABLE = 1
+    READY = 2
+    ENGAGED = 3
+    DISENGAGING = 4
+    FAILURE = 5
+
+    @property
+    def text(self) -> str:
+        """State in words."""
+        return self.name.lower().replace("_", " ")
+
+
+@dataclass(frozen=True, slots=True)
+class AtoReport:
+    """State of the ATO with its measured motion (topic ``ato/state``), shape (1,) each."""
+
+    stamp: int
+    position: Array = field(metadata=described("position", "m", "measured, of vehicle 0's centre"))
+    velocity: Array = field(metadata=described("speed", "m/s", "measured, of the first power unit"))
+    state: Array = field(
+        metadata=described("state", "", ", ".join(f"{state.value} {state.text}" for state in AtoState))
+    )

@@ -22,10 +22,12 @@ from plant_sim.units import Length, SiModel, Time
 from train_ato.control.air_brake.policy import BrakeSpec
 from train_ato.messages.links import LinkSpec
 from train_ato.profile.planner.settings import ReplanSpec
+from train_ato.scenario.ato_requests import AtoRequest
 from train_ato.scenario.former_names import replace_former_keys
 from train_ato.scenario.interventions import Intervention
 from train_ato.scenario.overlays import assign, overlay
 from train_ato.scenario.profile_spec import ProfileSpec
+from train_ato.supervision.settings import SupervisionSpec
 
 SCHEMA = "train_ato/scenario/1"
 LARGEST_FILE = 64 * 2**20
@@ -60,6 +62,7 @@ class Links(SiModel):
     measurement: LinkSpec = LinkSpec()
     reference: LinkSpec = LinkSpec()
     estimate: LinkSpec = LinkSpec()
+    brake_release: LinkSpec = LinkSpec()
 
 
 Parameters = dict[str, dict[str, float | int | bool | str]]
@@ -121,6 +124,8 @@ class Scenario(SiModel):
     interventions: tuple[Intervention, ...] = Field(
         (), description="gusts, delay jumps and emergency brake during the run"
     )
+    supervision: SupervisionSpec = SupervisionSpec()
+    ato_requests: tuple[AtoRequest, ...] = Field((), description="requests to the ATO during the run")
     evaluation: Evaluation = Evaluation()
 
     @model_validator(mode="after")

@@ -167,6 +167,25 @@ class TrackSupervision:
             )
         return speeds
 
+    def indicates(self, front: float, speed: float, motion: MotionEstimate = EXACT_MOTION) -> bool:
+        """Return True if the train has passed the indication of a target.
+
+        Parameters
+        ----------
+        front, speed
+            Estimated front position [m] and speed [m/s].
+        motion
+            Acceleration and errors of the odometry.
+        """
+        foremost = front + motion.under_reading
+        for index in range(bisect_left(self._locations, foremost), len(self.targets)):
+            if front < self._begins[index] and not _wider(motion):
+                return False
+            limits = self.targets[index]
+            if speed > limits.target.speed and foremost >= limits.indication(speed, motion):
+                return True
+        return False
+
     def _target_speeds(self, limits: TargetLimits, front: float, motion: MotionEstimate) -> SupervisionSpeeds:
         """Return the speeds of one target; the release speed from its start location on."""
         release = self._release

@@ -13,7 +13,7 @@ FADE = 1.0
 """Time constant of the stop of a unit with a reversing drive [s]."""
 
 
-class EmergencyBrake:
+class FullServiceBrake:
     """Demand of every power unit while the emergency brake is applied.
 
     The demand is the largest force of the brake envelope; the plant limits it by the envelope, the adhesion and the

@@ -1,0 +1,104 @@
+"""States of the ATO and their transitions: SUBSET-125, 6.3.
+
+========================  =====================================================================
+not available             no valid measurement
+available                 valid measurement; the train moves, or traction or a brake is locked
+ready                     standstill, nothing locked: can be engaged
+engaged                   the law drives
+disengaging               traction is off, after the takeover time the train brakes to a stop
+failure                   as disengaging, until a reset at standstill
+========================  =====================================================================
+
+The ATO is engaged at the start of a run.
+"""
+
+from __future__ import annotations
+
+from train_ato.messages.types import AtoState
+
+TAKEOVER_TIME = 5.0
+"""Time for the driver to take over after the end of the engagement [s]; then the train brakes: SUBSET-125, 6.3."""
+
+
+class AtoStateMachine:
+    """State of the ATO with the reason of its last change.
+
+    Attributes
+    ----------
+    state : AtoState
+        Present state.
+    reason : str
+        Reason of the last change.
+    since : int
+        Stamp of the last change [ns].
+    """
+
+    def __init__(self) -> None:
+        self.state = AtoState.ENGAGED
+        self.reason = "start of the run"
+        self.since = 0
+
+    def update(self, stamp: int, *, valid: bool, stands: bool, locked: str) -> bool:
+        """Apply the conditions of one period; return True after a change.
+
+        Parameters
+        ----------
+        stamp
+            Time [ns].
+        valid, stands
+            Measurement valid; train at standstill.
+        locked
+            Traction cut-off or brake in effect as text, "" without one.
+        """
+        before = self.state
+        if before is AtoState.ENGAGED:
+            if locked:
+                self._change(stamp, AtoState.DISENGAGING, locked)
+        elif before is AtoState.FAILURE:
+            pass
+        elif not valid:
+            self._change(stamp, AtoState.NOT_AVAILABLE, "no valid measurement")
+        elif before is AtoState.DISENGAGING and not stands:
+            pass
+        elif stands and not locked:
+            self._change(stamp, AtoState.READY, "standstill, brakes released")
+        else:
+            self._change(stamp, AtoState.AVAILABLE, locked or "the train moves")
+        return self.state is not before
+
+    def fail(self, stamp: int, reason: str) -> None:
+        """Enter the state failure."""
+        self._change(stamp, AtoState.FAILURE, reason)
+
+    def check(self, request: str, *, stands: bool) -> None:
+        """Check a request without effect.
+
+        Raises
+        ------
+        ValueError
+            With the reason of the refusal.
+        """
+        needed = {"engage": AtoState.READY, "disengage": AtoState.ENGAGED, "reset": AtoState.FAILURE}[request]
+        if self.state is not needed:
+            raise ValueError(f"{request}: the ATO is {self.state.text}, not {needed.text}; wait for this state")
+        if request == "reset" and not stands:
+            raise ValueError("reset: the train moves; wait for standstill")
+
+    def request(self, stamp: int, request: str, *, stands: bool) -> None:
+        """Apply a request; errors as :meth:`check`."""
+        self.check(request, stands=stands)
+        if request == "engage":
+            self._change(stamp, AtoState.ENGAGED, "request")
+        elif request == "disengage":
+            self._change(stamp, AtoState.DISENGAGING, "request")
+        else:
+            self._change(stamp, AtoState.NOT_AVAILABLE, "reset")
+
+    def brakes(self, stamp: int) -> bool:
+        """Return True if the ATO brakes to a stop: the takeover time after the end of the engagement is over."""
+        ended = self.state in (AtoState.DISENGAGING, AtoState.FAILURE)
+        return ended and stamp - self.since >= TAKEOVER_TIME * 1e9
+
+    def _change(self, stamp: int, state: AtoState, reason: str) -> None:
+        if state is not self.state:
+            self.state, self.reason, self.since = state, reason, stamp

@@ -1,0 +1,128 @@
+"""Fail-safe reactions of the train: which demands reach drives and brakes.
+
+The highest demand of these sources is in effect:
+
+* the supervisor, by its brake release, and the absence of a recent one;
+* the age of the newest command of the ATO;
+* an emergency brake requested by an intervention.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.links import DelayJump, Link, MessageLink
+from train_ato.messages.types import BrakeRelease
+
+
+class Protection(IntEnum):
+    """Reaction of the train, by rising severity."""
+
+    NONE = 0
+    COAST = 1
+    SERVICE_BRAKE = 2
+    EMERGENCY_BRAKE = 3
+
+    @property
+    def text(self) -> str:
+        """Reaction in words."""
+        return self.name.lower().replace("_", " ")
+
+    @property
+    def active(self) -> tuple[bool, bool, bool]:
+        """Traction cut off, service brake and emergency brake in effect."""
+        return self >= Protection.COAST, self is Protection.SERVICE_BRAKE, self is Protection.EMERGENCY_BRAKE
+
+
+class TrainProtection:
+    """Reaction of the train at every tick.
+
+    Parameters
+    ----------
+    setup
+        Prepared run; without supervision only the requested emergency brake acts.
+
+    Attributes
+    ----------
+    level : Protection
+        Reaction in effect.
+    reason : str
+        Reason of the reaction, "" without one.
+    requested : bool
+        True if an intervention has applied the emergency brake.
+    """
+
+    def __init__(self, setup: RunSetup) -> None:
+        self.level = Protection.NONE
+        self.reason = ""
+        self.requested = False
+        self._supervised = setup.layout.supervised
+        spec, link = setup.scenario.supervision.failsafe, setup.links.command
+        self._stamps = Link(link.newest(), 1, setup.step_ns, setup.seed, "command")
+        self._nominal = round(link.longest * 1e9) + setup.tick_ns
+        self._bounds = tuple(round(bound * 1e9) for bound in (spec.hold, spec.coast, spec.service))
+        release = setup.links.brake_release
+        self._release_link = MessageLink(release, setup.step_ns, setup.seed, "brake_release")
+        allowed = (setup.supervision_ticks + 1) * setup.tick_ns if spec.release is None else round(spec.release * 1e9)
+        self._release_age = allowed + round(release.longest * 1e9)
+        self._release: BrakeRelease | None = None
+        self._newest = 0
+        self._silent = Protection.NONE
+
+    def jump(self, change: DelayJump) -> None:
+        """Add a change of the command delays."""
+        self._stamps.jump(change)
+
+    def on_command(self, stamp: int) -> None:
+        """Take the stamp of a command that the ATO sent [ns]."""
+        if self._supervised:
+            self._stamps.push(stamp, (float(stamp),))
+
+    def on_release(self, release: BrakeRelease) -> None:
+        """Take a brake release that the supervisor sent."""
+        self._release = self._release_link.pass_on(release.stamp, release)
+
+    def step(self, stamp: int, *, stands: bool) -> Protection:
+        """Return the reaction of the tick at ``stamp`` [ns].
+
+        Parameters
+        ----------
+        stamp
+            Time [ns].
+        stands
+            True if the train is at standstill; it ends the emergency brake of a missing message.
+        """
+        demands = [(Protection.NONE, "")]
+        if self.requested:
+            demands.append((Protection.EMERGENCY_BRAKE, "emergency brake requested"))
+        if self._supervised:
+            demands += [self._of_release(stamp), self._of_command(stamp, stands)]
+        self.level, self.reason = max(demands, key=lambda demand: demand[0])
+        return self.level
+
+    def _of_release(self, stamp: int) -> tuple[Protection, str]:
+        """Return the reaction to the brake release of the supervisor or to its age."""
+        release = self._release
+        age = stamp - (0 if release is None else release.stamp)
+        if age > self._release_age:
+            return Protection.EMERGENCY_BRAKE, f"no brake release for {age * 1e-9:.1f} s"
+        if release is None:
+            return Protection.NONE, ""
+        traction, service, emergency = (value == 1.0 for value in release.released.tolist())
+        if not emergency:
+            return Protection.EMERGENCY_BRAKE, "supervisor"
+        if not service:
+            return Protection.SERVICE_BRAKE, "supervisor"
+        return (Protection.NONE, "") if traction else (Protection.COAST, "supervisor")
+
+    def _of_command(self, stamp: int, stands: bool) -> tuple[Protection, str]:
+        """Return the reaction to the age of the newest command; an emergency brake lasts until standstill."""
+        self._newest = max(self._newest, int(self._stamps.pop(stamp)[0]))
+        age = stamp - self._newest - self._nominal
+        found = Protection(sum(age > bound for bound in self._bounds))
+        if self._silent is Protection.EMERGENCY_BRAKE and not stands:
+            found = Protection.EMERGENCY_BRAKE
+        self._silent = found
+        text = f"no command for {(age + self._nominal) * 1e-9:.1f} s"
+        return found, text if found else ""

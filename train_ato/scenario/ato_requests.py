@@ -1,0 +1,23 @@
+"""Requests to the ATO during a run: engage, disengage, reset.
+
+A scenario plans them, or a service call of the node ``controller`` makes them during the run.  The diagnostics of the
+controller contain each accepted request, so that the run can be repeated from its log.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from plant_sim.units import SiModel, Time
+
+KEY = "ato_request"
+"""Key of the controller's diagnostics that contains an accepted request."""
+
+
+class AtoRequest(SiModel):
+    """One request; an engagement waits until the ATO is ready."""
+
+    at: Time = Field(ge=0, description="planned time")
+    do: Literal["engage", "disengage", "reset"]
