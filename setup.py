@@ -25,7 +25,7 @@ def ros_wheels() -> list[str]:
 
 def launchers() -> list[str]:
     """Name the commands: the entry script and one for each node, for `ros2 run`."""
-    nodes = ("plant", "profile", "observer", "controller", "recorder")
+    nodes = ("plant", "supervisor", "profile", "observer", "controller", "recorder")
     module = "train_ato.cli.nodes"
     return ["train-ato = train_ato.cli:main", *(f"{node}_node = {module}:{node}" for node in nodes)]
 

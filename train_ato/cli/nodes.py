@@ -18,6 +18,11 @@ def profile() -> int:
     return run_role(Role.PROFILE, sys.argv[1:])
 
 
+def supervisor() -> int:
+    """Run the supervisor node."""
+    return run_role(Role.SUPERVISOR, sys.argv[1:])
+
+
 def observer() -> int:
     """Run the observer node."""
     return run_role(Role.OBSERVER, sys.argv[1:])

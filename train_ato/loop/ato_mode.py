@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 
 from train_ato.control.algorithms.guard import is_valid_state
@@ -12,7 +10,7 @@ from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.layout import FIXED_NAMES, Owner
 from train_ato.messages.types import Array, AtoReport, AtoState, Measurement, ProtectionState
-from train_ato.scenario.ato_requests import KEY, AtoRequest
+from train_ato.scenario.ato_requests import KEY, AtoRequest, Request
 
 PLANNING_TIME = 10.0
 """Time within which the new profile must arrive after an engagement [s]; then the ATO fails."""
@@ -50,7 +48,7 @@ class AtoMode:
         """True if the law drives the train."""
         return self.machine.state is AtoState.ENGAGED and not self.awaits_profile
 
-    def request(self, do: Literal["engage", "disengage", "reset"]) -> None:
+    def request(self, do: Request) -> None:
         """Queue a request for the next step of the supervisor.
 
         Raises

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
-from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference, Trajectory
+from train_ato.messages.types import DisturbanceEstimate, Measurement, ProtectionState, Reference, Trajectory
 
 KINDS = ("measurement", "reference", "estimate")
 """Messages of a step, one of each per stamp."""
+PROTECTION = "protection"
+"""Additional message of a step of the supervisor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +22,7 @@ class ControllerInputs:
     measurement: Measurement
     reference: Reference
     estimate: DisturbanceEstimate
+    protection: ProtectionState | None = None
     profile: Trajectory | None = None
 
 
@@ -32,6 +36,8 @@ class StampSynchronizer:
     ----------
     ahead
         Maximum lead of the other messages over the newest measurement [ns]; None: no limit.
+    supervised_at
+        Returns True for the stamp [ns] of a step of the supervisor.
 
     Attributes
     ----------
@@ -39,8 +45,9 @@ class StampSynchronizer:
         Number of messages that were duplicate, late or too far ahead.
     """
 
-    def __init__(self, ahead: int | None = None) -> None:
+    def __init__(self, ahead: int | None = None, supervised_at: Callable[[int], bool] = lambda stamp: False) -> None:
         self._ahead = ahead
+        self._supervised_at = supervised_at
         self._newest = -1
         self._waiting: dict[int, dict[str, Any]] = {}
         self._last = -1
@@ -65,7 +72,7 @@ class StampSynchronizer:
                     break
                 self._current = min(known)
                 profile = self._profiles[self._current]
-                inputs = ControllerInputs(inputs.measurement, inputs.reference, inputs.estimate, profile)
+                inputs = replace(inputs, profile=profile)
                 self._profiles = {stamp: other for stamp, other in self._profiles.items() if stamp > self._current}
             self._complete.popleft()
             ready.append(inputs)
@@ -87,7 +94,7 @@ class StampSynchronizer:
             self.ignored += 1
             return None
         row[kind] = message
-        if len(row) < len(KINDS):
+        if len(row) < len(KINDS) + self._supervised_at(stamp):
             return None
         self._last = stamp
         if len(self._waiting) > 1:

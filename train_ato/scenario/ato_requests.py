@@ -6,7 +6,7 @@ controller contain each accepted request, so that the run can be repeated from i
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
 from pydantic import Field
 
@@ -16,8 +16,12 @@ KEY = "ato_request"
 """Key of the controller's diagnostics that contains an accepted request."""
 
 
+Request = Literal["engage", "disengage", "reset"]
+REQUESTS: tuple[Request, ...] = get_args(Request)
+
+
 class AtoRequest(SiModel):
     """One request; an engagement waits until the ATO is ready."""
 
     at: Time = Field(ge=0, description="planned time")
-    do: Literal["engage", "disengage", "reset"]
+    do: Request

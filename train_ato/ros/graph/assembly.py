@@ -22,6 +22,7 @@ from train_ato.loop.controller import ControllerStage
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
 from train_ato.loop.setup import RunSetup
+from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.topics import Role, topics_of
 from train_ato.ros.nodes.controller import ControllerNode
 from train_ato.ros.nodes.endpoints import NodeEndpoints
@@ -29,6 +30,7 @@ from train_ato.ros.nodes.observer import ObserverNode
 from train_ato.ros.nodes.plant import PlantNode
 from train_ato.ros.nodes.profile import ProfileNode
 from train_ato.ros.nodes.recorder import RecorderNode
+from train_ato.ros.nodes.supervisor import SupervisorNode
 
 TURN_S = 0.1
 """Maximum wait of the executor for an event [s]; an unlimited wait would block Ctrl-C."""
@@ -116,6 +118,8 @@ def make_node(
             pace=pace,
             scenario=str(resolved.resolve()) if resolved.is_file() else "",
         )
+    if role is Role.SUPERVISOR:
+        return SupervisorNode(SupervisorStage(setup), endpoints)
     if role is Role.PROFILE:
         return ProfileNode(ProfileStage(setup), endpoints)
     if role is Role.OBSERVER:

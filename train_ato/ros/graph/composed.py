@@ -15,7 +15,7 @@ from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import Role
 from train_ato.ros.graph.assembly import TURN_S, executor_of, make_node
 from train_ato.ros.graph.graph_result import ANSWERING, STOPPING_S, GraphOptions, GraphResult, Report
-from train_ato.ros.nodes.endpoints import ROLES, NodeEndpoints
+from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of
 from train_ato.ros.nodes.plant import PlantNode, silent_node
 
 RECORD_EVERY = 50
@@ -41,7 +41,7 @@ def run_composed(
     watch = FirstFailure(folder / "log")
     with interruptible() as interrupt, executor_of(domain, watch=watch) as (context, executor):
         wire = Wire(setup.layout)
-        all_endpoints = {role: NodeEndpoints(role, wire, context, watch) for role in ROLES}
+        all_endpoints = {role: NodeEndpoints(role, wire, context, watch) for role in roles_of(setup.layout)}
         nodes = {
             role: make_node(
                 role,
@@ -53,7 +53,7 @@ def run_composed(
                 pace=options.pace,
                 compression=options.compression,
             )
-            for role in ROLES
+            for role in all_endpoints
         }
         for role, endpoints in all_endpoints.items():
             if role is not Role.RECORDER:
@@ -161,7 +161,7 @@ class _Composed:
         """Fail the run by the node whose answer is overdue."""
         if self._plant.check_overdue():
             last = {role: endpoints.last_stamp for role, endpoints in self._all_endpoints.items()}
-            silent = silent_node(last, self._plant.stamp, self._plant.blocked)
+            silent = silent_node(last, self._plant.stamp, self._plant.blocked, self._plant.supervised_stamp)
             self._watch.fail(
                 silent.value,
                 f"no answer to stamp {self._plant.stamp * 1e-9:.3f} s within {self._plant.timeout:g} s",
@@ -170,9 +170,11 @@ class _Composed:
     def _close(self, end: GraphResult) -> None:
         """Record the messages in flight, close the log and compare the message counts."""
         recorder, plant = self._nodes[Role.RECORDER], self._plant
-        answering = [self._all_endpoints[role] for role in ANSWERING]
+        due = [(self._all_endpoints[role], plant.sent_stamp) for role in ANSWERING]
+        if Role.SUPERVISOR in self._all_endpoints:
+            due.append((self._all_endpoints[Role.SUPERVISOR], plant.supervised_stamp))
         # A paced run ends before the answers to its last measurement; they still count.
-        self._turn_until(lambda: all(endpoints.last_stamp >= plant.sent_stamp for endpoints in answering), STOPPING_S)
+        self._turn_until(lambda: all(endpoints.last_stamp >= stamp for endpoints, stamp in due), STOPPING_S)
         for endpoints in self._all_endpoints.values():
             for name, count in endpoints.published.items():
                 end.published[name] = end.published.get(name, 0) + count

@@ -21,7 +21,7 @@ from train_ato.ros.graph.environment import variables
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult, Report
 from train_ato.ros.nodes.plant import SUSPENDED_S
 
-ROLES = (Role.RECORDER, Role.CONTROLLER, Role.OBSERVER, Role.PROFILE, Role.PLANT)
+ROLES = (Role.RECORDER, Role.CONTROLLER, Role.OBSERVER, Role.PROFILE, Role.SUPERVISOR, Role.PLANT)
 """Start order of the processes."""
 _STARTING_S = 180.0
 """Maximum wall time from the start of the processes to the first tick [s]."""
@@ -62,6 +62,8 @@ def run_processes(
         nodes: dict[Role, NodeProcess] = {}
         try:
             for role in ROLES:
+                if role is Role.SUPERVISOR and not setup.layout.supervised:
+                    continue
                 nodes[role] = NodeProcess(role, _arguments(role, scenario, folder, options), domain, folder / "log")
             end = GraphResult(failure=_supervise(nodes, interrupt, report, _REPORTING_S + options.patience))
         finally:
@@ -217,7 +219,7 @@ def _supervise(
 
 def _failure(nodes: dict[Role, NodeProcess]) -> str | None:
     """Return the failure of a node, that of the plant last: it may follow from another one."""
-    return next(filter(None, (nodes[role].failure for role in ROLES)), None)
+    return next(filter(None, (nodes[role].failure for role in ROLES if role in nodes)), None)
 
 
 def _end_all(nodes: dict[Role, NodeProcess], failed: bool) -> None:

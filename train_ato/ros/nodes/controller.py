@@ -11,14 +11,16 @@ from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter as RosParameter
+from std_srvs.srv import Trigger
 
 from train_ato.control.contract import Parameter
 from train_ato.control.registry import LAWS
 from train_ato.loop.controller import ControllerStage
-from train_ato.loop.stamp_synchronizer import StampSynchronizer
+from train_ato.loop.stamp_synchronizer import PROTECTION, StampSynchronizer
 from train_ato.loop.trajectories import profile_of
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import Declared, block_parameters, declare
+from train_ato.scenario.ato_requests import REQUESTS, Request
 from train_ato.scenario.changes import Changes
 
 
@@ -34,7 +36,7 @@ class ControllerNode:
     def __init__(self, stage: ControllerStage, endpoints: NodeEndpoints) -> None:
         self.stage = stage
         self.endpoints = endpoints
-        self._inputs = StampSynchronizer(stage.setup.tick_ns)
+        self._inputs = StampSynchronizer(stage.setup.tick_ns, stage.setup.supervised_at)
         self._following = False
         self._laws = stage.setup.laws
         self._declare()
@@ -44,8 +46,12 @@ class ControllerNode:
                 "train/measurement": partial(self._step, "measurement"),
                 "ato/reference": partial(self._step, "reference"),
                 "ato/estimate": partial(self._step, "estimate"),
+                "train/protection": partial(self._step, PROTECTION),
             }
         )
+        if stage.setup.layout.supervised:
+            for request in REQUESTS:
+                endpoints.serve(Trigger, f"~/{request}", partial(self._request, request))
 
     @property
     def ignored(self) -> int:
@@ -93,10 +99,21 @@ class ControllerNode:
         for inputs in self._inputs.put(kind, message):
             if inputs.profile is not None:
                 self.stage.set_profile(profile_of(inputs.profile))
-            messages = self.stage.step(inputs.measurement, inputs.reference, inputs.estimate)
+            messages = self.stage.step(
+                inputs.measurement, inputs.reference, inputs.estimate, inputs.protection
+            )
             if self.stage.changed:
                 self._sync_parameters(self.stage.changed)
             self.endpoints.publish_all(messages.published())
+
+    def _request(self, request: Request, _: Any, response: Any) -> Any:
+        """Answer a service request to the ATO; a refusal has its reason."""
+        try:
+            self.stage.ato.request(request)
+            response.success, response.message = True, f"{request}: from the next step of the supervisor on"
+        except ValueError as error:
+            response.success, response.message = False, str(error)
+        return response
 
     def _sync_parameters(self, changed: Changes) -> None:
         """Set the ROS parameters to the values of planned changes."""

@@ -19,12 +19,19 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from train_ato.errors import FirstFailure, of_own_code
 from train_ato.messages.codec.codec import Wire
+from train_ato.messages.layout import TrainLayout
 from train_ato.messages.topics import BY_NAME, Rate, Role, Topic, published_by
 from train_ato.ros.nodes.publishers import OnePublisher
 
-ROLES = (Role.PLANT, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.RECORDER)
+ROLES = (Role.PLANT, Role.SUPERVISOR, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.RECORDER)
+"""Nodes of a graph, a supervisor only in a supervised run (:func:`roles_of`)."""
 COMMAND_DEPTH = 10
 """Queue length of the plant for commands; in lockstep only a few are in flight."""
+
+
+def roles_of(layout: TrainLayout) -> tuple[Role, ...]:
+    """Return the nodes of a run."""
+    return tuple(role for role in ROLES if layout.supervised or role is not Role.SUPERVISOR)
 
 
 def quality_of_service(topic: Topic, depth: int | None = None) -> Any:
@@ -122,14 +129,14 @@ class NodeEndpoints:
         # A refused parameter leaves the node in a reference cycle; without this it would publish into the next run.
         context.on_shutdown(self.node.destroy_node)
         _ParameterServices(self.node, watch)
-        self._roles = roles
+        self._roles = [role for role in roles if role in roles_of(wire.layout)]
         self.last_stamp = -1
         self.published: dict[str, int] = {}
         self._publishers: dict[str, Any] = {}
         self._senders: dict[str, Callable[[bytes], None]] = {}
         self._subscriptions: dict[str, Any] = {}
         self._sources: dict[str, OnePublisher] = {}
-        self._ticking = {name for name, topic in BY_NAME.items() if topic.rate is Rate.TICK}
+        self._ticking = {name for name, topic in BY_NAME.items() if topic.rate in (Rate.TICK, Rate.SUPERVISION)}
         for topic in published_by(role):
             if topic.exists(wire.layout):
                 self._publishers[topic.name] = self.node.create_publisher(

@@ -16,7 +16,7 @@ from train_ato.loop.pace import SteadyPace
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.stage_messages import Published
 from train_ato.messages.topics import Role
-from train_ato.messages.types import Command, Diagnostic, Pipe, Tick
+from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Tick
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.plant_requests import PlantRequests
 
@@ -86,7 +86,8 @@ class PlantNode:
         self._begun = self._waiting = self._stopping = self._single = False
         self._command: Command | None = None
         self._pipe: Pipe | None = None
-        self._answered = {"command": -1, "pipe": -1}
+        self._release: BrakeRelease | None = None
+        self._answered = {"command": -1, "pipe": -1, "release": -1}
         self._acknowledged = 0
         self._heard = self._checked = time.monotonic()
         self.suspended = 0.0
@@ -101,6 +102,7 @@ class PlantNode:
             {
                 "ato/command": self._on_command,
                 "ato/brake_pipe_command": self._on_brake_pipe_command,
+                "atp/brake_release": self._on_brake_release,
                 "recorder/progress": self._on_recorder_progress,
             }
         )
@@ -109,6 +111,14 @@ class PlantNode:
     def answered(self) -> bool:
         """True if the command for the last measurement has arrived; a paced run ends before it."""
         return self._answered["command"] >= self.sent_stamp
+
+    @property
+    def supervised_stamp(self) -> int:
+        """Stamp of the last measurement sent to the supervisor [ns]; -1 without one."""
+        setup = self.stage.setup
+        if not setup.layout.supervised or self.sent_stamp < 0:
+            return -1
+        return self.sent_stamp - self.sent_stamp % (setup.supervision_ticks * setup.tick_ns)
 
     @property
     def timeout(self) -> float:
@@ -168,6 +178,12 @@ class PlantNode:
             if self._period is None:
                 self._act_if_complete()
 
+    def _on_brake_release(self, release: BrakeRelease) -> None:
+        if self._due("release", release.stamp):
+            self._release = release
+            if self._period is None:
+                self._act_if_complete()
+
     def _due(self, kind: str, stamp: int) -> bool:
         """Return True for a due answer: to the current tick, in realtime also to an earlier one; count others."""
         waited = stamp <= self.sent_stamp if self._period is not None else self._waiting and stamp == self.stage.stamp
@@ -179,11 +195,14 @@ class PlantNode:
 
     def _act_if_complete(self) -> None:
         command, pipe = self._command, self._pipe
-        if command is None or (pipe is None and self.stage.setup.layout.air_brake):
+        release, setup = self._release, self.stage.setup
+        if command is None or (pipe is None and setup.layout.air_brake):
             return
-        self._command = self._pipe = None
+        if release is None and setup.supervised_at(self.stage.stamp):
+            return
+        self._command = self._pipe = self._release = None
         self._waiting = False
-        self.stage.act(command, pipe)
+        self.stage.act(command, pipe, release)
         self._next()
 
     def _next(self) -> None:
@@ -234,14 +253,15 @@ class PlantNode:
 
     def _paced_tick(self) -> None:
         command, stamp = self._command, self.stage.stamp
+        release, self._release = self._release, None
         self._waiting = False
         if command is None:
             self.held += 1
-            self.stage.hold()
+            self.stage.hold(release)
         else:
             self.late += command.stamp != stamp
             pipe = None if self._pipe is None else Pipe(stamp, self._pipe.pressure)
-            self.stage.act(Command(stamp, command.force), pipe)
+            self.stage.act(Command(stamp, command.force), pipe, release)
             self._command = None
         self._next()
 
@@ -302,10 +322,24 @@ class PlantNode:
             self.endpoints.guard(self._next)
 
 
-def silent_node(last: dict[Role, int], stamp: int, blocked: bool) -> Role:
-    """Return the node without an answer to the stamp: the first in the order of dependence."""
+def silent_node(last: dict[Role, int], stamp: int, blocked: bool, supervised: int = -1) -> Role:
+    """Return the node without an answer to the stamp: the first in the order of dependence.
+
+    Parameters
+    ----------
+    last
+        Stamp of the last answer of every node [ns].
+    stamp
+        Stamp of the plant [ns].
+    blocked
+        True if the plant waits for the recorder.
+    supervised
+        Stamp of the newest step of the supervisor [ns]; -1 without one.
+    """
     if blocked:
         return Role.RECORDER
+    if last.get(Role.SUPERVISOR, -1) < supervised:
+        return Role.SUPERVISOR
     for role in (Role.PROFILE, Role.OBSERVER):
         if last.get(role, -1) < stamp:
             return role

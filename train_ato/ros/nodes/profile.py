@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from train_ato.loop.awaited_report import AwaitedReport
 from train_ato.loop.profile import ProfileStage
-from train_ato.messages.types import Measurement
+from train_ato.messages.types import AtoReport, Measurement
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 
 
@@ -13,15 +14,23 @@ class ProfileNode:
     def __init__(self, stage: ProfileStage, endpoints: NodeEndpoints) -> None:
         self.stage = stage
         self.endpoints = endpoints
-        self.ignored = 0
-        endpoints.subscribe({"train/measurement": self._on_measurement})
+        self._inputs: AwaitedReport[Measurement] = AwaitedReport(stage.setup)
+        endpoints.subscribe(
+            {
+                "train/measurement": lambda message: self._answer(self._inputs.put(message)),
+                "ato/state": lambda message: self._answer(self._inputs.report(message)),
+            }
+        )
+
+    @property
+    def ignored(self) -> int:
+        """Number of duplicate and late messages."""
+        return self._inputs.ignored
 
     def begin(self) -> None:
         """Send the profile and the limits, latched for nodes that start later."""
         self.endpoints.publish_all(self.stage.start().published())
 
-    def _on_measurement(self, measurement: Measurement) -> None:
-        if measurement.stamp <= self.endpoints.last_stamp:
-            self.ignored += 1
-            return
-        self.endpoints.publish_all(self.stage.on_measurement(measurement).published())
+    def _answer(self, ready: list[tuple[Measurement, AtoReport | None]]) -> None:
+        for measurement, report in ready:
+            self.endpoints.publish_all(self.stage.on_measurement(measurement, report).published())

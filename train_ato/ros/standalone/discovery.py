@@ -15,12 +15,9 @@ from std_srvs.srv import SetBool
 
 from plant_sim.data_text import parse_json
 from train_ato.messages.topics import Role
-from train_ato.ros.nodes.endpoints import NodeEndpoints
+from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of
 
 REQUEST_EVERY_S = 0.3
-OTHERS = (Role.PROFILE, Role.OBSERVER, Role.CONTROLLER)
-
-
 _STAMP = "; stamp "
 """Separator before the stamp of the last message of the node [ns], -1 before the first."""
 _SCENARIO = "; scenario "
@@ -58,22 +55,26 @@ class Discovery:
     ----------
     recorded : bool
         True if a recorder is part of the run.
+    others : list of Role
+        Nodes of the run besides plant and recorder.
     """
 
     def __init__(self, endpoints: NodeEndpoints, fingerprint: dict[str, str], recorded: bool) -> None:
         self.recorded = recorded
         self._fingerprint = fingerprint
         self._endpoints = endpoints
-        self._clients = {role: endpoints.node.create_client(SetBool, f"{role.value}/ready") for role in OTHERS}
+        besides = (Role.PLANT, Role.RECORDER)
+        self.others = [role for role in roles_of(endpoints.wire.layout) if role not in besides]
+        self._clients = {role: endpoints.node.create_client(SetBool, f"{role.value}/ready") for role in self.others}
         self._asked: dict[Role, tuple[Any, float]] = {}
-        self._missing = dict.fromkeys(OTHERS, "is not there")
+        self._missing = dict.fromkeys(self.others, "is not there")
 
     def complete(self) -> bool:
         """Read the answers and repeat the requests; return True if the run can begin."""
         if not self.recorded and self._endpoints.senders("recorder/progress"):
             self.recorded = True
             self._asked.clear()
-            self._missing = dict.fromkeys(OTHERS, "has not answered yet about the recorder")
+            self._missing = dict.fromkeys(self.others, "has not answered yet about the recorder")
         for role in self._missing:
             self._poll(role)
         self._missing = {role: reason for role, reason in self._missing.items() if reason}

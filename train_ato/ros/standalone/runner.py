@@ -19,7 +19,7 @@ from train_ato.ros.graph.environment import opened_by
 from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.plant import LEASE_S, silent_node
-from train_ato.ros.standalone.discovery import OTHERS, Discovery, answer_ready
+from train_ato.ros.standalone.discovery import Discovery, answer_ready
 
 TURN_S = 0.1
 RECORD_S = 0.02
@@ -115,7 +115,8 @@ class StandaloneRunner:
         """Answer measurements until the plant ends."""
         if self.role is Role.PROFILE:
             self.endpoints.guard(self.node.begin)
-        while not self._ends and not self._left("train/measurement"):
+        of_plant = next(name for name in self.endpoints.subscribed if Role.PLANT in BY_NAME[name].publishers)
+        while not self._ends and not self._left(of_plant):
             self._executor.spin_once(timeout_sec=TURN_S)
 
     def _record(self) -> None:
@@ -196,8 +197,8 @@ class StandaloneRunner:
             assert self._discovery is not None
             blocked, stamp = self.node.blocked, self.node.stamp
             last = self._discovery.last_stamps(lambda: self._executor.spin_once(timeout_sec=TURN_S))
-            hanging = [role for role in OTHERS if role not in last]
+            hanging = [role for role in self._discovery.others if role not in last]
             self.endpoints.watch.fail(
-                (hanging[0] if hanging else silent_node(last, stamp, blocked)).value,
+                (hanging[0] if hanging else silent_node(last, stamp, blocked, self.node.supervised_stamp)).value,
                 f"no answer to stamp {stamp * 1e-9:.3f} s within {self.node.timeout:g} s",
             )
