@@ -19,9 +19,9 @@ from goals import Goal, judge
 
 from plant_sim.library import load_consist, load_line
 from plant_sim.plant_setup import PlantSetup
-from train_ato.supervision.plant_line import line_supervision
 from train_ato.supervision.ceiling import SupervisionSpeeds
 from train_ato.supervision.odometry import motion_estimate
+from train_ato.supervision.plant_line import line_supervision
 
 ONCE_MS, TICK_US = 20.0, 20.0
 END, BRAKING_AREA = 45e3, 1500.0

@@ -15,6 +15,7 @@ from plant_sim.plant_setup import OdometrySpec, WheelSlip
 from plant_sim.states import Odometry
 from plant_sim.streams import random_stream
 
+
 class Odometers:
     """Wheel odometer and radar of a train, set to the location of every balise that the front passes.
 

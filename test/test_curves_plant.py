@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plant_sim.emergency import EmergencyBrake
 
 from plant_sim import kernel as k
-from plant_sim.emergency import EmergencyBrake
 from plant_sim.library import load_consist, load_line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.traction import Envelope
 from plant_sim.train import Train
-from train_ato.supervision.plant_line import line_supervision
 from train_ato.cli.main import main
 from train_ato.supervision.odometry import MotionEstimate
+from train_ato.supervision.plant_line import line_supervision
 
 STEP_NS, TICK_NS = 5_000_000, 100_000_000
 LAG: dict[str, Any] = {"lag": 0.4}

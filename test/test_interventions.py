@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plant_sim.emergency import EmergencyBrake
 from waiting import LIMIT_S, wait_for
 
 from plant_sim.air_brake import ATMOSPHERE
 from plant_sim.consist import Consist
 from plant_sim.disturbances import Gust
-from plant_sim.emergency import EmergencyBrake
 from plant_sim.line import Line
 from plant_sim.outside_forces import OutsideForces
 from plant_sim.plant_setup import PlantSetup

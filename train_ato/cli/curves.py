@@ -102,9 +102,9 @@ def _cases(options: argparse.Namespace) -> tuple[dict[str, Any], bool]:
 def _scenario(options: argparse.Namespace) -> dict[str, Any]:
     """Return brake model and curves of the train of a scenario on its line."""
     from train_ato.apps.curves.line_curves import line_curves
-    from train_ato.supervision.plant_line import line_supervision
     from train_ato.loop.scenario_data import scenario_consist, scenario_line
     from train_ato.scenario.scenario import load_scenario
+    from train_ato.supervision.plant_line import line_supervision
 
     if options.deviation:
         raise ValueError("--deviation: needs distances; name a JSON file of cases")

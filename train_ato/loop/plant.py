@@ -70,6 +70,8 @@ class PlantStage:
     ----------
     protection : TrainProtection
         Fail-safe reactions; with a brake in effect the commands of the law have no effect.
+    lost : str
+        Node without an answer and the reason, "" without one.
     """
 
     role = Role.PLANT
@@ -77,6 +79,7 @@ class PlantStage:
     def __init__(self, setup: RunSetup) -> None:
         self.setup = setup
         self.protection = TrainProtection(setup)
+        self.lost = ""
         self._reported = Protection.NONE
         self._due = [(due_stamp(planned, setup.tick_ns), planned) for planned in setup.scenario.interventions]
         self._in_force: dict[str, list[int]] = {}
@@ -156,6 +159,11 @@ class PlantStage:
         """Maximum speed of all vehicles [m/s]."""
         return float(np.abs(self.train.velocity).max())
 
+    @property
+    def stands(self) -> bool:
+        """True if every vehicle is at standstill."""
+        return self._speed < STANDSTILL
+
     def _intervene(self, stamp: int) -> list[Intervention]:
         """Apply and return the interventions due at this stamp; a planned release waits for standstill."""
         moving = self._speed >= STANDSTILL
@@ -219,7 +227,7 @@ class PlantStage:
         """Integrate one tick with the arrived commands, or with the fail-safe reaction in their place."""
         demand: Array = self._link.window(self.stamp, self._substeps)
         before = self.protection.level
-        level = self.protection.step(self.stamp, stands=self._speed < STANDSTILL)
+        level = self.protection.step(self.stamp, stands=self.stands)
         if level is not Protection.NONE:
             demand[:] = 0.0
         if level is Protection.SERVICE_BRAKE:
@@ -243,6 +251,8 @@ class PlantStage:
         values["commands_lost"] = str(self._link.lost)
         if taken:
             values[KEY] = interventions_to_json(taken)
+        if self.lost:
+            values["lost"] = self.lost
         if self.finished:
             return Diagnostic(self.stamp, "plant", 0, "finished", values)
         protection = self.protection

@@ -67,7 +67,6 @@ class LinkSpec(SiModel):
             return traction, traction
         return traction, _for_units(self.delay_brake, width, f"{block}.delay_brake")
 
-
     def newest(self) -> LinkSpec:
         """Return the parameters of a link of width 1 that delivers with the slowest unit."""
         values = [value for value in (self.delay, self.delay_brake) if value is not None]

@@ -127,7 +127,9 @@ class ProtectionState:
     """Traction cut-off and brakes in effect for any reason (topic ``train/protection``)."""
 
     stamp: int
-    active: Array = field(metadata=described("active", "", "1 traction cut off, or brake applied; 0 as the ATO commands"))
+    active: Array = field(
+        metadata=described("active", "", "1 traction cut off, or brake applied; 0 as the ATO commands")
+    )
 
 
 @dataclass(frozen=True, slots=True)

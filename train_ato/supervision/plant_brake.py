@@ -22,9 +22,9 @@ import numpy as np
 from plant_sim import kernel as k
 from plant_sim.air_brake import VENTED_FACTOR
 from plant_sim.consist import AirBrake, Consist, VehicleType
-from plant_sim.service_brake import FADE
 from plant_sim.packing import pipe_distances
 from plant_sim.plant_setup import Adhesion, PlantSetup, SpeedAdhesion
+from plant_sim.service_brake import FADE
 from plant_sim.states import Array
 from plant_sim.traction import Envelope
 from train_ato.supervision.ceiling import EMERGENCY_MARGIN

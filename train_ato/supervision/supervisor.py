@@ -162,7 +162,9 @@ class Supervisor:
         elif self._stood:
             self._crept += abs(moved)
             if self._crept > self._spec.roll_away:
-                self._intervene(SupervisionState.EMERGENCY_BRAKE, f"the train moved {self._crept:.1f} m from standstill")
+                self._intervene(
+                    SupervisionState.EMERGENCY_BRAKE, f"the train moved {self._crept:.1f} m from standstill"
+                )
                 self._crept = 0.0
 
     def _compare(self, motion: TrainMotion, ato: AtoReport | None) -> None:

@@ -162,8 +162,8 @@ class _Composed:
         if self._plant.check_overdue():
             last = {role: endpoints.last_stamp for role, endpoints in self._all_endpoints.items()}
             silent = silent_node(last, self._plant.stamp, self._plant.blocked, self._plant.supervised_stamp)
-            self._watch.fail(
-                silent.value,
+            self._plant.lose(
+                silent,
                 f"no answer to stamp {self._plant.stamp * 1e-9:.3f} s within {self._plant.timeout:g} s",
             )
 

@@ -197,7 +197,7 @@ def _supervise(
         time.sleep(_TURN_S)
         if time.monotonic() - before > SUSPENDED_S:  # this process was suspended; the reports wait in the pipes
             continue
-        if failure := _failure(nodes):
+        if (failure := _failure(nodes)) and not _stops_train(nodes):
             return failure
         if interrupt.asked and not stopped:
             stopped = True
@@ -215,6 +215,12 @@ def _supervise(
             return f"node plant failed: no first tick within {_STARTING_S:g} s: {plant.last_error or 'no reason given'}"
     _end_all(nodes, failed=bool(failure := _failure(nodes)))
     return failure or _failure(nodes)
+
+
+def _stops_train(nodes: dict[Role, NodeProcess]) -> bool:
+    """Return True if the plant goes on without the failed nodes until its train stands."""
+    needed = (nodes[Role.PLANT], nodes[Role.RECORDER])
+    return Role.SUPERVISOR in nodes and not any(node.failure for node in needed)
 
 
 def _failure(nodes: dict[Role, NodeProcess]) -> str | None:

@@ -30,6 +30,10 @@ LEASE_S = 3.0
 """Suspension after which nodes of other processes drop this one [s]: ``leaseDuration`` of fastdds.xml."""
 SHORTEST_WAIT_S = 0.0005
 """Minimum wait before a tick [s]; shorter waits are omitted."""
+STOPPING_PACE = 10.0
+"""Simulated seconds per wall second after the loss of a node in lockstep, until the train stands."""
+STANDING_S = 2.0
+"""Simulated time at standstill after which a run with a lost node ends [s]."""
 
 
 class PlantNode:
@@ -89,7 +93,9 @@ class PlantNode:
         self._release: BrakeRelease | None = None
         self._answered = {"command": -1, "pipe": -1, "release": -1}
         self._acknowledged = 0
-        self._heard = self._checked = time.monotonic()
+        self._heard = self._heard_release = self._checked = time.monotonic()
+        self._lost: tuple[str, str] | None = None
+        self._standing = 0
         self.suspended = 0.0
         self._requests = PlantRequests(self, endpoints, realtime or 0.0, timeout, pace, scenario)
         given = self._requests.given
@@ -133,7 +139,7 @@ class PlantNode:
     def begin(self) -> None:
         """Send the first measurement; all further ticks follow from messages and the timer."""
         self._begun = True
-        self._heard = self._checked = time.monotonic()
+        self._heard = self._heard_release = self._checked = time.monotonic()
         if self._period is not None:
             self._wake_every(self._period)
         self._next()
@@ -157,13 +163,33 @@ class PlantNode:
         self._checked += gap
         if gap > SUSPENDED_S:
             self._heard += gap - CHECK_S
+            self._heard_release += gap - CHECK_S
             self.suspended = max(self.suspended, gap)
         return self.silent_for() > self.timeout
 
     def silent_for(self) -> float:
-        """Return the wall time of waiting for a due answer [s]; 0 if none is due."""
+        """Return the wall time of waiting for a due answer [s]; 0 if none is due, or the loss is known."""
         due = self._waiting or self.blocked
-        return time.monotonic() - self._heard if due and not self.finished else 0.0
+        if not due or self.finished or self._lost is not None:
+            return 0.0
+        heard = self._heard
+        if self._period is not None and self.stage.setup.layout.supervised:
+            heard = min(heard, self._heard_release)
+        return time.monotonic() - heard
+
+    def lose(self, role: Role, reason: str) -> None:
+        """Go on without a node until the fail-safe reactions have stopped the train, then fail the run.
+
+        A run without supervision, or without its recorder, fails at once.
+        """
+        if not self.stage.setup.layout.supervised or role is Role.RECORDER:
+            self.endpoints.watch.fail(role.value, reason)
+        elif self._lost is None:
+            self._lost = (role.value, reason)
+            self.stage.lost = f"node {role.value}: {reason}"
+            if self._period is None:
+                self._period = self.stage.setup.tick_ns / STOPPING_PACE
+            self._wake_every(self._period)
 
     def _on_command(self, command: Command) -> None:
         if self._due("command", command.stamp):
@@ -180,6 +206,7 @@ class PlantNode:
 
     def _on_brake_release(self, release: BrakeRelease) -> None:
         if self._due("release", release.stamp):
+            self._heard_release = time.monotonic()
             self._release = release
             if self._period is None:
                 self._act_if_complete()
@@ -263,6 +290,12 @@ class PlantNode:
             pipe = None if self._pipe is None else Pipe(stamp, self._pipe.pressure)
             self.stage.act(Command(stamp, command.force), pipe, release)
             self._command = None
+        if self._lost is not None:
+            self._standing = self._standing + 1 if self.stage.stands else 0
+            if self._standing * self.stage.setup.tick >= STANDING_S or self.stage.finished:
+                self._conclude()
+                self.endpoints.watch.fail(*self._lost)
+                return
         self._next()
 
     def _on_recorder_progress(self, tick: Tick) -> None:
@@ -318,7 +351,7 @@ class PlantNode:
         """Begin a tick unless one is running or the run is blocked, finished or failed."""
         busy = self._waiting or self.blocked or self.finished or self.endpoints.watch.failure is not None
         if self._begun and not busy:
-            self._heard = time.monotonic()
+            self._heard = self._heard_release = time.monotonic()
             self.endpoints.guard(self._next)
 
 

@@ -198,7 +198,7 @@ class StandaloneRunner:
             blocked, stamp = self.node.blocked, self.node.stamp
             last = self._discovery.last_stamps(lambda: self._executor.spin_once(timeout_sec=TURN_S))
             hanging = [role for role in self._discovery.others if role not in last]
-            self.endpoints.watch.fail(
-                (hanging[0] if hanging else silent_node(last, stamp, blocked, self.node.supervised_stamp)).value,
+            self.node.lose(
+                hanging[0] if hanging else silent_node(last, stamp, blocked, self.node.supervised_stamp),
                 f"no answer to stamp {stamp * 1e-9:.3f} s within {self.node.timeout:g} s",
             )
