@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from plant_sim.disturbances import Gust
-from plant_sim.emergency import EmergencyBrake
 from plant_sim.train import Observation
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due
@@ -64,7 +63,7 @@ class PlantStage:
     Attributes
     ----------
     emergency : bool
-        True if the emergency brake is applied; the commands of the law then have no effect.
+        True if the emergency brake is applied: traction cut-off, and the commands of the law have no effect.
     """
 
     role = Role.PLANT
@@ -74,7 +73,6 @@ class PlantStage:
         self.emergency = False
         self._due = [(due_stamp(planned, setup.tick_ns), planned) for planned in setup.scenario.interventions]
         self._in_force: dict[str, list[int]] = {}
-        self._brake = EmergencyBrake(setup.consist, setup.plant)
         self.train = setup.train()
         self._link = Link(setup.links.command, setup.layout.n_units, setup.step_ns, setup.seed, "command")
         self._pipe_link = Link(setup.links.brake_pipe, 1, setup.step_ns, setup.seed, "brake_pipe")
@@ -151,7 +149,9 @@ class PlantStage:
             else:
                 self.emergency = intervention.applied
                 if self.emergency:
-                    self.train.vent_brake_pipe()
+                    self.train.apply_emergency_brake()
+                else:
+                    self.train.release_emergency_brake()
         return taken
 
     def conclude(self) -> PlantTruth:
@@ -185,11 +185,10 @@ class PlantStage:
         self._advance(None)
 
     def _advance(self, pressure: float | None) -> None:
-        """Integrate one tick with the arrived commands, or with the emergency brake."""
+        """Integrate one tick with the arrived commands, or with the emergency brake and without the drives."""
         demand: Array = self._link.window(self.stamp, self._substeps)
         if self.emergency:
-            demand[:] = self._brake.demand(self.train.velocity[list(self.train.units)])
-            pressure = None
+            demand[:] = 0.0
         self.train.advance(demand, pressure)
         self.tick += 1
 
