@@ -1,7 +1,7 @@
-"""Automatic air brake: events from the pressure at the head, and a closed form of the shoe forces.
+"""Automatic air brake: braking factor of a pressure, and a closed form of the shoe forces.
 
-The kernel integrates waves and cylinders step by step; :class:`BrakeForecast` computes the shoe forces of any later
-time in closed form, for laws and planners.
+The kernel integrates waves and cylinders step by step (:mod:`plant_sim.brake_events`); :class:`BrakeForecast` computes
+the shoe forces of any later time in closed form, for laws and planners.
 """
 
 from __future__ import annotations
@@ -15,79 +15,11 @@ from plant_sim.states import Array
 
 MIN_PRESSURE_CHANGE = 1.0
 """Smallest change of the demanded pressure that makes an event [Pa]."""
-ATMOSPHERE = 101_325.0
-"""Absolute pressure of a vented brake pipe [Pa]."""
-VENTED_FACTOR = 1.0
-"""Braking factor of a vented pipe; the shoe forces of the data files are those at full cylinder pressure."""
 
 
 def braking_factor(brake: AirBrake, pressure: float) -> float:
     """Return the braking factor beta_c for a brake-pipe pressure [Pa, absolute]; constant beyond the table."""
     return float(np.interp(brake.charged - pressure, brake.reduction, brake.braking_factor))
-
-
-class PipeEvents:
-    """Brake-pipe events of the plant, as arrays of the kernel.
-
-    Parameters
-    ----------
-    brake
-        Air brake of the train.
-    vehicles
-        Number of vehicles.
-
-    Attributes
-    ----------
-    pressure : float
-        Pressure at the head [Pa, absolute].
-    array : Array, shape (5, capacity)
-        Events by row (see the kernel), oldest first.
-    count : int
-        Number of columns in use.
-    """
-
-    def __init__(self, brake: AirBrake, vehicles: int) -> None:
-        self.pressure = brake.charged
-        self.array: Array = np.zeros((5, 16))
-        self.count = 0
-        self._brake = brake
-        self._vehicles = vehicles
-        self._level = 0.0
-        self._number = 0
-
-    def demand(self, time: float, pressure: float) -> None:
-        """Set the pressure at the head [Pa] from a time [s] on; a change starts an application or a release wave."""
-        if abs(pressure - self.pressure) >= MIN_PRESSURE_CHANGE:
-            self._change(time, pressure, braking_factor(self._brake, pressure))
-
-    def vent(self, time: float) -> None:
-        """Vent the pipe at the head from a time [s] on: an application with the speed of the application wave."""
-        self._change(time, ATMOSPHERE, VENTED_FACTOR)
-
-    def _change(self, time: float, pressure: float, level: float) -> None:
-        wave = self._brake.apply_wave if level > self._level else self._brake.release_wave
-        self.pressure = pressure
-        if level == self._level:
-            return
-        self._level = level
-        self._number += 1
-        self._drop_finished()
-        if self.count == self.array.shape[1]:
-            self.array = np.concatenate((self.array, np.zeros_like(self.array)), axis=1)
-        self.array[:, self.count] = (time, wave, level, 0.0, float(self._number))
-        self.count += 1
-
-    def _drop_finished(self) -> None:
-        propagating = self.array[k.REACHED, : self.count] < self._vehicles
-        left = self.array[:, : self.count][:, propagating]
-        self.array[:, : left.shape[1]] = left
-        self.count = left.shape[1]
-
-    def propagating(self) -> int:
-        """Return the number of events that have not reached every vehicle, after removal of the others."""
-        if self.count:
-            self._drop_finished()
-        return self.count
 
 
 class BrakeForecast:
@@ -112,10 +44,7 @@ class BrakeForecast:
             raise ValueError(f"train '{consist.name}' has no air brake; add air_brake to the consist")
         self._brake = consist.air_brake
         self._distance = pipe_distances(consist)
-        shoes = [(i, vehicle.shoes) for i, vehicle in enumerate(consist.vehicles) if vehicle.shoes is not None]
-        self._full: Array = np.zeros(len(self._distance))
-        for i, shoe in shoes:
-            self._full[i] = shoe.standstill_force
+        self._full: Array = np.array(consist.friction_forces)
         self.reset()
 
     def reset(self) -> None:

@@ -11,7 +11,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from plant_sim.gears import DraftGear
-from plant_sim.units import GRAVITY, Force, Length, Mass, Power, Pressure, Ratio, SiModel, Speed, Time
+from plant_sim.units import GRAVITY, Acceleration, Force, Length, Mass, Power, Pressure, Ratio, SiModel, Speed, Time
 
 SCHEMA = "train_ato/consist/1"
 MIN_VEHICLE_MASS = 500.0
@@ -102,6 +102,11 @@ class VehicleType(SiModel):
     shoes: Shoes | None = None
     adhesive_mass: Mass | None = Field(None, gt=0, description="mass on driven axles; default: the whole mass")
 
+    @property
+    def inertia(self) -> float:
+        """Inertial mass: mass including the rotating masses [kg]."""
+        return self.mass * self.rotating_mass_factor
+
     @model_validator(mode="after")
     def _plausible(self) -> VehicleType:
         if self.mass < MIN_VEHICLE_MASS:
@@ -167,6 +172,22 @@ class AirBrake(SiModel):
         return self
 
 
+class EmergencyBrake(SiModel):
+    """Friction emergency brake of a train without air brake: an own path, independent of drives and commands.
+
+    A loop along the train applies it on every vehicle at the same time. Its friction falls with the speed as that of
+    the shoes: paper 000, eqs. (11), (12). The defaults are an assumption: brake percentage 100, which is 0.0075 x 100 +
+    0.076 = 0.83 m/s² (SUBSET-026, A.3.7.4), and a build-up of 2.3 s.
+    """
+
+    deceleration: Acceleration = Field(
+        0.83, gt=0, le=5, description="brake force of a vehicle at standstill over its inertial mass"
+    )
+    delay: Time = Field(0.8, ge=0, le=10, description="dead time from the application to the first force")
+    time_constant: Time = Field(1.5, gt=0, le=60, description="time constant of the build-up after the delay")
+    release_time: Time = Field(1.5, gt=0, le=60, description="time constant of the release, which has no delay")
+
+
 MAX_VEHICLES = 5000
 """Largest number of vehicles, seven times that of the longest train on record."""
 
@@ -199,6 +220,17 @@ class Consist(SiModel):
     default_gear: str | None = None
     couplings: tuple[Coupling, ...] = ()
     air_brake: AirBrake | None = None
+    emergency_brake: EmergencyBrake | None = Field(
+        None, description="only without air_brake, whose vented pipe is the emergency brake; default: its own defaults"
+    )
+
+    @model_validator(mode="after")
+    def _one_emergency_brake(self) -> Consist:
+        if self.air_brake is not None and self.emergency_brake is not None:
+            raise ValueError(
+                "emergency_brake: the vented pipe of air_brake is the emergency brake of this train; remove one"
+            )
+        return self
 
     @model_validator(mode="after")
     def _references(self) -> Consist:
@@ -252,6 +284,19 @@ class Consist(SiModel):
     def power_units(self) -> tuple[int, ...]:
         """Numbers of the vehicles with a traction or electric-brake envelope."""
         return tuple(i for i, vehicle in enumerate(self.vehicles) if vehicle.traction or vehicle.brake)
+
+    @property
+    def friction_emergency_brake(self) -> EmergencyBrake | None:
+        """Friction emergency brake of a train without air brake; None with an air brake."""
+        return None if self.air_brake is not None else self.emergency_brake or EmergencyBrake()
+
+    @property
+    def friction_forces(self) -> tuple[float, ...]:
+        """Friction-brake force of every vehicle at full application and standstill [N]: shoes, or emergency brake."""
+        brake = self.friction_emergency_brake
+        if brake is not None:
+            return tuple(brake.deceleration * vehicle.inertia for vehicle in self.vehicles)
+        return tuple(0.0 if v.shoes is None else v.shoes.standstill_force for v in self.vehicles)
 
     @property
     def mass(self) -> float:

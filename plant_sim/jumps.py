@@ -31,7 +31,7 @@ class Jumps:
     Raises
     ------
     ValueError
-        If a jump lists a vehicle or unit outside the train, or multiplies shoe forces of a train without shoes.
+        If a jump lists a vehicle or unit outside the train, or multiplies friction-brake forces of a train without any.
     """
 
     def __init__(self, setup: PlantSetup, consist: Consist, arrays: Arrays, step_ns: int, tick_ns: int) -> None:
@@ -50,7 +50,7 @@ class Jumps:
                 if wrong:
                     raise ValueError(f"jumps lists {what} {wrong[0]}: not in the train; give 0 ... {count - 1}")
             if jump.what == "brake" and not arrays.vehicle[k.SHOE].any():
-                raise ValueError("a jump of brake multiplies the shoe forces, but the train has no shoes; remove it")
+                raise ValueError("a jump of brake multiplies the shoe forces, but no vehicle has shoes; remove it")
 
     def steps(self, stamp: int) -> list[int]:
         """Return the plant steps of the tick from ``stamp`` [ns] on before which jumps are due."""

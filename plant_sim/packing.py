@@ -127,8 +127,7 @@ def _pack_vehicles(vehicles: Sequence[VehicleType], consist: Consist, setup: Pla
         array[k.WEIGHT, i] = mass * consist.gravity
         polynomial = vehicle.resistance.polynomial(mass, consist.gravity)
         array[[k.C0, k.C1, k.C2], i] = np.array(polynomial) * mismatch.resistance_scale
-        if vehicle.shoes is not None:
-            array[k.SHOE, i] = vehicle.shoes.standstill_force * mismatch.brake_scale
+    array[k.SHOE] = np.array(consist.friction_forces) * mismatch.brake_scale
     array[k.INVERSE_MASS] = 1.0 / array[k.MASS]
     array[k.HOLD_CAPACITY] = setup.holding_brake_ratio * array[k.WEIGHT]
     array[k.GAP, :-1] = np.diff(consist.offsets)
@@ -232,7 +231,10 @@ def _settings(consist: Consist, setup: PlantSetup, step: float) -> Array:
     setting[k.FULL_LEVEL] = 1.0
     setting[k.ADHESION_LIMITED] = float(setup.adhesion is not None)
     setting[k.RAIL_BY_SPEED] = float(isinstance(setup.adhesion, SpeedAdhesion))
-    brake = consist.air_brake
+    emergency, brake = consist.friction_emergency_brake, consist.air_brake
+    if emergency is not None:
+        setting[k.APPLY_DECAY] = np.exp(-step / emergency.time_constant)
+        setting[k.RELEASE_DECAY] = np.exp(-step / emergency.release_time)
     if brake is not None:
         setting[k.APPLY_DECAY] = np.exp(-step / brake.apply_time)
         setting[k.RELEASE_DECAY] = np.exp(-step / brake.release_time)

@@ -122,7 +122,7 @@ class Mismatch(SiModel):
     resistance_scale: float = Field(1.0, ge=0, description="running resistance")
     traction_scale: float = Field(1.0, ge=0, description="traction envelope")
     electric_brake_scale: float = Field(1.0, ge=0, description="electric brake envelope")
-    brake_scale: float = Field(1.0, ge=0, description="shoe forces of the air brake")
+    brake_scale: float = Field(1.0, ge=0, description="forces of the shoes or of the friction emergency brake")
     actuator_gain: float = Field(1.0, ge=0, description="force over command, every unit")
     gears: dict[str, DraftGear | str] = Field(
         default_factory=dict,

@@ -1,4 +1,4 @@
-"""Emergency brake of the power units: full electric (or blended friction) brake in place of the command."""
+"""Full service brake of the power units: full electric (or blended friction) brake in place of the command."""
 
 from __future__ import annotations
 
@@ -14,11 +14,13 @@ FADE = 1.0
 
 
 class FullServiceBrake:
-    """Demand of every power unit while the emergency brake is applied.
+    """Demand of every power unit for the full electric brake.
 
     The demand is the largest force of the brake envelope; the plant limits it by the envelope, the adhesion and the
-    force limit at the present speed. If a negative force also drives backwards (``reversing``), the demand decreases
-    with the speed and is 0 below the holding speed, where the holding brake acts.
+    force limit at the present speed. The drives follow it with their lag and rate, and without a drive there is no
+    brake; the emergency brake has a path of its own (:mod:`plant_sim.brake_events`). If a negative force also drives
+    backwards (``reversing``), the demand decreases with the speed and is 0 below the holding speed, where the holding
+    brake acts.
 
     Parameters
     ----------
@@ -30,7 +32,7 @@ class FullServiceBrake:
         units = [consist.vehicles[i] for i in consist.power_units]
         scale = setup.mismatch.electric_brake_scale
         self._full: Array = np.array([scale * Envelope(unit.brake).largest() for unit in units])
-        self._fading: Array = np.array([unit.mass * unit.rotating_mass_factor for unit in units]) / FADE
+        self._fading: Array = np.array([unit.inertia for unit in units]) / FADE
         self._reversing = setup.reversing
         self._rest = setup.holding_speed
 

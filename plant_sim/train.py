@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant_sim import kernel as k
-from plant_sim.air_brake import PipeEvents
+from plant_sim.brake_events import PipeEvents, friction_brake_events
 from plant_sim.compiled import results_are_kept
 from plant_sim.consist import Consist
 from plant_sim.disturbances import Gust
@@ -79,8 +79,8 @@ class Train:
         self._step = step_ns * 1e-9
         self.arrays = pack(consist, line, setup, self._step)
         self._unit_vehicles = np.array(self.units, dtype=np.int64)
-        self._events = None if consist.air_brake is None else PipeEvents(consist.air_brake, self.n)
-        self._no_events = np.zeros((5, 1))
+        self._brake = friction_brake_events(consist)
+        self._pipe = self._brake if isinstance(self._brake, PipeEvents) else None
         self._sensors = SensorSet(setup.sensors, len(self.units), self.n, tick_ns * 1e-9, seed)
         sources = [random_stream(seed, f"disturbance/{i}") for i in range(len(setup.disturbances))]
         masses = self.arrays.vehicle[k.MASS]
@@ -155,8 +155,8 @@ class Train:
             self.applied,
             (deflection, rate, coupler[i] if len(i) else np.zeros(0)),
         )
-        pipe = None if self._events is None else Pipe(self.stamp, self._events.pressure)
-        shoes = None if self._events is None else BrakeShoes(self.stamp, self.shoe_force)
+        pipe = None if self._pipe is None else Pipe(self.stamp, self._pipe.pressure)
+        shoes = None if self._pipe is None else BrakeShoes(self.stamp, self.shoe_force)
         return Observation(VehicleStates(self.stamp, x, v, coupler), measured, pipe, shoes)
 
     def advance(self, demand: Array, brake_pipe_pa: float | None = None) -> None:
@@ -167,7 +167,8 @@ class Train:
         demand : Array, shape (substeps, units)
             Force commands that are due at every plant step [N].
         brake_pipe_pa : float, optional
-            Pressure demanded at the head from now on [Pa, absolute]; None keeps the present one.
+            Pressure demanded at the head from now on [Pa, absolute]; None keeps the present one. Without effect while
+            the emergency brake is applied.
 
         Raises
         ------
@@ -180,11 +181,11 @@ class Train:
         if not np.isfinite(demand).all():
             raise ValueError(f"demand at {self.time:.3f} s is not finite; correct the law that sent it")
         if brake_pipe_pa is not None:
-            if self._events is None:
+            if self._pipe is None:
                 raise ValueError(
                     f"brake-pipe pressure demanded, but train '{self.consist.name}' has no air brake; demand None"
                 )
-            self._events.demand(self.time, brake_pipe_pa)
+            self._pipe.demand(self.time, brake_pipe_pa)
         if self._has_added_gusts:
             self._drop_gusts()
         outside = self._outside.tick(self.time)
@@ -215,28 +216,27 @@ class Train:
             self._outside_force[:] = 0.0
             self._has_added_gusts = self._outside.gusty
 
-    def vent_brake_pipe(self) -> None:
-        """Vent the brake pipe at the head from now on; no effect without an air brake."""
-        if self._events is not None:
-            self._events.vent(self.time)
-
     def apply_emergency_brake(self) -> None:
-        """Apply."""
-        self.vent_brake_pipe()
+        """Vent the brake pipe from now on, or without an air brake open the loop of the friction emergency brake.
+
+        No drive and no command is part of this path. The demand of the drives stays that of :meth:`advance`.
+        """
+        self._brake.apply_emergency(self.time)
 
     def release_emergency_brake(self) -> None:
-        """Release."""
+        """Close vent or loop; the pressure of a brake pipe becomes the one demanded last."""
+        self._brake.release_emergency(self.time)
 
     def _integrate(self, demand: Array, outside: Array, begin: int, end: int) -> None:
         if end <= begin:
             return
         a = self.arrays
         whole = begin == 0 and end == self.substeps
-        events = 0 if self._events is None else self._events.propagating()
+        events = self._brake.propagating()
         k.advance(
             (self.stamp + begin * self.step_ns) * 1e-9, self._step, a.state, a.vehicle, a.vehicle_index, a.gear,
             a.table, a.run, a.body, a.unit, a.unit_index, a.envelope, a.piece,
-            self._no_events if self._events is None else self._events.array, events, demand[begin:end],
+            self._brake.array, events, demand[begin:end],
             outside if whole else np.ascontiguousarray(outside[:, begin:end]), self._outside.vehicles, a.setting,
         )  # fmt: skip
 

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plant_sim.emergency import EmergencyBrake
 
 from plant_sim import kernel as k
 from plant_sim.library import load_consist, load_line
@@ -29,6 +28,7 @@ RUNS: list[tuple[str, str, dict[str, Any], float, float, tuple[float, ...]]] = [
     ("crh380a_three_units", "highspeed_286km", LAG, 350, 60e3, (100, 300)),
     ("crh380a_one_mass", "highspeed_286km", {}, 350, 100e3, (200, 350)),
     ("freight_five", "level", LAG | {"reversing": True}, 80, 10e3, (4, 30, 80)),
+    ("xuzhou_metro_3", "level", LAG | {"adhesion": {"kind": "constant", "coefficient": 0.08}}, 80, 4e3, (20, 80)),
     ("freight_five", "level", LAG | {"rate_limit_kn_per_s": 20}, 80, 10e3, (30, 80)),
 ]
 
@@ -49,11 +49,9 @@ def acceleration(train: Train, force: float) -> float:
 
 def emergency_stop(train: Train) -> float:
     """Apply the emergency brake until standstill; return the final position of the front [m]."""
-    brake = EmergencyBrake(train.consist, train.setup)
-    train.vent_brake_pipe()
+    train.apply_emergency_brake()
     while np.abs(train.velocity).max() > 0.02:
-        demand = brake.demand(train.velocity[list(train.units)])
-        train.advance(np.tile(demand, (train.substeps, 1)))
+        train.advance(np.zeros((train.substeps, len(train.units))))
         assert train.time < 900
     return float(train.position[0]) + train.consist.vehicles[0].length / 2
 
@@ -98,15 +96,21 @@ def test_traction_at_the_intervention_is_covered_by_the_estimated_acceleration()
 
 @pytest.mark.parametrize("name", ["hxd1_c80_105", "hxd1_c80_210", "crh380a_eight_cars"])
 def test_deceleration_is_never_above_that_of_the_full_brakes(name: str) -> None:
-    """Breaks if a speed step has a value above the smallest force inside it, or far below it."""
+    """Breaks if a speed step is above the smallest force inside it or far below, or electric brakes are in the EBD."""
     consist, setup = load_consist(name), PlantSetup.model_validate(LAG)
     brake = line_supervision(consist, load_line("level"), setup, 30e3, 100 / 3.6).train.brake
     mass = sum(vehicle.mass * vehicle.rotating_mass_factor for vehicle in consist.vehicles)
     for kmh in np.linspace(0.0, 107.0, 215):
         factor = (2 * kmh + 150) / (3 * kmh + 150)
         force = sum(v.shoes.standstill_force * factor for v in consist.vehicles if v.shoes is not None)
-        force += sum(Envelope(v.brake).force(kmh / 3.6) for v in consist.vehicles)
+        service = sum(Envelope(v.brake).force(kmh / 3.6) for v in consist.vehicles)
+        if consist.air_brake is None:
+            force = 1.2 * mass * factor
+        else:
+            service += consist.air_brake.braking_factor[-1] * force
         assert 0.9 * force / mass < brake.safe.at(kmh / 3.6) <= force / mass * (1 + 1e-12)
+        if brake.service is not None:
+            assert brake.service.at(kmh / 3.6) <= service / mass * (1 + 1e-12)
 
 
 def test_propagation_wave_and_filling_are_in_the_build_up_time() -> None:
@@ -114,8 +118,7 @@ def test_propagation_wave_and_filling_are_in_the_build_up_time() -> None:
     setup, line = PlantSetup.model_validate(LAG), load_line("level")
     one = line_supervision(load_consist("hxd1_c80_105"), line, setup, 30e3).train.brake
     two = line_supervision(load_consist("hxd1_c80_210"), line, setup, 30e3).train.brake
-    # 105 wagons behind the locomotive: the middle one is 661.6 m behind its centre, 200 m/s and 4 s; the electric
-    # brake needs 0.4 s, and its part of the force is smallest at standstill
+    # 105 wagons behind the locomotive: the middle one is 661.6 m behind its centre, 200 m/s and 4 s
     middle = 4.0 + (35.222 + 12) / 2 / 200 + 52 * 12 / 200
     assert one.emergency_time.to_standstill == pytest.approx(middle, rel=0.015)
     assert two.emergency_time.to_standstill < one.emergency_time.to_standstill

@@ -12,7 +12,7 @@ from train_ato.ros.graph.remote import graph_client, resolve_domain
 ACTIONS: dict[str, tuple[str, bool | None, str]] = {
     "gust": ("gust", None, "gust on the whole train; acceleration= [m/s²], duration= [s], ramp= [s]"),
     "delay-jump": ("delay_jump", None, "change of the command delays from now on; factor=, add= [s]"),
-    "emergency-brake": ("emergency_brake", True, "full brake and vented brake pipe, independent of the law"),
+    "emergency-brake": ("emergency_brake", True, "emergency brake, independent of law and drives; traction cut-off"),
     "release": ("emergency_brake", False, "release of the emergency brake, only at standstill"),
     "pause": ("pause", True, "pause after the present tick"),
     "resume": ("pause", False, "continue after a pause"),

@@ -224,16 +224,20 @@ class PlantStage:
         self._advance(None)
 
     def _advance(self, pressure: float | None) -> None:
-        """Integrate one tick with the arrived commands, or with the fail-safe reaction in their place."""
+        """Integrate one tick with the arrived commands, or with the fail-safe reaction in their place.
+
+        The emergency brake has a path of its own; the electric brake of locomotives acts beside it and counts nowhere.
+        """
         demand: Array = self._link.window(self.stamp, self._substeps)
         before = self.protection.level
         level = self.protection.step(self.stamp, stands=self.stands)
         if level is not Protection.NONE:
             demand[:] = 0.0
-        if level is Protection.SERVICE_BRAKE:
+        brake = self.setup.consist.air_brake
+        if level is Protection.SERVICE_BRAKE or (level is Protection.EMERGENCY_BRAKE and brake is not None):
             demand[:] = self._service_brake.demand(self.train.velocity[list(self.train.units)])
-            brake = self.setup.consist.air_brake
-            pressure = None if brake is None else brake.charged - brake.reduction[-1]
+        if level is Protection.SERVICE_BRAKE and brake is not None:
+            pressure = brake.charged - brake.reduction[-1]
         elif level is Protection.EMERGENCY_BRAKE:
             pressure = None
         if level is not before:

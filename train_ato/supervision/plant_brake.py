@@ -1,13 +1,15 @@
 """Brake model of a train of the plant, from the parameters of its own brakes.
 
-The emergency brake of the plant vents the brake pipe and applies the full electric brake.  The model has, as a gamma
-train,
+The emergency brake of the plant has a path of its own (:mod:`plant_sim.brake_events`): shoes by the vented brake pipe,
+or the friction emergency brake. The service brake is the full electric brake with the largest reduction. The model
+has, as a gamma train,
 
-* the deceleration (shoes + electric brake) / inertial mass, as a step function with the smallest value of each step up
-  to the emergency-brake ceiling speed; the running resistance is not part of it;
+* the deceleration force / inertial mass, as a step function with the smallest value of each step up to the
+  emergency-brake ceiling speed; the electric brake is a part of the service deceleration only, the running resistance
+  of none;
 * the equivalent build-up time: the mean over all brake forces of the delay until the same impulse as a step. A shoe
-  brake has the propagation time of the pressure wave plus the time constant of its cylinder, an electric brake the
-  time constant of its actuator and its ramp.
+  brake has the propagation time of the pressure wave plus the time constant of its cylinder, a friction emergency brake
+  its delay plus its time constant, an electric brake the time constant of its actuator and its ramp.
 
 A force that rises with a common shape and then is constant has, at every time, at least the impulse of that step: the
 train of the model never is behind the train of the plant.
@@ -20,8 +22,8 @@ from collections import Counter
 import numpy as np
 
 from plant_sim import kernel as k
-from plant_sim.air_brake import VENTED_FACTOR
-from plant_sim.consist import AirBrake, Consist, VehicleType
+from plant_sim.brake_events import FULL_LEVEL
+from plant_sim.consist import Consist, VehicleType
 from plant_sim.packing import pipe_distances
 from plant_sim.plant_setup import Adhesion, PlantSetup, SpeedAdhesion
 from plant_sim.service_brake import FADE
@@ -69,29 +71,30 @@ class PlantBrakeForces:
     ----------
     electric : Array
         Full force of all electric brakes [N].
-    emergency_shoes, service_shoes : Array
-        Shoe force of the train [N] with a vented pipe, and with the largest reduction of the brake table.
-    shoe_delay : float
-        Mean over the shoe forces of wave time plus cylinder time constant [s].
+    emergency : Array
+        Force of the emergency brake [N]: shoes with a vented pipe, or the friction emergency brake.
+    service_shoes : Array
+        Shoe force of the train [N] with the largest reduction of the brake table, beside the electric brakes; 0
+        without an air brake.
+    friction_delay : float
+        Mean over the friction-brake forces of their dead time plus time constant [s].
     """
 
     def __init__(self, consist: Consist, setup: PlantSetup, speed: Array) -> None:
         self.electric: Array = np.zeros_like(speed)
-        self.emergency_shoes: Array = np.zeros_like(speed)
+        self.emergency: Array = np.zeros_like(speed)
         self.service_shoes: Array = np.zeros_like(speed)
         units_mass = sum(consist.vehicles[i].mass for i in consist.power_units)
-        brake, factor = consist.air_brake, shoe_speed_factor(speed)
-        for vehicle, count in Counter(consist.vehicles).items():
+        factor = shoe_speed_factor(speed)
+        level = 0.0 if consist.air_brake is None else consist.air_brake.braking_factor[-1]
+        equal = Counter(zip(consist.vehicles, consist.friction_forces, strict=True))
+        for (vehicle, standstill), count in equal.items():
             electric = _electric_force(vehicle, consist, setup, speed, units_mass)
+            limit = _adhesion_limit(setup.adhesion, vehicle.mass * consist.gravity, speed)
             self.electric += count * electric
-            if brake is None or vehicle.shoes is None:
-                continue
-            rest = _adhesion_limit(setup.adhesion, vehicle.mass * consist.gravity, speed) - electric
-            rest = np.maximum(rest, 0.0)
-            full = vehicle.shoes.standstill_force * factor
-            self.emergency_shoes += count * np.minimum(VENTED_FACTOR * full, rest)
-            self.service_shoes += count * np.minimum(brake.braking_factor[-1] * full, rest)
-        self.shoe_delay = 0.0 if brake is None else _shoe_delay(consist, brake)
+            self.emergency += count * np.minimum(FULL_LEVEL * standstill * factor, limit)
+            self.service_shoes += count * np.minimum(level * standstill * factor, np.maximum(limit - electric, 0.0))
+        self.friction_delay = _friction_delay(consist)
 
 
 def _electric_force(
@@ -110,9 +113,13 @@ def _electric_force(
     return np.asarray(np.minimum(force, _adhesion_limit(setup.adhesion, weight, speed)))
 
 
-def _shoe_delay(consist: Consist, brake: AirBrake) -> float:
-    """Return the mean delay of the shoe forces [s], weighted by their size."""
-    full = np.array([0.0 if v.shoes is None else v.shoes.standstill_force for v in consist.vehicles])
+def _friction_delay(consist: Consist) -> float:
+    """Return the mean delay of the friction-brake forces [s], weighted by their size."""
+    loop, brake = consist.friction_emergency_brake, consist.air_brake
+    if loop is not None:
+        return loop.delay + loop.time_constant
+    assert brake is not None
+    full = np.array(consist.friction_forces)
     arrival = pipe_distances(consist) / brake.apply_wave
     return brake.apply_time + float((full * arrival).sum() / full.sum()) if full.any() else 0.0
 
@@ -166,24 +173,22 @@ def plant_train(consist: Consist, setup: PlantSetup, max_speed: float, kdry: flo
     Raises
     ------
     ValueError
-        If the train has no brake at some speed below its maximum speed.
+        If no vehicle of a train with an air brake has shoes.
     """
     speed = np.arange(0.0, max_speed + EMERGENCY_MARGIN.above(max_speed) + GRID, GRID)
     forces = PlantBrakeForces(consist, setup, speed)
-    mass = sum(vehicle.mass * vehicle.rotating_mass_factor for vehicle in consist.vehicles)
-    emergency = _smallest_per_step(speed, forces.electric + forces.emergency_shoes, mass, max_speed)
+    mass = sum(vehicle.inertia for vehicle in consist.vehicles)
+    emergency = _smallest_per_step(speed, forces.emergency, mass, max_speed)
     service = _smallest_per_step(speed, forces.electric + forces.service_shoes, mass, max_speed)
     if min(emergency.values) <= 0.0:
         raise ValueError(
-            f"train '{consist.name}' has no emergency brake at some speed up to {max_speed * KMH:.0f} km/h; "
-            "complete its brake envelope or give it shoes"
+            f"train '{consist.name}' has no emergency brake: no vehicle of its air brake has shoes; give it shoes"
         )
-    electric_delay = _electric_delay(consist, setup)
     brake = gamma_brake(
         emergency,
-        _mean_delay(forces.electric, electric_delay, forces.emergency_shoes, forces.shoe_delay),
+        forces.friction_delay,
         service if min(service.values) > 0.0 else None,
-        _mean_delay(forces.electric, electric_delay, forces.service_shoes, forces.shoe_delay),
+        _mean_delay(forces.electric, _electric_delay(consist, setup), forces.service_shoes, forces.friction_delay),
         StepFunction.constant(kdry),
         NO_FACTOR,
         1.0,

@@ -1,0 +1,148 @@
+"""Events of the friction brakes for the kernel: waves of the brake pipe, or the loop of the emergency brake.
+
+The emergency brake has a path of its own on every train. It uses neither a drive nor a command: it vents the brake
+pipe, or on a train without air brake opens a loop that applies the friction emergency brake of every vehicle.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant_sim import kernel as k
+from plant_sim.air_brake import MIN_PRESSURE_CHANGE, braking_factor
+from plant_sim.consist import AirBrake, Consist, EmergencyBrake
+from plant_sim.states import Array
+
+ATMOSPHERE = 101_325.0
+"""Absolute pressure of a vented brake pipe [Pa]."""
+FULL_LEVEL = 1.0
+"""Braking factor of a vented pipe and of an open loop; the forces of the data files are those at full application."""
+AT_ONCE = 1e30
+"""Wave speed of an electric loop [m/s]: without delay between the vehicles."""
+
+
+class BrakeEvents:
+    """Changes of the braking factor that propagate along the train, as arrays of the kernel.
+
+    Parameters
+    ----------
+    vehicles
+        Number of vehicles.
+
+    Attributes
+    ----------
+    array : Array, shape (5, capacity)
+        Events by row (see the kernel), oldest first.
+    count : int
+        Number of columns in use.
+    """
+
+    def __init__(self, vehicles: int) -> None:
+        self.array: Array = np.zeros((5, 16))
+        self.count = 0
+        self._vehicles = vehicles
+        self._level = 0.0
+        self._number = 0
+
+    def change(self, time: float, wave: float, level: float) -> None:
+        """Start a wave at a time [s] with a speed [m/s] that sets the braking factor of the vehicles it reaches."""
+        if level == self._level:
+            return
+        self._level = level
+        self._number += 1
+        self._drop_finished()
+        if self.count == self.array.shape[1]:
+            self.array = np.concatenate((self.array, np.zeros_like(self.array)), axis=1)
+        self.array[:, self.count] = (time, wave, level, 0.0, float(self._number))
+        self.count += 1
+
+    def _drop_finished(self) -> None:
+        propagating = self.array[k.REACHED, : self.count] < self._vehicles
+        left = self.array[:, : self.count][:, propagating]
+        self.array[:, : left.shape[1]] = left
+        self.count = left.shape[1]
+
+    def propagating(self) -> int:
+        """Return the number of events that have not reached every vehicle, after removal of the others."""
+        if self.count:
+            self._drop_finished()
+        return self.count
+
+
+class PipeEvents(BrakeEvents):
+    """Brake-pipe events of a train with an air brake.
+
+    While the emergency brake is applied, the pipe stays vented; after its release the pressure follows the demand.
+
+    Parameters
+    ----------
+    brake
+        Air brake of the train.
+    vehicles
+        Number of vehicles.
+
+    Attributes
+    ----------
+    pressure : float
+        Pressure at the head [Pa, absolute].
+    """
+
+    def __init__(self, brake: AirBrake, vehicles: int) -> None:
+        super().__init__(vehicles)
+        self.pressure = brake.charged
+        self._brake = brake
+        self._demanded = brake.charged
+        self._vented = False
+
+    def demand(self, time: float, pressure: float) -> None:
+        """Set the demanded pressure [Pa] from a time [s] on; a change starts an application or a release wave."""
+        self._demanded = pressure
+        if not self._vented and abs(pressure - self.pressure) >= MIN_PRESSURE_CHANGE:
+            self._set(time, pressure, braking_factor(self._brake, pressure))
+
+    def apply_emergency(self, time: float) -> None:
+        """Vent the pipe at the power units from a time [s] on: an application with the speed of its wave."""
+        self._vented = True
+        self._set(time, ATMOSPHERE, FULL_LEVEL)
+
+    def release_emergency(self, time: float) -> None:
+        """Close the vent at a time [s]; the pressure becomes the one demanded last."""
+        self._vented = False
+        self.demand(time, self._demanded)
+
+    def _set(self, time: float, pressure: float, level: float) -> None:
+        self.pressure = pressure
+        self.change(time, self._brake.apply_wave if level > self._level else self._brake.release_wave, level)
+
+
+class EmergencyLoop(BrakeEvents):
+    """Loop of the friction emergency brake of a train without air brake.
+
+    Parameters
+    ----------
+    brake
+        Friction emergency brake of the train.
+    vehicles
+        Number of vehicles.
+    """
+
+    def __init__(self, brake: EmergencyBrake, vehicles: int) -> None:
+        super().__init__(vehicles)
+        self._delay = brake.delay
+
+    def apply_emergency(self, time: float) -> None:
+        """Open the loop at a time [s]; after the delay the brake force of every vehicle builds up."""
+        self.change(time + self._delay, AT_ONCE, FULL_LEVEL)
+
+    def release_emergency(self, time: float) -> None:
+        """Close the loop at a time [s]; the brakes release."""
+        self.change(time, AT_ONCE, 0.0)
+
+
+def friction_brake_events(consist: Consist) -> PipeEvents | EmergencyLoop:
+    """Return the events of the friction brakes of a train: those of its brake pipe, or of its emergency loop."""
+    vehicles, loop = len(consist.vehicles), consist.friction_emergency_brake
+    if loop is not None:
+        return EmergencyLoop(loop, vehicles)
+    assert consist.air_brake is not None
+    return PipeEvents(consist.air_brake, vehicles)
