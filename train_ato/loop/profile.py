@@ -17,11 +17,16 @@ from train_ato.messages.types import (
     Reference,
 )
 from train_ato.profile.planner.plan_from_state import TrainState, replan
-from train_ato.profile.planner.settings import ReplanSpec
+from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.profile import Profile
 
 if TYPE_CHECKING:
     from train_ato.profile.planner.replanner import ReplanDecision
+
+SMALLEST_ACCELERATION = 0.05
+"""Smallest service limit of a plan [m/s²]."""
+FORCE_MARGIN = 0.2
+"""Part of the force envelopes that a plan from standstill leaves to the law."""
 
 
 class ProfileStage:
@@ -84,8 +89,7 @@ class ProfileStage:
             return False
         stamp, setup = measurement.stamp, self.setup
         state = TrainState(stamp * 1e-9, float(measurement.position[0] + setup.model.offsets[0]), 0.0)
-        own = setup.scenario.profile.plan
-        settings = (setup.scenario.replan or ReplanSpec()).settings(own)
+        settings = setup.scenario.profile.plan or _service_limits(setup.profile)
         try:
             rest = replan(state, setup.profile, setup.model.line, setup.model.consist, settings).profile
             self.profile, self.planned, self._refusal = self.profile.followed_by(rest), stamp, ""
@@ -126,3 +130,12 @@ class ProfileStage:
         if decision.profile is None:
             return Diagnostic(stamp, "profile", 1, "cannot be planned again", values)
         return Diagnostic(stamp, "profile", 0, "following, planned again", values)
+
+
+def _service_limits(profile: Profile) -> PlanSettings:
+    """Return the settings of a plan with the largest accelerations of a profile from another source."""
+    return PlanSettings(
+        acceleration=max(float(profile.acceleration.max()), SMALLEST_ACCELERATION),
+        deceleration=max(float(-profile.acceleration.min()), SMALLEST_ACCELERATION),
+        force_margin=FORCE_MARGIN,
+    )
