@@ -64,15 +64,21 @@ class AtoMode:
         self.machine.fail(stamp, reason)
         self.changed = True
 
-    def update(self, measurement: Measurement, protection: ProtectionState) -> AtoReport:
-        """Apply conditions and requests at a step of the supervisor; return the report of this step."""
+    def update(self, measurement: Measurement, protection: ProtectionState | None) -> AtoReport:
+        """Apply conditions and requests at a step of the supervisor; return the report of this step.
+
+        Parameters
+        ----------
+        measurement
+            Newest measurement.
+        protection
+            Newest state of traction cut-off and brakes; None locks the ATO as a brake does.
+        """
         stamp, machine = measurement.stamp, self.machine
         valid = is_valid_state(measurement)
         self._stands = valid and float(np.abs(measurement.velocity).max()) < STANDSTILL_SPEED
-        names = zip(FIXED_NAMES[Owner.BRAKE_LINE], protection.active.tolist(), strict=True)
-        active = [name.replace("_", " ") for name, value in names if value]
         before, self._accepted = machine.state, ""
-        machine.update(stamp, valid=valid, stands=self._stands, locked=f"{active[-1]} in effect" if active else "")
+        machine.update(stamp, valid=valid, stands=self._stands, locked=_lock(protection))
         if self.awaits_profile and stamp - machine.since > PLANNING_TIME * 1e9:
             self.awaits_profile = False
             machine.fail(stamp, "no profile from the present place; see the diagnostics of the profile")
@@ -114,3 +120,12 @@ class AtoMode:
         """Return state, reason and accepted request as text."""
         values = {"ato_state": self.machine.state.text, "ato_reason": self.machine.reason}
         return {**values, KEY: self._accepted} if self._accepted else values
+
+
+def _lock(protection: ProtectionState | None) -> str:
+    """Return the traction cut-off or brake in effect as text, "" without one."""
+    if protection is None:
+        return "no valid state of the brakes"
+    names = zip(FIXED_NAMES[Owner.BRAKE_LINE], protection.active.tolist(), strict=True)
+    active = [name.replace("_", " ") for name, value in names if value]
+    return f"{active[-1]} in effect" if active else ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import SupervisorMessages, diagnostics_due
 from train_ato.messages.topics import Role
@@ -18,6 +19,7 @@ class SupervisorStage:
 
     def __init__(self, setup: RunSetup) -> None:
         self.setup = setup
+        self._inputs = StageInputs(setup, self.role)
         self._supervisor = setup.supervisor()
         self._period_ns = setup.supervision_ticks * setup.tick_ns
         self._reported = SupervisionState.NORMAL
@@ -33,8 +35,10 @@ class SupervisorStage:
             Report of the ATO of the period before; None at the first.
         """
         stamp = odometry.stamp
-        decision = self._supervisor.step(odometry, ato)
-        changed = decision.state is not self._reported
+        decision = self._supervisor.step(
+            self._inputs.receive("train/odometry", stamp, odometry), self._inputs.receive("ato/state", stamp, ato)
+        )
+        changed = self._inputs.take_changed() or decision.state is not self._reported
         self._reported = decision.state
         speed = 0.0 if decision.motion is None else decision.motion.speed
         return SupervisorMessages(
@@ -45,7 +49,7 @@ class SupervisorStage:
 
     def _diagnostic(self, stamp: int, decision: SupervisionDecision) -> Diagnostic:
         """Return the state of the supervision with the reason of the last change."""
-        values = {"interventions": str(self._supervisor.interventions)}
+        values = {"interventions": str(self._supervisor.interventions), **self._inputs.diagnostics()}
         if decision.motion is not None:
             values |= {
                 "front": repr(decision.motion.front),

@@ -74,14 +74,14 @@ class TrainProtection:
         """Add a change of the command delays."""
         self._stamps.jump(change)
 
-    def on_command(self, stamp: int) -> None:
-        """Take the stamp of a command that the ATO sent [ns]."""
+    def on_command(self, now: int, stamp: int) -> None:
+        """Take the stamp of a command of the ATO [ns] that was received at a time [ns]."""
         if self._supervised:
-            self._stamps.push(stamp, (float(stamp),))
+            self._stamps.push(now, (float(stamp),))
 
-    def on_release(self, release: BrakeRelease) -> None:
-        """Take a brake release that the supervisor sent."""
-        self._release = self._release_link.pass_on(release.stamp, release)
+    def on_release(self, now: int, release: BrakeRelease) -> None:
+        """Take a brake release of the supervisor that was received at a time [ns]."""
+        self._release = self._release_link.pass_on(now, release)
 
     def step(self, stamp: int, *, stands: bool) -> Protection:
         """Return the reaction of the tick at ``stamp`` [ns].

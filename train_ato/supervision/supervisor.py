@@ -19,6 +19,8 @@ from train_ato.supervision.track_supervision import TrackSupervision
 
 STANDSTILL_SPEED = 0.1
 """Estimated speed below which the train is at standstill [m/s]."""
+KEPT_NS = 60_000_000_000
+"""Time for which a motion is kept for a late report of the ATO [ns]."""
 NO_SPEEDS = SupervisionSpeeds(0.0, 0.0, 0.0, 0.0)
 
 
@@ -79,24 +81,24 @@ class Supervisor:
         self._reason = ""
         self._stamp = 0
         self._rolled = self._crept = 0.0
-        self._stood = False
+        self._stood = self._latched = False
         self._motions: dict[int, TrainMotion] = {}
         self._differs_since: int | None = None
         self.interventions = 0
 
-    def step(self, odometry: Odometry, ato: AtoReport | None) -> SupervisionDecision:
+    def step(self, odometry: Odometry | None, ato: AtoReport | None) -> SupervisionDecision:
         """Return the decision of one period.
 
         Parameters
         ----------
         odometry
-            Odometry of this period.
+            Odometry of this period, or None without a valid one.
         ato
-            Newest report of the ATO, or None before the first.
+            Newest report of the ATO, or None without a recent one.
         """
-        motion = self._estimator.step(odometry)
+        motion = None if odometry is None else self._estimator.step(odometry)
         if motion is None:
-            self._intervene(SupervisionState.EMERGENCY_BRAKE, "the odometry is not finite")
+            self._intervene(SupervisionState.EMERGENCY_BRAKE, self._estimator.problem or "no valid odometry")
             return SupervisionDecision(self._state, self._reason, NO_SPEEDS, None)
         speeds = self._track.evaluate(motion.front, motion.estimate)
         self._release(motion, speeds)
@@ -116,13 +118,14 @@ class Supervisor:
     def _release(self, motion: TrainMotion, speeds: SupervisionSpeeds) -> None:
         """Lower the state where its release condition holds: 3.13.10.3, 3.13.10.4.
 
-        Overspeed, warning and service brake end at the permitted speed, the emergency brake at standstill.
+        Overspeed, warning and service brake end at the permitted speed, the emergency brake at standstill; after a
+        movement from standstill it ends after an acknowledgement (3.14), and no run has one.
         """
         state = self._state
         stands = abs(motion.speed) < STANDSTILL_SPEED
         within = motion.speed <= speeds.permitted
         if state is SupervisionState.EMERGENCY_BRAKE:
-            ended = stands
+            ended = stands and not self._latched
         elif state is SupervisionState.SERVICE_BRAKE:
             ended = stands or (within and self._differs_since is None)
         else:
@@ -154,6 +157,7 @@ class Supervisor:
         moved = motion.speed * (motion.stamp - self._stamp) * 1e-9
         self._rolled = max(self._rolled - moved, 0.0) if motion.speed < 0.0 else 0.0
         if self._rolled > self._spec.roll_away:
+            self._latched = True
             self._intervene(SupervisionState.EMERGENCY_BRAKE, f"the train rolled back {self._rolled:.1f} m")
         if ato is not None and ato.state[0] == AtoState.ENGAGED:
             self._stood = False
@@ -162,6 +166,7 @@ class Supervisor:
         elif self._stood:
             self._crept += abs(moved)
             if self._crept > self._spec.roll_away:
+                self._latched = True
                 self._intervene(
                     SupervisionState.EMERGENCY_BRAKE, f"the train moved {self._crept:.1f} m from standstill"
                 )
@@ -169,6 +174,7 @@ class Supervisor:
 
     def _compare(self, motion: TrainMotion, ato: AtoReport | None) -> None:
         """Compare the measurement of the ATO with the odometry of the same stamp, while the train moves."""
+        self._motions = {stamp: other for stamp, other in self._motions.items() if motion.stamp - stamp <= KEPT_NS}
         self._motions[motion.stamp] = motion
         if ato is None or ato.stamp not in self._motions:
             return
@@ -180,7 +186,8 @@ class Supervisor:
             return
         if self._differs_since is None:
             self._differs_since = ato.stamp
-        if motion.stamp - self._differs_since >= self._spec.confirmation * 1e9 and abs(motion.speed) > STANDSTILL_SPEED:
+        moves = abs(motion.speed) > STANDSTILL_SPEED or ato.state[0] == AtoState.ENGAGED
+        if moves and motion.stamp - self._differs_since >= self._spec.confirmation * 1e9:
             self._intervene(SupervisionState.SERVICE_BRAKE, f"measurement of the ATO: {difference}")
 
     def _difference(self, then: TrainMotion, position: float, speed: float) -> str:
