@@ -109,9 +109,9 @@ class OdometrySpec(SiModel):
     """Odometers of the supervisor."""
 
     wheel_error: Ratio = Field(
-        0.01, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the wheel odometer"
+        0.003, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the wheel odometer"
     )
-    radar_error: Ratio = Field(0.01, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the radar")
+    radar_error: Ratio = Field(0.003, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the radar")
     balise_spacing: Length = Field(500.0, ge=1, description="distance of the balises")
 
 

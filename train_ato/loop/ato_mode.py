@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from train_ato.control.algorithms.guard import is_valid_state
+from train_ato.control.assurance import AssuranceMonitor
 from train_ato.control.ato_state import AtoStateMachine
-from train_ato.control.train_model import STANDSTILL_SPEED
+from train_ato.control.plausibility import MeasurementCheck
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.layout import FIXED_NAMES, Owner
-from train_ato.messages.types import Array, AtoReport, AtoState, Measurement, ProtectionState
+from train_ato.messages.types import Array, AtoReport, AtoState, Measurement, ProtectionState, SupervisedSpeeds
 from train_ato.scenario.ato_requests import KEY, AtoRequest, Request
+from train_ato.supervision.supervisor import STANDSTILL_SPEED
 
 PLANNING_TIME = 10.0
 """Time within which the new profile must arrive after an engagement [s]; then the ATO fails."""
@@ -32,6 +34,10 @@ class AtoMode:
         True from an engagement during the run to the profile planned for it.
     changed : bool
         True at a step with a change of the state.
+    assurance : AssuranceMonitor or None
+        Choice between the law and the braking law.
+    returned : bool
+        True at the step at which the law drives again after the braking law.
     """
 
     def __init__(self, setup: RunSetup) -> None:
@@ -39,14 +45,30 @@ class AtoMode:
         self.awaits_profile = False
         self.changed = False
         self._model = setup.model
+        spec, offset = setup.scenario.supervision, float(setup.model.offsets[0]) if setup.model.n_units else 0.0
+        self._check = MeasurementCheck(spec, offset + setup.consist.vehicles[0].length / 2.0)
+        delay = float(setup.model.delay_brake.max()) if setup.model.n_units else 0.0
+        reaction = delay + setup.model.lag + setup.supervision_ticks * setup.tick
+        self.assurance = AssuranceMonitor(reaction, spec.assurance_margin) if spec.assurance else None
+        self.returned = False
         self._waiting = sorted(setup.scenario.ato_requests, key=lambda request: request.at)
         self._accepted = ""
         self._stands = False
+        self._speed = 0.0
 
     @property
     def drives(self) -> bool:
         """True if the law drives the train."""
         return self.machine.state is AtoState.ENGAGED and not self.awaits_profile
+
+    @property
+    def assured(self) -> bool:
+        """True while the braking law drives in place of the law."""
+        return self.assurance is not None and self.assurance.brakes
+
+    def begin_step(self) -> None:
+        """Forget the changes of the step before."""
+        self.changed = self.returned = False
 
     def request(self, do: Request) -> None:
         """Queue a request for the next step of the supervisor.
@@ -64,26 +86,34 @@ class AtoMode:
         self.machine.fail(stamp, reason)
         self.changed = True
 
-    def update(self, measurement: Measurement, protection: ProtectionState | None) -> AtoReport:
+    def update(
+        self, measurement: Measurement, protection: ProtectionState | None, speeds: SupervisedSpeeds | None
+    ) -> AtoReport:
         """Apply conditions and requests at a step of the supervisor; return the report of this step.
 
         Parameters
         ----------
         measurement
             Newest measurement.
-        protection
-            Newest state of traction cut-off and brakes; None locks the ATO as a brake does.
+        protection, speeds
+            Newest state of traction cut-off and brakes, and limits; None locks the ATO as a brake does.
         """
         stamp, machine = measurement.stamp, self.machine
         valid = is_valid_state(measurement)
-        self._stands = valid and float(np.abs(measurement.velocity).max()) < STANDSTILL_SPEED
+        self._speed = self._speed if speeds is None else abs(float(speeds.speed[0]))
+        self._stands = speeds is not None and self._speed < STANDSTILL_SPEED
         before, self._accepted = machine.state, ""
-        machine.update(stamp, valid=valid, stands=self._stands, locked=_lock(protection))
+        machine.update(stamp, valid=valid, stands=self._stands, locked=_lock(protection, speeds))
         if self.awaits_profile and stamp - machine.since > PLANNING_TIME * 1e9:
             self.awaits_profile = False
             machine.fail(stamp, "no profile from the present place; see the diagnostics of the profile")
+        difference = "" if speeds is None else self._check.step(measurement, speeds)
+        if difference and machine.state is AtoState.ENGAGED:
+            machine.fail(stamp, difference)
         self._take_request(stamp)
         self.changed = machine.state is not before or bool(self._accepted)
+        if self.assurance is not None and speeds is not None and self.assurance.step(speeds):
+            self.changed, self.returned = True, not self.assurance.brakes
         return AtoReport(
             stamp,
             measurement.position[:1] + self._model.offsets[:1],
@@ -112,20 +142,30 @@ class AtoMode:
         force = np.zeros(model.n_units)
         if not self.machine.brakes(measurement.stamp) or self._stands:
             return force, None if brake is None else brake.charged
-        if is_valid_state(measurement):
-            force = np.minimum(model.force_limits(measurement.velocity)[0], 0.0)
-        return force, None if brake is None else brake.charged - brake.reduction[-1]
+        return self.braking_force(measurement), None if brake is None else brake.charged - brake.reduction[-1]
+
+    def braking_force(self, measurement: Measurement) -> Array:
+        """Return the force of the braking law [N], shape (units,): the full electric brake.
+
+        Without a valid measurement the speed is that of the supervisor.
+        """
+        velocity = measurement.velocity
+        if not is_valid_state(measurement):
+            velocity = np.full(self._model.n_units, self._speed)
+        return np.asarray(np.minimum(self._model.force_limits(velocity)[0], 0.0))
 
     def diagnostics(self) -> dict[str, str]:
-        """Return state, reason and accepted request as text."""
+        """Return state, reason, assurance and accepted request as text."""
         values = {"ato_state": self.machine.state.text, "ato_reason": self.machine.reason}
+        if self.assurance is not None:
+            values["takeovers"] = str(self.assurance.takeovers)
         return {**values, KEY: self._accepted} if self._accepted else values
 
 
-def _lock(protection: ProtectionState | None) -> str:
-    """Return the traction cut-off or brake in effect as text, "" without one."""
-    if protection is None:
-        return "no valid state of the brakes"
+def _lock(protection: ProtectionState | None, speeds: SupervisedSpeeds | None) -> str:
+    """Return the traction cut-off or brake in effect, or a missing message, as text; "" without one."""
+    if protection is None or speeds is None:
+        return f"no valid {'train/protection' if protection is None else 'atp/speeds'}"
     names = zip(FIXED_NAMES[Owner.BRAKE_LINE], protection.active.tolist(), strict=True)
     active = [name.replace("_", " ") for name, value in names if value]
     return f"{active[-1]} in effect" if active else ""

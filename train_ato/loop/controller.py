@@ -26,6 +26,7 @@ from train_ato.messages.types import (
     Pipe,
     ProtectionState,
     Reference,
+    SupervisedSpeeds,
 )
 from train_ato.profile.profile import Profile
 from train_ato.scenario.changes import KEY, LAW, Changes, changes_to_json, requested_stamp, values_of
@@ -157,6 +158,7 @@ class ControllerStage:
         reference: Reference,
         estimate: DisturbanceEstimate,
         protection: ProtectionState | None = None,
+        speeds: SupervisedSpeeds | None = None,
     ) -> ControllerMessages:
         """Return the command for the stamp of the messages, and the brake-pipe command if there is an air brake.
 
@@ -164,8 +166,8 @@ class ControllerStage:
         ----------
         measurement, reference, estimate
             Messages of one stamp.
-        protection
-            Fail-safe state of the train at a step of the supervisor.
+        protection, speeds
+            At a step of the supervisor: fail-safe state of the train, and limits.
         """
         assert self._stack is not None, "the profile comes before the first step"
         begin = time.perf_counter_ns()
@@ -174,10 +176,12 @@ class ControllerStage:
         seen = stamped(self._measurement_link.pass_on(stamp, self._inputs.measurement(measurement)), stamp)
         expected = self._reference_link.pass_on(stamp, receive("ato/reference", stamp, reference))
         disturbance = self._estimate_link.pass_on(stamp, receive("ato/estimate", stamp, estimate))
-        self.ato.changed = False
+        self.ato.begin_step()
         report = None
-        if protection is not None:
-            report = self.ato.update(seen, receive("train/protection", stamp, protection))
+        if protection is not None and speeds is not None:
+            report = self.ato.update(
+                seen, receive("train/protection", stamp, protection), receive("atp/speeds", stamp, speeds)
+            )
         with self._call:
             self._change(stamp)
             if self.ato.drives:
@@ -203,14 +207,21 @@ class ControllerStage:
         RunFailed
             If the stack has no valid command for longer than ``hold_limit``, in a run without supervision.
         """
-        assert self._stack is not None
+        stack = self._stack
+        assert stack is not None
+        if self.ato.returned:
+            stack.swap(self.controller, self._parameters.get(self.controller, {}))
         try:
-            return self._stack.step(measurement, reference, estimate)
+            force, pressure = stack.step(measurement, reference, estimate)
         except RunFailed as error:
             if not self.setup.layout.supervised:
                 raise
             self.ato.fail(measurement.stamp, str(error))
             return self.ato.command(measurement)
+        if self.ato.assured:
+            force = self.ato.braking_force(measurement)
+            stack.override(force)
+        return force, pressure
 
     def _reference_problem(self, reference: Reference) -> str:
         """Return the difference of a reference from the profile at its stamp as text, "" for a reference of it."""
@@ -243,6 +254,8 @@ class ControllerStage:
         if not self.ato.drives:
             state = self.ato.machine.state
             return Diagnostic(stamp, "controller", 1 + (state is AtoState.FAILURE), state.text, values)
+        if self.ato.assured:
+            return Diagnostic(stamp, "controller", 1, "braking law", values)
         if self._stack.holding:
             return Diagnostic(stamp, "controller", 1, "holding the last command", values)
         return Diagnostic(stamp, "controller", 0, "engaged", values)

@@ -36,6 +36,7 @@ class StageInputs:
             "ato/reference": spec.hold,
             "ato/estimate": spec.hold,
             "train/protection": spec.hold + period,
+            "atp/speeds": spec.hold + period,
             "ato/state": spec.hold + period,
             "train/odometry": 0.0,
         }
