@@ -44,8 +44,8 @@ class Receiver:
 
     Attributes
     ----------
-    fresh : bool
-        True if the last call accepted a new message.
+    fresh, missing : bool
+        True if the last call accepted a new message; True if it found none of the permitted age.
     missed, refused : int
         Number of calls without the sent message, and of refused messages.
     refusal : str
@@ -79,7 +79,7 @@ class Receiver:
         self._sent = 0
         self._acting: list[bool] = []
         self.check: Callable[[Any], str] = lambda message: ""
-        self.fresh = self.changed = False
+        self.fresh = self.missing = self.changed = False
         self.missed = self.refused = 0
         self.refusal = ""
         for fault in faults:
@@ -118,9 +118,10 @@ class Receiver:
         if not self._checked and self._newest is None:
             self._newest = message  # the initial state is known, as in a link
         newest = self._newest
-        if newest is None or (self._checked and self._max_age is not None and now - newest.stamp > self._max_age):
-            return None
-        return newest
+        missing = newest is None or (self._checked and self._max_age is not None and now - newest.stamp > self._max_age)
+        self.changed |= missing != self.missing
+        self.missing = missing
+        return None if missing else newest
 
     def _note_faults(self, now: int) -> None:
         acting = [effect.acts(now) for effect in self._effects]
@@ -175,7 +176,11 @@ class Receiver:
             return {}
         name = self._topic.name
         values = {f"missed {name}": str(self.missed), f"refused {name}": str(self.refused)}
-        return {**values, f"refusal {name}": self.refusal} if self.refusal else values
+        if self.refusal:
+            values[f"refusal {name}"] = self.refusal
+        if self.missing:
+            values[f"missing {name}"] = "no valid message"
+        return values
 
 
 def _equal(message: Any, other: Any) -> bool:

@@ -73,7 +73,7 @@ class Supervisor:
     """
 
     def __init__(self, track: TrackSupervision, spec: SupervisionSpec) -> None:
-        self._track, self._spec = track, spec
+        self.track, self._spec = track, spec
         self._estimator = PositionEstimator()
         self._state = SupervisionState.NORMAL
         self._reason = ""
@@ -89,7 +89,7 @@ class Supervisor:
         if motion is None:
             self._intervene(SupervisionState.EMERGENCY_BRAKE, self._estimator.problem or "no valid odometry")
             return SupervisionDecision(self._state, self._reason, NO_SPEEDS, None)
-        speeds = self._track.evaluate(motion.front, motion.estimate)
+        speeds = self.track.evaluate(motion.front, motion.estimate)
         self._release(motion, speeds)
         self._supervise_speed(motion, speeds)
         self._supervise_direction(motion)
@@ -137,7 +137,7 @@ class Supervisor:
             self._intervene(SupervisionState.WARNING, f"{limit}, limit {speeds.warning * 3.6:.1f} km/h")
         elif speed > speeds.permitted:
             self._intervene(SupervisionState.OVERSPEED, f"{limit}, limit {speeds.permitted * 3.6:.1f} km/h")
-        elif self._track.indicates(motion.front, speed, motion.estimate):
+        elif self.track.indicates(motion.front, speed, motion.estimate):
             self._intervene(SupervisionState.INDICATION, "a target is near")
 
     def _supervise_direction(self, motion: TrainMotion) -> None:
