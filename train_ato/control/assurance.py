@@ -1,7 +1,7 @@
 """Run-time assurance: a plain braking law takes over from the law before the warning limit (Simplex architecture).
 
-The law drives as long as the speed predicted over the reaction time stays below the predicted warning limit.  Otherwise
-the full service brake acts until the speed is below the permitted speed by a margin.
+The law drives as long as the speed predicted over the reaction time stays below the warning limit.  Otherwise the full
+service brake acts until the speed is below the permitted speed by a margin.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections import deque
 from train_ato.messages.types import SupervisedSpeeds
 
 RATE_TIME = 1.2
-"""Time over which acceleration and change of the limit are averaged [s]; vibrations of a long train are shorter."""
+"""Time over which the acceleration is averaged [s]; vibrations of a long train are shorter."""
 _ESTIMATE, _PERMITTED, _WARNING = range(3)
 
 
@@ -35,7 +35,7 @@ class AssuranceMonitor:
 
     def __init__(self, reaction: float, margin: float) -> None:
         self._reaction, self._margin = reaction, margin
-        self._past: deque[tuple[int, float, float]] = deque()
+        self._past: deque[tuple[int, float]] = deque()
         self.brakes = False
         self.takeovers = 0
 
@@ -43,16 +43,15 @@ class AssuranceMonitor:
         """Return True after a change between the law and the braking law."""
         values = speeds.speed.tolist()
         speed, permitted, warning = values[_ESTIMATE], values[_PERMITTED], values[_WARNING]
-        self._past.append((speeds.stamp, speed, warning))
+        self._past.append((speeds.stamp, speed))
         while len(self._past) > 2 and speeds.stamp - self._past[1][0] >= RATE_TIME * 1e9:
             self._past.popleft()
-        before, slower, other = self._past[0]
+        before, slower = self._past[0]
         span = (speeds.stamp - before) * 1e-9
         share = self._reaction / span if span > 0.0 else 0.0
         predicted = speed + (speed - slower) * share
-        limit = warning + min(warning - other, 0.0) * share
         was = self.brakes
-        if not was and speed > 0.0 and max(speed, predicted) >= limit and predicted > 0.0:
+        if not was and speed > 0.0 and max(speed, predicted) >= warning:
             self.brakes = True
             self.takeovers += 1
         elif was and (speed <= 0.0 or max(speed, predicted) < permitted - self._margin):
