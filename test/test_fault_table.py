@@ -25,15 +25,15 @@ def test_the_table_has_every_kind_of_fault():
 
 @pytest.mark.parametrize("row", [pytest.param(row, id=row.name, marks=MARKS[row.name]) for row in ROWS])
 def test_the_train_is_safe_after_a_fault(row):
-    """Breaks if a fault leads beyond the supervised location or a speed, ends the run, or is not reported in time."""
+    """Breaks if a fault leads beyond a place or a speed, ends the run of a moving train, or is reported late."""
     run = run_row(row)
-    assert run.result.failure is None
+    assert run.result.failure is None or run.result.failure.endswith("; the train was stopped")
     assert run.front < run.supervised_location
     assert run.top_speed < run.largest_speed
     assert run.end_speed < STANDSTILL
     assert (abs(run.front - run.stop) < STOPPING_ERROR) == row.arrives
     assert any(re.search(row.reaction, text) for _, text in run.events), [text for _, text in run.events][-20:]
-    if not row.arrives and not row.reaction == NOTHING:
+    if not row.arrives and row.reaction != NOTHING:
         assert run.detected is not None
         assert run.reacted is not None
         assert run.reacted - run.detected <= REACTION_TIME

@@ -20,7 +20,7 @@ BEGIN = 20
 
 COAST, SERVICE = "plant: coast: no command", "plant: service brake: no command"
 EMERGENCY, NO_RELEASE = "plant: emergency brake: no command", "plant: emergency brake: no brake release"
-SUPERVISOR, ODOMETRY = "supervisor: emergency brake", "supervisor: emergency brake: (the|no valid) odometry"
+SUPERVISOR, ODOMETRY = "supervisor: emergency brake", "supervisor: emergency brake: no valid odometry"
 FAILURE, MEASURED = "controller: failure", "controller: failure: measured"
 NO_REFERENCE = "controller: failure: no valid reference"
 NOTHING = "plant: finished"

@@ -219,13 +219,13 @@ class PlantStage:
         stamp, inputs = self.stamp, self._inputs
         released = inputs.receive("atp/brake_release", stamp, release)
         if inputs.fresh("atp/brake_release"):
-            self.protection.on_release(stamp, released)
+            self.protection.on_release(released, stamp)
         forces = inputs.receive("ato/command", stamp, command)
         pressure = inputs.receive("ato/brake_pipe_command", stamp, pipe)
         if inputs.fresh("ato/command"):
             self._link.push(stamp, forces.force)
             piped = forces.stamp if not self.setup.layout.air_brake else 0 if pressure is None else pressure.stamp
-            self.protection.on_command(stamp, min(forces.stamp, piped))
+            self.protection.on_command(min(forces.stamp, piped), stamp)
         if not inputs.fresh("ato/brake_pipe_command"):
             return None
         self._pipe_link.push(stamp, (pressure.pressure,))

@@ -75,14 +75,14 @@ class TrainProtection:
         """Add a change of the command delays."""
         self._stamps.jump(change)
 
-    def on_command(self, now: int, stamp: int) -> None:
-        """Take the stamp of a command of the ATO [ns] that was received at a time [ns]."""
+    def on_command(self, stamp: int, received: int | None = None) -> None:
+        """Take the stamp of a command of the ATO and the time of its reception [ns], by default its stamp."""
         if self._supervised:
-            self._stamps.push(now, (float(stamp),))
+            self._stamps.push(stamp if received is None else received, (float(stamp),))
 
-    def on_release(self, now: int, release: BrakeRelease) -> None:
-        """Take a brake release of the supervisor that was received at a time [ns]."""
-        self._release = self._release_link.pass_on(now, release)
+    def on_release(self, release: BrakeRelease, received: int | None = None) -> None:
+        """Take a brake release of the supervisor and the time of its reception [ns], by default its stamp."""
+        self._release = self._release_link.pass_on(release.stamp if received is None else received, release)
 
     def step(self, stamp: int, *, stands: bool) -> Protection:
         """Return the reaction of the tick at ``stamp`` [ns].

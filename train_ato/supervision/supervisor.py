@@ -87,7 +87,7 @@ class Supervisor:
         """Return the decision of one period from its odometry; None without a valid one."""
         motion = None if odometry is None else self._estimator.step(odometry)
         if motion is None:
-            self._intervene(SupervisionState.EMERGENCY_BRAKE, self._estimator.problem or "no valid odometry")
+            self._intervene(SupervisionState.EMERGENCY_BRAKE, "no valid odometry")
             return SupervisionDecision(self._state, self._reason, NO_SPEEDS, None)
         speeds = self.track.evaluate(motion.front, motion.estimate)
         self._release(motion, speeds)
