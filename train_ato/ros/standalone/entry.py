@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from train_ato.arguments import BAD_INPUT, OneLineParser, prepare_streams
 from train_ato.interrupt import Interrupt
 from train_ato.log.compression import DEFAULT, add_compression
+from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import Role
 from train_ato.ros import require_ros
 from train_ato.ros.graph.environment import middleware, opened_by
@@ -23,6 +24,7 @@ from train_ato.ros.graph.graph_result import LOCKSTEP_TIMEOUT_S, PACED_TIMEOUT_S
 if TYPE_CHECKING:
     from train_ato.loop.result import RunResult
     from train_ato.loop.setup import RunSetup
+    from train_ato.ros.nodes.endpoints import NodeEndpoints
 
     Completed = Callable[[RunSetup, RunResult, Path], None]
 
@@ -103,6 +105,14 @@ def _stop_at_end_of_input(stopped: threading.Event) -> None:
     stopped.set()
 
 
+def _plan_end(role: Role, setup: RunSetup, endpoints: NodeEndpoints) -> None:
+    """Plan the SIGKILL or SIGSTOP of this process if the scenario has such a fault of its node."""
+    signals = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP}
+    for fault in node_faults(setup.scenario.faults):
+        if fault.role is role and fault.do in signals:
+            endpoints.end_process_at(round(fault.at * 1e9), signals[fault.do])
+
+
 def _run(role: Role, options: argparse.Namespace, stopped: threading.Event, completed: Completed | None) -> int:
     """Create and run the node; imports are late because rclpy reads the environment at import."""
     from train_ato.errors import FirstFailure
@@ -130,6 +140,7 @@ def _run(role: Role, options: argparse.Namespace, stopped: threading.Event, comp
         pace = getattr(options, "pace", 0.0)
         compression = getattr(options, "compression", DEFAULT)
         node = make_node(role, setup, endpoints, folder, realtime, timeout, False, pace, compression)
+        _plan_end(role, setup, endpoints)
         recorded = getattr(options, "recorded", False)
         turner = StandaloneRunner(
             role, node, endpoints, executor, stopped, setup.fingerprint(), recorded, options.attached
