@@ -8,11 +8,12 @@ from curve_trains import FIXED, LEVEL, supervised_train
 from train_ato.supervision.ceiling import EMERGENCY_MARGIN, SupervisionSpeeds, ceiling_speeds
 from train_ato.supervision.deceleration_curve import DecelerationCurve
 from train_ato.supervision.gradient import gradient_acceleration
-from train_ato.supervision.limits import BrakingTarget, TargetLimits
+from train_ato.supervision.limits import BrakingTarget, TargetLimits, intervention_times
 from train_ato.supervision.odometry import MotionEstimate, motion_estimate, speed_measurement_error
 from train_ato.supervision.release_speed import release_speed, release_start, trip_location
 from train_ato.supervision.step_function import StepFunction
 from train_ato.supervision.track_supervision import WIDEST_MOTION, TrackSupervision
+from train_ato.supervision.train_model import BuildUpTime
 
 END = BrakingTarget(1000.0, kind="EOA")
 NAMES = ("permitted", "warning", "service", "emergency")
@@ -73,6 +74,19 @@ def test_speeds_invert_the_locations_of_an_end(service_time: float, command: boo
         for name in NAMES:
             front = getattr(limits, name)(speed, motion) - motion.under_reading
             assert getattr(limits.speeds(front, motion), name) == pytest.approx(speed, abs=1e-6), (name, speed)
+
+
+@pytest.mark.parametrize(("feedback", "indication"), [(False, 8.0), (True, 5.0)])
+def test_slow_service_brake_and_its_feedback(feedback: bool, indication: float) -> None:
+    """Breaks if the indication time is not 0.8 T_bs, or 5 s with the service-brake feedback."""
+    train = supervised_train(service_time=10.0, service_command=True, service_feedback=feedback)
+    assert intervention_times(train, 0.0, FIXED).indication == indication
+
+
+def test_build_up_time_of_a_low_target_speed() -> None:
+    """Breaks if a target speed above 0 has the build-up time of a standstill."""
+    time = BuildUpTime(3.0, 4.0)
+    assert [time.for_target(speed) for speed in (0.0, 0.1, 1.0, 20.0)] == [3.0, 4.0, 4.0, 4.0]
 
 
 def test_indication_uses_the_motion() -> None:
