@@ -69,11 +69,12 @@ def test_speeds_outside_the_curve() -> None:
     curve = DecelerationCurve(1000.0, 10.0, ONE, between, 15.0, 40.0)
     end = math.sqrt(300.0)
     assert curve.location(10.0) == 1000.0 and curve.location(curve.end_speed) == pytest.approx(900.0)
-    for speed, text in (
-        (end + 0.1, f"the braking curve ends at {3.6 * end:.4g} km/h; give lower speeds than {3.6 * end + 0.36:.4g} km/h"),
-        (9.5, "the braking curve ends at 36 km/h, beyond its target the gradient is stronger than the brake; give"
-              " speeds above that, not 34.2 km/h"),
-    ):  # fmt: skip
+    upper = f"the braking curve ends at {3.6 * end:.4g} km/h; give lower speeds than {3.6 * end + 0.36:.4g} km/h"
+    lower = (
+        "the braking curve ends at 36 km/h, beyond its target the gradient is stronger than the brake; give speeds "
+        "above that, not 34.2 km/h"
+    )
+    for speed, text in ((end + 0.1, upper), (9.5, lower)):
         with pytest.raises(ValueError) as refused:
             curve.location(speed)
         assert str(refused.value) == text
