@@ -64,6 +64,10 @@ class AtoMode:
         self.machine.fail(stamp, reason)
         self.changed = True
 
+    def begin_step(self) -> None:
+        """Begin a tick: change and accepted request of the tick before are reported once."""
+        self.changed, self._accepted = False, ""
+
     def update(self, measurement: Measurement, protection: ProtectionState) -> AtoReport:
         """Apply conditions and requests at a step of the supervisor; return the report of this step."""
         stamp, machine = measurement.stamp, self.machine
@@ -71,7 +75,7 @@ class AtoMode:
         self._stands = valid and float(np.abs(measurement.velocity).max()) < STANDSTILL_SPEED
         names = zip(FIXED_NAMES[Owner.BRAKE_LINE], protection.active.tolist(), strict=True)
         active = [name.replace("_", " ") for name, value in names if value]
-        before, self._accepted = machine.state, ""
+        before = machine.state
         machine.update(stamp, valid=valid, stands=self._stands, locked=f"{active[-1]} in effect" if active else "")
         if self.awaits_profile and stamp - machine.since > PLANNING_TIME * 1e9:
             self.awaits_profile = False

@@ -167,7 +167,7 @@ class ControllerStage:
         seen = stamped(self._measurement_link.pass_on(stamp, measurement), stamp)
         expected = self._reference_link.pass_on(stamp, reference)
         disturbance = self._estimate_link.pass_on(stamp, estimate)
-        self.ato.changed = False
+        self.ato.begin_step()
         report = None if protection is None else self.ato.update(seen, protection)
         with self._call:
             self._change(stamp)

@@ -47,7 +47,7 @@ class RunResult:
     failure
         One line with the failed node and the reason, or None.
     changes
-        Changes of laws and parameters and interventions during the run.
+        Changes of laws and parameters, interventions and ATO requests during the run.
     """
 
     recording: Recording | None
