@@ -91,9 +91,7 @@ def _entries(pattern, rows, layout):
     if "{" not in pattern:
         return [(pattern, values)]
     kind = pattern[1 : pattern.index("}")]
-    return [
-        (pattern.format(**{kind: name}), values[:, index]) for index, name in enumerate(layout.names(Owner(kind)))
-    ]
+    return [(pattern.format(**{kind: name}), values[:, index]) for index, name in enumerate(layout.names(Owner(kind)))]
 
 
 def assert_trajectories(table, messages) -> None:
