@@ -80,9 +80,9 @@ def plain_cost(vehicles: int, brake_on: bool) -> float:
     train = new_train(vehicles, brake_on)
     plain = PlainTrain(train.arrays, STEP_NS * 1e-9)
     demand = np.full((train.substeps, 1), 200e3)
-    event, under_way = np.zeros((5, 1)), 0
+    event, under_way = np.zeros((k.EVENT_ROWS, 1)), 0
     if brake_on:
-        event[:, 0] = (0.0, 200.0, 0.17, 0.0, 1.0)
+        event[:, 0] = (0.0, 200.0, 0.17, 0.0, 1.0, 0.0)
         under_way = 1
     plain.arrays.vehicle_index[k.NEWEST] = 0
     return milliseconds(lambda: plain.advance(1.0, event, under_way, demand), 3, 3)

@@ -142,7 +142,8 @@ class PlainTrain:
     def _waves(self, t: float, event: Array, events: int) -> None:
         a = self.arrays
         for e in range(events):
-            arrived = t >= event[k.ISSUED, e] + a.vehicle[k.PIPE_DISTANCE] / event[k.WAVE, e]
+            distance = a.vehicle[k.PIPE_DISTANCE + int(event[k.ORIGIN, e])]
+            arrived = t >= event[k.ISSUED, e] + distance / event[k.WAVE, e]
             event[k.REACHED, e] = arrived.sum()
             new = np.flatnonzero(arrived & (a.vehicle_index[k.NEWEST] < event[k.NUMBER, e]))
             a.vehicle_index[k.NEWEST, new] = int(event[k.NUMBER, e])

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from plant_sim import kernel as k
-from plant_sim.consist import AirBrake, Consist
+from plant_sim.brake_data import AirBrake
+from plant_sim.consist import Consist
 from plant_sim.packing import pipe_distances
 from plant_sim.states import Array
 

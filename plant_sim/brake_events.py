@@ -10,7 +10,8 @@ import numpy as np
 
 from plant_sim import kernel as k
 from plant_sim.air_brake import MIN_PRESSURE_CHANGE, braking_factor
-from plant_sim.consist import AirBrake, Consist, EmergencyBrake
+from plant_sim.brake_data import AirBrake, EmergencyBrake
+from plant_sim.consist import Consist
 from plant_sim.states import Array
 
 ATMOSPHERE = 101_325.0
@@ -19,6 +20,8 @@ FULL_LEVEL = 1.0
 """Braking factor of a vented pipe and of an open loop; the forces of the data files are those at full application."""
 AT_ONCE = 1e30
 """Wave speed of an electric loop [m/s]: without delay between the vehicles."""
+AT_UNITS, AT_PARTED = range(2)
+"""Origins of an event: the power units, and parted couplers."""
 
 
 class BrakeEvents:
@@ -28,32 +31,47 @@ class BrakeEvents:
     ----------
     vehicles
         Number of vehicles.
+    apply_wave
+        Speed of an application along the train [m/s].
 
     Attributes
     ----------
-    array : Array, shape (5, capacity)
+    array : Array, shape (6, capacity)
         Events by row (see the kernel), oldest first.
     count : int
         Number of columns in use.
+    apply_wave : float
+        Speed of an application along the train [m/s].
     """
 
-    def __init__(self, vehicles: int) -> None:
-        self.array: Array = np.zeros((5, 16))
+    def __init__(self, vehicles: int, apply_wave: float) -> None:
+        self.array: Array = np.zeros((k.EVENT_ROWS, 16))
         self.count = 0
+        self.apply_wave = apply_wave
         self._vehicles = vehicles
         self._level = 0.0
         self._number = 0
+        self._parted = False
 
-    def change(self, time: float, wave: float, level: float) -> None:
+    def part(self, time: float) -> None:
+        """Open the pipe or the loop at parted couplers from a time [s] on; a release then has no effect."""
+        if not self._parted:
+            self._parted = True
+            self._start(time, self.apply_wave, FULL_LEVEL, AT_PARTED)
+
+    def _change(self, time: float, wave: float, level: float) -> None:
+        """Start a wave at the power units if the level there changes."""
+        if level != self._level:
+            self._level = level
+            self._start(time, wave, level, AT_UNITS)
+
+    def _start(self, time: float, wave: float, level: float, origin: int) -> None:
         """Start a wave at a time [s] with a speed [m/s] that sets the braking factor of the vehicles it reaches."""
-        if level == self._level:
-            return
-        self._level = level
         self._number += 1
         self._drop_finished()
         if self.count == self.array.shape[1]:
             self.array = np.concatenate((self.array, np.zeros_like(self.array)), axis=1)
-        self.array[:, self.count] = (time, wave, level, 0.0, float(self._number))
+        self.array[:, self.count] = (time, wave, level, 0.0, float(self._number), float(origin))
         self.count += 1
 
     def _drop_finished(self) -> None:
@@ -72,7 +90,8 @@ class BrakeEvents:
 class PipeEvents(BrakeEvents):
     """Brake-pipe events of a train with an air brake.
 
-    While the emergency brake is applied, the pipe stays vented; after its release the pressure follows the demand.
+    While the emergency brake is applied, the pipe stays vented; after its release the pressure follows the demand. From
+    the parting of a coupler on, demands and releases have no effect.
 
     Parameters
     ----------
@@ -88,7 +107,7 @@ class PipeEvents(BrakeEvents):
     """
 
     def __init__(self, brake: AirBrake, vehicles: int) -> None:
-        super().__init__(vehicles)
+        super().__init__(vehicles, brake.apply_wave)
         self.pressure = brake.charged
         self._brake = brake
         self._demanded = brake.charged
@@ -97,7 +116,7 @@ class PipeEvents(BrakeEvents):
     def demand(self, time: float, pressure: float) -> None:
         """Set the demanded pressure [Pa] from a time [s] on; a change starts an application or a release wave."""
         self._demanded = pressure
-        if not self._vented and abs(pressure - self.pressure) >= MIN_PRESSURE_CHANGE:
+        if not self._vented and not self._parted and abs(pressure - self.pressure) >= MIN_PRESSURE_CHANGE:
             self._set(time, pressure, braking_factor(self._brake, pressure))
 
     def apply_emergency(self, time: float) -> None:
@@ -112,7 +131,7 @@ class PipeEvents(BrakeEvents):
 
     def _set(self, time: float, pressure: float, level: float) -> None:
         self.pressure = pressure
-        self.change(time, self._brake.apply_wave if level > self._level else self._brake.release_wave, level)
+        self._change(time, self.apply_wave if level > self._level else self._brake.release_wave, level)
 
 
 class EmergencyLoop(BrakeEvents):
@@ -127,16 +146,21 @@ class EmergencyLoop(BrakeEvents):
     """
 
     def __init__(self, brake: EmergencyBrake, vehicles: int) -> None:
-        super().__init__(vehicles)
+        super().__init__(vehicles, AT_ONCE)
         self._delay = brake.delay
+
+    def part(self, time: float) -> None:
+        """Open the loop for the rest of the run, with the delay of an application."""
+        super().part(time + self._delay)
 
     def apply_emergency(self, time: float) -> None:
         """Open the loop at a time [s]; after the delay the brake force of every vehicle builds up."""
-        self.change(time + self._delay, AT_ONCE, FULL_LEVEL)
+        self._change(time + self._delay, AT_ONCE, FULL_LEVEL)
 
     def release_emergency(self, time: float) -> None:
-        """Close the loop at a time [s]; the brakes release."""
-        self.change(time, AT_ONCE, 0.0)
+        """Close the loop at a time [s]; the brakes release, except on a parted train."""
+        if not self._parted:
+            self._change(time, AT_ONCE, 0.0)
 
 
 def friction_brake_events(consist: Consist) -> PipeEvents | EmergencyLoop:

@@ -5,13 +5,13 @@ A consist file (YAML, ``schema: train_ato/consist/1``) contains all data of a tr
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Literal
 
 from pydantic import Field, model_validator
 
+from plant_sim.brake_data import AirBrake, EmergencyBrake, Shoes
 from plant_sim.gears import DraftGear
-from plant_sim.units import GRAVITY, Acceleration, Force, Length, Mass, Power, Pressure, Ratio, SiModel, Speed, Time
+from plant_sim.units import GRAVITY, Force, Length, Mass, Power, SiModel, Speed
 
 SCHEMA = "train_ato/consist/1"
 MIN_VEHICLE_MASS = 500.0
@@ -76,20 +76,6 @@ class Resistance(SiModel):
         return a * weight, b * weight * 3.6, c * weight * 3.6**2
 
 
-class Shoes(SiModel):
-    """Air-brake shoes or pads of one vehicle: paper 000, eqs. (10)-(15) and table 1."""
-
-    count: int = Field(gt=0, description="number of shoes or pads of the vehicle")
-    force: Force = Field(gt=0, description="force K of one shoe at full cylinder pressure")
-    friction: float = Field(gt=0, description="factor of the friction coefficient: .481 (C80), .441 (HXD1)")
-
-    @property
-    def standstill_force(self) -> float:
-        """Retarding force at full cylinder pressure and speed 0 [N]: paper 000, eqs. (10)-(12)."""
-        force_kn = self.force / 1e3
-        return self.count * self.force * (self.friction * (force_kn + 200.0) / (4.0 * force_kn + 200.0))
-
-
 class VehicleType(SiModel):
     """Type of vehicle; one with a traction or brake envelope is a power unit."""
 
@@ -135,57 +121,6 @@ def _check_envelope(name: str, segments: tuple[EnvelopeSegment, ...]) -> None:
         begin, largest = segment.to, max(largest, *ends)
     if segments and largest <= 0.0:
         raise ValueError(f"{name} has no force at any speed; write force, slope_kn_per_kmh or power, or remove it")
-
-
-class AirBrake(SiModel):
-    """Brake pipe and cylinders of a train: paper 000, section 1.1.4, and values that it does not give."""
-
-    charged: Pressure = Field(600e3, gt=0, description="absolute pressure of the charged brake pipe")
-    apply_wave: Speed = Field(200.0, gt=0, description="speed of the application wave along the train")
-    release_wave: Speed = Field(36.0, gt=0, description="speed of the release wave along the train")
-    apply_time: Time = Field(4.0, gt=0, description="time constant of the cylinders filling")
-    release_time: Time = Field(6.0, gt=0, description="time constant of the cylinders emptying")
-    reduction: tuple[Pressure, ...] = Field(
-        (0.0, 50e3), description="brake-pipe reductions of the table of the braking factor"
-    )
-    braking_factor: tuple[Ratio, ...] = Field((0.0, 0.17), description="beta_c at those reductions")
-    reservoir_use: Ratio = Field(0.0, ge=0, le=1, description="part of a reservoir that one full application uses")
-    recharge_time: Time = Field(60.0, gt=0, description="time constant of the reservoirs recharging while released")
-
-    @model_validator(mode="after")
-    def _table(self) -> AirBrake:
-        if len(self.reduction) != len(self.braking_factor) or len(self.reduction) < 2:
-            raise ValueError("reduction and braking_factor need the same length of at least 2; correct them")
-        if any(b <= a for a, b in pairwise(self.reduction)):
-            raise ValueError("reduction does not rise; list it by rising values")
-        if any(b < a for a, b in pairwise(self.braking_factor)) or not 0 < self.braking_factor[-1] <= 1:
-            raise ValueError("braking_factor must rise with the reduction to a value above 0 and up to 1; correct it")
-        if self.reduction[0] != 0 or self.braking_factor[0] != 0:
-            raise ValueError(
-                "reduction and braking_factor must begin at 0, because a charged pipe does not brake; begin both at 0"
-            )
-        if self.reduction[-1] > self.charged:
-            raise ValueError(
-                f"reduction {self.reduction[-1]:g} Pa exceeds charged {self.charged:g} Pa; write both absolute, in Pa "
-                "or with the suffix _kpa"
-            )
-        return self
-
-
-class EmergencyBrake(SiModel):
-    """Friction emergency brake of a train without air brake: an own path, independent of drives and commands.
-
-    A loop along the train applies it on every vehicle at the same time. Its friction falls with the speed as that of
-    the shoes: paper 000, eqs. (11), (12). The defaults are an assumption: brake percentage 100, which is 0.0075 x 100 +
-    0.076 = 0.83 m/s² (SUBSET-026, A.3.7.4), and a build-up of 2.3 s.
-    """
-
-    deceleration: Acceleration = Field(
-        0.83, gt=0, le=5, description="brake force of a vehicle at standstill over its inertial mass"
-    )
-    delay: Time = Field(0.8, ge=0, le=10, description="dead time from the application to the first force")
-    time_constant: Time = Field(1.5, gt=0, le=60, description="time constant of the build-up after the delay")
-    release_time: Time = Field(1.5, gt=0, le=60, description="time constant of the release, which has no delay")
 
 
 MAX_VEHICLES = 5000

@@ -1,4 +1,4 @@
-"""Changes of train parameters during a run, each once at a time or at a position."""
+"""Changes of train parameters and parting of couplers during a run, each once at a time or at a position."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import numpy as np
 from plant_sim import kernel as k
 from plant_sim.consist import Consist
 from plant_sim.packing import Arrays, lag_decay
-from plant_sim.plant_setup import Jump, PlantSetup
+from plant_sim.parted_couplers import PartedCouplers
+from plant_sim.plant_setup import Jump, PlantSetup, TrainSeparation
 from plant_sim.totals import kinetic_energy
 
 
@@ -20,6 +21,8 @@ class Jumps:
         Jumps and lags of the actuators.
     consist, arrays
         Data and arrays of the train.
+    couplers
+        Couplers of the train that can part.
     step_ns, tick_ns : int
         Plant step and tick [ns].
 
@@ -31,12 +34,15 @@ class Jumps:
     Raises
     ------
     ValueError
-        If a jump lists a vehicle or unit outside the train, or multiplies friction-brake forces of a train without any.
+        If a jump lists a vehicle or unit outside the train, a coupler that cannot part, or multiplies friction-brake
+        forces of a train without any.
     """
 
-    def __init__(self, setup: PlantSetup, consist: Consist, arrays: Arrays, step_ns: int, tick_ns: int) -> None:
+    def __init__(
+        self, setup: PlantSetup, consist: Consist, arrays: Arrays, couplers: PartedCouplers, step_ns: int, tick_ns: int
+    ) -> None:
         self.energy = 0.0
-        self._arrays = arrays
+        self._arrays, self._couplers = arrays, couplers
         vehicles = len(consist.vehicles)
         self._vehicles, self._units = vehicles, arrays.unit.shape[1]
         self._unit_vehicles = np.array(consist.power_units, dtype=np.int64)
@@ -45,6 +51,9 @@ class Jumps:
         self._lags = np.broadcast_to(np.array(setup.lag, dtype=np.float64), self._units).copy()
         self._waiting = list(setup.jumps)
         for jump in self._waiting:
+            if isinstance(jump, TrainSeparation):
+                couplers.check(jump.vehicles)
+                continue
             for what, listed, count in (("vehicle", jump.vehicles, vehicles), ("unit", jump.units, self._units)):
                 wrong = [i for i in listed or () if not 0 <= i < count]
                 if wrong:
@@ -72,11 +81,14 @@ class Jumps:
             due = step == 0 and self._passed(jump) if jump.at is None else round(jump.at * 1e9) <= now
             if due:
                 self._waiting.remove(jump)
+                if isinstance(jump, TrainSeparation):
+                    self._couplers.part(jump.vehicles, now * 1e-9)
+                    continue
                 before = kinetic_energy(self._arrays, self._vehicles)
                 self._jump(jump)
                 self.energy += kinetic_energy(self._arrays, self._vehicles) - before
 
-    def _passed(self, jump: Jump) -> bool:
+    def _passed(self, jump: Jump | TrainSeparation) -> bool:
         return jump.place is not None and bool(self._arrays.state[k.X, 0] >= jump.place)
 
     def _jump(self, jump: Jump) -> None:

@@ -17,8 +17,9 @@ from math import copysign
 from plant_sim.compiled import compiled
 
 # Rows of `vehicle` (constants), one column per vehicle.
-INVERSE_MASS, MASS, WEIGHT, C0, C1, C2, SHOE, HOLD_CAPACITY, GAP, PIPE_DISTANCE, RAIL = range(11)
-VEHICLE_ROWS = 11
+# PIPE_DISTANCE, PARTED_DISTANCE: way of a brake-pipe wave from the power units, and from parted couplers.
+INVERSE_MASS, MASS, WEIGHT, C0, C1, C2, SHOE, HOLD_CAPACITY, GAP, PIPE_DISTANCE, PARTED_DISTANCE, RAIL = range(12)
+VEHICLE_ROWS = 12
 # Rows of `state`; column i is vehicle i, one column more than vehicles.
 # COUPLER: force of the coupler behind vehicle i in column i + 1.
 # DRIVE_FORCE: traction and outside force. BRAKE_CAPACITY: electric brake force, a dry friction capacity.
@@ -29,9 +30,9 @@ VEHICLE_ROWS = 11
     WORK_RUNNING, WORK_GRADE, WORK_CURVE, WORK_COUPLER, WORK_AIR, WORK_HOLD, WORK_OUTSIDE,
 ) = range(26)  # fmt: skip
 STATE_ROWS = 26
-# Rows of `vehicle_index` (integers).
-PIECE, NEWEST, ORDER = range(3)
-VEHICLE_INDEX_ROWS = 3
+# Rows of `vehicle_index` (integers). ORDER, PARTED_ORDER: vehicles by rising distance of each of the two.
+PIECE, NEWEST, ORDER, PARTED_ORDER = range(4)
+VEHICLE_INDEX_ROWS = 4
 # Rows of `gear`; column i is the coupler behind vehicle i.
 # HYSTERESIS_FORCE, HYSTERESIS_DEFLECTION: force between the branches and deflection at the last step.
 # TRANSITION_DAMPING: damping between the branches. DRAFT, BUFF: extremes of the force.
@@ -53,8 +54,9 @@ UNIT_INDEX_ROWS = 5
 # Columns of `envelope` (one row per segment) and rows of `piece` (one column per piece of line).
 SEGMENT_END, SEGMENT_FORCE, SEGMENT_SLOPE, SEGMENT_POWER = range(4)
 BEGIN, END, GRADE, GRADE_SLOPE, DRY_PER_WEIGHT = range(5)
-# Rows of `event`: brake-pipe events that have not reached every vehicle.
-ISSUED, WAVE, LEVEL, REACHED, NUMBER = range(5)
+# Rows of `event`: brake-pipe events that have not reached every vehicle. ORIGIN: 0 power units, 1 parted couplers.
+ISSUED, WAVE, LEVEL, REACHED, NUMBER, ORIGIN = range(6)
+EVENT_ROWS = 6
 # Entries of `setting`. APPLY_DECAY, RELEASE_DECAY: part of a deviation that the cylinders keep after one step.
 (
     REVERSING, HOLD_SPEED, APPLY_DECAY, RELEASE_DECAY, RESERVOIR_USE, RECHARGE, FULL_LEVEL,
@@ -306,10 +308,10 @@ def _waves(t, events, event, state, vehicle, vehicle_index, setting):
     """
     n = vehicle_index.shape[1]
     for e in range(events):
-        reached = int(event[REACHED, e])
+        reached, origin = int(event[REACHED, e]), int(event[ORIGIN, e])
         while reached < n:
-            i = vehicle_index[ORDER, reached]
-            if t < event[ISSUED, e] + vehicle[PIPE_DISTANCE, i] / event[WAVE, e]:
+            i = vehicle_index[ORDER + origin, reached]
+            if t < event[ISSUED, e] + vehicle[PIPE_DISTANCE + origin, i] / event[WAVE, e]:
                 break
             number = int(event[NUMBER, e])
             if number > vehicle_index[NEWEST, i]:

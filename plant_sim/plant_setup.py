@@ -6,7 +6,7 @@ This is the block ``plant:`` of the scenario without the names of train and line
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -109,9 +109,9 @@ class OdometrySpec(SiModel):
     """Odometers of the supervisor."""
 
     wheel_error: Ratio = Field(
-        0.01, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the wheel odometer"
+        0.003, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the wheel odometer"
     )
-    radar_error: Ratio = Field(0.01, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the radar")
+    radar_error: Ratio = Field(0.003, ge=0, le=MAX_ODOMETER_ERROR, description="largest relative error of the radar")
     balise_spacing: Length = Field(500.0, ge=1, description="distance of the balises")
 
 
@@ -130,15 +130,26 @@ class Mismatch(SiModel):
     )
 
 
-class Jump(SiModel):
+class _Sudden(SiModel):
+    """Change at a time or at a position of vehicle 0."""
+
+    at: Time | None = Field(None, ge=0)
+    place: Length | None = None
+
+    @model_validator(mode="after")
+    def _one_trigger(self) -> Self:
+        if (self.at is None) == (self.place is None):
+            raise ValueError("a jump has exactly one of 'at' (a time) and 'place'; give one")
+        return self
+
+
+class Jump(_Sudden):
     """Change of a parameter during the run, once, at a time or at a position of vehicle 0.
 
     Jumps of a delay belong to the links. A jump at a time acts from the next plant step on, one at a position from the
     next tick on.
     """
 
-    at: Time | None = Field(None, ge=0)
-    place: Length | None = None
     what: Literal["mass", "gain", "lag", "resistance", "adhesion", "brake"]
     factor: float = Field(ge=0, description="factor on the present value")
     vehicles: tuple[int, ...] | None = Field(
@@ -147,9 +158,7 @@ class Jump(SiModel):
     units: tuple[int, ...] | None = Field(None, description="units of a gain, lag or adhesion jump; default all")
 
     @model_validator(mode="after")
-    def _one_trigger(self) -> Jump:
-        if (self.at is None) == (self.place is None):
-            raise ValueError("a jump has exactly one of 'at' (a time) and 'place'; give one")
+    def _listed(self) -> Jump:
         if self.what == "mass" and self.factor <= 0:
             raise ValueError("a jump of mass needs a factor above 0; correct it")
         by_vehicle = self.what in ("mass", "resistance", "brake")
@@ -157,6 +166,13 @@ class Jump(SiModel):
             wrong, right = ("units", "vehicles") if by_vehicle else ("vehicles", "units")
             raise ValueError(f"a jump of {self.what} acts on {right}, not on {wrong}; list {right} or remove both")
         return self
+
+
+class TrainSeparation(_Sudden):
+    """Parting of couplers during the run, for its rest: no force, and the emergency brake on all parts of the train."""
+
+    what: Literal["coupler"]
+    vehicles: tuple[int, ...] = Field(min_length=1, description="vehicles in front of the parting couplers, from 0")
 
 
 class PlantSetup(SiModel):
@@ -188,7 +204,7 @@ class PlantSetup(SiModel):
     odometry: OdometrySpec = OdometrySpec()
     disturbances: tuple[DisturbanceSource, ...] = ()
     mismatch: Mismatch = Mismatch()
-    jumps: tuple[Jump, ...] = ()
+    jumps: tuple[Annotated[Jump | TrainSeparation, Field(discriminator="what")], ...] = ()
 
     @model_validator(mode="after")
     def _lags_and_jumps(self) -> PlantSetup:

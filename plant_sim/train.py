@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant_sim import kernel as k
-from plant_sim.brake_events import PipeEvents, friction_brake_events
+from plant_sim.brake_events import ATMOSPHERE, PipeEvents, friction_brake_events
 from plant_sim.compiled import results_are_kept
 from plant_sim.consist import Consist
 from plant_sim.disturbances import Gust
@@ -15,6 +15,7 @@ from plant_sim.jumps import Jumps
 from plant_sim.line import Line
 from plant_sim.outside_forces import OutsideForces
 from plant_sim.packing import pack
+from plant_sim.parted_couplers import PartedCouplers
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.sensors import SensorSet
 from plant_sim.states import Array, BrakeShoes, Measurement, Pipe, VehicleStates
@@ -90,7 +91,8 @@ class Train:
             raise ValueError(
                 "disturbance paper002: drift speeds cannot act on rigidly joined vehicles; choose other draft gears"
             )
-        self._jumps = Jumps(setup, consist, self.arrays, step_ns, tick_ns)
+        self._parted = PartedCouplers(consist, self.arrays, self._brake)
+        self._jumps = Jumps(setup, consist, self.arrays, self._parted, step_ns, tick_ns)
         self._kinetic_start = self.kinetic_energy
         self._outside_force = np.zeros(self.n)
         self._has_added_gusts = False
@@ -155,9 +157,13 @@ class Train:
             self.applied,
             (deflection, rate, coupler[i] if len(i) else np.zeros(0)),
         )
-        pipe = None if self._pipe is None else Pipe(self.stamp, self._pipe.pressure)
+        pipe = None if self._pipe is None else Pipe(self.stamp, self._head_pressure(self._pipe))
         shoes = None if self._pipe is None else BrakeShoes(self.stamp, self.shoe_force)
         return Observation(VehicleStates(self.stamp, x, v, coupler), measured, pipe, shoes)
+
+    def _head_pressure(self, pipe: PipeEvents) -> float:
+        """Return the brake-pipe pressure at vehicle 0 [Pa]; that of the air if the wave of a gap has reached it."""
+        return ATMOSPHERE if self._parted.reached(self.time)[0] else pipe.pressure
 
     def advance(self, demand: Array, brake_pipe_pa: float | None = None) -> None:
         """Integrate one tick.
@@ -224,7 +230,7 @@ class Train:
         self._brake.apply_emergency(self.time)
 
     def release_emergency_brake(self) -> None:
-        """Close vent or loop; the pressure of a brake pipe becomes the one demanded last."""
+        """Close vent or loop; a brake pipe gets the pressure demanded last. No effect on a train that has parted."""
         self._brake.release_emergency(self.time)
 
     def _integrate(self, demand: Array, outside: Array, begin: int, end: int) -> None:
@@ -232,11 +238,12 @@ class Train:
             return
         a = self.arrays
         whole = begin == 0 and end == self.substeps
+        demand = self._parted.without_traction((self.stamp + begin * self.step_ns) * 1e-9, demand[begin:end])
         events = self._brake.propagating()
         k.advance(
             (self.stamp + begin * self.step_ns) * 1e-9, self._step, a.state, a.vehicle, a.vehicle_index, a.gear,
             a.table, a.run, a.body, a.unit, a.unit_index, a.envelope, a.piece,
-            self._brake.array, events, demand[begin:end],
+            self._brake.array, events, demand,
             outside if whole else np.ascontiguousarray(outside[:, begin:end]), self._outside.vehicles, a.setting,
         )  # fmt: skip
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 
 import pytest
+from curve_trains import FIXED, LEVEL
+from curve_trains import supervised_train as train
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,19 +19,6 @@ from train_ato.supervision.odometry import MotionEstimate, motion_estimate, odom
 from train_ato.supervision.release_speed import release_speed, release_start, trip_location
 from train_ato.supervision.step_function import StepFunction
 from train_ato.supervision.track_supervision import TrackSupervision, limits_under_train
-from train_ato.supervision.train_model import SupervisedTrain, gamma_brake
-
-FIXED = FixedValues()
-ONE = StepFunction.constant(1.0)
-LEVEL = StepFunction.constant(0.0)
-
-
-def train(
-    emergency: float = 1.0, service: float | None = 0.7, service_time: float = 6.0, **interfaces: object
-) -> SupervisedTrain:
-    curve = None if service is None else StepFunction.constant(service)
-    brake = gamma_brake(StepFunction.constant(emergency), 5.0, curve, service_time, ONE, ONE, 1.0)
-    return SupervisedTrain(200.0, 50.0, brake, **interfaces)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -44,11 +44,11 @@ def test_kernel_equals_plain_numpy(consist: Consist, setup: dict[str, Any]) -> N
     line = load_line("daqin_section")
     compiled = train(consist, line, start={"position_km": 20.15, "speed_kmh": 30}, **setup)
     plain = PlainTrain(compiled.arrays, compiled.step_ns * 1e-9)
-    event, events = np.zeros((5, 1)), 0
+    event, events = np.zeros((k.EVENT_ROWS, 1)), 0
     for tick in range(120):
         demand = np.full((compiled.substeps, 1), 500e3 if tick < 40 else -300e3)
         if tick == 20:
-            event[:, 0], events = (compiled.time, 200.0, 0.17, 0.0, 1.0), 1
+            event[:, 0], events = (compiled.time, 200.0, 0.17, 0.0, 1.0, 0.0), 1
         plain.advance(compiled.time, event, events, demand)
         compiled.advance(demand, 550e3 if tick >= 20 else None)
     ours, theirs = compiled.arrays, plain.arrays

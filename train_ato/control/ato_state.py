@@ -6,7 +6,7 @@ available                 valid measurement; the train moves, or traction or a b
 ready                     standstill, nothing locked: can be engaged
 engaged                   the law drives
 disengaging               traction is off, after the takeover time the train brakes to a stop
-failure                   as disengaging, until a reset at standstill
+failure                   traction is off, the train brakes to a stop; until a reset at standstill
 ========================  =====================================================================
 
 The ATO is engaged at the start of a run.
@@ -95,9 +95,10 @@ class AtoStateMachine:
             self._change(stamp, AtoState.NOT_AVAILABLE, "reset")
 
     def brakes(self, stamp: int) -> bool:
-        """Return True if the ATO brakes to a stop: the takeover time after the end of the engagement is over."""
-        ended = self.state in (AtoState.DISENGAGING, AtoState.FAILURE)
-        return ended and stamp - self.since >= TAKEOVER_TIME * 1e9
+        """Return True if the ATO brakes to a stop: after a failure, and after the takeover time."""
+        if self.state is AtoState.DISENGAGING:
+            return stamp - self.since >= TAKEOVER_TIME * 1e9
+        return self.state is AtoState.FAILURE
 
     def _change(self, stamp: int, state: AtoState, reason: str) -> None:
         if state is not self.state:

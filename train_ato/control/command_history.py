@@ -38,6 +38,11 @@ class CommandHistory:
         if self._length:
             self._queue.append(force)
 
+    def replace(self, force: Array) -> None:
+        """Replace the newest command by another one [N], shape (units,)."""
+        if self._length:
+            self._queue[-1] = force
+
     def in_flight(self) -> Array:
         """Return the commands in flight [N], shape (d, units)."""
         return np.array(self._queue) if self._length else self._none

@@ -128,6 +128,11 @@ class ControlStack:
         self._blended = 0
         self._swaps += 1
 
+    def override(self, force: Array) -> None:
+        """Replace the command of this step by another one [N], shape (units,)."""
+        self._last = force.tolist()
+        self._history.replace(force)
+
     @property
     def holding(self) -> bool:
         """True if the last step of the law repeated the previous command."""

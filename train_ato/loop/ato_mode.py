@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from train_ato.control.algorithms.guard import is_valid_state
+from train_ato.control.assurance import AssuranceMonitor
 from train_ato.control.ato_state import AtoStateMachine
-from train_ato.control.train_model import STANDSTILL_SPEED
+from train_ato.control.plausibility import MeasurementCheck
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.layout import FIXED_NAMES, Owner
-from train_ato.messages.types import Array, AtoReport, AtoState, Measurement, ProtectionState
+from train_ato.messages.types import Array, AtoReport, AtoState, Measurement, ProtectionState, SupervisedSpeeds
 from train_ato.scenario.ato_requests import KEY, AtoRequest, Request
+from train_ato.supervision.supervisor import STANDSTILL_SPEED
 
 PLANNING_TIME = 10.0
 """Time within which the new profile must arrive after an engagement [s]; then the ATO fails."""
@@ -32,6 +34,10 @@ class AtoMode:
         True from an engagement during the run to the profile planned for it.
     changed : bool
         True at a step with a change of the state.
+    assurance : AssuranceMonitor or None
+        Choice between the law and the braking law.
+    returned : bool
+        True at the step at which the law drives again after the braking law.
     """
 
     def __init__(self, setup: RunSetup) -> None:
@@ -39,6 +45,12 @@ class AtoMode:
         self.awaits_profile = False
         self.changed = False
         self._model = setup.model
+        spec, offset = setup.scenario.supervision, float(setup.model.offsets[0]) if setup.model.n_units else 0.0
+        self._check = MeasurementCheck(spec, offset + setup.consist.vehicles[0].length / 2.0)
+        delay = float(setup.model.delay_brake.max()) if setup.model.n_units else 0.0
+        reaction = delay + setup.model.lag + setup.supervision_ticks * setup.tick
+        self.assurance = AssuranceMonitor(reaction, spec.assurance_margin) if spec.assurance else None
+        self.returned = False
         self._waiting = sorted(setup.scenario.ato_requests, key=lambda request: request.at)
         self._accepted = ""
         self._stands = False
@@ -47,6 +59,16 @@ class AtoMode:
     def drives(self) -> bool:
         """True if the law drives the train."""
         return self.machine.state is AtoState.ENGAGED and not self.awaits_profile
+
+    @property
+    def assured(self) -> bool:
+        """True while the braking law drives in place of the law."""
+        return self.assurance is not None and self.assurance.brakes
+
+    def begin_step(self) -> None:
+        """Begin a tick: changes and an accepted request are reported at their step only."""
+        self.changed = self.returned = False
+        self._accepted = ""
 
     def request(self, do: Request) -> None:
         """Queue a request for the next step of the supervisor.
@@ -64,15 +86,11 @@ class AtoMode:
         self.machine.fail(stamp, reason)
         self.changed = True
 
-    def begin_step(self) -> None:
-        """Begin a tick: change and accepted request of the tick before are reported once."""
-        self.changed, self._accepted = False, ""
-
-    def update(self, measurement: Measurement, protection: ProtectionState) -> AtoReport:
+    def update(self, measurement: Measurement, protection: ProtectionState, speeds: SupervisedSpeeds) -> AtoReport:
         """Apply conditions and requests at a step of the supervisor; return the report of this step."""
         stamp, machine = measurement.stamp, self.machine
         valid = is_valid_state(measurement)
-        self._stands = valid and float(np.abs(measurement.velocity).max()) < STANDSTILL_SPEED
+        self._stands = abs(float(speeds.speed[0])) < STANDSTILL_SPEED
         names = zip(FIXED_NAMES[Owner.BRAKE_LINE], protection.active.tolist(), strict=True)
         active = [name.replace("_", " ") for name, value in names if value]
         before = machine.state
@@ -80,8 +98,13 @@ class AtoMode:
         if self.awaits_profile and stamp - machine.since > PLANNING_TIME * 1e9:
             self.awaits_profile = False
             machine.fail(stamp, "no profile from the present place; see the diagnostics of the profile")
+        difference = self._check.step(measurement, speeds)
+        if difference and machine.state is AtoState.ENGAGED:
+            machine.fail(stamp, difference)
         self._take_request(stamp)
         self.changed = machine.state is not before or bool(self._accepted)
+        if self.assurance is not None and self.assurance.step(speeds):
+            self.changed, self.returned = True, not self.assurance.brakes
         return AtoReport(
             stamp,
             measurement.position[:1] + self._model.offsets[:1],
@@ -111,10 +134,16 @@ class AtoMode:
         if not self.machine.brakes(measurement.stamp) or self._stands:
             return force, None if brake is None else brake.charged
         if is_valid_state(measurement):
-            force = np.minimum(model.force_limits(measurement.velocity)[0], 0.0)
+            force = self.braking_force(measurement)
         return force, None if brake is None else brake.charged - brake.reduction[-1]
 
+    def braking_force(self, measurement: Measurement) -> Array:
+        """Return the force of the braking law [N], shape (units,): the full electric brake."""
+        return np.asarray(np.minimum(self._model.force_limits(measurement.velocity)[0], 0.0))
+
     def diagnostics(self) -> dict[str, str]:
-        """Return state, reason and accepted request as text."""
+        """Return state, reason, assurance and accepted request as text."""
         values = {"ato_state": self.machine.state.text, "ato_reason": self.machine.reason}
+        if self.assurance is not None:
+            values["takeovers"] = str(self.assurance.takeovers)
         return {**values, KEY: self._accepted} if self._accepted else values

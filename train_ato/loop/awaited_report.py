@@ -1,29 +1,16 @@
-"""Pairing of a message of the plant with the report of the ATO of the supervision period before."""
+"""Pairing of a measurement with the report of the ATO of the supervision period before."""
 
 from __future__ import annotations
 
-from typing import Generic, Protocol, TypeVar
-
 from train_ato.loop.setup import RunSetup
-from train_ato.messages.types import AtoReport
+from train_ato.messages.types import AtoReport, Measurement
 
 
-class Stamped(Protocol):
-    """Message with a stamp."""
+class AwaitedReport:
+    """Holds back a measurement until the report of the period before has arrived.
 
-    @property
-    def stamp(self) -> int:
-        """Stamp [ns]."""
-
-
-M = TypeVar("M", bound=Stamped)
-
-
-class AwaitedReport(Generic[M]):
-    """Holds back a message until the report of the period before has arrived.
-
-    If the next message comes first, the held one is released with the newest report: the sender does not wait for the
-    reader in a paced run.
+    If the next measurement comes first, the held one is released with the newest report: in a paced run the plant does
+    not wait.
 
     Parameters
     ----------
@@ -39,13 +26,13 @@ class AwaitedReport(Generic[M]):
     def __init__(self, setup: RunSetup) -> None:
         self._setup = setup
         self._period_ns = setup.supervision_ticks * setup.tick_ns
-        self._held: M | None = None
+        self._held: Measurement | None = None
         self._report: AtoReport | None = None
         self._last = -1
         self.ignored = 0
 
-    def put(self, message: M) -> list[tuple[M, AtoReport | None]]:
-        """Add a message of the plant; return the pairs that are complete, in order."""
+    def put(self, message: Measurement) -> list[tuple[Measurement, AtoReport | None]]:
+        """Add a measurement; return the pairs that are complete, in order."""
         if message.stamp <= self._last:
             self.ignored += 1
             return []
@@ -54,7 +41,7 @@ class AwaitedReport(Generic[M]):
         self._held = message
         return ready + self._complete()
 
-    def report(self, report: AtoReport) -> list[tuple[M, AtoReport | None]]:
+    def report(self, report: AtoReport) -> list[tuple[Measurement, AtoReport | None]]:
         """Add a report of the ATO; return the pair that it completes."""
         if self._report is not None and report.stamp <= self._report.stamp:
             self.ignored += 1
@@ -62,7 +49,7 @@ class AwaitedReport(Generic[M]):
         self._report = report
         return self._complete()
 
-    def _complete(self) -> list[tuple[M, AtoReport | None]]:
+    def _complete(self) -> list[tuple[Measurement, AtoReport | None]]:
         held, report = self._held, self._report
         if held is None:
             return []

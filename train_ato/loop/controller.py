@@ -25,6 +25,7 @@ from train_ato.messages.types import (
     Pipe,
     ProtectionState,
     Reference,
+    SupervisedSpeeds,
 )
 from train_ato.profile.profile import Profile
 from train_ato.scenario.changes import KEY, LAW, Changes, changes_to_json, requested_stamp, values_of
@@ -151,6 +152,7 @@ class ControllerStage:
         reference: Reference,
         estimate: DisturbanceEstimate,
         protection: ProtectionState | None = None,
+        speeds: SupervisedSpeeds | None = None,
     ) -> ControllerMessages:
         """Return the command for the stamp of the messages, and the brake-pipe command if there is an air brake.
 
@@ -158,8 +160,8 @@ class ControllerStage:
         ----------
         measurement, reference, estimate
             Messages of one stamp.
-        protection
-            Fail-safe state of the train at a step of the supervisor.
+        protection, speeds
+            At a step of the supervisor: fail-safe state of the train, and limits.
         """
         assert self._stack is not None, "the profile comes before the first step"
         begin = time.perf_counter_ns()
@@ -168,7 +170,9 @@ class ControllerStage:
         expected = self._reference_link.pass_on(stamp, reference)
         disturbance = self._estimate_link.pass_on(stamp, estimate)
         self.ato.begin_step()
-        report = None if protection is None else self.ato.update(seen, protection)
+        report = None
+        if protection is not None and speeds is not None:
+            report = self.ato.update(seen, protection, speeds)
         with self._call:
             self._change(stamp)
             if self.ato.drives:
@@ -189,14 +193,21 @@ class ControllerStage:
         RunFailed
             If the stack has no valid command for longer than ``hold_limit``, in a run without supervision.
         """
-        assert self._stack is not None
+        stack = self._stack
+        assert stack is not None
+        if self.ato.returned:
+            stack.swap(self.controller, self._parameters.get(self.controller, {}))
         try:
-            return self._stack.step(measurement, reference, estimate)
+            force, pressure = stack.step(measurement, reference, estimate)
         except RunFailed as error:
             if not self.setup.layout.supervised:
                 raise
             self.ato.fail(measurement.stamp, str(error))
             return self.ato.command(measurement)
+        if self.ato.assured:
+            force = self.ato.braking_force(measurement)
+            stack.override(force)
+        return force, pressure
 
     def diagnostic(self, stamp: int) -> Diagnostic | None:
         """Return the state of the controller once a second, and at every step with a change or a held command."""
@@ -220,6 +231,8 @@ class ControllerStage:
         if not self.ato.drives:
             state = self.ato.machine.state
             return Diagnostic(stamp, "controller", 1 + (state is AtoState.FAILURE), state.text, values)
+        if self.ato.assured:
+            return Diagnostic(stamp, "controller", 1, "braking law", values)
         if self._stack.holding:
             return Diagnostic(stamp, "controller", 1, "holding the last command", values)
         return Diagnostic(stamp, "controller", 0, "engaged", values)

@@ -120,12 +120,12 @@ class _Loop:
         self.active = "plant"
         plant = self.plant.observe()
         self._publish(stamp, plant.published())
-        release = None
+        release = speeds = None
         if self.supervisor is not None and plant.odometry is not None:
             self.active = "supervisor"
-            supervisor = self.supervisor.step(plant.odometry, self._ato)
+            supervisor = self.supervisor.step(plant.odometry)
             self._publish(stamp, supervisor.published())
-            release = supervisor.release
+            release, speeds = supervisor.release, supervisor.speeds
         self.active = "profile"
         profile = self.profile.on_measurement(plant.measurement, None if release is None else self._ato)
         self._publish(stamp, profile.published())
@@ -135,7 +135,9 @@ class _Loop:
         observer = self.observer.on_measurement(plant.measurement)
         self._publish(stamp, observer.published())
         self.active = "controller"
-        controller = self.controller.step(plant.measurement, profile.reference, observer.estimate, plant.protection)
+        controller = self.controller.step(
+            plant.measurement, profile.reference, observer.estimate, plant.protection, speeds
+        )
         self._publish(stamp, controller.published())
         self.active = "plant"
         self.plant.act(controller.command, controller.brake_pipe_command, release)

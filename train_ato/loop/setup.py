@@ -179,11 +179,11 @@ class RunSetup:
         try:
             track = line_supervision(
                 self.consist, self.line, self.plant, None if stop is None else stop + spec.overlap,
-                kdry=spec.kdry, reaction=reaction, service_brake=spec.service_brake,
+                kdry=spec.kdry, reaction=reaction, service_brake=spec.service_brake, service_curve=spec.service_curve,
             )  # fmt: skip
         except ValueError as error:
             raise ValueError(f"supervision: {error}; or set supervision.enabled: false") from None
-        return Supervisor(track, spec, front)
+        return Supervisor(track, spec)
 
     def replanner(self, profile: Profile | None = None) -> Replanner | None:
         """Return the replanner of a profile, by default the first one; None without ``replan:`` in the scenario."""

@@ -7,12 +7,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
-from train_ato.messages.types import DisturbanceEstimate, Measurement, ProtectionState, Reference, Trajectory
+from train_ato.messages.types import (
+    DisturbanceEstimate,
+    Measurement,
+    ProtectionState,
+    Reference,
+    SupervisedSpeeds,
+    Trajectory,
+)
 
 KINDS = ("measurement", "reference", "estimate")
 """Messages of a step, one of each per stamp."""
-PROTECTION = "protection"
-"""Additional message of a step of the supervisor."""
+SUPERVISED_KINDS = ("protection", "speeds")
+"""Additional messages of a step of the supervisor."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +30,7 @@ class ControllerInputs:
     reference: Reference
     estimate: DisturbanceEstimate
     protection: ProtectionState | None = None
+    speeds: SupervisedSpeeds | None = None
     profile: Trajectory | None = None
 
 
@@ -94,7 +102,7 @@ class StampSynchronizer:
             self.ignored += 1
             return None
         row[kind] = message
-        if len(row) < len(KINDS) + self._supervised_at(stamp):
+        if len(row) < len(KINDS) + len(SUPERVISED_KINDS) * self._supervised_at(stamp):
             return None
         self._last = stamp
         if len(self._waiting) > 1:

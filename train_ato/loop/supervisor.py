@@ -7,7 +7,7 @@ import numpy as np
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import SupervisorMessages, diagnostics_due
 from train_ato.messages.topics import Role
-from train_ato.messages.types import AtoReport, BrakeRelease, Diagnostic, Odometry, SupervisedSpeeds
+from train_ato.messages.types import BrakeRelease, Diagnostic, Odometry, SupervisedSpeeds
 from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState
 
 
@@ -22,24 +22,19 @@ class SupervisorStage:
         self._period_ns = setup.supervision_ticks * setup.tick_ns
         self._reported = SupervisionState.NORMAL
 
-    def step(self, odometry: Odometry, ato: AtoReport | None) -> SupervisorMessages:
-        """Return the decision for the stamp of the odometry.
-
-        Parameters
-        ----------
-        odometry
-            Odometry of this period.
-        ato
-            Report of the ATO of the period before; None at the first.
-        """
+    def step(self, odometry: Odometry) -> SupervisorMessages:
+        """Return the decision for the stamp of the odometry."""
         stamp = odometry.stamp
-        decision = self._supervisor.step(odometry, ato)
+        decision = self._supervisor.step(odometry)
         changed = decision.state is not self._reported
         self._reported = decision.state
-        speed = 0.0 if decision.motion is None else decision.motion.speed
+        motion = decision.motion
+        speed, front, error = (
+            (0.0, 0.0, 0.0) if motion is None else (motion.speed, motion.front, motion.estimate.under_reading)
+        )
         return SupervisorMessages(
             BrakeRelease(stamp, np.array(decision.released, dtype=np.float64)),
-            SupervisedSpeeds(stamp, np.array([speed, *decision.speeds])),
+            SupervisedSpeeds(stamp, np.array([front, *[front + error] * 4]), np.array([speed, *decision.speeds])),
             self._diagnostic(stamp, decision) if changed or diagnostics_due(stamp, self._period_ns) else None,
         )
 

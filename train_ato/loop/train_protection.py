@@ -69,6 +69,7 @@ class TrainProtection:
         self._release: BrakeRelease | None = None
         self._newest = 0
         self._silent = Protection.NONE
+        self._unreleased = False
 
     def jump(self, change: DelayJump) -> None:
         """Add a change of the command delays."""
@@ -97,16 +98,21 @@ class TrainProtection:
         if self.requested:
             demands.append((Protection.EMERGENCY_BRAKE, "emergency brake requested"))
         if self._supervised:
-            demands += [self._of_release(stamp), self._of_command(stamp, stands)]
+            demands += [self._of_release(stamp, stands), self._of_command(stamp, stands)]
         self.level, self.reason = max(demands, key=lambda demand: demand[0])
         return self.level
 
-    def _of_release(self, stamp: int) -> tuple[Protection, str]:
-        """Return the reaction to the brake release of the supervisor or to its age."""
+    def _of_release(self, stamp: int, stands: bool) -> tuple[Protection, str]:
+        """Return the reaction to the brake release of the supervisor or to its age.
+
+        The emergency brake of a missing release lasts until standstill.
+        """
         release = self._release
         age = stamp - (0 if release is None else release.stamp)
-        if age > self._release_age:
+        if age > self._release_age or (self._unreleased and not stands):
+            self._unreleased = True
             return Protection.EMERGENCY_BRAKE, f"no brake release for {age * 1e-9:.1f} s"
+        self._unreleased = False
         if release is None:
             return Protection.NONE, ""
         traction, service, emergency = (value == 1.0 for value in release.released.tolist())

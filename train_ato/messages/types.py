@@ -134,9 +134,12 @@ class ProtectionState:
 
 @dataclass(frozen=True, slots=True)
 class SupervisedSpeeds:
-    """Estimated speed and limits at the estimated position (topic ``atp/speeds``), shape (5,)."""
+    """Estimated speed and limits of the supervisor (topic ``atp/speeds``), shape (5,) each."""
 
     stamp: int
+    position: Array = field(
+        metadata=described("position", "m", "front: estimate, for the limits the max safe front they hold for")
+    )
     speed: Array = field(metadata=described("speed", "m/s"))
 
 

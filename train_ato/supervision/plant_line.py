@@ -38,6 +38,7 @@ def line_supervision(
     *,
     reaction: float = 0.0,
     service_brake: bool = False,
+    service_curve: bool = True,
 ) -> TrackSupervision:
     """Return the supervision of a train up to an end of authority on a line.
 
@@ -55,6 +56,8 @@ def line_supervision(
         Largest time from a motion of the train to the demand at its brakes [s].
     service_brake
         True if the supervisor commands the service brake.
+    service_curve
+        True to supervise the end of authority with the service-brake curve too.
 
     Raises
     ------
@@ -63,6 +66,8 @@ def line_supervision(
     """
     train = plant_train(consist, setup, highest_limit(line) if max_speed is None else max_speed, kdry)
     train = replace(_with_reaction(train, reaction), service_command=service_brake)
+    if not service_curve:
+        train = replace(train, brake=replace(train.brake, service=None))
     limits = [(entry.at, entry.speed) for entry in line.speed_limits]
     end = None if target is None else BrakingTarget(target, kind="EOA")
     return TrackSupervision(train, grades_permille(line), limits, end)

@@ -33,7 +33,10 @@ class SupervisionSpec(SiModel):
     )
     kdry: Ratio = Field(0.8, gt=0, le=1, description="factor on the emergency deceleration, Kdry_rst")
     service_brake: bool = Field(True, description="intervene with the service brake before the emergency brake")
-    roll_away: Length = Field(2.0, gt=0, description="largest movement backwards, and of a train at standstill")
+    service_curve: bool = Field(
+        False, description="supervise the stop with the SBD too, for a law that does not use the full service brake"
+    )
+    roll_away: Length = Field(2.0, gt=0, description="largest movement backwards")
     speed_difference: Speed = Field(
         2.0, gt=0, description="largest difference of the ATO's speed, beyond the errors of both"
     )
@@ -41,4 +44,8 @@ class SupervisionSpec(SiModel):
         20.0, gt=0, description="largest difference of the ATO's position, beyond the error of the odometry"
     )
     confirmation: Time = Field(1.0, ge=0, description="duration of a difference before it counts")
+    assurance: bool = Field(True, description="a braking law takes over from the law before the warning limit")
+    assurance_margin: Speed = Field(
+        0.5, ge=0, description="distance from the permitted speed at which the law drives again"
+    )
     failsafe: FailsafeSpec = FailsafeSpec()

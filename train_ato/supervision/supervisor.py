@@ -1,6 +1,7 @@
-"""Supervisor: states of the speed supervision, brake demands and their release, monitors of the train.
+"""Supervisor: states of the speed supervision, brake demands and their release.
 
-SUBSET-026, 3.13.10 (commands of the speed and distance monitoring) and 3.14 (standstill, roll away).
+It uses its own odometry only, and no message of the ATO. SUBSET-026, 3.13.10 (commands of the speed and distance
+monitoring) and 3.14 (roll away).
 """
 
 from __future__ import annotations
@@ -8,11 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
-import numpy as np
-
-from train_ato.messages.types import AtoReport, AtoState, Odometry
+from train_ato.messages.types import Odometry
 from train_ato.supervision.ceiling import SupervisionSpeeds
-from train_ato.supervision.odometry import speed_measurement_error
 from train_ato.supervision.position_estimate import PositionEstimator, TrainMotion
 from train_ato.supervision.settings import SupervisionSpec
 from train_ato.supervision.track_supervision import TrackSupervision
@@ -63,8 +61,6 @@ class Supervisor:
         Limits of the train on its line.
     spec
         Settings.
-    front_offset
-        Distance of the front from the centre of vehicle 0 [m], the position of the ATO.
 
     Attributes
     ----------
@@ -72,28 +68,17 @@ class Supervisor:
         Number of brake interventions.
     """
 
-    def __init__(self, track: TrackSupervision, spec: SupervisionSpec, front_offset: float) -> None:
-        self._track, self._spec, self._front_offset = track, spec, front_offset
+    def __init__(self, track: TrackSupervision, spec: SupervisionSpec) -> None:
+        self._track, self._spec = track, spec
         self._estimator = PositionEstimator()
         self._state = SupervisionState.NORMAL
         self._reason = ""
         self._stamp = 0
-        self._rolled = self._crept = 0.0
-        self._stood = False
-        self._motions: dict[int, TrainMotion] = {}
-        self._differs_since: int | None = None
+        self._rolled = 0.0
         self.interventions = 0
 
-    def step(self, odometry: Odometry, ato: AtoReport | None) -> SupervisionDecision:
-        """Return the decision of one period.
-
-        Parameters
-        ----------
-        odometry
-            Odometry of this period.
-        ato
-            Newest report of the ATO, or None before the first.
-        """
+    def step(self, odometry: Odometry) -> SupervisionDecision:
+        """Return the decision of one period from its odometry."""
         motion = self._estimator.step(odometry)
         if motion is None:
             self._intervene(SupervisionState.EMERGENCY_BRAKE, "the odometry is not finite")
@@ -101,8 +86,7 @@ class Supervisor:
         speeds = self._track.evaluate(motion.front, motion.estimate)
         self._release(motion, speeds)
         self._supervise_speed(motion, speeds)
-        self._supervise_standstill(motion, ato)
-        self._compare(motion, ato)
+        self._supervise_direction(motion)
         self._stamp = motion.stamp
         return SupervisionDecision(self._state, self._reason, speeds, motion)
 
@@ -124,7 +108,7 @@ class Supervisor:
         if state is SupervisionState.EMERGENCY_BRAKE:
             ended = stands
         elif state is SupervisionState.SERVICE_BRAKE:
-            ended = stands or (within and self._differs_since is None)
+            ended = stands or within
         else:
             ended = within
         if ended:
@@ -146,8 +130,8 @@ class Supervisor:
         elif self._track.indicates(motion.front, speed, motion.estimate):
             self._intervene(SupervisionState.INDICATION, "a target is near")
 
-    def _supervise_standstill(self, motion: TrainMotion, ato: AtoReport | None) -> None:
-        """Supervise movements backwards, and of a train at standstill without an engaged ATO: 3.14.2, 3.14.3.
+    def _supervise_direction(self, motion: TrainMotion) -> None:
+        """Supervise the movement backwards: 3.14.2 (roll away), 3.14.3 (reverse movement).
 
         The distance is the integral of the speed: a balise corrects the position estimate by more than the limit.
         """
@@ -155,42 +139,3 @@ class Supervisor:
         self._rolled = max(self._rolled - moved, 0.0) if motion.speed < 0.0 else 0.0
         if self._rolled > self._spec.roll_away:
             self._intervene(SupervisionState.EMERGENCY_BRAKE, f"the train rolled back {self._rolled:.1f} m")
-        if ato is not None and ato.state[0] == AtoState.ENGAGED:
-            self._stood = False
-        elif abs(motion.speed) < STANDSTILL_SPEED and not self._stood:
-            self._stood, self._crept = True, 0.0
-        elif self._stood:
-            self._crept += abs(moved)
-            if self._crept > self._spec.roll_away:
-                self._intervene(
-                    SupervisionState.EMERGENCY_BRAKE, f"the train moved {self._crept:.1f} m from standstill"
-                )
-                self._crept = 0.0
-
-    def _compare(self, motion: TrainMotion, ato: AtoReport | None) -> None:
-        """Compare the measurement of the ATO with the odometry of the same stamp, while the train moves."""
-        self._motions[motion.stamp] = motion
-        if ato is None or ato.stamp not in self._motions:
-            return
-        then = self._motions.pop(ato.stamp)
-        self._motions = {stamp: other for stamp, other in self._motions.items() if stamp > ato.stamp}
-        difference = self._difference(then, float(ato.position[0]), float(ato.velocity[0]))
-        if not difference:
-            self._differs_since = None
-            return
-        if self._differs_since is None:
-            self._differs_since = ato.stamp
-        if motion.stamp - self._differs_since >= self._spec.confirmation * 1e9 and abs(motion.speed) > STANDSTILL_SPEED:
-            self._intervene(SupervisionState.SERVICE_BRAKE, f"measurement of the ATO: {difference}")
-
-    def _difference(self, then: TrainMotion, position: float, speed: float) -> str:
-        """Return the implausible difference of a measurement [m, m/s] from the estimate as text, "" without one."""
-        if not (np.isfinite(position) and np.isfinite(speed)):
-            return "not finite"
-        allowed = self._spec.speed_difference + speed_measurement_error(then.speed)
-        if abs(speed - then.speed) > allowed:
-            return f"{speed * 3.6:.1f} km/h, odometry {then.speed * 3.6:.1f} km/h"
-        front = position + self._front_offset
-        if abs(front - then.front) > self._spec.position_difference + then.estimate.under_reading:
-            return f"{front:.0f} m, odometry {then.front:.0f} m"
-        return ""

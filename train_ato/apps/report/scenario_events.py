@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from plant_sim.disturbances import Gust, Paper001, TravellingLoad, UnmodelledGrade
+from plant_sim.plant_setup import TrainSeparation
 from train_ato.apps.report.event import Event
 from train_ato.apps.report.quantities import KINDS
 from train_ato.apps.report.words import longer
@@ -67,7 +68,10 @@ def _jumps(recording: Recording) -> Iterator[Event]:
     if link is not None:
         yield from _within(Event("fault", link.at, longer(link.factor, link.add)), begin, end)
     for jump in recording.setup.plant.jumps:
-        text = f"{jump.what} times {jump.factor:g}"
+        if isinstance(jump, TrainSeparation):
+            text = f"coupler behind vehicle {', '.join(map(str, jump.vehicles))} parts"
+        else:
+            text = f"{jump.what} times {jump.factor:g}"
         if jump.at is not None:
             yield from _within(Event("fault", jump.at, text), begin, end)
         elif jump.place is not None:

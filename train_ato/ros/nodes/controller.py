@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from train_ato.control.contract import Parameter
 from train_ato.control.registry import LAWS
 from train_ato.loop.controller import ControllerStage
-from train_ato.loop.stamp_synchronizer import PROTECTION, StampSynchronizer
+from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.loop.trajectories import profile_of
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import Declared, block_parameters, declare
@@ -46,7 +46,8 @@ class ControllerNode:
                 "train/measurement": partial(self._step, "measurement"),
                 "ato/reference": partial(self._step, "reference"),
                 "ato/estimate": partial(self._step, "estimate"),
-                "train/protection": partial(self._step, PROTECTION),
+                "train/protection": partial(self._step, "protection"),
+                "atp/speeds": partial(self._step, "speeds"),
             }
         )
         for request in REQUESTS:
@@ -98,7 +99,9 @@ class ControllerNode:
         for inputs in self._inputs.put(kind, message):
             if inputs.profile is not None:
                 self.stage.set_profile(profile_of(inputs.profile))
-            messages = self.stage.step(inputs.measurement, inputs.reference, inputs.estimate, inputs.protection)
+            messages = self.stage.step(
+                inputs.measurement, inputs.reference, inputs.estimate, inputs.protection, inputs.speeds
+            )
             if self.stage.changed:
                 self._sync_parameters(self.stage.changed)
             self.endpoints.publish_all(messages.published())

@@ -14,7 +14,7 @@ class ProfileNode:
     def __init__(self, stage: ProfileStage, endpoints: NodeEndpoints) -> None:
         self.stage = stage
         self.endpoints = endpoints
-        self._inputs: AwaitedReport[Measurement] = AwaitedReport(stage.setup)
+        self._inputs = AwaitedReport(stage.setup)
         endpoints.subscribe(
             {
                 "train/measurement": lambda message: self._answer(self._inputs.put(message)),

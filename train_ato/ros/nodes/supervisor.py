@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from train_ato.loop.awaited_report import AwaitedReport
 from train_ato.loop.supervisor import SupervisorStage
-from train_ato.messages.types import AtoReport, Odometry
+from train_ato.messages.types import Odometry
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 
 
@@ -14,19 +13,11 @@ class SupervisorNode:
     def __init__(self, stage: SupervisorStage, endpoints: NodeEndpoints) -> None:
         self.stage = stage
         self.endpoints = endpoints
-        self._inputs: AwaitedReport[Odometry] = AwaitedReport(stage.setup)
-        endpoints.subscribe(
-            {
-                "train/odometry": lambda message: self._answer(self._inputs.put(message)),
-                "ato/state": lambda message: self._answer(self._inputs.report(message)),
-            }
-        )
+        self.ignored = 0
+        endpoints.subscribe({"train/odometry": self._on_odometry})
 
-    @property
-    def ignored(self) -> int:
-        """Number of duplicate and late messages."""
-        return self._inputs.ignored
-
-    def _answer(self, ready: list[tuple[Odometry, AtoReport | None]]) -> None:
-        for odometry, report in ready:
-            self.endpoints.publish_all(self.stage.step(odometry, report).published())
+    def _on_odometry(self, odometry: Odometry) -> None:
+        if odometry.stamp <= self.endpoints.last_stamp:
+            self.ignored += 1
+            return
+        self.endpoints.publish_all(self.stage.step(odometry).published())

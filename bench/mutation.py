@@ -1,0 +1,177 @@
+"""Mutation score of the braking curves and the delay lines: the part of small faults that the tests find.
+
+    python bench/mutation.py                       # all mutants, about 25 minutes on one core
+    python bench/mutation.py --sample 150          # random mutants, about 3 minutes
+    python bench/mutation.py --only gradient.py    # mutants of one file
+
+A mutant is the program with one small change. mutmut changes statements in functions, ``table_mutants.py`` the numbers
+of tables and defaults. A mutant is killed if a test fails or exceeds its time limit; equivalent mutants, listed with
+reasons in ``equivalent_mutants.yaml``, are left out. The exit status is 1 if the score of a file, or of the sample, is
+below the bound. Needs ``pip install mutmut``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+from table_mutants import TableMutant, run_table_mutants, table_mutants
+
+ROOT = Path(__file__).resolve().parents[1]
+BOUND = 85.0
+"""Smallest score of a file [%]."""
+LEFT_OUT = ("__init__.py", "plant_brake.py")
+FILES = tuple(
+    str(path.relative_to(ROOT))
+    for path in (*sorted((ROOT / "train_ato/supervision").glob("*.py")), ROOT / "train_ato/messages/links.py")
+    if path.name not in LEFT_OUT
+)
+TESTS = ("curves_standard", "links", "curves_cases", "curves_files", "curves_plant")
+"""Test files in the order in which they run."""
+EQUIVALENT = Path(__file__).with_name("equivalent_mutants.yaml")
+KILLED = ("killed", "timeout", "segfault")
+PARTS = ("train_ato", "plant_sim", "test", "msgs_docs", "examples", "setup.py", "setup.cfg", "pyproject.toml")
+CONFIGURATION = """
+[tool.mutmut]
+source_paths = ["train_ato", "plant_sim"]
+only_mutate = {files}
+also_copy = ["msgs_docs", "examples", "setup.py"]
+pytest_add_cli_args_test_selection = {tests}
+timeout_multiplier = 4.0
+"""
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """Tested mutant: file, function (empty: table), changed lines, and outcome."""
+
+    path: str
+    place: str
+    before: str
+    after: str
+    outcome: str
+
+    @property
+    def key(self) -> tuple[str, str, str, str]:
+        """Identification in the list of equivalent mutants."""
+        return self.path, self.place, self.before, self.after
+
+
+def test_files() -> list[str]:
+    """Return the paths of the test files."""
+    return [f"test/test_{name}.py" for name in TESTS]
+
+
+def copy_project(folder: Path, files: Sequence[str]) -> None:
+    """Copy the project into a folder, with the configuration of mutmut."""
+    for part in PARTS:
+        if (ROOT / part).is_dir():
+            shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__", ".*"))
+        else:
+            shutil.copy(ROOT / part, folder / part)
+    with (folder / "pyproject.toml").open("a", encoding="utf-8") as file:
+        file.write(CONFIGURATION.format(files=json.dumps(files), tests=json.dumps(test_files())))
+
+
+def function_mutants(folder: Path, *arguments: str, output: int | None = None) -> str:
+    """Start ``function_mutants.py`` in the copy; return its output."""
+    command = [sys.executable, str(Path(__file__).with_name("function_mutants.py")), *arguments]
+    run = subprocess.run(command, cwd=folder, stdout=output or sys.stderr, text=True, check=True)
+    return run.stdout or ""
+
+
+def tested(files: Sequence[str], sample: int | None, seed: int) -> list[Mutant]:
+    """Return the outcomes of all mutants of files, or of a random sample."""
+    sources = {path: (ROOT / path).read_text(encoding="utf-8") for path in files}
+    tables = {mutant.name: mutant for path, source in sources.items() for mutant in table_mutants(path, source)}
+    with tempfile.TemporaryDirectory(prefix="mutation_") as name:
+        folder = Path(name)
+        copy_project(folder, files)
+        names: list[str] = json.loads(function_mutants(folder, "names", *files, output=subprocess.PIPE))
+        if sample is not None:
+            everything = [*names, *tables]
+            chosen = set(random.Random(seed).sample(everything, min(sample, len(everything))))
+            names, tables = [n for n in names if n in chosen], {n: t for n, t in tables.items() if n in chosen}
+        found = []
+        if names:
+            function_mutants(folder, "run", "results.json", *(names if sample is not None else ()))
+            found = [Mutant(**entry) for entry in json.loads((folder / "results.json").read_text())]
+    return found + tested_tables(list(tables.values()), sources)
+
+
+def tested_tables(mutants: Sequence[TableMutant], sources: dict[str, str]) -> list[Mutant]:
+    """Return the outcomes of mutants of tables."""
+    found = []
+    outcomes = run_table_mutants(ROOT, mutants, test_files()) if mutants else iter(())
+    for mutant, outcome in zip(mutants, outcomes, strict=True):
+        before, after = (
+            text.splitlines()[mutant.line - 1].strip()
+            for text in (sources[mutant.path], mutant.source(sources[mutant.path]))
+        )
+        found.append(Mutant(mutant.path, "", before, after, outcome))
+        sys.stderr.write(f"\r{len(found)} of {len(mutants)} numbers of tables")
+    return found
+
+
+def score(outcomes: Counter[str]) -> float:
+    """Return the part of killed mutants among those that are not equivalent [%]."""
+    counted = outcomes.total() - outcomes["equivalent"]
+    return 100.0 * sum(outcomes[name] for name in KILLED) / counted if counted else 100.0
+
+
+def report(mutants: Iterable[Mutant], equivalent: dict[tuple[str, str, str, str], str], *, each: bool) -> int:
+    """Print the table of the files and the survivors; return the exit status."""
+    by_file: dict[str, Counter[str]] = {}
+    survivors = []
+    for mutant in mutants:
+        alive = mutant.outcome not in KILLED
+        outcome = "equivalent" if alive and mutant.key in equivalent else mutant.outcome
+        by_file.setdefault(mutant.path, Counter())[outcome] += 1
+        if alive and outcome != "equivalent":
+            survivors.append(mutant)
+    for mutant in survivors:
+        print(f"\n{mutant.path}: {mutant.place or 'table'}: {mutant.outcome}")
+        print("\n".join([f"- {line}" for line in mutant.before.splitlines()]))
+        print("\n".join([f"+ {line}" for line in mutant.after.splitlines()]))
+    total = sum(by_file.values(), Counter())
+    print(f"\n{'file':46}{'mutants':>8}{'equivalent':>11}{'killed':>8}{'survived':>9}{'score':>8}")
+    for path, outcomes in [*sorted(by_file.items()), ("all", total)]:
+        killed, counted = sum(outcomes[name] for name in KILLED), outcomes.total() - outcomes["equivalent"]
+        print(f"{path:46}{outcomes.total():8}{outcomes['equivalent']:11}{killed:8}{counted - killed:9}"
+              f"{score(outcomes):7.1f}%")  # fmt: skip
+    judged = [*by_file.values(), total] if each else [total]
+    return int(any(score(outcomes) < BOUND for outcomes in judged))
+
+
+def equivalent_mutants() -> dict[tuple[str, str, str, str], str]:
+    """Return the reasons of the equivalent mutants by file, function and changed lines."""
+    entries = yaml.safe_load(EQUIVALENT.read_text(encoding="utf-8")) or []
+    return {(e["file"], e["in"], e["before"].strip(), e["after"].strip()): e["reason"] for e in entries}
+
+
+def main() -> int:
+    """Run the command; return its exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--sample", type=int, help="number of random mutants; default: all")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the sample")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="names of files")
+    arguments = parser.parse_args()
+    files = [path for path in FILES if not arguments.only or Path(path).name in arguments.only]
+    if not files:
+        parser.error(f"--only: no such file; choose from {', '.join(Path(path).name for path in FILES)}")
+    found = tested(files, arguments.sample, arguments.seed)
+    return report(found, equivalent_mutants(), each=arguments.sample is None)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

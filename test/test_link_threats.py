@@ -1,0 +1,194 @@
+"""Delay lines and the threats to messages of EN 50159: repetition, deletion, insertion, re-sequence and delay.
+
+Corruption and masquerade are no effects of a delay. A message is a number that rises with its stamp, so a threat is
+visible in the order of the numbers that act.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plant_sim.streams import random_stream
+from train_ato.messages.links import NEVER, DelayJump, Link, LinkSpec, MessageLink, VaryingDelay
+
+STEP = 5_000_000
+TICK = 20 * STEP
+
+JUMPS = st.lists(st.builds(DelayJump, at=st.floats(0, 4), factor=st.floats(0, 3), add=st.floats(-1, 1)), max_size=3)
+SPECS = st.builds(
+    LinkSpec,
+    delay=st.floats(0, 1.5),
+    delay_brake=st.none() | st.floats(0, 1.5),
+    jitter=st.just(0.0) | st.floats(0, 0.8),
+    loss=st.just(0.0) | st.floats(0, 0.9),
+    varying=st.none()
+    | st.builds(VaryingDelay, amplitude=st.floats(0, 1), omega=st.floats(0.1, 9), phase=st.floats(-3, 3)),
+)
+
+
+def acting(link: Link, values: list[float], jumps: list[DelayJump]) -> np.ndarray:
+    """Send one value a tick and 4 s of nothing; return the acting values of all steps."""
+    for jump in jumps:
+        link.jump(jump)
+    parts = []
+    for tick in range(len(values) + 40):
+        if tick < len(values):
+            link.push(tick * TICK, (values[tick],))
+        parts.append(link.window(tick * TICK, 20)[:, 0])
+    return np.concatenate(parts)
+
+
+@given(SPECS, JUMPS, st.integers(0, 99))
+def test_no_message_is_inserted_repeated_or_out_of_sequence(spec: LinkSpec, jumps: list[DelayJump], seed: int) -> None:
+    """Breaks if a value acts that was not sent, returns after a newer one, or acts before its stamp.
+
+    Commands have either sign, so that those in braking overtake those in traction.
+    """
+    signs = np.random.default_rng(seed).choice((-1.0, 1.0), 40)
+    found = acting(Link(spec, 1, STEP, seed, "c"), list(signs * np.arange(1, 41)), jumps)
+    numbers = np.abs(found)
+    assert set(found) <= {0.0, *(signs * np.arange(1, 41))}
+    assert (np.diff(numbers) >= 0).all()
+    sent = np.arange(found.size) // 20 + 1
+    assert (numbers <= sent).all()
+
+
+@given(SPECS, st.integers(0, 99))
+def test_no_message_of_a_topic_is_repeated_or_out_of_sequence(spec: LinkSpec, seed: int) -> None:
+    """Breaks if a message that a newer one replaced is returned again."""
+    link = MessageLink(spec, STEP, seed, "measurement")
+    found = [link.pass_on(tick * TICK, tick) for tick in range(60)]
+    assert found == sorted(found)
+    assert all(number <= tick for tick, number in enumerate(found))
+
+
+def test_deletion_is_counted_and_holds_the_last_value() -> None:
+    """Breaks if a lost command acts, a delivered one is counted as lost, or the value before it is not held."""
+    spec = LinkSpec(loss=0.4, jitter=0.05)
+    link = Link(spec, 1, STEP, 7, "c")
+    draws = random_stream(7, "link/c").random((50, 2))  # jitter and loss of each message
+    found = acting(link, [float(k + 1) for k in range(50)], [])
+    delivered = [k for k in range(50) if draws[k, 1] >= 0.4]
+    assert link.lost == 50 - len(delivered) > 10
+    expected = np.zeros(found.size)
+    for k in delivered:
+        expected[k * 20 + round(draws[k, 0] * 0.05e9 / STEP) :] = k + 1
+    assert np.array_equal(found, expected)
+
+
+def test_deletion_of_messages_depends_on_seed_and_topic() -> None:
+    """Breaks if the links of two topics or two runs lose the same messages."""
+
+    def passed(seed: int, name: str) -> list[int]:
+        link = MessageLink(LinkSpec(loss=0.5), STEP, seed, name)
+        return [link.pass_on(tick * TICK, tick) for tick in range(60)]
+
+    assert passed(1, "a") == passed(1, "a")
+    assert len({tuple(passed(*key)) for key in ((1, "a"), (2, "a"), (1, "b"))}) == 3
+
+
+def test_jitter_delays_between_its_bounds() -> None:
+    """Breaks if jitter without loss has no effect, makes a message early, or exceeds its bound."""
+    late = []
+    for seed in range(200):
+        link = Link(LinkSpec(delay=0.2, jitter=0.3), 1, STEP, seed, "c")
+        link.push(0, (1.0,))
+        late.append(int(np.flatnonzero(link.window(0, 120)[:, 0])[0]))
+    assert 40 <= min(late) < 45 and 95 < max(late) <= 100
+    assert len(set(late)) > 40
+
+
+def test_shorter_delay_after_a_jump_keeps_the_sequence() -> None:
+    """Breaks if messages in flight act after a newer one with a shorter delay, or a jump acts at another time."""
+    link = Link(LinkSpec(delay=1.0), 1, STEP, 1, "c")
+    found = acting(link, [float(k + 1) for k in range(30)], [DelayJump(at=1.5, factor=0.1)])
+    first = {value: int(np.flatnonzero(found == value)[0]) for value in set(found) - {0.0}}
+    assert first == {float(k + 1): (k + 10) * 20 for k in range(6)} | {
+        float(k + 1): (k + 1) * 20 for k in range(15, 30)
+    }
+
+
+def test_jumps_multiply_and_then_add() -> None:
+    """Breaks if a jump added during the run replaces an earlier one, or a sum is multiplied."""
+    link = Link(LinkSpec(delay=0.1, jump=DelayJump(at=0.0, factor=2.0, add=0.05)), 1, STEP, 1, "c")
+    link.jump(DelayJump(at=0.0, factor=3.0, add=0.15))
+    link.jump(DelayJump(at=1.0, add=-9.0))
+    link.push(0, (1.0,))
+    assert np.flatnonzero(link.window(0, 400)[:, 0])[0] == 160  # 0.1 s · 2 · 3 + 0.05 s + 0.15 s
+    link.push(2_000_000_000, (2.0,))
+    assert link.pop(2_000_000_000) == 2.0  # a negative delay is none
+
+
+def test_message_behind_an_endless_delay_never_acts() -> None:
+    """Breaks if a product of factors beyond every number raises an error, or its message acts."""
+    link = Link(LinkSpec(delay=1.0), 1, STEP, 1, "c")
+    for _ in range(120):
+        link.jump(DelayJump(at=0.0, factor=1000.0))
+    link.push(0, (1.0,))
+    assert link.pop(round(NEVER * 1e9) - STEP) == 0.0
+
+
+@pytest.mark.parametrize("omega", [1.0, 7.0])
+@pytest.mark.parametrize("window", [1, 4, 20])
+def test_varying_delay_keeps_the_sequence_over_windows(omega: float, window: int) -> None:
+    """Breaks if a delay that rises faster than time brings an older value back, or windows change the result."""
+    varying = VaryingDelay(amplitude=0.6, omega=omega, phase=1.0)
+    values = [float(k + 1) for k in range(60)]
+    link = Link(LinkSpec(varying=varying), 1, STEP, 1, "c")
+    found = []
+    for tick, value in enumerate(values):
+        link.push(tick * TICK, (value,))
+        found += [link.window(tick * TICK + start * STEP, window)[:, 0] for start in range(0, 20, window)]
+    steps = np.arange(1200)
+    late = np.rint(0.6 * np.abs(np.sin(omega * steps * STEP * 1e-9 + 1.0)) * 1e9 / STEP).astype(int)
+    newest = np.maximum.accumulate(steps - late) // 20 + 1
+    assert np.array_equal(np.concatenate(found), np.maximum(newest, 0))
+
+
+def test_delays_are_exact_for_long_times() -> None:
+    """Breaks if the longest delay, the time of a jump, or stamps since 1970 lose a nanosecond."""
+    link = Link(LinkSpec(delay=600.0), 1, 100, 1, "c")
+    link.push(0, (1.0,))
+    assert link.pop(600_000_000_000 - 100) == 0.0 and link.pop(600_000_000_000) == 1.0
+    late = Link(LinkSpec(jump=DelayJump(at=5000.0, add=1.0)), 1, STEP, 1, "c")
+    late.push(5_000_000_000_000, (1.0,))
+    assert late.pop(5_000_000_000_000) == 0.0
+    epoch = 1_700_000_000_000_000_000 + 5
+    varying = Link(LinkSpec(varying=VaryingDelay(amplitude=0.0)), 1, 1, 1, "c")
+    varying.push(epoch, (1.0,))
+    assert varying.pop(epoch - 1) == 0.0 and varying.pop(epoch) == 1.0
+
+
+def test_a_second_reading_at_a_time_is_equal() -> None:
+    """Breaks if a reading takes values that are due later."""
+    link = Link(LinkSpec(), 1, STEP, 1, "c")
+    link.push(STEP, (1.0,))
+    assert [float(link.pop(now)[0]) for now in (0, 0, STEP, STEP)] == [0.0, 0.0, 1.0, 1.0]
+
+
+def test_coasting_commands_have_the_delay_of_traction() -> None:
+    """Breaks if a command of 0 or a small one in traction has the delay of braking."""
+    link = Link(LinkSpec(delay=0.1, delay_brake=1.0), 3, STEP, 1, "c")
+    link.push(0, (1.0, 1.0, 1.0))
+    link.push(TICK, (0.0, 0.5, -0.5))
+    assert list(link.pop(2 * TICK)) == [0.0, 0.5, 1.0]
+
+
+@pytest.mark.parametrize(("delay", "accepted"), [(0.0, True), (600.0, True), (601.0, False)])
+def test_longest_delay(delay: float, accepted: bool) -> None:
+    """Breaks if a delay of 600 s is refused, or a longer one is accepted or refused without key, value and remedy."""
+    spec = LinkSpec(delay=(0.0, delay))
+    if accepted:
+        assert list(spec.per_unit(2, "links.x")[0]) == [0.0, delay]
+    else:
+        with pytest.raises(ValueError) as refused:
+            Link(spec, 2, STEP, 1, "x")
+        assert str(refused.value) == "links.x.delay: 601 s is longer than 600 s; check its unit"
+
+
+def test_link_of_a_train_without_units() -> None:
+    """Breaks if a train without powered vehicles has no link."""
+    assert Link(LinkSpec(delay=0.3), 0, STEP, 1, "c").window(0, 4).shape == (4, 0)

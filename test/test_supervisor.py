@@ -1,0 +1,328 @@
+"""Decisions of the supervisor, of the checks of the ATO and of the train's fail-safe reactions, one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from train_ato.control.assurance import AssuranceMonitor
+from train_ato.control.ato_state import TAKEOVER_TIME, AtoStateMachine
+from train_ato.control.plausibility import MeasurementCheck
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.loop.train_protection import Protection, TrainProtection
+from train_ato.messages.types import AtoState, BrakeRelease, Measurement, Odometry, SupervisedSpeeds
+from train_ato.scenario.scenario import load_scenario
+from train_ato.supervision.ceiling import ceiling_speeds
+from train_ato.supervision.odometry import speed_measurement_error
+from train_ato.supervision.position_estimate import PositionEstimator
+from train_ato.supervision.settings import SupervisionSpec
+from train_ato.supervision.supervisor import SupervisionState, Supervisor
+
+METRO = "xuzhou_metro:disturbed"
+PERIOD = 400_000_000
+KMH = 3.6
+CEILING = ceiling_speeds(80 / KMH)
+
+
+def odometry(index: int, position: float, speed: float, since: float = 0.0) -> Odometry:
+    """Return odometry with equal odometers at a supervision period."""
+    return Odometry(index * PERIOD, np.full(2, position), np.full(2, speed), np.full(2, since))
+
+
+def metro(*changes: str) -> RunSetup:
+    return prepare(*load_scenario(METRO, changes))
+
+
+@pytest.fixture
+def supervisor() -> Supervisor:
+    return metro().supervisor()
+
+
+def states(supervisor: Supervisor, speeds_kmh: Sequence[float], position: float = 1000.0) -> list[SupervisionState]:
+    """Return the states at constant speeds of three periods each, so that the acceleration is 0 at the last one."""
+    found, index = [], 0
+    for speed in speeds_kmh:
+        for _ in range(5):
+            state = supervisor.step(odometry(index, position, speed / KMH)).state
+            index += 1
+        found.append(state)
+    return found
+
+
+def test_the_states_follow_the_ceiling_speeds_with_the_hysteresis_of_the_standard(supervisor: Supervisor) -> None:
+    """Breaks if a limit is exchanged, or a state ends above the permitted speed (3.13.10.3)."""
+    margins = [(speed * KMH) for speed in CEILING]
+    permitted, warning, service, emergency = margins
+    rising = [permitted - 1, permitted + 1, warning + 0.5, service + 0.5, emergency + 0.5]
+    assert states(supervisor, rising) == [
+        SupervisionState.NORMAL,
+        SupervisionState.OVERSPEED,
+        SupervisionState.WARNING,
+        SupervisionState.SERVICE_BRAKE,
+        SupervisionState.EMERGENCY_BRAKE,
+    ]
+    assert supervisor.interventions == 1
+
+
+def test_a_service_brake_ends_at_the_permitted_speed_and_an_emergency_brake_at_standstill() -> None:
+    """Breaks if the emergency brake ends while the train moves, or the service brake above the permitted speed."""
+    permitted, warning, service, emergency = (speed * KMH for speed in CEILING)
+    braked = states(metro().supervisor(), [service + 0.5, warning, permitted + 0.1, permitted - 0.1])
+    assert [state is SupervisionState.SERVICE_BRAKE for state in braked] == [True, True, True, False]
+    stopped = states(metro().supervisor(), [emergency + 0.5, permitted - 10, 1.0, 0.0])
+    assert [state is SupervisionState.EMERGENCY_BRAKE for state in stopped] == [True, True, True, False]
+
+
+def test_the_releases_follow_the_state() -> None:
+    """Breaks if traction is not cut off with a brake, or the emergency brake is released with the service brake."""
+    supervisor = metro().supervisor()
+    *_, service, emergency = (speed * KMH for speed in CEILING)
+    for index in range(5):
+        decision = supervisor.step(odometry(index, 1000.0, (service + 0.5) / KMH))
+    assert decision.released == (False, False, True)
+    for index in range(5, 10):
+        decision = supervisor.step(odometry(index, 1000.0, (emergency + 0.5) / KMH))
+    assert decision.released == (False, False, False)
+
+
+def test_without_a_service_brake_the_supervisor_waits_for_the_emergency_limit() -> None:
+    """Breaks if ``service_brake: false`` still demands the service brake."""
+    *_, service, emergency = (speed * KMH for speed in CEILING)
+    supervisor = metro("supervision.service_brake=false").supervisor()
+    assert states(supervisor, [service + 0.5, emergency + 0.5]) == [
+        SupervisionState.WARNING,
+        SupervisionState.EMERGENCY_BRAKE,
+    ]
+
+
+def test_the_train_is_stopped_before_the_end_of_authority(supervisor: Supervisor) -> None:
+    """Breaks if the stop is not a target: at the supervised location every speed is above the limits."""
+    setup = metro()
+    end = float(setup.profile.position[-1]) + setup.consist.vehicles[0].length / 2 + 100.0
+    assert states(supervisor, [10.0], end - 2.0) == [SupervisionState.EMERGENCY_BRAKE]
+    assert states(metro().supervisor(), [10.0], end - 600.0) == [SupervisionState.NORMAL]
+
+
+def test_odometry_that_is_not_finite_applies_the_emergency_brake(supervisor: Supervisor) -> None:
+    """Breaks if NaN passes the comparisons with the limits, which are all false."""
+    supervisor.step(odometry(0, 1000.0, 10.0))
+    broken = Odometry(PERIOD, np.array([np.nan, 1004.0]), np.full(2, 10.0), np.zeros(2))
+    assert supervisor.step(broken).state is SupervisionState.EMERGENCY_BRAKE
+
+
+def test_a_train_that_rolls_back_is_braked_after_two_metres(supervisor: Supervisor) -> None:
+    """Breaks if the movement backwards is not summed up, or a correction by a balise counts as a movement."""
+    found = [supervisor.step(odometry(0, 1000.0, 0.0))]
+    found += [supervisor.step(odometry(index, 970.0, 5.0)) for index in (1, 2)]
+    assert found[-1].state is SupervisionState.NORMAL
+    rolling = [supervisor.step(odometry(index, 970.0, -1.0)).state for index in range(3, 12)]
+    moved = [0.4 * (count + 1) for count in range(len(rolling))]
+    braked = [state is SupervisionState.EMERGENCY_BRAKE for state in rolling]
+    assert braked == [distance > 2.0 for distance in moved]
+
+
+def test_the_larger_odometer_counts() -> None:
+    """Breaks if locked wheels hide the motion: the radar must count."""
+    estimator = PositionEstimator()
+    motion = estimator.step(Odometry(0, np.array([900.0, 1000.0]), np.array([0.0, 20.0]), np.array([10.0, 110.0])))
+    assert motion is not None
+    assert (motion.front, motion.speed) == (1000.0, 20.0)
+    assert motion.estimate.under_reading == pytest.approx(5.0 + 0.05 * 110.0)
+    assert motion.estimate.speed_error == speed_measurement_error(20.0)
+
+
+def test_the_acceleration_is_the_mean_of_the_last_periods() -> None:
+    """Breaks if the time base or the sign is wrong."""
+    estimator = PositionEstimator()
+    for index in range(6):
+        motion = estimator.step(odometry(index, 0.0, 10.0 + 0.2 * index))
+    assert motion is not None
+    assert motion.estimate.acceleration == pytest.approx(0.5)
+
+
+def measured(stamp: int, position: float, speed: float) -> Measurement:
+    one, none = np.ones(1), np.zeros(0)
+    return Measurement(stamp, position * one, speed * one, 0 * one, none, none, none)
+
+
+def supervised(stamp: int, front: float, speed: float, limits: Sequence[float] = (50.0,) * 4) -> SupervisedSpeeds:
+    return SupervisedSpeeds(stamp, np.array([front, *[front + 10.0] * 4]), np.array([speed, *limits]))
+
+
+@pytest.mark.parametrize(
+    ("position", "speed", "word"),
+    [
+        (1000.0, 20.0, ""),
+        (1029.0, 20.0, ""),
+        (1031.0, 20.0, "front at"),
+        (1000.0, 23.5, "km/h"),
+        (np.nan, 20.0, "fini"),
+    ],
+    ids=["equal", "within the error", "position", "speed", "not a number"],
+)
+def test_an_implausible_measurement_is_found_after_the_confirmation(position: float, speed: float, word: str) -> None:
+    """Breaks if a difference counts at once, not at all, or without the error of the odometry."""
+    check = MeasurementCheck(SupervisionSpec(), 10.0)
+    texts = [
+        check.step(measured(index * PERIOD, position - 10.0, speed), supervised(index * PERIOD, 1000.0, 20.0))
+        for index in range(5)
+    ]
+    assert [bool(text) for text in texts] == [False, False, False, bool(word), bool(word)]
+    assert word in texts[-1]
+
+
+def test_a_short_difference_is_forgotten() -> None:
+    """Breaks if two differences with a plausible measurement between them count as one."""
+    check = MeasurementCheck(SupervisionSpec(), 0.0)
+    for index in range(12):
+        position = 1000.0 if index % 3 == 2 else 900.0
+        speeds = supervised(index * PERIOD, 1000.0, 20.0)
+        assert check.step(measured(index * PERIOD, position, 20.0), speeds) == ""
+
+
+def test_the_braking_law_takes_over_before_the_warning_limit_and_gives_back_below_the_permitted_speed() -> None:
+    """Breaks if the prediction over the reaction time or the margin of the return is missing."""
+    monitor = AssuranceMonitor(reaction=1.0, margin=0.5)
+    limits = (22.0, 23.0, 24.0, 25.0)
+    took_over_at, speed, index = 0.0, 20.0, 0
+    while not monitor.brakes:
+        monitor.step(supervised(index * PERIOD, 0.0, speed, limits))
+        took_over_at, speed, index = speed, speed + 0.4, index + 1
+    assert 22.0 <= took_over_at <= 22.4, "at 1 m/s² the limit is 1 s ahead"
+    while monitor.brakes:
+        monitor.step(supervised(index * PERIOD, 0.0, speed, limits))
+        speed, index = speed - 0.2, index + 1
+    assert 21.2 <= speed + 0.2 < 21.5
+    assert monitor.takeovers == 1
+
+
+def test_a_steady_speed_at_the_permitted_speed_is_left_to_the_law() -> None:
+    """Breaks if the braking law takes over in nominal driving."""
+    monitor = AssuranceMonitor(reaction=2.0, margin=0.5)
+    for index in range(50):
+        assert not monitor.step(supervised(index * PERIOD, 0.0, 22.0 + 0.1 * (index % 2), (22.0, 23.0, 24.0, 25.0)))
+
+
+def test_the_states_of_the_ato_from_a_brake_to_the_next_engagement() -> None:
+    """Breaks if the ATO engages by itself, while a brake is in effect, or while the train moves."""
+    machine = AtoStateMachine()
+    assert machine.state is AtoState.ENGAGED
+    conditions: list[tuple[dict[str, Any], AtoState]] = [
+        ({"valid": True, "stands": False, "locked": ""}, AtoState.ENGAGED),
+        ({"valid": True, "stands": False, "locked": "emergency brake"}, AtoState.DISENGAGING),
+        ({"valid": True, "stands": False, "locked": ""}, AtoState.DISENGAGING),
+        ({"valid": True, "stands": True, "locked": "emergency brake"}, AtoState.AVAILABLE),
+        ({"valid": True, "stands": True, "locked": ""}, AtoState.READY),
+        ({"valid": True, "stands": False, "locked": ""}, AtoState.AVAILABLE),
+        ({"valid": False, "stands": True, "locked": ""}, AtoState.NOT_AVAILABLE),
+        ({"valid": True, "stands": True, "locked": ""}, AtoState.READY),
+    ]
+    for stamp, (condition, expected) in enumerate(conditions):
+        if machine.state is not AtoState.READY:
+            with pytest.raises(ValueError, match="wait for this state"):
+                machine.request(stamp, "engage", stands=True)
+        machine.update(stamp, **condition)
+        assert machine.state is expected
+    machine.request(10, "engage", stands=True)
+    assert machine.state is AtoState.ENGAGED
+
+
+def test_a_failure_lasts_until_a_reset_at_standstill() -> None:
+    """Breaks if a failed ATO recovers by itself or is reset while the train moves."""
+    machine = AtoStateMachine()
+    machine.fail(0, "the law gave nothing")
+    machine.update(1, valid=True, stands=True, locked="")
+    assert machine.state is AtoState.FAILURE
+    with pytest.raises(ValueError, match="wait for standstill"):
+        machine.request(2, "reset", stands=False)
+    machine.request(3, "reset", stands=True)
+    machine.update(4, valid=True, stands=True, locked="")
+    assert machine.state is AtoState.READY
+
+
+def test_a_disengaged_ato_coasts_for_the_takeover_time_and_a_failed_one_brakes_at_once() -> None:
+    """Breaks if the train rolls on without a driver."""
+    machine = AtoStateMachine()
+    machine.request(0, "disengage", stands=False)
+    times = [0.0, TAKEOVER_TIME - 0.1, TAKEOVER_TIME]
+    assert [machine.brakes(round(time * 1e9)) for time in times] == [False, False, True]
+    failed = AtoStateMachine()
+    failed.fail(0, "reason")
+    assert failed.brakes(0)
+
+
+def released(stamp: int, *values: float) -> BrakeRelease:
+    return BrakeRelease(stamp, np.array(values or (1.0, 1.0, 1.0)))
+
+
+def reactions(protection: TrainProtection, begin: int, end: int, tick: int, **silent: int) -> list[Protection]:
+    """Return the reaction of every tick; ``command`` and ``release`` are silent from these ticks on."""
+    found = []
+    for index in range(begin, end):
+        stamp = index * tick
+        if index < silent.get("command", end):
+            protection.on_command(stamp)
+        if index % 8 == 0 and index < silent.get("release", end):
+            protection.on_release(released(stamp))
+        found.append(protection.step(stamp, stands=False))
+    return found
+
+
+def test_the_reaction_to_missing_commands_rises_with_their_age() -> None:
+    """Breaks if a bound is exchanged or the delay of the link is not part of the age."""
+    setup = metro()
+    tick, failsafe = setup.tick, setup.scenario.supervision.failsafe
+    found = reactions(TrainProtection(setup), 0, 300, setup.tick_ns, command=100)
+    nominal = setup.links.command.longest + tick
+    ages = [(index - 99) * tick for index in range(300)]
+    for age, level in zip(ages, found, strict=True):
+        excess = age - nominal
+        bounds = (failsafe.hold, failsafe.coast, failsafe.service)
+        if min(abs(excess - bound) for bound in bounds) > 2 * tick:
+            assert level == sum(excess > bound for bound in bounds), f"age {age:.2f} s"
+    assert set(found) == set(Protection)
+
+
+def test_a_missing_brake_release_applies_the_emergency_brake_until_standstill() -> None:
+    """Breaks if the plant trusts an old release, or ends the brake of a moving train with the next one."""
+    setup = metro()
+    protection = TrainProtection(setup)
+    found = reactions(protection, 0, 60, setup.tick_ns, release=40)
+    first = found.index(Protection.EMERGENCY_BRAKE)
+    assert (first - 32) * setup.tick <= setup.scenario.supervision.period + 2.5 * setup.tick
+    stamp = 60 * setup.tick_ns
+    protection.on_command(stamp)
+    protection.on_release(released(stamp))
+    assert protection.step(stamp, stands=False) is Protection.EMERGENCY_BRAKE
+    assert protection.step(stamp, stands=True) is Protection.NONE
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ((1.0, 1.0, 1.0), Protection.NONE),
+        ((0.0, 1.0, 1.0), Protection.COAST),
+        ((0.0, 0.0, 1.0), Protection.SERVICE_BRAKE),
+        ((0.0, 0.0, 0.0), Protection.EMERGENCY_BRAKE),
+        ((1.0, 1.0, np.nan), Protection.EMERGENCY_BRAKE),
+        ((1.0, 1.0, 0.5), Protection.EMERGENCY_BRAKE),
+    ],
+)
+def test_only_the_exact_value_releases(values: tuple[float, ...], expected: Protection) -> None:
+    """Breaks if a damaged release holds a brake off (fail-safe polarity)."""
+    protection = TrainProtection(metro())
+    protection.on_command(0)
+    protection.on_release(released(0, *values))
+    assert protection.step(0, stands=False) is expected
+
+
+def test_a_run_without_limits_has_no_supervisor(tmp_path: Path) -> None:
+    """Breaks if the supervision is on where the line has no speed limit, or off where it has one."""
+    assert metro().layout.supervised
+    assert not prepare(*load_scenario("xuzhou_metro")).layout.supervised
+    assert not metro("supervision.enabled=false").layout.supervised
+    assert prepare(*load_scenario("xuzhou_metro", ("supervision.enabled=true",))).layout.supervised

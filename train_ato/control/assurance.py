@@ -1,0 +1,59 @@
+"""Run-time assurance: a plain braking law takes over from the law before the warning limit (Simplex architecture).
+
+The law drives as long as the speed predicted over the reaction time stays below the warning limit.  Otherwise the full
+service brake acts until the speed is below the permitted speed by a margin.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from train_ato.messages.types import SupervisedSpeeds
+
+RATE_TIME = 1.2
+"""Time over which the acceleration is averaged [s]; vibrations of a long train are shorter."""
+_ESTIMATE, _PERMITTED, _WARNING = range(3)
+
+
+class AssuranceMonitor:
+    """Decision between the law and the braking law at every step of the supervisor.
+
+    Parameters
+    ----------
+    reaction
+        Time from the decision to the effect of the brake [s].
+    margin
+        Distance from the permitted speed at which the law drives again [m/s].
+
+    Attributes
+    ----------
+    brakes : bool
+        True while the braking law drives.
+    takeovers : int
+        Number of takeovers by the braking law.
+    """
+
+    def __init__(self, reaction: float, margin: float) -> None:
+        self._reaction, self._margin = reaction, margin
+        self._past: deque[tuple[int, float]] = deque()
+        self.brakes = False
+        self.takeovers = 0
+
+    def step(self, speeds: SupervisedSpeeds) -> bool:
+        """Return True after a change between the law and the braking law."""
+        values = speeds.speed.tolist()
+        speed, permitted, warning = values[_ESTIMATE], values[_PERMITTED], values[_WARNING]
+        self._past.append((speeds.stamp, speed))
+        while len(self._past) > 2 and speeds.stamp - self._past[1][0] >= RATE_TIME * 1e9:
+            self._past.popleft()
+        before, slower = self._past[0]
+        span = (speeds.stamp - before) * 1e-9
+        share = self._reaction / span if span > 0.0 else 0.0
+        predicted = speed + (speed - slower) * share
+        was = self.brakes
+        if not was and speed > 0.0 and max(speed, predicted) >= warning:
+            self.brakes = True
+            self.takeovers += 1
+        elif was and (speed <= 0.0 or max(speed, predicted) < permitted - self._margin):
+            self.brakes = False
+        return self.brakes is not was
