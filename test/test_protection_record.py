@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import train_ato as ta
-from train_ato.apps.runs.protection_note import protection_events, protection_note
+from train_ato.apps.runs.protection_note import protection_note, summary_events
 from train_ato.cli.main import main
 from train_ato.loop.protection_record import StateSpan, protection_summary, state_spans
 from train_ato.messages.types import Diagnostic
@@ -71,7 +71,7 @@ def test_the_end_of_the_last_engagement_counts() -> None:
     assert (found["ato_state"], found["ato_disengaged_s"], found["ato_disengaged"]) == ("failure", 20.0, "b")
     found = protection_summary([*supervised((0, "normal", "")), *rows[:3]])
     assert (found["ato_state"], found["ato_disengaged_s"]) == ("engaged", None)
-    assert protection_events(found) == ""
+    assert summary_events(found) == ""
 
 
 def test_a_braked_run_has_the_reason_in_summary_table_and_line(
@@ -108,8 +108,8 @@ def test_a_run_without_events_has_no_line(tmp_path: Path, capsys: pytest.Capture
     )  # fmt: skip
     assert main([*options, "--set=supervision.enabled=false", "--out", str(tmp_path / "b")]) == 0
     plain = json.loads(capsys.readouterr().out)
-    new = {"brake_interventions", "first_intervention", "first_intervention_s", "strongest_reaction", "ato_state",
-           "ato_disengaged", "ato_disengaged_s"}  # fmt: skip
+    new = {"brake_interventions", "first_intervention", "first_intervention_s", "strongest_reaction", "takeovers",
+           "ato_state", "ato_disengaged", "ato_disengaged_s"}  # fmt: skip
     assert set(summary) - set(plain) == new
     assert new <= set(summary)
 

@@ -10,6 +10,8 @@ from collections import deque
 
 from train_ato.messages.types import SupervisedSpeeds
 
+BRAKING_LAW = "braking law"
+"""State of the controller in its diagnostics while the braking law drives."""
 RATE_TIME = 1.2
 """Time over which the acceleration is averaged [s]; vibrations of a long train are shorter."""
 _ESTIMATE, _PERMITTED, _WARNING = range(3)

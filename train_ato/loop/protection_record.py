@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from train_ato.control.assurance import BRAKING_LAW
 from train_ato.loop.train_protection import Protection
 from train_ato.messages.types import AtoState, Diagnostic
 from train_ato.supervision.supervisor import SupervisionState
@@ -13,9 +14,13 @@ from train_ato.supervision.supervisor import SupervisionState
 _PLACES: dict[str, tuple[str | None, str]] = {
     "supervisor": (None, "reason"),
     "plant": (None, "protection"),
-    "controller": ("ato_state", "ato_reason"),
+    "controller": (None, ""),
+    "ato": ("ato_state", "ato_reason"),
 }
-"""Keys of state and reason in the diagnostics of a node; without a key the state is the message."""
+"""Keys of state and reason in the diagnostics of a node; without a key the state is the message.
+
+The node of ``ato`` is the controller.
+"""
 INTERVENTIONS = frozenset(state.text for state in SupervisionState if state >= SupervisionState.SERVICE_BRAKE)
 """States of the supervision with a brake intervention."""
 REACTIONS = {level.text: level for level in Protection}
@@ -40,12 +45,13 @@ class StateSpan:
     reason: str
 
 
-def state_spans(reports: Iterable[Diagnostic], node: str) -> list[StateSpan]:
-    """Return the states of ``supervisor``, ``plant`` or ``controller`` in order of time.
+def state_spans(reports: Iterable[Diagnostic], part: str) -> list[StateSpan]:
+    """Return the states of ``supervisor``, ``plant``, ``controller`` or ``ato`` in order of time.
 
     The reason of a state is that of its first report.  Diagnostics without a state are left out.
     """
-    key, reason = _PLACES[node]
+    key, reason = _PLACES[part]
+    node = "controller" if part == "ato" else part
     spans: list[StateSpan] = []
     for report in reports:
         state = report.message if key is None else report.values.get(key, "")
@@ -67,8 +73,9 @@ def protection_summary(reports: Sequence[Diagnostic]) -> dict[str, Any]:
     dict
         ``brake_interventions``: number of interventions of the supervisor, each to the release of the brakes.
         ``first_intervention``, ``first_intervention_s``: the first one with its reason, and its time [s].
-        ``strongest_reaction``: of the train, for any reason.  ``ato_state``: at the end.  ``ato_disengaged``,
-        ``ato_disengaged_s``: reason and time [s] of the end of the last engagement, None while engaged.
+        ``strongest_reaction``: of the train, for any reason.  ``takeovers``: number of times the braking law replaced
+        the law.  ``ato_state``: at the end.  ``ato_disengaged``, ``ato_disengaged_s``: reason and time [s] of the end
+        of the last engagement, None while engaged.
     """
     spans = state_spans(reports, "supervisor")
     if not spans:
@@ -85,7 +92,8 @@ def protection_summary(reports: Sequence[Diagnostic]) -> dict[str, Any]:
         "first_intervention_s": None if first is None else first.begin,
         "first_intervention": None if first is None else f"{first.state}: {first.reason}",
         "strongest_reaction": max(levels, default=Protection.NONE).text,
-        **_last_engagement(state_spans(reports, "controller")),
+        "takeovers": sum(span.state == BRAKING_LAW for span in state_spans(reports, "controller")),
+        **_last_engagement(state_spans(reports, "ato")),
     }
 
 

@@ -8,7 +8,7 @@ from typing import Any
 ENGAGE = "engage it again at standstill: `train-ato inject engage`, or ato_requests of the scenario"
 
 
-def protection_events(summary: Mapping[str, Any]) -> str:
+def summary_events(summary: Mapping[str, Any]) -> str:
     """Return number, times and reasons of the events, "" for a run without them.
 
     Parameters
@@ -37,7 +37,7 @@ def protection_note(summary: Mapping[str, Any], run: str) -> str:
     run
         Folder of the run, for the remedy.
     """
-    parts = [protection_events(summary)]
+    parts = [summary_events(summary)]
     if summary.get("brake_interventions"):
         parts.append(f"see speed and limits with `train-ato report {run}`")
     if summary.get("ato_disengaged_s") is not None:

@@ -28,6 +28,7 @@ PROTECTION_ROWS: tuple[tuple[str, str], ...] = (
     ("first_intervention_s", "first intervention at s"),
     ("first_intervention", "first intervention"),
     ("strongest_reaction", "strongest reaction of the train"),
+    ("takeovers", "takeovers of the braking law"),
     ("ato_state", "ATO at the end"),
 )
 """Rows of a run with a supervisor."""
