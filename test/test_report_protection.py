@@ -52,7 +52,8 @@ def test_events_have_states_and_reasons(braked: Path) -> None:
     found = detect_events(open_recording(braked))
     summary = json.loads((braked / "summary.json").read_text())
     texts = {
-        kind: [event.text for event in found if event.kind == kind] for kind in ("supervision", "protection", "ato")
+        kind: [event.text for event in found if event.kind == kind]
+        for kind in ("supervision", "protection", "ato", "plan")
     }
     states = [text.partition(" for ")[0] for text in texts["supervision"]]
     assert states == ["overspeed", "warning", "service brake", "emergency brake"]
