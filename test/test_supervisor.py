@@ -186,7 +186,7 @@ def test_a_short_difference_is_forgotten() -> None:
 
 def test_the_braking_law_takes_over_before_the_warning_limit_and_gives_back_below_the_permitted_speed() -> None:
     """Breaks if the prediction over the reaction time or the margin of the return is missing."""
-    monitor = AssuranceMonitor(reaction=1.0, margin=0.5)
+    monitor = AssuranceMonitor(1.0, SupervisionSpec())
     limits = (22.0, 23.0, 24.0, 25.0)
     took_over_at, speed, index = 0.0, 20.0, 0
     while not monitor.brakes:
@@ -202,7 +202,7 @@ def test_the_braking_law_takes_over_before_the_warning_limit_and_gives_back_belo
 
 def test_a_steady_speed_at_the_permitted_speed_is_left_to_the_law() -> None:
     """Breaks if the braking law takes over in nominal driving."""
-    monitor = AssuranceMonitor(reaction=2.0, margin=0.5)
+    monitor = AssuranceMonitor(2.0, SupervisionSpec())
     for index in range(50):
         assert not monitor.step(supervised(index * PERIOD, 0.0, 22.0 + 0.1 * (index % 2), (22.0, 23.0, 24.0, 25.0)))
 

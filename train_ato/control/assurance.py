@@ -1,7 +1,7 @@
 """Run-time assurance: a plain braking law takes over from the law before the warning limit (Simplex architecture).
 
-The law drives as long as the speed predicted over the reaction time stays below the warning limit.  Otherwise the full
-service brake acts until the speed is below the permitted speed by a margin.
+The law drives as long as the speed predicted over the reaction time stays below the warning limit, or below that of the
+service brake.  Otherwise the full service brake acts until the speed is below the permitted speed by a margin.
 """
 
 from __future__ import annotations
@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections import deque
 
 from train_ato.messages.types import SupervisedSpeeds
+from train_ato.supervision.settings import SupervisionSpec
 
 BRAKING_LAW = "braking law"
 """State of the controller in its diagnostics while the braking law drives."""
 RATE_TIME = 1.2
 """Time over which the acceleration is averaged [s]; vibrations of a long train are shorter."""
-_ESTIMATE, _PERMITTED, _WARNING = range(3)
+_ESTIMATE, _PERMITTED, _WARNING, _SERVICE = range(4)
 
 
 class AssuranceMonitor:
@@ -24,8 +25,8 @@ class AssuranceMonitor:
     ----------
     reaction
         Time from the decision to the effect of the brake [s].
-    margin
-        Distance from the permitted speed at which the law drives again [m/s].
+    spec
+        Limit, and distance from the permitted speed at which the law drives again.
 
     Attributes
     ----------
@@ -35,8 +36,9 @@ class AssuranceMonitor:
         Number of takeovers by the braking law.
     """
 
-    def __init__(self, reaction: float, margin: float) -> None:
-        self._reaction, self._margin = reaction, margin
+    def __init__(self, reaction: float, spec: SupervisionSpec) -> None:
+        self._reaction, self._margin = reaction, spec.assurance_margin
+        self._limit = _WARNING if spec.assurance_limit == "warning" else _SERVICE
         self._past: deque[tuple[int, float]] = deque()
         self.brakes = False
         self.takeovers = 0
@@ -44,7 +46,7 @@ class AssuranceMonitor:
     def step(self, speeds: SupervisedSpeeds) -> bool:
         """Return True after a change between the law and the braking law."""
         values = speeds.speed.tolist()
-        speed, permitted, warning = values[_ESTIMATE], values[_PERMITTED], values[_WARNING]
+        speed, permitted, limit = values[_ESTIMATE], values[_PERMITTED], values[self._limit]
         self._past.append((speeds.stamp, speed))
         while len(self._past) > 2 and speeds.stamp - self._past[1][0] >= RATE_TIME * 1e9:
             self._past.popleft()
@@ -53,7 +55,7 @@ class AssuranceMonitor:
         share = self._reaction / span if span > 0.0 else 0.0
         predicted = speed + (speed - slower) * share
         was = self.brakes
-        if not was and speed > 0.0 and max(speed, predicted) >= warning:
+        if not was and speed > 0.0 and max(speed, predicted) >= limit:
             self.brakes = True
             self.takeovers += 1
         elif was and (speed <= 0.0 or max(speed, predicted) < permitted - self._margin):

@@ -38,6 +38,8 @@ class AtoMode:
         Choice between the law and the braking law.
     returned : bool
         True at the step at which the law drives again after the braking law.
+    stands : bool
+        True if the train is at standstill.
     """
 
     def __init__(self, setup: RunSetup) -> None:
@@ -49,11 +51,11 @@ class AtoMode:
         self._check = MeasurementCheck(spec, offset + setup.consist.vehicles[0].length / 2.0)
         delay = float(setup.model.delay_brake.max()) if setup.model.n_units else 0.0
         reaction = delay + setup.model.lag + setup.supervision_ticks * setup.tick
-        self.assurance = AssuranceMonitor(reaction, spec.assurance_margin) if spec.assurance else None
+        self.assurance = AssuranceMonitor(reaction, spec) if spec.assurance else None
         self.returned = False
         self._waiting = sorted(setup.scenario.ato_requests, key=lambda request: request.at)
         self._accepted = ""
-        self._stands = False
+        self.stands = False
 
     @property
     def drives(self) -> bool:
@@ -78,7 +80,7 @@ class AtoMode:
         ValueError
             With the reason of a refusal.
         """
-        self.machine.check(do, stands=self._stands)
+        self.machine.check(do, stands=self.stands)
         self._waiting.insert(0, AtoRequest(at=0.0, do=do))
 
     def fail(self, stamp: int, reason: str) -> None:
@@ -90,11 +92,11 @@ class AtoMode:
         """Apply conditions and requests at a step of the supervisor; return the report of this step."""
         stamp, machine = measurement.stamp, self.machine
         valid = is_valid_state(measurement)
-        self._stands = abs(float(speeds.speed[0])) < STANDSTILL_SPEED
+        self.stands = abs(float(speeds.speed[0])) < STANDSTILL_SPEED
         names = zip(FIXED_NAMES[Owner.BRAKE_LINE], protection.active.tolist(), strict=True)
         active = [name.replace("_", " ") for name, value in names if value]
         before = machine.state
-        machine.update(stamp, valid=valid, stands=self._stands, locked=f"{active[-1]} in effect" if active else "")
+        machine.update(stamp, valid=valid, stands=self.stands, locked=f"{active[-1]} in effect" if active else "")
         if self.awaits_profile and stamp - machine.since > PLANNING_TIME * 1e9:
             self.awaits_profile = False
             machine.fail(stamp, "no profile from the present place; see the diagnostics of the profile")
@@ -118,7 +120,7 @@ class AtoMode:
             if round(request.at * 1e9) > stamp:
                 return
             try:
-                self.machine.request(stamp, request.do, stands=self._stands)
+                self.machine.request(stamp, request.do, stands=self.stands)
             except ValueError:  # a planned request waits for its state
                 continue
             self._waiting.remove(request)
@@ -131,7 +133,7 @@ class AtoMode:
         model = self._model
         brake = model.consist.air_brake
         force = np.zeros(model.n_units)
-        if not self.machine.brakes(measurement.stamp) or self._stands:
+        if not self.machine.brakes(measurement.stamp) or self.stands:
             return force, None if brake is None else brake.charged
         if is_valid_state(measurement):
             force = self.braking_force(measurement)

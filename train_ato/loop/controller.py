@@ -63,6 +63,7 @@ class ControllerStage:
         self._call = ComponentCall(f"law '{setup.controller}'")
         self.controller = setup.controller
         self.changed: Changes = {}
+        self._error: Exception | None = None
         self.ato = AtoMode(setup)
         self.step_times = StepTimes([])
 
@@ -174,6 +175,8 @@ class ControllerStage:
         report = None
         if protection is not None and speeds is not None:
             report = self.ato.update(seen, protection, speeds)
+        if self._error is not None and self.ato.stands:
+            raise self._error
         with self._call:
             self._change(stamp)
             if self.ato.drives:
@@ -193,6 +196,8 @@ class ControllerStage:
         ------
         RunFailed
             If the stack has no valid command for longer than ``hold_limit``, in a run without supervision.
+        Exception
+            Of a law, in a run without supervision.
         """
         stack = self._stack
         assert stack is not None
@@ -200,10 +205,12 @@ class ControllerStage:
             stack.swap(self.controller, self._parameters.get(self.controller, {}))
         try:
             force, pressure = stack.step(measurement, reference, estimate)
-        except RunFailed as error:
+        except Exception as error:  # a user-defined law may raise any
             if not self.setup.layout.supervised:
                 raise
-            self.ato.fail(measurement.stamp, str(error))
+            if not isinstance(error, RunFailed):
+                self._error = error
+            self.ato.fail(measurement.stamp, " ".join(str(error).split()) or type(error).__name__)
             return self.ato.command(measurement)
         if self.ato.assured:
             force = self.ato.braking_force(measurement)

@@ -10,6 +10,7 @@ from train_ato.loop.protection_record import protection_summary
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.step_times import StepTimes
+from train_ato.messages.types import AtoState
 from train_ato.scenario.changes import RunChanges
 from train_ato.version import VERSION
 
@@ -81,6 +82,7 @@ class RunResult:
     ) -> RunResult:
         """Return the result of a run from its recording."""
         changes = RunChanges.of(recording.reports)
+        failure = failure or (None if interrupted else _failure_of_ato(recording))
         complete = recording.time.size > 0
         simulated = ticks * setup.tick
         summary: dict[str, Any] = {
@@ -98,6 +100,14 @@ class RunResult:
         if failure:
             summary["failure"] = failure
         return cls(recording if complete else None, summary, interrupted, failure, published or {}, changes)
+
+
+def _failure_of_ato(recording: Recording) -> str | None:
+    """Return the failure of an ATO that was in the state failure at the end of the run."""
+    reports = [report for report in recording.reports if report.node == "controller"]
+    if not reports or reports[-1].values.get("ato_state") != AtoState.FAILURE.text:
+        return None
+    return f"node controller failed: {reports[-1].values['ato_reason']}; the train was stopped"
 
 
 def completed_summary(recording: Recording) -> dict[str, Any]:

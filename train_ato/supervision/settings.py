@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from plant_sim.units import Length, Ratio, SiModel, Speed, Time
@@ -45,6 +47,9 @@ class SupervisionSpec(SiModel):
     )
     confirmation: Time = Field(1.0, ge=0, description="duration of a difference before it counts")
     assurance: bool = Field(True, description="a braking law takes over from the law before the warning limit")
+    assurance_limit: Literal["warning", "service_brake"] = Field(
+        "warning", description="limit before which the braking law takes over"
+    )
     assurance_margin: Speed = Field(
         0.5, ge=0, description="distance from the permitted speed at which the law drives again"
     )
