@@ -68,8 +68,9 @@ class AtoMode:
         return self.assurance is not None and self.assurance.brakes
 
     def begin_step(self) -> None:
-        """Forget the changes of the step before."""
+        """Begin a tick: changes and an accepted request are reported at their step only."""
         self.changed = self.returned = False
+        self._accepted = ""
 
     def request(self, do: Request) -> None:
         """Queue a request for the next step of the supervisor.
@@ -94,7 +95,7 @@ class AtoMode:
         self.stands = abs(float(speeds.speed[0])) < STANDSTILL_SPEED
         names = zip(FIXED_NAMES[Owner.BRAKE_LINE], protection.active.tolist(), strict=True)
         active = [name.replace("_", " ") for name, value in names if value]
-        before, self._accepted = machine.state, ""
+        before = machine.state
         machine.update(stamp, valid=valid, stands=self.stands, locked=f"{active[-1]} in effect" if active else "")
         if self.awaits_profile and stamp - machine.since > PLANNING_TIME * 1e9:
             self.awaits_profile = False
