@@ -13,9 +13,11 @@ from train_ato.apps.replay.log import ReplayLog
 from train_ato.apps.replay.options import ReplayOptions, chosen_topics
 from train_ato.cli import main
 from train_ato.log import bag_layout
-from train_ato.log.reading import iter_raw, read_log
+from train_ato.log.reading import attachments, iter_raw, read_log
 from train_ato.log.run_folder import read_run_folder
+from train_ato.log.versions import SCENARIO
 from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topic import SUPERVISED
 from train_ato.messages.topics import BY_NAME
 
 OLD = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
@@ -71,7 +73,21 @@ def test_replay_publishes_under_the_present_names() -> None:
     with ReplayLog(OLD) as log:
         chosen = chosen_topics(log.topics, ReplayOptions())
     names = {topic.published_as.lstrip("/") for topic in chosen.values()}
-    assert names == {topic.name.lstrip("/") for topic in BY_NAME.values() if topic.recorded}
+    known = {topic for topic in BY_NAME.values() if topic.recorded and topic.condition is not SUPERVISED}
+    assert names == {topic.name.lstrip("/") for topic in known}
+
+
+def test_an_old_run_has_no_supervision(tmp_path: Path) -> None:
+    """Breaks if a run recorded before the supervision is repeated or drawn with it, or a new one without."""
+    assert not read_run_folder(OLD)[0].layout.supervised
+    text = attachments(OLD)[SCENARIO]
+    assert b"supervision:" not in text
+    for name, added, supervised in (("old", b"", False), ("new", b"supervision: {overlap: 50}\n", True)):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "run.mcap").write_bytes(OLD.read_bytes())
+        (folder / SCENARIO).write_bytes(text + added)
+        assert read_run_folder(folder)[0].layout.supervised is supervised
 
 
 def test_info_and_report_read_an_old_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

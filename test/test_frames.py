@@ -27,6 +27,7 @@ from train_ato.messages.codec.byte_layout import layout_of
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.layout import Owner
+from train_ato.messages.topic import SUPERVISED
 from train_ato.messages.topics import BY_NAME, DIAGNOSTIC_UNITS, EPOCH_NS, TOPICS
 from train_ato.messages.types import Diagnostic, Trajectory
 from train_ato.scenario.scenario import load_scenario
@@ -40,6 +41,12 @@ BLOCKS = {
     "train/brake_pipe": [("pressure_pa", "pressure")],
     "train/brake_shoes": [("{vehicle}_shoe_force_n", "shoe_force")],
     "train/disturbance": [("{vehicle}_disturbance_force_n", "force")],
+    "train/odometry": [("{odometer}_position_m", "position"), ("{odometer}_speed_m_s", "speed"),
+                       ("{odometer}_since_balise_m", "since_balise")],
+    "train/protection": [("{brake_line}_active", "active")],
+    "atp/brake_release": [("{brake_line}_released", "released")],
+    "atp/speeds": [("{supervised_speed}_speed_m_s", "speed")],
+    "ato/state": [("{ato}_position_m", "position"), ("{ato}_speed_m_s", "velocity"), ("{ato}_state", "state")],
     "ato/reference": [("position_m", "position"), ("speed_m_s", "velocity"), ("acceleration_m_s2", "acceleration")],
     "ato/estimate": [("{unit}_disturbance_force_n", "force")],
     "ato/command": [("{unit}_force_n", "force")],
@@ -68,9 +75,9 @@ def assert_equal(frames, run, layout) -> None:
         else:
             assert bits(table.index) == bits([entry.stamp * 1e-9 for entry in messages])
             expected = {
-                pattern.format(vehicle=vehicle, unit=unit, coupler=coupler): values
+                name: values
                 for pattern, field in BLOCKS[topic]
-                for vehicle, unit, coupler, values in _entries(pattern, [getattr(m, field) for m in messages], layout)
+                for name, values in _entries(pattern, [getattr(m, field) for m in messages], layout)
             }
             assert [name for name in table.columns if name not in ("planned_s", "clock_s")] == list(expected)
             for name, values in expected.items():
@@ -82,13 +89,9 @@ def assert_equal(frames, run, layout) -> None:
 def _entries(pattern, rows, layout):
     values = np.array(rows)
     if "{" not in pattern:
-        return [("", "", "", values)]
+        return [(pattern, values)]
     kind = pattern[1 : pattern.index("}")]
-    kinds = ("vehicle", "unit", "coupler")
-    return [
-        (*(name if entry == kind else "" for entry in kinds), values[:, index])
-        for index, name in enumerate(layout.names(Owner(kind)))
-    ]
+    return [(pattern.format(**{kind: name}), values[:, index]) for index, name in enumerate(layout.names(Owner(kind)))]
 
 
 def assert_trajectories(table, messages) -> None:
@@ -140,7 +143,7 @@ def test_a_run_of_the_engine_opens_with_the_same_bits(tmp_path, name):
     said = frames["/diagnostics"]
     numbers = {str(key) for key in said.columns[said.dtypes == np.float64]}
     counts = {"unsound_measurements", "saturated_steps", "swaps", "commands_lost", "knots", "replans", "refusals",
-              "held_steps", "unsound_estimates"}  # fmt: skip
+              "held_steps", "unsound_estimates", "interventions"}  # fmt: skip
     assert all(unit_of(key) or key in counts for key in numbers), numbers - counts
 
 
@@ -150,8 +153,8 @@ def test_every_number_of_the_topic_table_has_a_column():
     for topic in TOPICS:
         for place in topic.places:
             unit = topic.description(place).unit
-            if unit:
-                owner = f"{place.owner.value}_3" if place.owner else ""
+            if unit or topic.condition is SUPERVISED:
+                owner = LONG.names(place.owner)[0] if place.owner else ""
                 name = column(topic.name, place.path, owner)
                 assert unit_of(name) == unit, name
                 loaded.add((topic.name, place.field))

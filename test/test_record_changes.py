@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import yaml
 from engine_runs import record_run
-from waiting import LIMIT_S, LOOK_S, wait_for
+from request_desk import Desk, command, started
+from waiting import LIMIT_S
 
 from train_ato.log.changes import late_commands, read_changes
 from train_ato.log.difference import compare_logs
@@ -24,7 +23,6 @@ from train_ato.messages.types import Diagnostic
 from train_ato.scenario.changes import RunChanges, change_at, changes_from_json, values_of
 from train_ato.scenario.scenario import ControllerChange, load_scenario
 
-ROOT = Path(__file__).resolve().parents[1]
 SECOND = 1_000_000_000
 
 
@@ -113,57 +111,6 @@ def test_impossible_swaps_are_refused_before_the_start(swaps: str, says: str) ->
 def test_foreign_texts_are_refused(text: str) -> None:
     with pytest.raises(ValueError, match="not written by this version"):
         changes_from_json(text)
-
-
-class Desk:
-    """Another process sends requests; this one pauses and resumes the train meanwhile."""
-
-    def __init__(self, domain: int) -> None:
-        from rclpy.node import Node
-        from std_srvs.srv import SetBool, Trigger
-
-        from train_ato.ros.graph.assembly import executor_of
-
-        self.domain = domain
-        self._stack = executor_of(domain)
-        context, self.executor = self._stack.__enter__()
-        self.node = Node("desk", context=context, enable_rosout=False)
-        self.executor.add_node(self.node)
-        self._pause = self.node.create_client(SetBool, "plant/pause")
-        self._step = self.node.create_client(Trigger, "plant/step")
-        self._requests = {self._pause: SetBool.Request, self._step: Trigger.Request}
-
-    def close(self) -> None:
-        self._stack.__exit__(None, None, None)
-
-    def until(self, condition) -> None:
-        wait_for(condition, turn=lambda: self.executor.spin_once(timeout_sec=LOOK_S))
-
-    def _ask(self, client, **values):
-        self.until(client.service_is_ready)
-        future = client.call_async(self._requests[client](**values))
-        self.until(future.done)
-        return future.result().success
-
-    def pause(self, on: bool) -> None:
-        assert self._ask(self._pause, data=on)
-
-    def steps(self, count: int) -> None:
-        for _ in range(count):
-            # A step is rejected during the previous tick.
-            self.until(lambda: self._ask(self._step))
-
-    def set(self, assignment: str) -> subprocess.CompletedProcess[str]:
-        return command("param", assignment, f"--domain={self.domain}")
-
-
-def command(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return started(*arguments, run=subprocess.run, capture_output=True, timeout=LIMIT_S)
-
-
-def started(*arguments: str, run=subprocess.Popen, **options):
-    words = [sys.executable, "-m", "train_ato", *arguments]
-    return run(words, text=True, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, **options)
 
 
 @pytest.mark.slow

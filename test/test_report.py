@@ -21,7 +21,7 @@ from train_ato.apps.report.events import detect_events
 from train_ato.apps.report.maps import MAPS
 from train_ato.apps.report.page_data import page_data, share_of
 from train_ato.apps.report.run_figure import titles
-from train_ato.apps.report.summary_rows import filled_groups
+from train_ato.apps.report.summary_rows import filled_groups, run_groups
 from train_ato.apps.report.writing import short_clock, write_comparison_page, write_run
 from train_ato.cli import main
 from train_ato.control.registry import LAWS
@@ -56,6 +56,9 @@ def test_events_of_a_run_are_found_at_their_times(eventful: Path) -> None:
         ("air_brake", 60.0, None),
         ("outside", 48.0, 51.0),
         ("outside", 66.2, None),
+        ("protection", 66.3, 70.0),
+        ("ato", 66.4, None),
+        ("ato", 68.0, None),
     }
     texts = " | ".join(event.text for event in detect_events(open_recording(eventful)))
     for words in (
@@ -136,7 +139,7 @@ def test_the_page_stands_in_the_run_folder_and_may_be_made_again(eventful: Path)
     "topic",
     ["train/vehicles", "train/measurement", "ato/reference", "ato/command", "ato/estimate", "/diagnostics",
      "ato/profile", "ato/limits", "train/brake_pipe", "train/brake_shoes", "train/disturbance",
-     "ato/brake_pipe_command"],
+     "ato/brake_pipe_command", "atp/speeds", "ato/state", "train/protection"],
 )  # fmt: skip
 def test_a_missing_topic_leaves_out_its_figures_alone(topic: str, eventful: Path, tmp_path: Path) -> None:
     """Breaks if a missing topic removes other figures or causes a traceback."""
@@ -388,8 +391,9 @@ def test_the_longest_train_with_noise_on_everything_stays_small(eventful: Path, 
 def test_the_summary_is_told_with_words_and_units(eventful: Path) -> None:
     """Breaks if an important figure of summary.json is not in the table."""
     summary = json.loads((eventful / "summary.json").read_text())
-    told = {row.key for _, rows in filled_groups([summary]) for row, _ in rows}
-    named = {"scenario", "controller", "observer", "compensation", "seed", "status", "version", "mode", "ticks"}
+    told = {row.key for _, rows in run_groups(summary) for row, _ in rows}
+    named = {"scenario", "controller", "observer", "compensation", "seed", "status", "version", "mode", "ticks",
+             "ato_disengaged_s"}  # fmt: skip
     numbers = {key for key, value in summary.items() if isinstance(value, (int, float)) and key not in named}
     assert numbers <= told
     texts = dict((row.key, texts[0]) for _, rows in filled_groups([summary]) for row, texts in rows)  # noqa: C402

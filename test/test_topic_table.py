@@ -64,7 +64,7 @@ CABIN = Topic(
 )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class WarmMessages(PlantMessages):
     """Messages of a plant with motors and a cabin."""
 
@@ -84,7 +84,10 @@ class WarmPlant(PlantStage):
         found = super().observe()
         units = np.arange(float(self.setup.layout.n_units))
         motors = Motors(self.stamp, 300.0 + self.tick + units, 0.01 * units)
-        return WarmMessages(found.truth, found.measurement, motors, Cabin(self.stamp, 293.0 + 0.5 * self.tick))
+        cabin = Cabin(self.stamp, 293.0 + 0.5 * self.tick)
+        return WarmMessages(
+            found.truth, found.measurement, found.odometry, found.protection, motors=motors, cabin=cabin
+        )
 
 
 @pytest.fixture
@@ -151,10 +154,14 @@ def test_an_entry_that_does_not_fit_is_refused(changes: dict[str, object], probl
         Wire(TrainLayout(3, 2))
 
 
+WITHOUT_UNIT = {("train/protection", "active"), ("atp/brake_release", "released"), ("ato/state", "state")}
+"""Topics and fields of states: numbers without a unit."""
+
+
 def test_every_entry_describes_its_numbers() -> None:
-    """Breaks if a number of the table has no unit, or a text has one."""
+    """Breaks if a number of the table has no unit, or a text or a state has one."""
     for topic in BY_NAME.values():
         for place in topic.places:
-            texts = place.path.startswith("status[]")
+            texts = place.path.startswith("status[]") or (topic.name, place.field) in WITHOUT_UNIT
             assert bool(topic.description(place).unit) != texts, (topic.name, place.path)
     assert BY_NAME["train/brake_shoes"].condition is AIR_BRAKE

@@ -12,6 +12,7 @@ from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire, stamp_of
 from train_ato.messages.codec.variable import _decode_knots, decode_trajectory, encode_trajectory
 from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topic import SUPERVISED
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, topics_of
 from train_ato.messages.types import (
     BrakeShoes,
@@ -27,7 +28,7 @@ from train_ato.messages.types import (
     VehicleStates,
 )
 
-LONG = TrainLayout(106, 1, (0, 52), air_brake=True, disturbed=True)
+LONG = TrainLayout(106, 1, (0, 52), air_brake=True, disturbed=True, supervised=True)
 LAYOUTS = [LONG, TrainLayout(1, 1), TrainLayout(8, 3, (0, 1, 6)), TrainLayout(2, 2, air_brake=True)]
 
 
@@ -57,6 +58,9 @@ def message(topic: str, layout: TrainLayout, stamp: int, seed: int = 1):
         "ato/brake_pipe_command": lambda: Pipe(stamp, 600e3),
         "/diagnostics": lambda: Diagnostic(stamp, "plant", 1, "läuft", {"energy": "1.5e9", "empty": ""}),
     }
+    entry = BY_NAME[topic]
+    if entry.condition is SUPERVISED:
+        return entry.message(stamp, **{place.field: values(len(layout.names(place.owner))) for place in entry.places})
     return makers[topic]()
 
 
@@ -210,5 +214,10 @@ def test_topics_exist_only_where_there_is_something_to_tell():
         "train/brake_pipe",
         "train/brake_shoes",
         "train/disturbance",
+        "train/odometry",
+        "train/protection",
+        "atp/brake_release",
+        "atp/speeds",
+        "ato/state",
         "ato/brake_pipe_command",
     }

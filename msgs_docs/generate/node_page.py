@@ -18,10 +18,13 @@ MARK = "<!-- From here on made by `python -m msgs_docs.generate`; do not edit by
 _AT_MOST = {kind: f"at most {count}" for kind, count in MAX_REQUESTS.items()}
 _SERVICES = {
     "delay_jump": f"change the command delays with the parameters `delay_jump.*`; {_AT_MOST['delay_jump']} in a run",
+    "disengage": "disengage the ATO: traction is off at once, the train brakes after 5 s; from the state engaged",
     "emergency_brake": "`true` applies the emergency brake, `false` releases it (at standstill only)",
+    "engage": "engage the ATO with a new profile from this place; from the state ready",
     "gust": f"a gust with the parameters `gust.*`; {_AT_MOST['gust']} at once",
     "pause": "`true` pauses the run, `false` resumes it",
     "ready": "`success` after the discovery of the other nodes; `data: true`: also of the recorder",
+    "reset": "end the state failure of the ATO (at standstill only)",
     "start": "resume a paused run",
     "step": "run one tick of a paused run",
     "stop": "end the run after the current tick",

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from train_ato.apps.runs.compare import Comparison, compare
 from train_ato.apps.runs.progress import console
+from train_ato.apps.runs.protection_note import summary_events
 from train_ato.apps.runs.scenario_choice import choose_scenario
 from train_ato.cli.scenario_options import add_scenario_options
 from train_ato.cli.screen import note_compilation, print_json, print_table
@@ -81,7 +82,10 @@ def write_comparison_folder(result: Comparison, folder: Path) -> None:
 
 
 def print_comparison(result: Comparison, folder: Path, as_json: bool) -> None:
-    """Print the table."""
+    """Print the table; a run with brake interventions, or a disengaged ATO, has a line on stderr."""
+    for law in result.laws:
+        if events := summary_events(law.metrics):
+            sys.stderr.write(f"train-ato: {law.label}: {events}\n")
     summaries = list(result.metrics.values())
     if as_json:
         print_json(summaries)

@@ -1,31 +1,50 @@
-"""``train-ato inject``: inject a gust, a delay change or the emergency brake into a running simulation."""
+"""``train-ato inject``: inject a gust, a delay change or the emergency brake into a running simulation.
+
+It also sends requests to the ATO: engage, disengage, reset.
+"""
 
 from __future__ import annotations
 
 import argparse
 import sys
+from typing import NamedTuple
 
 from train_ato.arguments import parse_yaml_value
 from train_ato.cli.screen import print_json
 from train_ato.ros.graph.remote import graph_client, resolve_domain
 
-ACTIONS: dict[str, tuple[str, bool | None, str]] = {
-    "gust": ("gust", None, "gust on the whole train; acceleration= [m/s²], duration= [s], ramp= [s]"),
-    "delay-jump": ("delay_jump", None, "change of the command delays from now on; factor=, add= [s]"),
-    "emergency-brake": ("emergency_brake", True, "emergency brake, independent of law and drives; traction cut-off"),
-    "release": ("emergency_brake", False, "release of the emergency brake, only at standstill"),
-    "pause": ("pause", True, "pause after the present tick"),
-    "resume": ("pause", False, "continue after a pause"),
-    "step": ("step", None, "run one tick during a pause"),
-    "stop": ("stop", None, "end of the run after the present tick"),
+
+class Action(NamedTuple):
+    """Service of a node: its name, its boolean argument or None, and its meaning."""
+
+    node: str
+    service: str
+    data: bool | None
+    meaning: str
+
+
+ACTIONS: dict[str, Action] = {
+    "gust": Action("plant", "gust", None, "gust on the whole train; acceleration= [m/s²], duration= [s], ramp= [s]"),
+    "delay-jump": Action("plant", "delay_jump", None, "change of the command delays from now on; factor=, add= [s]"),
+    "emergency-brake": Action(
+        "plant", "emergency_brake", True, "emergency brake, independent of law and drives; traction cut-off"
+    ),
+    "release": Action("plant", "emergency_brake", False, "release of the emergency brake, only at standstill"),
+    "engage": Action("controller", "engage", None, "engage the ATO, from its state ready"),
+    "disengage": Action("controller", "disengage", None, "disengage the ATO: it coasts 5 s, then brakes to a stop"),
+    "reset": Action("controller", "reset", None, "end the state failure of the ATO, only at standstill"),
+    "pause": Action("plant", "pause", True, "pause after the present tick"),
+    "resume": Action("plant", "pause", False, "continue after a pause"),
+    "step": Action("plant", "step", None, "run one tick during a pause"),
+    "stop": Action("plant", "stop", None, "end of the run after the present tick"),
 }
-"""Service of the node ``plant``, its boolean argument and the meaning of every action."""
+"""Actions by name."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``inject``."""
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
-    parser.epilog = "actions:\n" + "\n".join(f"  {name:<16} {entry[2]}" for name, entry in ACTIONS.items())
+    parser.epilog = "actions:\n" + "\n".join(f"  {name:<16} {action.meaning}" for name, action in ACTIONS.items())
     parser.add_argument("action", choices=tuple(ACTIONS), metavar="ACTION", help="one of the actions below")
     parser.add_argument(
         "parameters",
@@ -38,21 +57,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Set the parameters, then call the service; a refusal is bad input with the reason of the node."""
-    service, data, _ = ACTIONS[options.action]
+    node, service, data, _ = ACTIONS[options.action]
     parameters = dict(_parameter(options.action, service, text) for text in options.parameters)
     domain = resolve_domain(options.domain)
     with graph_client(domain) as remote:
         for name, value in parameters.items():
-            reason = remote.set_parameter("plant", f"{service}.{name}", value)
+            reason = remote.set_parameter(node, f"{service}.{name}", value)
             if reason is not None:
-                raise ValueError(f"plant refused {service}.{name} = {value!r}: {reason}")
-        success, message = remote.call(f"plant/{service}", data)
+                raise ValueError(f"{node} refused {service}.{name} = {value!r}: {reason}")
+        success, message = remote.call(f"{node}/{service}", data)
     if not success:
-        raise ValueError(f"{options.action}: refused by the plant: {message}")
+        raise ValueError(f"{options.action}: refused by the {node}: {message}")
     if options.json:
         print_json({"action": options.action, "domain": domain, "message": message})
     else:
-        sys.stdout.write(f"plant on domain {domain}: {message}\n")
+        sys.stdout.write(f"{node} on domain {domain}: {message}\n")
     return 0
 
 

@@ -31,7 +31,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("import", "convert a measured speed and force history to a run and a speed profile"),
     ("recover", "restore a readable log from an incomplete or damaged one"),
     ("param", "change a parameter of a running simulation, for example the control law"),
-    ("inject", "apply a gust, a delay change or the emergency brake to a running simulation; pause or stop it"),
+    ("inject", "apply a gust, a delay change, the emergency brake or an ATO request to a running simulation; pause it"),
     ("view", "show a running, a new or a recorded run in the browser"),
     ("verify", "repeat a recorded run and compare every message"),
     ("plan", "compute a speed profile from a line and a train"),

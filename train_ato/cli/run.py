@@ -9,8 +9,9 @@ from typing import Any
 
 from train_ato.apps.runs.drive import RunMode, drive
 from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
+from train_ato.apps.runs.protection_note import protection_note
 from train_ato.apps.runs.run import Run
-from train_ato.apps.runs.summary_table import RESULT_ROWS
+from train_ato.apps.runs.summary_table import result_rows
 from train_ato.cli.scenario_options import add_scenario_options, prepare_from
 from train_ato.cli.screen import print_json, print_table
 from train_ato.errors import RunFailed
@@ -72,14 +73,15 @@ def execute(options: argparse.Namespace) -> int:
 
 
 def print_run(run: Run, as_json: bool) -> None:
-    """Print the result."""
+    """Print the result; a run with brake interventions, or a disengaged ATO, has a line on stderr."""
     summary: dict[str, Any] = {**run.metrics, "run": str(run.path)}
+    if note := protection_note(summary, summary["run"]):
+        sys.stderr.write(f"train-ato: {note}\n")
     if as_json:
         print_json(summary)
         return
-    rows = [(text, summary[key]) for key, text in RESULT_ROWS if key in summary]
     head = f"{summary['scenario']}  {summary['controller']} / {summary['observer']} / {summary['compensation']}"
-    print_table(("metric", "value"), rows, head)
+    print_table(("metric", "value"), result_rows(summary), head)
     if held := summary.get("held_steps"):
         sys.stdout.write(f"in {held} ticks the last command was repeated: no valid command or measurement\n")
     sys.stdout.write(f"{summary['ticks']} ticks in {summary['wall_s']:.1f} s; recorded in {run.path}\n")

@@ -39,12 +39,16 @@ def print_names(title: str, entries: Iterable[tuple[str, str]]) -> None:
 
 
 def print_table(columns: Iterable[str], rows: Iterable[Iterable[Any]], title: str = "") -> None:
-    """Print a table on standard output."""
+    """Print a table on standard output; a table of two columns folds long values."""
+    columns = list(columns)
     result = Table(
         title=title or None, title_justify="left", header_style="bold underline", box=None, padding=(0, 2, 0, 0)
     )
     for number, column in enumerate(columns):
-        result.add_column(column, justify="left" if number == 0 else "right", no_wrap=True)
+        if number == 1 and len(columns) == 2:
+            result.add_column(column, justify="right", overflow="fold")
+        else:
+            result.add_column(column, justify="left" if number == 0 else "right", no_wrap=True)
     for row in rows:
         result.add_row(*(format_value(entry) for entry in row))
     Console(highlight=False).print(result)

@@ -11,6 +11,8 @@ from collections import deque
 from train_ato.messages.types import SupervisedSpeeds
 from train_ato.supervision.settings import SupervisionSpec
 
+BRAKING_LAW = "braking law"
+"""State of the controller in its diagnostics while the braking law drives."""
 RATE_TIME = 1.2
 """Time over which the acceleration is averaged [s]; vibrations of a long train are shorter."""
 _ESTIMATE, _PERMITTED, _WARNING, _SERVICE = range(4)

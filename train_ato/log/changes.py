@@ -9,7 +9,7 @@ from train_ato.scenario.changes import RunChanges
 
 
 def read_changes(run: Path) -> RunChanges:
-    """Return the planned and requested changes of laws and parameters and interventions of a run.
+    """Return the planned and requested changes of a run: laws, parameters, interventions, ATO requests.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ class Overview:
     topics : tuple of TopicOverview
         Topics in the order of their first message.
     changes : RunChanges
-        Changes of laws and parameters, and interventions.
+        Changes of laws and parameters, interventions and ATO requests.
     versions : dict
         Versions of the recorder; empty for a log of another recorder.
     """

@@ -69,8 +69,9 @@ class AtoMode:
         return self.assurance is not None and self.assurance.brakes
 
     def begin_step(self) -> None:
-        """Forget the changes of the step before."""
+        """Begin a tick: changes and an accepted request are reported at their step only."""
         self.changed = self.returned = False
+        self._accepted = ""
 
     def request(self, do: Request) -> None:
         """Queue a request for the next step of the supervisor.
@@ -104,7 +105,7 @@ class AtoMode:
         valid = is_valid_state(measurement)
         self._speed = self._speed if speeds is None else abs(float(speeds.speed[0]))
         self.stands = speeds is not None and self._speed < STANDSTILL_SPEED
-        before, self._accepted = machine.state, ""
+        before = machine.state
         machine.update(stamp, valid=valid, stands=self.stands, locked=_lock(protection, speeds))
         if self.awaits_profile and stamp - machine.since > PLANNING_TIME * 1e9:
             self.awaits_profile = False

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from train_ato.control.assurance import BRAKING_LAW
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.stack import ControlStack
 from train_ato.errors import RunFailed
@@ -262,7 +263,7 @@ class ControllerStage:
             state = self.ato.machine.state
             return Diagnostic(stamp, "controller", 1 + (state is AtoState.FAILURE), state.text, values)
         if self.ato.assured:
-            return Diagnostic(stamp, "controller", 1, "braking law", values)
+            return Diagnostic(stamp, "controller", 1, BRAKING_LAW, values)
         if self._stack.holding:
             return Diagnostic(stamp, "controller", 1, "holding the last command", values)
         return Diagnostic(stamp, "controller", 0, "engaged", values)

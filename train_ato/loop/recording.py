@@ -18,6 +18,7 @@ from train_ato.messages.types import Array, Diagnostic, Trajectory
 TRUTH, MEASUREMENT, DISTURBANCE = "train/vehicles", "train/measurement", "train/disturbance"
 BRAKE_PIPE, BRAKE_SHOES, BRAKE_PIPE_COMMAND = "train/brake_pipe", "train/brake_shoes", "ato/brake_pipe_command"
 REFERENCE, ESTIMATE, COMMAND = "ato/reference", "ato/estimate", "ato/command"
+SUPERVISED_SPEEDS, ATO_STATE = "atp/speeds", "ato/state"
 PROFILE, LIMITS, DIAGNOSTICS = "ato/profile", "ato/limits", "/diagnostics"
 
 FIELDS: dict[str, dict[str, str]] = {

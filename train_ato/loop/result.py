@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from train_ato.loop.metrics import summarise
+from train_ato.loop.protection_record import protection_summary
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.step_times import StepTimes
@@ -48,7 +49,7 @@ class RunResult:
     failure
         One line with the failed node and the reason, or None.
     changes
-        Changes of laws and parameters and interventions during the run.
+        Changes of laws and parameters, interventions and ATO requests during the run.
     """
 
     recording: Recording | None
@@ -89,6 +90,7 @@ class RunResult:
             "wall_s": wall,
             "real_time_factor": simulated / wall if wall > 0 else 0.0,
             **(summarise(setup, recording) if complete else {}),
+            **(protection_summary(recording.reports) if setup.layout.supervised else {}),
             "changes": changes.rows(setup.scenario),
             "step_time_us_median": step_times.percentile_us(50),
             "step_time_us_p99": step_times.percentile_us(99),
@@ -117,7 +119,8 @@ def completed_summary(recording: Recording) -> dict[str, Any]:
     if setup is None:
         return summary
     if "speed_rmse_kmh" not in summary and not recording.measured_only and recording.time.size:
-        summary = {**identity(setup, recording.time.size), **summarise(setup, recording), **summary}
+        protection = protection_summary(recording.reports) if setup.layout.supervised else {}
+        summary = {**identity(setup, recording.time.size), **summarise(setup, recording), **protection, **summary}
     several = setup.layout.n_vehicles > 1
     return {key: value for key, value in summary.items() if several or key not in OF_COUPLERS}
 

@@ -296,6 +296,9 @@ DIAGNOSTIC_UNITS: dict[str, str] = {
     "delay": "s",
     "delay_brake": "s",
     "lag": "s",
+    "front": "m",
+    "position_error": "m",
+    "acceleration": "m/s²",
 }
 """Units of the values in ``/diagnostics`` by key; counts, names and reasons have no unit."""
 

@@ -25,3 +25,17 @@ class AtoRequest(SiModel):
 
     at: Time = Field(ge=0, description="planned time")
     do: Request
+
+
+def request_from_text(text: str) -> Request:
+    """Return the accepted request in the diagnostics of the controller.
+
+    Raises
+    ------
+    ValueError
+        If the text is not a request of this version.
+    """
+    for request in REQUESTS:
+        if request == text:
+            return request
+    raise ValueError(f"{KEY} '{text[:60]}': not written by this version; open the run with its own version")

@@ -1,8 +1,9 @@
-"""Changes during a run, read from its diagnostics: control law, law parameters and interventions on the train.
+"""Changes during a run, read from its diagnostics: law, law parameters, interventions on the train, ATO requests.
 
-A change takes effect at a step.  The diagnostics of the node contain it under the stamp of that step, as JSON: laws and
-parameters under ``changed`` of the controller, interventions under ``interventions`` of the plant.  The log therefore
-contains every change, planned by the scenario or requested from outside, and the run can be repeated from it.
+A change takes effect at a step.  The diagnostics of the node contain it under the stamp of that step: laws and
+parameters as JSON under ``changed`` of the controller, interventions as JSON under ``interventions`` of the plant, an
+accepted request to the ATO under ``ato_request`` of the controller.  The log therefore contains every change, planned
+by the scenario or requested from outside, and the run can be repeated from it.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from typing import Any
 
 from plant_sim.data_text import parse_json
 from train_ato.messages.types import Diagnostic
-from train_ato.scenario import interventions
+from train_ato.scenario import ato_requests, interventions
+from train_ato.scenario.ato_requests import AtoRequest, Request, request_from_text
 from train_ato.scenario.interventions import Intervention, due_stamp, planned_for
 from train_ato.scenario.scenario import ControllerChange, Scenario
 
@@ -80,7 +82,7 @@ def effective_stamp(change: ControllerChange, tick_ns: int) -> int:
 
 @dataclass
 class RunChanges:
-    """Changes of laws and parameters and interventions during a run, from the diagnostics.
+    """Changes of laws and parameters, interventions and ATO requests during a run, from the diagnostics.
 
     Attributes
     ----------
@@ -88,10 +90,13 @@ class RunChanges:
         Stamp [ns] and new values of every step with a change of law or parameters.
     done : list of (int, Intervention)
         Stamp [ns] and the intervention that starts there.
+    requests : list of (int, Request)
+        Stamp [ns] and the request that the ATO accepted there.
     """
 
     laws: list[tuple[int, Changes]] = field(default_factory=list)
     done: list[tuple[int, Intervention]] = field(default_factory=list)
+    requests: list[tuple[int, Request]] = field(default_factory=list)
 
     @classmethod
     def of(cls, reports: Iterable[Diagnostic]) -> RunChanges:
@@ -103,8 +108,11 @@ class RunChanges:
 
     def take(self, message: Diagnostic) -> None:
         """Add the changes in one diagnostics message."""
-        if message.node == "controller" and KEY in message.values:
-            self.laws.append((message.stamp, changes_from_json(message.values[KEY])))
+        if message.node == "controller":
+            if KEY in message.values:
+                self.laws.append((message.stamp, changes_from_json(message.values[KEY])))
+            if ato_requests.KEY in message.values:
+                self.requests.append((message.stamp, request_from_text(message.values[ato_requests.KEY])))
         elif message.node == "plant" and interventions.KEY in message.values:
             entries = interventions.interventions_from_json(message.values[interventions.KEY])
             self.done += [(message.stamp, entry) for entry in entries]
@@ -123,11 +131,17 @@ class RunChanges:
         for stamp, entry, in_scenario in self._matched(scenario)[0]:
             values = entry.model_dump(exclude={"at", "do"})
             listed.append({"at_s": stamp / SECOND, "name": entry.do, "value": values, "planned": in_scenario})
+        for stamp, request, in_scenario in self._matched_requests(scenario)[0]:
+            row = {"at_s": stamp / SECOND, "name": ato_requests.KEY, "value": request, "planned": in_scenario}
+            listed.append(row)
         return sorted(listed, key=lambda row: float(row["at_s"]))
 
     def listed(self) -> list[dict[str, Any]]:
         """Return the rows without ``planned``, for a log without its scenario: time, name, value."""
-        rows = [(stamp, name, value) for stamp, changes in self.laws for name, value in changes.items()]
+        rows: list[tuple[int, str, Any]] = [
+            (stamp, name, value) for stamp, changes in self.laws for name, value in changes.items()
+        ]
+        rows += [(stamp, ato_requests.KEY, request) for stamp, request in self.requests]
         rows += [(stamp, entry.do, entry.model_dump(exclude={"at", "do"})) for stamp, entry in self.done]
         rows.sort(key=lambda row: row[0])
         return [{"at_s": stamp / SECOND, "name": name, "value": value} for stamp, name, value in rows]
@@ -143,9 +157,12 @@ class RunChanges:
         changes += [change for change in scenario.controller_changes if effective_stamp(change, tick_ns) not in reached]
         done, ahead = self._matched(scenario)
         acts = [*(planned_for(stamp, entry) for stamp, entry, _ in done), *ahead]
+        accepted, waiting = self._matched_requests(scenario)
+        requests = [*(AtoRequest(at=stamp / SECOND, do=request) for stamp, request, _ in accepted), *waiting]
         update = {
             "controller_changes": tuple(sorted(changes, key=lambda change: change.at)),
             "interventions": tuple(sorted(acts, key=lambda act: act.at or 0.0)),
+            "ato_requests": tuple(sorted(requests, key=lambda request: request.at)),
         }
         return scenario.model_copy(update=update)
 
@@ -159,6 +176,20 @@ class RunChanges:
                 ahead.remove(plans[0])
             matched.append((stamp, entry, bool(plans)))
         return matched, ahead
+
+    def _matched_requests(self, scenario: Scenario) -> tuple[list[tuple[int, Request, bool]], list[AtoRequest]]:
+        """Return the accepted requests (stamp, request, planned or not), and the planned ones that were not accepted.
+
+        An accepted request is the first planned one of its kind that is due.
+        """
+        waiting = sorted(scenario.ato_requests, key=lambda plan: plan.at)
+        matched = []
+        for stamp, request in self.requests:
+            plans = [plan for plan in waiting if plan.do == request and round(plan.at * SECOND) <= stamp]
+            if plans:
+                waiting.remove(plans[0])
+            matched.append((stamp, request, bool(plans)))
+        return matched, waiting
 
 
 def _same(plan: Intervention, entry: Intervention) -> bool:

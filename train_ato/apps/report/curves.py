@@ -9,6 +9,7 @@ import numpy as np
 
 from train_ato.apps.report.delays import delays
 from train_ato.apps.report.events import delay_jumps
+from train_ato.apps.report.quantities import QUANTITIES
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.metrics import limit_over_train
 from train_ato.loop.recording import (
@@ -20,10 +21,12 @@ from train_ato.loop.recording import (
     ESTIMATE,
     MEASUREMENT,
     REFERENCE,
+    SUPERVISED_SPEEDS,
     TRUTH,
     Recording,
 )
 from train_ato.loop.series import aligned
+from train_ato.messages.layout import FIXED_NAMES, Owner
 from train_ato.messages.types import Array
 
 KMH, KILO, KWH = 3.6, 1e3, 3.6e6
@@ -58,7 +61,7 @@ class Curves:
 
 
 def speed_curves(recording: Recording) -> Curves:
-    """Return speed of vehicle 0, its profile and its limit [km/h], and its position [km]."""
+    """Return speed of vehicle 0, its profile, its limit and the supervision limits [km/h], and its position [km]."""
     motion = recording.motion
     if motion is None:
         raise NotAvailable("the log has neither train/vehicles nor train/measurement")
@@ -71,7 +74,17 @@ def speed_curves(recording: Recording) -> Curves:
         if (limit := whole_train_limit(recording, position)) is not None:
             columns["limit"] = limit
         columns["position_km"] = position / KILO
-    return Curves(motion.time, columns)
+    return Curves(motion.time, {**columns, **_supervision_limits(recording, motion.time)})
+
+
+def _supervision_limits(recording: Recording, time: Array) -> dict[str, Array]:
+    """Return the limits of the supervisor [km/h] at these times; {} without a supervisor."""
+    found = recording.of(SUPERVISED_SPEEDS, "speed")
+    names = FIXED_NAMES[Owner.SUPERVISED_SPEED]
+    if found is None or found[1].shape[1] != len(names):
+        return {}
+    values = KMH * aligned(time, *found)
+    return {f"{name}_speed": values[:, place] for place, name in enumerate(names) if f"{name}_speed" in QUANTITIES}
 
 
 def whole_train_limit(recording: Recording, position: Array) -> Array | None:

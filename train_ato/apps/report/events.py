@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train_ato.apps.report.event import Event
+from train_ato.apps.report.protection_events import engagements, is_protection_report, protection_events
 from train_ato.apps.report.quantities import KINDS
 from train_ato.apps.report.scenario_events import scenario_events
 from train_ato.apps.report.words import longer
@@ -27,7 +28,7 @@ MAX_EVENTS = 200
 
 def detect_events(recording: Recording) -> list[Event]:
     """Return the events of a run in order of time."""
-    sources = [_law, _air_brake, _limit, _outside, _plans, _noticed, _gaps, _ends]
+    sources = [_law, _air_brake, _limit, _outside, _plans, _noticed, _gaps, _ends, protection_events]
     if recording.setup is not None:
         sources.append(scenario_events)
     found = [event for source in sources for event in source(recording)]
@@ -172,8 +173,13 @@ def _outside(recording: Recording) -> Iterator[Event]:
 
 def _plans(recording: Recording) -> Iterator[Event]:
     reports = [report for report in recording.reports if report.node == "profile"]
+    engaged = engagements(recording.reports)
     for plan in recording.profiles[1:]:
         at = plan.stamp * 1e-9
+        if engaged and engaged[0] <= at:
+            engaged = [time for time in engaged if time > at]
+            yield Event("plan", at, "profile planned after the engagement")
+            continue
         later = [report.values.get("reason") for report in reports if report.stamp >= plan.stamp]
         reason = next((text for text in later[:3] if text), None)
         yield Event("plan", at, f"profile re-planned{f': {reason}' if reason else ''}")
@@ -183,6 +189,8 @@ def _noticed(recording: Recording) -> Iterator[Event]:
     """Yield the first of equal warnings of every node, and intervals of invalid measurements."""
     last: dict[str, tuple[int, str]] = {}
     for report in recording.reports:
+        if is_protection_report(report):
+            continue
         state = (report.level, report.message)
         new = last.get(report.node, (0, ""))[0] == 0 or state[1] != last[report.node][1]
         if report.level > 0 and new and interventions.KEY not in report.values:

@@ -189,8 +189,24 @@ def over_time(
         add_print_legend(panel)
     clock_axis(axes[-1], end)
     event_legend(figure, events)
+    _make_room(figure)
     figure.suptitle(title, fontsize=8.5)
     return figure
+
+
+def _make_room(figure: Figure) -> None:
+    """Increase the height of a figure by the legend rows beyond the usual number."""
+    legends = [(axes.get_legend(), 2) for axes in figure.axes] + [(legend, 3) for legend in figure.legends]
+    rows = 0
+    for legend, usual in legends:
+        if legend is not None:
+            labels = [text.get_text() for text in legend.get_texts()]
+            rows += max(0, -(-len(labels) // _columns(labels)) - usual)
+    figure.set_figheight(figure.get_figheight() + LEGEND_ROW * rows)
+
+
+LEGEND_ROW = 0.16
+"""Height of a row of a legend [inch]."""
 
 
 def draw_lines(axes: Axes, lines: Curves, axis: str, events: Sequence[Event] = (), *, over: str = "time") -> None:

@@ -14,6 +14,8 @@ import numpy as np
 BLUE, ORANGE, GREEN, VERMILLION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 PURPLE, SKY, GREY, BLACK = "#cc79a7", "#56b4e9", "#7f8790", "#222222"
 BROWN = "#8c510a"
+WINE, INDIGO, OLIVE = "#882255", "#332288", "#999933"
+"""Colours of the colour-blind safe palette of Tol, for events of the supervision."""
 RUN_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION, SKY, BLACK, BROWN)
 """Colours of runs, or of the power units of one run."""
 INK, FAINT, PAPER = "#1f2933", "#d9dee3", "#ffffff"
@@ -58,6 +60,10 @@ class CurveStyle:
 OF_ONE = " on the power unit's vehicle"
 """Part of a label replaced by the number of the power unit if there are several."""
 QUANTITIES: dict[str, CurveStyle] = {
+    "emergency_brake_speed": CurveStyle("emergency brake (EBI)", "km/h", BLACK, "dotted", 1.2),
+    "service_brake_speed": CurveStyle("service brake (SBI)", "km/h", PURPLE, width=1.2),
+    "warning_speed": CurveStyle("warning speed", "km/h", ORANGE, width=1.2),
+    "permitted_speed": CurveStyle("permitted speed", "km/h", GREEN, width=1.2),
     "profile": CurveStyle("profile", "km/h", GREY, width=3.2, digits=2),
     "speed": CurveStyle("train", "km/h", BLUE, digits=2),
     "measured_speed": CurveStyle("train (measured)", "km/h", BLUE, digits=2),
@@ -127,6 +133,9 @@ KINDS: dict[str, Kind] = {
     "air_brake": Kind("air brake applied or released", BROWN),
     "limit": Kind("force saturated", ORANGE),
     "disturbance": Kind("disturbance", SKY),
+    "supervision": Kind("supervision limit exceeded", INDIGO),
+    "protection": Kind("train protection: traction cut-off or brake", WINE),
+    "ato": Kind("state of the ATO", OLIVE),
     "outside": Kind("intervention: gust, delay or emergency brake", BLUE),
     "plan": Kind("re-planning", GREEN),
     "fault": Kind("fault", VERMILLION),

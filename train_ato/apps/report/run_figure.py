@@ -22,7 +22,7 @@ COLOURS = ("#1b6ca8", "#d1495b", "#2e8b57", "#8f5fb8", "#c98a1b", "#4b4b4b", "#1
 """Colours of laws, settings and differences."""
 PANELS = ("speed", "speed_error", "forces", "coupler_extremes", "pipe", "shoe_force")
 """Panels of the figure; panels without data are omitted."""
-MARKED = ("law", "outside", "scored", "end")
+MARKED = ("law", "protection", "outside", "scored", "end")
 """Kinds of event marked in the figure."""
 
 

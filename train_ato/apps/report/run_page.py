@@ -109,7 +109,7 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
 )
 """Sections: anchor, title, and their figures."""
 READINGS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("speed", ("position_km", "speed", "measured_speed", "profile", "limit")),
+    ("speed", ("position_km", "speed", "measured_speed", "profile", "limit", "permitted_speed")),
     ("speed_error", ("speed_error",)),
     ("position_error", ("position_error",)),
     ("forces", ("demand", "applied")),
@@ -123,6 +123,7 @@ SHORT = {
     "measured_speed": ("speed", "km/h", 1),
     "profile": ("profile", "km/h", 1),
     "limit": ("speed limit", "km/h", 0),
+    "permitted_speed": ("permitted", "km/h", 0),
     "speed_error": ("speed error", "km/h", 2),
     "position_error": ("position error", "m", 2),
     "demand": ("command", "kN", 0),

@@ -80,7 +80,8 @@ GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
     ),
 )
 """The rows of the summary."""
-
+SUPERVISION = "Supervision"
+"""Title of the rows of a run with a supervisor."""
 
 FINER = 3
 """Maximum number of additional decimals of a small value."""
@@ -89,8 +90,10 @@ NOT_STANDING = "stop_error_m"
 
 
 def shown(row: Row, summary: dict[str, Any]) -> str:
-    """Return the value of a row as text; a dash without a value."""
+    """Return the value of a row as text; a dash without a value or for a number that is not finite."""
     value = summary.get(row.key)
+    if isinstance(value, str):
+        return value
     if value is None or isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
         return "–"
     digits = row.digits
@@ -114,3 +117,24 @@ def filled_groups(summaries: list[dict[str, Any]]) -> list[tuple[str, list[tuple
         if any(any(text != "–" for text in texts) for _, texts in filled):
             groups.append((title, filled))
     return groups
+
+
+def _supervision_rows(summary: dict[str, Any]) -> list[Row]:
+    """Return the rows of a run with a supervisor; their meanings contain the reasons."""
+    ended = summary.get("ato_disengaged_s")
+    disengaged = "" if ended is None else f"disengaged at {ended:.1f} s: {summary.get('ato_disengaged')}"
+    first = str(summary.get("first_intervention") or "")
+    return [
+        Row("brake_interventions", "interventions of the supervisor", "", 0, "service or emergency brake"),
+        Row("first_intervention_s", "first intervention", "s", 1, first),
+        Row("strongest_reaction", "strongest reaction of the train", "", 0, "of the train protection, for any reason"),
+        Row("takeovers", "takeovers of the braking law", "", 0, "the law was near the warning speed"),
+        Row("ato_state", "ATO at the end", "", 0, disengaged),
+    ]
+
+
+def run_groups(summary: dict[str, Any]) -> list[tuple[str, list[tuple[Row, list[str]]]]]:
+    """Return the groups of one run; those of :func:`filled_groups`, and the supervision after the first."""
+    groups = filled_groups([summary])
+    rows = [(row, [shown(row, summary)]) for row in _supervision_rows(summary) if summary.get(row.key) is not None]
+    return [*groups[:1], (SUPERVISION, rows), *groups[1:]] if rows else groups

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from train_ato.apps.report.page import ReportPage, render
 from train_ato.apps.report.page_data import PageData
 from train_ato.apps.report.quantities import KINDS, PANELS
-from train_ato.apps.report.summary_rows import filled_groups
+from train_ato.apps.report.summary_rows import filled_groups, run_groups
+from train_ato.apps.runs.protection_note import summary_events
 from train_ato.version import VERSION
 
 
@@ -20,10 +22,10 @@ def write_run(data: PageData, path: Path) -> int:
     page = ReportPage(
         title=str(summary.get("scenario") or data.label),
         subtitle=data.subtitle,
-        warnings=warnings_of(data),
+        warnings=[*warnings_of(data), *_protection_warning(summary)],
         runs=[("value", "")],
         facts=[(title, [text]) for title, text in data.facts.items()],
-        groups=filled_groups([summary]),
+        groups=run_groups(summary),
         events=[("List", event_rows(data))],
         left_out=[(PANELS[name][1], reason) for name, reason in data.left_out.items()],
         readings=linked.readings,
@@ -31,6 +33,12 @@ def write_run(data: PageData, path: Path) -> int:
         version=VERSION,
     )
     return write_atomically(render(page, sections), path)
+
+
+def _protection_warning(summary: dict[str, Any]) -> list[str]:
+    """Return the line for brake interventions and a disengaged ATO, [] without them."""
+    events = summary_events(summary)
+    return [f"{events[0].upper()}{events[1:]}."] if events else []
 
 
 def write_comparison_page(pages: list[PageData], path: Path) -> int:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from train_ato.apps.runs.record import RunRecord, copy_run
-from train_ato.apps.runs.summary_table import RESULT_ROWS, html_table
+from train_ato.apps.runs.summary_table import html_table, result_rows
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import read_run_folder, read_summary
 from train_ato.loop.recording import Recording
@@ -213,7 +213,7 @@ class Run:
         return f"<Run {metrics.get('scenario', '')}: {names}, {metrics.get('status', 'done')}, {place}>"
 
     def _repr_html_(self) -> str:
-        rows = [(words, self.metrics[key]) for key, words in RESULT_ROWS if key in self.metrics]
+        rows = result_rows(self.metrics)
         return html_table(repr(self).strip("<>"), ("quantity", "value"), rows)
 
 

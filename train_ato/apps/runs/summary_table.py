@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 RESULT_ROWS: tuple[tuple[str, str], ...] = (
@@ -23,6 +23,21 @@ RESULT_ROWS: tuple[tuple[str, str], ...] = (
     ("step_time_us_median", "controller step, median in µs"),
 )
 """Key in the summary, and its name with the unit."""
+PROTECTION_ROWS: tuple[tuple[str, str], ...] = (
+    ("brake_interventions", "interventions of the supervisor"),
+    ("first_intervention_s", "first intervention at s"),
+    ("first_intervention", "first intervention"),
+    ("strongest_reaction", "strongest reaction of the train"),
+    ("takeovers", "takeovers of the braking law"),
+    ("ato_state", "ATO at the end"),
+)
+"""Rows of a run with a supervisor."""
+
+
+def result_rows(summary: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Return name and value of the rows of one run; those of the supervision only if they have a value."""
+    rows = [(words, summary[key]) for key, words in RESULT_ROWS if key in summary]
+    return rows + [(words, summary[key]) for key, words in PROTECTION_ROWS if summary.get(key) is not None]
 
 
 def format_value(value: Any) -> str:

@@ -6,7 +6,7 @@ import html
 
 from bokeh.models import Button, Column, CustomJS, Div, MultiSelect, Row, Select, Slider
 
-from train_ato.apps.report.summary_rows import filled_groups
+from train_ato.apps.report.summary_rows import SUPERVISION, run_groups
 from train_ato.apps.report.writing import short_clock
 from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.apps.view.snapshot import full_clock
@@ -16,7 +16,7 @@ from train_ato.loop.result import completed_summary
 WIDTH = 292
 SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, "20 ×": 20.0, "50 ×": 50.0, "100 ×": 100.0}
 NAMES = {"controller": "law", "observer": "observer", "compensation": "compensation", "status": "status"}
-FIGURES = ("Tracking", "Forces in the train", "Energy")
+FIGURES = ("Tracking", SUPERVISION, "Forces in the train", "Energy")
 """Names and groups of figures of the summary shown beside a recorded run."""
 
 
@@ -94,7 +94,7 @@ def _summary(feed: RecordedFeed) -> str:
     """Return the figures of the run as a table."""
     summary = completed_summary(feed.recording)
     entries = [(words, str(summary[key])) for key, words in NAMES.items() if summary.get(key) is not None]
-    for title, figures in filled_groups([summary]):
+    for title, figures in run_groups(summary):
         if title in FIGURES:
             entries += [(row.words, f"{texts[0]} {row.unit}") for row, texts in figures if texts[0] != "–"]
     rows = "".join(f"<tr><td>{words}</td><td>{html.escape(text)}</td></tr>" for words, text in entries)

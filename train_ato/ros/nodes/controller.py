@@ -50,9 +50,8 @@ class ControllerNode:
                 "atp/speeds": partial(self._step, "speeds"),
             }
         )
-        if stage.setup.layout.supervised:
-            for request in REQUESTS:
-                endpoints.serve(Trigger, f"~/{request}", partial(self._request, request))
+        for request in REQUESTS:
+            endpoints.serve(Trigger, f"~/{request}", partial(self._request, request))
 
     @property
     def ignored(self) -> int:
@@ -110,6 +109,8 @@ class ControllerNode:
     def _request(self, request: Request, _: Any, response: Any) -> Any:
         """Answer a service request to the ATO; a refusal has its reason."""
         try:
+            if not self.stage.setup.layout.supervised:
+                raise ValueError(f"{request}: the run has no supervision; set supervision.enabled: true")
             self.stage.ato.request(request)
             response.success, response.message = True, f"{request}: from the next step of the supervisor on"
         except ValueError as error:

@@ -189,7 +189,7 @@ class PlantNode:
             self.endpoints.watch.fail(role.value, reason)
         elif self._lost is None:
             self._lost = (role.value, reason)
-            self._recorded = self.blocked = False  # the recorder waits for the messages of the lost node
+            self._recorded = self.blocked = False  # the recorder acknowledges complete ticks only
             self.stage.lost = f"node {role.value}: {reason}"
             if self._period is None:
                 self._period = self.stage.setup.tick_ns / STOPPING_PACE
