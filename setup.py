@@ -87,6 +87,7 @@ setup(
             "pytest-timeout>=2.3",
             "hypothesis>=6.100",
             "jsonschema>=4.20",
+            "mutmut>=3.8,<4",
             "ros-domain-coordinator",
             "mcap-ros2-support>=0.5",
             "ruff>=0.6",

@@ -10,6 +10,7 @@ a condition without a comparison. ``mutation.py`` makes the copy and starts this
 from __future__ import annotations
 
 import json
+import resource
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,7 @@ from mutmut.mutation.file_mutation import mutate_file_contents
 from mutmut.mutation.mutators import mutation_operators
 from mutmut.stats import status_by_exit_code
 from mutmut.utils.format_utils import get_mutant_name, orig_function_and_class_names_from_key
+from table_mutants import MEMORY
 
 
 def exchanged_bound(node: cst.Call) -> Iterator[cst.Call]:
@@ -92,6 +94,7 @@ def main() -> None:
     if action == "names":
         json.dump(names([target, *rest]), sys.stdout)
     else:
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         cli(["run", "--max-children", "1", *rest], standalone_mode=False)
         Path(target).write_text(json.dumps(list(results())), encoding="utf-8")
 

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import yaml
-from table_mutants import TableMutant, run_table_mutants, table_mutants
+from table_mutants import OPTIONS, TableMutant, run_table_mutants, table_mutants
 
 ROOT = Path(__file__).resolve().parents[1]
 BOUND = 85.0
@@ -36,7 +36,10 @@ FILES = tuple(
     for path in (*sorted((ROOT / "train_ato/supervision").glob("*.py")), ROOT / "train_ato/messages/links.py")
     if path.name not in LEFT_OUT
 )
-TESTS = ("curves_standard", "links", "curves_cases", "curves_files", "curves_plant")
+TESTS = (
+    "curves_standard", "curves_targets", "curves_arcs", "curves_trains", "link_threats", "links", "curves_cases",
+    "curves_files", "curves_plant",
+)  # fmt: skip
 """Test files in the order in which they run."""
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.yaml")
 KILLED = ("killed", "timeout", "segfault")
@@ -46,6 +49,7 @@ CONFIGURATION = """
 source_paths = ["train_ato", "plant_sim"]
 only_mutate = {files}
 also_copy = ["msgs_docs", "examples", "setup.py"]
+pytest_add_cli_args = {options}
 pytest_add_cli_args_test_selection = {tests}
 timeout_multiplier = 4.0
 """
@@ -80,7 +84,8 @@ def copy_project(folder: Path, files: Sequence[str]) -> None:
         else:
             shutil.copy(ROOT / part, folder / part)
     with (folder / "pyproject.toml").open("a", encoding="utf-8") as file:
-        file.write(CONFIGURATION.format(files=json.dumps(files), tests=json.dumps(test_files())))
+        lists = {"files": files, "options": OPTIONS, "tests": test_files()}
+        file.write(CONFIGURATION.format_map({key: json.dumps(value) for key, value in lists.items()}))
 
 
 def function_mutants(folder: Path, *arguments: str, output: int | None = None) -> str:

@@ -20,8 +20,12 @@ from pathlib import Path
 from types import CodeType, ModuleType
 
 LOADED = ("hypothesis.strategies", "matplotlib.pyplot", "pydantic", "pytest", "rich", "plant_sim.train")
+OPTIONS = ("-x", "-p", "no:cacheprovider", "--hypothesis-profile=first_failure")
+"""Options of pytest: the first failure ends the tests, without a search for a smaller example."""
 LIMIT_FACTOR, LIMIT_EXTRA = 4.0, 20.0
 """Limit of the CPU time of a mutant: factor of that without a mutation, and extra time [s]."""
+MEMORY = 6 * 2**30
+"""Largest address space of a mutant [bytes]: a loop without an end also fills lists."""
 
 
 @dataclass(frozen=True)
@@ -108,10 +112,11 @@ def outcome_of_tests(root: Path, tests: Sequence[str], path: str, source: str, l
             os.dup2(quiet, 1)
             os.dup2(quiet, 2)
             resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit) + 5))
+            resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
             module = path.removesuffix(".py").replace("/", ".")
             sys.meta_path.insert(0, _MutantLoader(module, str(root / path), source))  # type: ignore[arg-type]
             pytest = importlib.import_module("pytest")
-            runs = (int(pytest.main(["-x", "-p", "no:cacheprovider", test])) for test in tests)
+            runs = (int(pytest.main([*OPTIONS, test])) for test in tests)
             status = next((failed for failed in runs if failed), 0)
         finally:
             os._exit(status)

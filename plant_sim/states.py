@@ -16,16 +16,22 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FieldDescription:
-    """Name in tables, SI unit and meaning of a field; times are integer nanoseconds in the program, s in tables."""
+    """Name in tables, SI unit, meaning and permitted values of a field.
+
+    Times are integer nanoseconds in the program, s in tables; without permitted values every number is permitted.
+    """
 
     column: str
     unit: str
     meaning: str = ""
+    permitted: tuple[float, ...] = ()
 
 
-def described(column: str, unit: str, meaning: str = "") -> dict[str, FieldDescription]:
+def described(
+    column: str, unit: str, meaning: str = "", permitted: tuple[float, ...] = ()
+) -> dict[str, FieldDescription]:
     """Return the metadata of a dataclass field that has a description."""
-    return {"description": FieldDescription(column, unit, meaning)}
+    return {"description": FieldDescription(column, unit, meaning, permitted)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import open_data as tables
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 
 settings.register_profile(
     "train_ato", deadline=None, derandomize=True, max_examples=50, suppress_health_check=[HealthCheck.too_slow]
 )
+settings.register_profile("first_failure", settings.get_profile("train_ato"), phases=[Phase.explicit, Phase.generate])
 settings.load_profile("train_ato")
 
 

@@ -7,12 +7,13 @@ from curve_trains import FIXED, LEVEL, supervised_train
 
 from train_ato.supervision.ceiling import EMERGENCY_MARGIN, SupervisionSpeeds, ceiling_speeds
 from train_ato.supervision.deceleration_curve import DecelerationCurve
-from train_ato.supervision.gradient import gradient_acceleration
-from train_ato.supervision.limits import BrakingTarget, TargetLimits
+from train_ato.supervision.gradient import gradient_acceleration, lowest_under_train
+from train_ato.supervision.limits import BrakingTarget, TargetLimits, intervention_times
 from train_ato.supervision.odometry import MotionEstimate, motion_estimate, speed_measurement_error
 from train_ato.supervision.release_speed import release_speed, release_start, trip_location
 from train_ato.supervision.step_function import StepFunction
 from train_ato.supervision.track_supervision import WIDEST_MOTION, TrackSupervision
+from train_ato.supervision.train_model import BuildUpTime
 
 END = BrakingTarget(1000.0, kind="EOA")
 NAMES = ("permitted", "warning", "service", "emergency")
@@ -75,6 +76,19 @@ def test_speeds_invert_the_locations_of_an_end(service_time: float, command: boo
             assert getattr(limits.speeds(front, motion), name) == pytest.approx(speed, abs=1e-6), (name, speed)
 
 
+@pytest.mark.parametrize(("feedback", "indication"), [(False, 8.0), (True, 5.0)])
+def test_slow_service_brake_and_its_feedback(feedback: bool, indication: float) -> None:
+    """Breaks if the indication time is not 0.8 T_bs, or 5 s with the service-brake feedback."""
+    train = supervised_train(service_time=10.0, service_command=True, service_feedback=feedback)
+    assert intervention_times(train, 0.0, FIXED).indication == indication
+
+
+def test_build_up_time_of_a_low_target_speed() -> None:
+    """Breaks if a target speed above 0 has the build-up time of a standstill."""
+    time = BuildUpTime(3.0, 4.0)
+    assert [time.for_target(speed) for speed in (0.0, 0.1, 1.0, 20.0)] == [3.0, 4.0, 4.0, 4.0]
+
+
 def test_indication_uses_the_motion() -> None:
     """Breaks if the indication is that of exact odometry."""
     limits = TargetLimits(supervised_train(), END, LEVEL, FIXED)
@@ -113,16 +127,14 @@ def test_trip_behind_the_reference_has_the_offset_alone() -> None:
     assert trip_location(1000.0, 1005.0) == trip_location(1000.0, 1000.0) == 1010.0
 
 
-@pytest.mark.parametrize("service", [None, 0.7])
+@pytest.mark.parametrize(("svl", "from_sbd"), [(1000.0, False), (5000.0, True)])
 @pytest.mark.parametrize("inhibit", [False, True])
-def test_start_of_the_release_speed(service: float | None, inhibit: bool) -> None:
-    """Breaks if the start is that of the present acceleration and speed error, or of the max safe front."""
-    limits = TargetLimits(supervised_train(service=service), END, LEVEL, FIXED)
+def test_start_of_the_release_speed(svl: float, from_sbd: bool, inhibit: bool) -> None:
+    """Breaks if the start is that of the present acceleration and speed error, or of another front."""
+    limits = TargetLimits(supervised_train(), BrakingTarget(svl, 0.0, "EOA", 1000.0), LEVEL, FIXED)
     motion = MotionEstimate(0.3, 2.0, 30.0, 50.0)
     reached = 10.0 + (0.0 if inhibit else speed_measurement_error(10.0))
-    start = 1000.0 - reached**2 / 2 - 5.0 * reached - 30.0
-    if service is not None:
-        start = min(start, 1000.0 - 10.0**2 / 1.4)
+    start = 1000.0 - 10.0**2 / 1.4 if from_sbd else 1000.0 - reached**2 / 2 - 5.0 * reached - 30.0
     words = {"inhibit_compensation": True} if inhibit else {}
     assert release_start(limits, 10.0, motion, **words) == pytest.approx(start)
 
@@ -143,6 +155,12 @@ def test_targets_of_a_line() -> None:
     assert [entry.target.location for entry in open_end.targets] == [2000.0, 3000.0, 4000.0]
     assert open_end.evaluate(9e3) == ceiling_speeds(10.0)
     assert TrackSupervision(supervised_train(), [], [], None).evaluate(1e3) == ceiling_speeds(50.0)
+
+
+def test_level_before_the_first_gradient() -> None:
+    """Breaks if a first downhill gradient acts before its start."""
+    lowest = lowest_under_train([(1000.0, -10.0), (1100.0, 5.0)], 300.0)
+    assert [lowest.at(place) for place in (-1e4, 900.0, 1000.0, 1001.0, 1400.0, 1401.0)] == [0, 0, 0, -10, -10, 5]
 
 
 def test_rotating_mass_of_the_train_is_used() -> None:
@@ -178,6 +196,12 @@ def test_ceiling_between_two_positions() -> None:
     assert {key: round(line.ceiling(*key).permitted, 9) for key in expected} == expected
 
 
+def test_an_end_that_is_the_only_target_stays_supervised() -> None:
+    """Breaks if a train beyond its only target has the ceiling speeds."""
+    line = TrackSupervision(supervised_train(), [], [], END)
+    assert line.evaluate(1100.0) == SupervisionSpeeds(0.0, 0.0, 0.0, 0.0)
+
+
 def test_a_later_target_with_an_earlier_begin() -> None:
     """Breaks if a small step before a large one hides the large one, or a curve that ends early hides its target."""
     steps = TrackSupervision(supervised_train(), [], [(0.0, 45.0), (3000.0, 44.0), (3100.0, 5.0)], None)
@@ -189,6 +213,21 @@ def test_a_later_target_with_an_earlier_begin() -> None:
     with pytest.raises(ValueError, match="the braking curve ends at"):
         short.targets[0].indication(50.0, WIDEST_MOTION)
     assert short.evaluate(600.0).emergency < 25.0
+
+
+STEPS = [[(0.0, 45.0), (3000.0, 30.0), (3500.0, 25.0), (9000.0, 10.0)], [(0.0, 45.0), (9000.0, 44.0), (9100.0, 5.0)]]
+
+
+@pytest.mark.parametrize("limits", STEPS)
+@pytest.mark.parametrize("cut_off", [0.0, 20.0])
+def test_begin_of_the_targets_covers_the_widest_motion(limits: list[tuple[float, float]], cut_off: float) -> None:
+    """Breaks if the begin of a target is that of a smaller motion, or of an earlier target with a later begin."""
+    line = TrackSupervision(supervised_train(t_traction_cut_off=cut_off), [], limits, None)
+    for front in range(-3000, 6000, 50):
+        every = [line.ceiling(front - 2500.0, front + 2500.0)]
+        every += [t.speeds(front, WIDEST_MOTION) for t in line.targets if front + 2500.0 <= t.target.location]
+        lowest = tuple(min(getattr(speeds, name) for speeds in every) for name in NAMES)
+        assert line.evaluate(front, WIDEST_MOTION) == lowest
 
 
 def test_release_speed_of_a_line() -> None:

@@ -43,6 +43,8 @@ def test_trains_outside_the_conversion_model(percentage: float, length: float, s
     with pytest.raises(ValueError) as refused:
         check_conversion(percentage, "PassengerTrainInP", length, speed_kmh / 3.6)
     assert str(refused.value) == f"{text}, or give a gamma train"
+    with pytest.raises(ValueError, match="is outside the conversion model"):
+        lambda_brake(percentage, "PassengerTrainInP", length, speed_kmh / 3.6, ONE, ONE, 1.0)
 
 
 def test_correction_of_the_emergency_time() -> None:

@@ -157,6 +157,9 @@ def test_delays_are_exact_for_long_times() -> None:
     late.push(5_000_000_000_000, (1.0,))
     assert late.pop(5_000_000_000_000) == 0.0
     epoch = 1_700_000_000_000_000_000 + 5
+    longest = Link(LinkSpec(varying=VaryingDelay(amplitude=600.0, omega=1e-12, phase=np.pi / 2)), 1, 1, 1, "c")
+    longest.push(0, (1.0,))
+    assert longest.pop(600_000_000_000 - 1) == 0.0 and longest.pop(600_000_000_000) == 1.0
     varying = Link(LinkSpec(varying=VaryingDelay(amplitude=0.0)), 1, 1, 1, "c")
     varying.push(epoch, (1.0,))
     assert varying.pop(epoch - 1) == 0.0 and varying.pop(epoch) == 1.0

@@ -92,7 +92,7 @@ def test_a_node_that_dies_or_hangs_is_named(victim, number, limit, says, setup, 
             os.kill(started[0][victim], number)
 
     outcome = run_graph(setup, tmp_path, mode="processes", progress=strike, timeout=limit, realtime=PACED)
-    assert sorted(started[0]) == ["controller", "observer", "plant", "profile", "recorder"]
+    assert sorted(started[0]) == ["controller", "observer", "plant", "profile", "recorder", "supervisor"]
     assert outcome.failure.startswith(says)
     assert outcome.summary["status"] == "failed"
     assert nothing_left(tmp_path)
@@ -229,7 +229,7 @@ def test_a_killed_runner_leaves_no_orphans(setup, tmp_path):
     process = _command_line(folder, "--processes", f"--realtime={PACED:g}")
     log = folder / "run.mcap.partial"
     wait_for(lambda: commands_in(log) > 50)
-    assert sorted(processes_of(folder)) == ["controller", "observer", "plant", "profile", "recorder"]
+    assert sorted(processes_of(folder)) == ["controller", "observer", "plant", "profile", "recorder", "supervisor"]
     seen = commands_in(log)
     process.kill()
     process.communicate(timeout=LIMIT_S)

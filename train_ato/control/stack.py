@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from train_ato.control.algorithms.guard import MAX_FORCE, all_within, is_valid_state
+from train_ato.control.algorithms.guard import all_within, is_valid_state
 from train_ato.control.command_history import CommandHistory
 from train_ato.control.command_hold import CommandHold
 from train_ato.control.compensation.contract import Compensation, CompensationInput
@@ -18,6 +18,7 @@ from train_ato.control.contract import Law, LawInput
 from train_ato.control.registry import LAWS
 from train_ato.control.standstill import RELEASE_FORCE, held_by_holding_brake, needs_release
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement, Reference
+from train_ato.messages.validity import MAX_FORCE
 
 if TYPE_CHECKING:
     from train_ato.control.air_brake.policy import BrakePolicy
@@ -149,9 +150,18 @@ class ControlStack:
         }
 
     def step(
-        self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate
+        self, measurement: Measurement, reference: Reference | None, estimate: DisturbanceEstimate | None
     ) -> tuple[Array, float | None]:
         """Return the command of one tick.
+
+        Parameters
+        ----------
+        measurement
+            Newest measurement; if its values are not valid, the last command is held.
+        reference
+            Newest reference; without one the last command is held.
+        estimate
+            Newest estimate; without one the disturbance counts as 0.
 
         Returns
         -------
@@ -180,9 +190,12 @@ class ControlStack:
             )
         if due and not valid:
             self._hold.hold("no valid measurement of the power units")
-            if (on_missed := getattr(self._law, "on_missed_sample", None)) is not None:
-                on_missed()
+            self._miss_sample()
+        elif due and reference is None:
+            self._hold.hold("no valid reference")
+            self._miss_sample()
         elif due:
+            assert reference is not None
             self._last = self._decide(measurement, reference, estimate)
             self._last = self._at_standstill(measurement, reference)
             if self._on_command_sent is not None:
@@ -190,6 +203,10 @@ class ControlStack:
         force = np.array(self._last)
         self._history.append(force)
         return force, self._pressure
+
+    def _miss_sample(self) -> None:
+        if (on_missed := getattr(self._law, "on_missed_sample", None)) is not None:
+            on_missed()
 
     def _at_standstill(self, measurement: Measurement, reference: Reference) -> list[float]:
         """Return the command; for a train at standstill 0 N or the force that releases the holding brake."""
@@ -199,7 +216,9 @@ class ControlStack:
             return [RELEASE_FORCE] * self.model.n_units
         return self._last
 
-    def _decide(self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate) -> list[float]:
+    def _decide(
+        self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate | None
+    ) -> list[float]:
         low, high = self.model.force_limits(measurement.velocity)
         output = self._law.step(self._law_input(measurement, reference, estimate, low, high))
         wanted = output.force.tolist()
@@ -236,12 +255,12 @@ class ControlStack:
         self,
         measurement: Measurement,
         reference: Reference,
-        estimate: DisturbanceEstimate,
+        estimate: DisturbanceEstimate | None,
         low: Array,
         high: Array,
     ) -> LawInput:
         """Return the input of the law from the compensation; an invalid estimate counts as 0."""
-        disturbance = estimate.force
+        disturbance = self._no_disturbance if estimate is None else estimate.force
         if not all_within(disturbance, MAX_FORCE):
             disturbance = self._no_disturbance
             self._invalid_estimates += 1

@@ -56,6 +56,7 @@ class AtoMode:
         self._waiting = sorted(setup.scenario.ato_requests, key=lambda request: request.at)
         self._accepted = ""
         self.stands = False
+        self._speed = 0.0
 
     @property
     def drives(self) -> bool:
@@ -88,24 +89,33 @@ class AtoMode:
         self.machine.fail(stamp, reason)
         self.changed = True
 
-    def update(self, measurement: Measurement, protection: ProtectionState, speeds: SupervisedSpeeds) -> AtoReport:
-        """Apply conditions and requests at a step of the supervisor; return the report of this step."""
+    def update(
+        self, measurement: Measurement, protection: ProtectionState | None, speeds: SupervisedSpeeds | None
+    ) -> AtoReport:
+        """Apply conditions and requests at a step of the supervisor; return the report of this step.
+
+        Parameters
+        ----------
+        measurement
+            Newest measurement.
+        protection, speeds
+            Newest state of traction cut-off and brakes, and limits; None locks the ATO as a brake does.
+        """
         stamp, machine = measurement.stamp, self.machine
         valid = is_valid_state(measurement)
-        self.stands = abs(float(speeds.speed[0])) < STANDSTILL_SPEED
-        names = zip(FIXED_NAMES[Owner.BRAKE_LINE], protection.active.tolist(), strict=True)
-        active = [name.replace("_", " ") for name, value in names if value]
+        self._speed = self._speed if speeds is None else abs(float(speeds.speed[0]))
+        self.stands = speeds is not None and self._speed < STANDSTILL_SPEED
         before = machine.state
-        machine.update(stamp, valid=valid, stands=self.stands, locked=f"{active[-1]} in effect" if active else "")
+        machine.update(stamp, valid=valid, stands=self.stands, locked=_lock(protection, speeds))
         if self.awaits_profile and stamp - machine.since > PLANNING_TIME * 1e9:
             self.awaits_profile = False
             machine.fail(stamp, "no profile from the present place; see the diagnostics of the profile")
-        difference = self._check.step(measurement, speeds)
+        difference = "" if speeds is None else self._check.step(measurement, speeds)
         if difference and machine.state is AtoState.ENGAGED:
             machine.fail(stamp, difference)
         self._take_request(stamp)
         self.changed = machine.state is not before or bool(self._accepted)
-        if self.assurance is not None and self.assurance.step(speeds):
+        if self.assurance is not None and speeds is not None and self.assurance.step(speeds):
             self.changed, self.returned = True, not self.assurance.brakes
         return AtoReport(
             stamp,
@@ -135,13 +145,17 @@ class AtoMode:
         force = np.zeros(model.n_units)
         if not self.machine.brakes(measurement.stamp) or self.stands:
             return force, None if brake is None else brake.charged
-        if is_valid_state(measurement):
-            force = self.braking_force(measurement)
-        return force, None if brake is None else brake.charged - brake.reduction[-1]
+        return self.braking_force(measurement), None if brake is None else brake.charged - brake.reduction[-1]
 
     def braking_force(self, measurement: Measurement) -> Array:
-        """Return the force of the braking law [N], shape (units,): the full electric brake."""
-        return np.asarray(np.minimum(self._model.force_limits(measurement.velocity)[0], 0.0))
+        """Return the force of the braking law [N], shape (units,): the full electric brake.
+
+        Without a valid measurement the speed is that of the supervisor.
+        """
+        velocity = measurement.velocity
+        if not is_valid_state(measurement):
+            velocity = np.full(self._model.n_units, self._speed)
+        return np.asarray(np.minimum(self._model.force_limits(velocity)[0], 0.0))
 
     def diagnostics(self) -> dict[str, str]:
         """Return state, reason, assurance and accepted request as text."""
@@ -149,3 +163,12 @@ class AtoMode:
         if self.assurance is not None:
             values["takeovers"] = str(self.assurance.takeovers)
         return {**values, KEY: self._accepted} if self._accepted else values
+
+
+def _lock(protection: ProtectionState | None, speeds: SupervisedSpeeds | None) -> str:
+    """Return the traction cut-off or brake in effect, or a missing message, as text; "" without one."""
+    if protection is None or speeds is None:
+        return f"no valid {'train/protection' if protection is None else 'atp/speeds'}"
+    names = zip(FIXED_NAMES[Owner.BRAKE_LINE], protection.active.tolist(), strict=True)
+    active = [name.replace("_", " ") for name, value in names if value]
+    return f"{active[-1]} in effect" if active else ""

@@ -11,6 +11,7 @@ from train_ato.control.stack import ControlStack
 from train_ato.errors import RunFailed
 from train_ato.interrupt import ComponentCall
 from train_ato.loop.ato_mode import AtoMode
+from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import ControllerMessages, diagnostics_due, stamped
 from train_ato.loop.step_times import StepTimes
@@ -30,6 +31,9 @@ from train_ato.messages.types import (
 )
 from train_ato.profile.profile import Profile
 from train_ato.scenario.changes import KEY, LAW, Changes, changes_to_json, requested_stamp, values_of
+
+MAX_REFERENCE_SHIFT = 1.0
+"""Largest difference of a reference from the profile at its stamp [m]."""
 
 
 class ControllerStage:
@@ -56,6 +60,8 @@ class ControllerStage:
         self._fresh = True
         self._law_changed = False
         self._asked: Changes = {}
+        self._inputs = StageInputs(setup, self.role)
+        self._inputs.check("ato/reference", self._reference_problem)
         links, step, seed = setup.links, setup.step_ns, setup.seed
         self._measurement_link = MessageLink(links.measurement, step, seed, "measurement")
         self._reference_link = MessageLink(links.reference, step, seed, "reference")
@@ -168,13 +174,16 @@ class ControllerStage:
         assert self._stack is not None, "the profile comes before the first step"
         begin = time.perf_counter_ns()
         stamp = measurement.stamp
-        seen = stamped(self._measurement_link.pass_on(stamp, measurement), stamp)
-        expected = self._reference_link.pass_on(stamp, reference)
-        disturbance = self._estimate_link.pass_on(stamp, estimate)
+        receive = self._inputs.receive
+        seen = stamped(self._measurement_link.pass_on(stamp, self._inputs.measurement(measurement)), stamp)
+        expected = self._reference_link.pass_on(stamp, receive("ato/reference", stamp, reference))
+        disturbance = self._estimate_link.pass_on(stamp, receive("ato/estimate", stamp, estimate))
         self.ato.begin_step()
         report = None
         if protection is not None and speeds is not None:
-            report = self.ato.update(seen, protection, speeds)
+            report = self.ato.update(
+                seen, receive("train/protection", stamp, protection), receive("atp/speeds", stamp, speeds)
+            )
         if self._error is not None and self.ato.stands:
             raise self._error
         with self._call:
@@ -188,9 +197,14 @@ class ControllerStage:
         return ControllerMessages(Command(stamp, force), pipe, self.diagnostic(stamp), report)
 
     def _engaged_step(
-        self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate
+        self, measurement: Measurement, reference: Reference | None, estimate: DisturbanceEstimate | None
     ) -> tuple[Array, float | None]:
         """Return force and pressure of the control stack; with supervision its failure disengages the ATO.
+
+        Parameters
+        ----------
+        measurement, reference, estimate
+            Newest valid messages; without a reference the last command is held, without an estimate it is 0.
 
         Raises
         ------
@@ -217,11 +231,19 @@ class ControllerStage:
             stack.override(force)
         return force, pressure
 
+    def _reference_problem(self, reference: Reference) -> str:
+        """Return the difference of a reference from the profile at its stamp as text, "" for a reference of it."""
+        if self._profile is None:
+            return ""
+        position, _, _, _ = self._profile.at_stamp(reference.stamp)
+        if abs(reference.position - position) > MAX_REFERENCE_SHIFT:
+            return f"not of the profile: {reference.position:.0f} m, {reference.velocity * 3.6:.1f} km/h"
+        return ""
+
     def diagnostic(self, stamp: int) -> Diagnostic | None:
         """Return the state of the controller once a second, and at every step with a change or a held command."""
-        if self._stack is None or not (
-            diagnostics_due(stamp, self.setup.tick_ns) or self._stack.holding or self.changed or self.ato.changed
-        ):
+        noted = self._inputs.take_changed() or bool(self.changed) or self.ato.changed
+        if self._stack is None or not (noted or diagnostics_due(stamp, self.setup.tick_ns) or self._stack.holding):
             return None
         model = self.setup.model
         values = {
@@ -231,6 +253,7 @@ class ControllerStage:
             "delay_brake": repr(model.delay_brake.tolist()),
             "lag": repr(model.lag),
             **self._stack.diagnostics(),
+            **self._inputs.diagnostics(),
         }
         if self.changed:
             values[KEY] = changes_to_json(self.changed)

@@ -11,6 +11,7 @@ from plant_sim.disturbances import Gust
 from plant_sim.odometry import Odometers
 from plant_sim.service_brake import FullServiceBrake
 from plant_sim.train import Observation
+from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due
 from train_ato.loop.train_protection import Protection, TrainProtection
@@ -79,6 +80,7 @@ class PlantStage:
     def __init__(self, setup: RunSetup) -> None:
         self.setup = setup
         self.protection = TrainProtection(setup)
+        self._inputs = StageInputs(setup, self.role)
         self.lost = ""
         self._reported = Protection.NONE
         self._due = [(due_stamp(planned, setup.tick_ns), planned) for planned in setup.scenario.interventions]
@@ -114,7 +116,7 @@ class PlantStage:
         odometry, protection = self._for_supervisor(stamp, seen)
         changed = self.protection.level is not self._reported
         self._reported = self.protection.level
-        reported = taken or changed or diagnostics_due(stamp, self.setup.tick_ns)
+        reported = self._inputs.take_changed() or taken or changed or diagnostics_due(stamp, self.setup.tick_ns)
         truth = self._truth(seen, self.diagnostic(taken) if reported else None)
         return PlantMessages(truth, seen.measurement, odometry, protection)
 
@@ -206,22 +208,28 @@ class PlantStage:
 
     def act(self, command: Command, pipe: Pipe | None, release: BrakeRelease | None = None) -> None:
         """Integrate to t_k+1 with the command stamped t_k, and the brake release at a step of the supervisor."""
-        stamp = self.stamp
-        self._link.push(stamp, command.force)
-        self.protection.on_command(stamp)
-        pressure = None
-        if pipe is not None:
-            self._pipe_link.push(stamp, (pipe.pressure,))
-            pressure = float(self._pipe_link.pop(stamp)[0])
-        if release is not None:
-            self.protection.on_release(release)
-        self._advance(pressure)
+        self._advance(self._receive(command, pipe, release))
 
     def hold(self, release: BrakeRelease | None = None) -> None:
         """Integrate one tick without a new command (``realtime`` only)."""
-        if release is not None:
-            self.protection.on_release(release)
-        self._advance(None)
+        self._advance(self._receive(None, None, release))
+
+    def _receive(self, command: Command | None, pipe: Pipe | None, release: BrakeRelease | None) -> float | None:
+        """Take the messages of this tick; return the pressure demanded at the head [Pa], None for the present one."""
+        stamp, inputs = self.stamp, self._inputs
+        released = inputs.receive("atp/brake_release", stamp, release)
+        if inputs.fresh("atp/brake_release"):
+            self.protection.on_release(released, stamp)
+        forces = inputs.receive("ato/command", stamp, command)
+        pressure = inputs.receive("ato/brake_pipe_command", stamp, pipe)
+        if inputs.fresh("ato/command"):
+            self._link.push(stamp, forces.force)
+            piped = forces.stamp if not self.setup.layout.air_brake else 0 if pressure is None else pressure.stamp
+            self.protection.on_command(min(forces.stamp, piped), stamp)
+        if not inputs.fresh("ato/brake_pipe_command"):
+            return None
+        self._pipe_link.push(stamp, (pressure.pressure,))
+        return float(self._pipe_link.pop(stamp)[0])
 
     def _advance(self, pressure: float | None) -> None:
         """Integrate one tick with the arrived commands, or with the fail-safe reaction in their place.
@@ -253,6 +261,7 @@ class PlantStage:
         totals = self.train.totals
         values = {name: repr(float(getattr(totals, attribute))) for name, attribute in TOTALS}
         values["commands_lost"] = str(self._link.lost)
+        values |= self._inputs.diagnostics()
         if taken:
             values[KEY] = interventions_to_json(taken)
         if self.lost:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from train_ato.control.algorithms.guard import is_valid_state
+from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import ProfileMessages, ProfileStart, diagnostics_due
 from train_ato.loop.trajectories import limits_of, trajectory_of
@@ -47,6 +49,7 @@ class ProfileStage:
         self.profile: Profile = setup.profile
         self.planned = 0
         self._replanner = setup.replanner()
+        self._inputs = StageInputs(setup, self.role)
         self._link = MessageLink(setup.links.measurement, setup.step_ns, setup.seed, "measurement")
         self._decision: ReplanDecision | None = None
         self._engaged = True
@@ -72,22 +75,24 @@ class ProfileStage:
             At a step of the supervisor: report of the ATO at the step before.
         """
         stamp = measurement.stamp
-        decided = self._begun_again(measurement, ato) or self._replanned(measurement)
-        reported = decided or diagnostics_due(stamp, self.setup.tick_ns)
+        arrived = self._inputs.measurement(measurement)
+        report = None if ato is None else self._inputs.receive("ato/state", stamp, ato)
+        decided = self._begun_again(stamp, arrived, report) or self._replanned(stamp, arrived)
+        reported = self._inputs.take_changed() or decided or diagnostics_due(stamp, self.setup.tick_ns)
         return ProfileMessages(
             self.step(stamp),
             trajectory_of(self.profile, stamp) if decided and self.planned == stamp else None,
             self.diagnostic(stamp) if reported else None,
         )
 
-    def _begun_again(self, measurement: Measurement, ato: AtoReport | None) -> bool:
+    def _begun_again(self, stamp: int, measurement: Measurement, ato: AtoReport | None) -> bool:
         """Plan from standstill after the ATO was engaged again; return True after this decision."""
-        if ato is None:
+        if ato is None or not is_valid_state(measurement):
             return False
         before, self._engaged = self._engaged, bool(ato.state[0] == AtoState.ENGAGED)
         if before or not self._engaged:
             return False
-        stamp, setup = measurement.stamp, self.setup
+        setup = self.setup
         state = TrainState(stamp * 1e-9, float(measurement.position[0] + setup.model.offsets[0]), 0.0)
         settings = setup.scenario.profile.plan or _service_limits(setup.profile)
         try:
@@ -98,16 +103,16 @@ class ProfileStage:
             self._refusal = str(error)
         return True
 
-    def _replanned(self, measurement: Measurement) -> bool:
+    def _replanned(self, stamp: int, measurement: Measurement) -> bool:
         """Check that the train can follow the profile; return True after a decision on re-planning."""
         if self._replanner is None or not self._engaged:
             return False
-        decision = self._replanner.step(self._link.pass_on(measurement.stamp, measurement))
+        decision = self._replanner.step(self._link.pass_on(stamp, measurement))
         if decision is None:
             return False
         self._decision = decision
         if decision.profile is not None:
-            self.profile, self.planned = decision.profile, measurement.stamp
+            self.profile, self.planned = decision.profile, stamp
         return True
 
     def diagnostic(self, stamp: int) -> Diagnostic:
@@ -115,6 +120,7 @@ class ProfileStage:
         profile, replanner, decision = self.profile, self._replanner, self._decision
         remaining = max(0.0, profile.end - stamp * 1e-9)
         values = {"knots": str(profile.time.size), "period": repr(profile.period), "remaining": repr(remaining)}
+        values |= self._inputs.diagnostics()
         if self._refusal:
             return Diagnostic(stamp, "profile", 1, "cannot be planned again", {**values, "reason": self._refusal})
         if self.planned and decision is None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
+
+import numpy as np
 
 from train_ato.messages.types import (
     AtoReport,
@@ -144,6 +146,12 @@ class ControllerMessages:
             ("/diagnostics", self.diagnostics),
             ("ato/command", self.command),
         )
+
+
+def without_values(measurement: Measurement) -> Measurement:
+    """Return a measurement with NaN as values, in place of one that did not arrive."""
+    names = [entry.name for entry in fields(measurement) if entry.name != "stamp"]
+    return replace(measurement, **{name: np.full_like(getattr(measurement, name), np.nan) for name in names})
 
 
 def stamped(message: Any, stamp: int) -> Any:

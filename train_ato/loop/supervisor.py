@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import SupervisorMessages, diagnostics_due
 from train_ato.messages.topics import Role
 from train_ato.messages.types import BrakeRelease, Diagnostic, Odometry, SupervisedSpeeds
+from train_ato.supervision.odometry_check import OdometryCheck
+from train_ato.supervision.position_estimate import TrainMotion
 from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState
 
 
@@ -18,17 +21,20 @@ class SupervisorStage:
 
     def __init__(self, setup: RunSetup) -> None:
         self.setup = setup
+        self._inputs = StageInputs(setup, self.role)
+        self._inputs.check("train/odometry", OdometryCheck().problem)
         self._supervisor = setup.supervisor()
         self._period_ns = setup.supervision_ticks * setup.tick_ns
         self._reported = SupervisionState.NORMAL
+        self._motion: TrainMotion | None = None
 
     def step(self, odometry: Odometry) -> SupervisorMessages:
-        """Return the decision for the stamp of the odometry."""
+        """Return the decision for the stamp of the odometry; without a valid one, the motion is the last known."""
         stamp = odometry.stamp
-        decision = self._supervisor.step(odometry)
-        changed = decision.state is not self._reported
+        decision = self._supervisor.step(self._inputs.receive("train/odometry", stamp, odometry))
+        changed = self._inputs.take_changed() or decision.state is not self._reported
         self._reported = decision.state
-        motion = decision.motion
+        motion = self._motion = decision.motion or self._motion
         speed, front, error = (
             (0.0, 0.0, 0.0) if motion is None else (motion.speed, motion.front, motion.estimate.under_reading)
         )
@@ -40,7 +46,7 @@ class SupervisorStage:
 
     def _diagnostic(self, stamp: int, decision: SupervisionDecision) -> Diagnostic:
         """Return the state of the supervision with the reason of the last change."""
-        values = {"interventions": str(self._supervisor.interventions)}
+        values = {"interventions": str(self._supervisor.interventions), **self._inputs.diagnostics()}
         if decision.motion is not None:
             values |= {
                 "front": repr(decision.motion.front),

@@ -78,14 +78,14 @@ class TrainProtection:
         """Add a change of the command delays."""
         self._stamps.jump(change)
 
-    def on_command(self, stamp: int) -> None:
-        """Take the stamp of a command that the ATO sent [ns]."""
+    def on_command(self, stamp: int, received: int | None = None) -> None:
+        """Take the stamp of a command of the ATO and the time of its reception [ns], by default its stamp."""
         if self._supervised:
-            self._stamps.push(stamp, (float(stamp),))
+            self._stamps.push(stamp if received is None else received, (float(stamp),))
 
-    def on_release(self, release: BrakeRelease) -> None:
-        """Take a brake release that the supervisor sent."""
-        self._release = self._release_link.pass_on(release.stamp, release)
+    def on_release(self, release: BrakeRelease, received: int | None = None) -> None:
+        """Take a brake release of the supervisor and the time of its reception [ns], by default its stamp."""
+        self._release = self._release_link.pass_on(release.stamp if received is None else received, release)
 
     def step(self, stamp: int, *, stands: bool) -> Protection:
         """Return the reaction of the tick at ``stamp`` [ns].

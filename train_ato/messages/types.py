@@ -119,7 +119,9 @@ class BrakeRelease:
     """
 
     stamp: int
-    released: Array = field(metadata=described("released", "", "1 released; 0 traction cut off, or brake demanded"))
+    released: Array = field(
+        metadata=described("released", "", "1 released; 0 traction cut off, or brake demanded", permitted=(0.0, 1.0))
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +130,9 @@ class ProtectionState:
 
     stamp: int
     active: Array = field(
-        metadata=described("active", "", "1 traction cut off, or brake applied; 0 as the ATO commands")
+        metadata=described(
+            "active", "", "1 traction cut off, or brake applied; 0 as the ATO commands", permitted=(0.0, 1.0)
+        )
     )
 
 
@@ -167,5 +171,10 @@ class AtoReport:
     position: Array = field(metadata=described("position", "m", "measured, of vehicle 0's centre"))
     velocity: Array = field(metadata=described("speed", "m/s", "measured, of the first power unit"))
     state: Array = field(
-        metadata=described("state", "", ", ".join(f"{state.value} {state.text}" for state in AtoState))
+        metadata=described(
+            "state",
+            "",
+            ", ".join(f"{state.value} {state.text}" for state in AtoState),
+            permitted=tuple(float(state) for state in AtoState),
+        )
     )

@@ -20,6 +20,7 @@ from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.units import Length, SiModel, Time
 from train_ato.control.air_brake.policy import BrakeSpec
+from train_ato.messages.faults import Fault
 from train_ato.messages.links import LinkSpec
 from train_ato.profile.planner.settings import ReplanSpec
 from train_ato.scenario.ato_requests import AtoRequest
@@ -124,6 +125,7 @@ class Scenario(SiModel):
     interventions: tuple[Intervention, ...] = Field(
         (), description="gusts, delay jumps and emergency brake during the run"
     )
+    faults: tuple[Fault, ...] = Field((), description="faults of messages and nodes during the run")
     supervision: SupervisionSpec = SupervisionSpec()
     ato_requests: tuple[AtoRequest, ...] = Field((), description="requests to the ATO during the run")
     evaluation: Evaluation = Evaluation()

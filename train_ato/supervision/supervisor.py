@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+import numpy as np
+
 from train_ato.messages.types import Odometry
 from train_ato.supervision.ceiling import SupervisionSpeeds
 from train_ato.supervision.position_estimate import PositionEstimator, TrainMotion
@@ -17,6 +19,8 @@ from train_ato.supervision.track_supervision import TrackSupervision
 
 STANDSTILL_SPEED = 0.1
 """Estimated speed below which the train is at standstill [m/s]."""
+REPEAT_DISTANCE = 50.0
+"""Distance from the end of an emergency brake within which a second one is not released at standstill [m]."""
 NO_SPEEDS = SupervisionSpeeds(0.0, 0.0, 0.0, 0.0)
 
 
@@ -69,21 +73,23 @@ class Supervisor:
     """
 
     def __init__(self, track: TrackSupervision, spec: SupervisionSpec) -> None:
-        self._track, self._spec = track, spec
+        self.track, self._spec = track, spec
         self._estimator = PositionEstimator()
         self._state = SupervisionState.NORMAL
         self._reason = ""
         self._stamp = 0
         self._rolled = 0.0
+        self._latched = False
+        self._stopped_at = -np.inf
         self.interventions = 0
 
-    def step(self, odometry: Odometry) -> SupervisionDecision:
-        """Return the decision of one period from its odometry."""
-        motion = self._estimator.step(odometry)
+    def step(self, odometry: Odometry | None) -> SupervisionDecision:
+        """Return the decision of one period from its odometry; None without a valid one."""
+        motion = None if odometry is None else self._estimator.step(odometry)
         if motion is None:
-            self._intervene(SupervisionState.EMERGENCY_BRAKE, "the odometry is not finite")
+            self._intervene(SupervisionState.EMERGENCY_BRAKE, "no valid odometry")
             return SupervisionDecision(self._state, self._reason, NO_SPEEDS, None)
-        speeds = self._track.evaluate(motion.front, motion.estimate)
+        speeds = self.track.evaluate(motion.front, motion.estimate)
         self._release(motion, speeds)
         self._supervise_speed(motion, speeds)
         self._supervise_direction(motion)
@@ -100,18 +106,21 @@ class Supervisor:
     def _release(self, motion: TrainMotion, speeds: SupervisionSpeeds) -> None:
         """Lower the state where its release condition holds: 3.13.10.3, 3.13.10.4.
 
-        Overspeed, warning and service brake end at the permitted speed, the emergency brake at standstill.
+        Overspeed, warning and service brake end at the permitted speed, the emergency brake at standstill; a second one
+        within :data:`REPEAT_DISTANCE` needs an acknowledgement, which no run has.
         """
         state = self._state
         stands = abs(motion.speed) < STANDSTILL_SPEED
         within = motion.speed <= speeds.permitted
         if state is SupervisionState.EMERGENCY_BRAKE:
-            ended = stands
+            ended = stands and not self._latched
         elif state is SupervisionState.SERVICE_BRAKE:
             ended = stands or within
         else:
             ended = within
         if ended:
+            if state is SupervisionState.EMERGENCY_BRAKE:
+                self._stopped_at = motion.front
             self._state, self._reason = SupervisionState.NORMAL, ""
 
     def _supervise_speed(self, motion: TrainMotion, speeds: SupervisionSpeeds) -> None:
@@ -121,13 +130,14 @@ class Supervisor:
         limit = f"{speed * 3.6:.1f} km/h at {motion.front:.0f} m"
         if speed > speeds.emergency:
             self._intervene(SupervisionState.EMERGENCY_BRAKE, f"{limit}, limit {speeds.emergency * 3.6:.1f} km/h")
+            self._latched |= motion.front - self._stopped_at < REPEAT_DISTANCE
         elif speed > speeds.service and self._spec.service_brake:
             self._intervene(SupervisionState.SERVICE_BRAKE, f"{limit}, limit {speeds.service * 3.6:.1f} km/h")
         elif speed > speeds.warning:
             self._intervene(SupervisionState.WARNING, f"{limit}, limit {speeds.warning * 3.6:.1f} km/h")
         elif speed > speeds.permitted:
             self._intervene(SupervisionState.OVERSPEED, f"{limit}, limit {speeds.permitted * 3.6:.1f} km/h")
-        elif self._track.indicates(motion.front, speed, motion.estimate):
+        elif self.track.indicates(motion.front, speed, motion.estimate):
             self._intervene(SupervisionState.INDICATION, "a target is near")
 
     def _supervise_direction(self, motion: TrainMotion) -> None:

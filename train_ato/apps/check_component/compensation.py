@@ -25,11 +25,12 @@ from train_ato.apps.check_component.common import (
 )
 from train_ato.apps.check_component.trains import PERIOD, Bench, CoupledTrain, TrainSample
 from train_ato.control.air_brake.policy import BrakeEvent, BrakeSpec, make_brake_policy
-from train_ato.control.algorithms.guard import MAX_FORCE, MAX_POSITION, MAX_SPEED, invalid_inputs, is_valid
+from train_ato.control.algorithms.guard import invalid_inputs, is_valid
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.contract import LawInput, Preview
 from train_ato.control.laws.pid import Pid
 from train_ato.messages.types import Array
+from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
 
 DELAY, LAG = 0.5, 0.4
 """Delay of the commands and lag of the actuators [s]."""

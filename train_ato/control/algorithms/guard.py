@@ -16,16 +16,11 @@ import numpy as np
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.contract import LawInput, LawOutput, Preview
 from train_ato.messages.types import Array
+from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
-MAX_POSITION = 1e8
-"""Largest valid position [m]."""
-MAX_SPEED = 1e3
-"""Largest valid speed [m/s], acceleration [m/s²] and jerk [m/s³]."""
-MAX_FORCE = 1e10
-"""Largest valid force [N]."""
 MAX_DELAY = 100.0
 """Largest valid delay of a command [s]."""
 

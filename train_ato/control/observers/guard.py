@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from train_ato.control.algorithms.guard import MAX_FORCE, all_within, is_valid_state
+from train_ato.control.algorithms.guard import all_within, is_valid_state
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.messages.types import Array
+from train_ato.messages.validity import MAX_FORCE
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel

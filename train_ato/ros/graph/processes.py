@@ -94,12 +94,15 @@ class NodeProcess:
         Integers that the node has printed, by name.
     reported : float
         Monotonic wall time of the last report [s].
+    lost : bool
+        True after the report of its failure to the plant.
     """
 
     def __init__(self, role: Role, arguments: list[str], domain: int, log_folder: Path) -> None:
         self.role = role
         self.counts: dict[str, list[int]] = {}
         self.reported = time.monotonic()
+        self.lost = False
         self._errors = log_folder / f"{role.value}.stderr.txt"
         environment = {**os.environ, **variables(domain, log_folder)}
         paths = [_PACKAGE_ROOT, *filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))]
@@ -152,6 +155,13 @@ class NodeProcess:
             return text
         return f"node {self.role.value} failed: {text or f'its process ended with status {status}'}"
 
+    def send(self, line: str) -> None:
+        """Write a line to the standard input of the node."""
+        assert self.process.stdin is not None
+        with contextlib.suppress(OSError):
+            self.process.stdin.write(f"{line}\n")
+            self.process.stdin.flush()
+
     def release(self) -> None:
         """Close the standard input of the node; the node then ends the run."""
         assert self.process.stdin is not None
@@ -197,8 +207,10 @@ def _supervise(
         time.sleep(_TURN_S)
         if time.monotonic() - before > SUSPENDED_S:  # this process was suspended; the reports wait in the pipes
             continue
-        if (failure := _failure(nodes)) and not _stops_train(nodes):
-            return failure
+        if failure := _failure(nodes):
+            if not _stops_train(nodes):
+                return failure
+            _report_lost(nodes)
         if interrupt.asked and not stopped:
             stopped = True
             plant.process.send_signal(signal.SIGINT)
@@ -221,6 +233,14 @@ def _stops_train(nodes: dict[Role, NodeProcess]) -> bool:
     """Return True if the plant goes on without the failed nodes until its train stands."""
     needed = (nodes[Role.PLANT], nodes[Role.RECORDER])
     return Role.SUPERVISOR in nodes and not any(node.failure for node in needed)
+
+
+def _report_lost(nodes: dict[Role, NodeProcess]) -> None:
+    """Send the failed nodes to the plant, which goes on until its train stands."""
+    for node in nodes.values():
+        if node.failure and not node.lost:
+            node.lost = True
+            nodes[Role.PLANT].send(f"{node.role.value} {node.failure.partition(' failed: ')[2]}")
 
 
 def _failure(nodes: dict[Role, NodeProcess]) -> str | None:

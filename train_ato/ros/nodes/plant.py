@@ -189,6 +189,10 @@ class PlantNode:
             self.stage.lost = f"node {role.value}: {reason}"
             if self._period is None:
                 self._period = self.stage.setup.tick_ns / STOPPING_PACE
+            self._recorded = False  # the recorder acknowledges complete ticks only
+            if self.blocked:
+                self.blocked = False
+                self.endpoints.guard(self._next)
             self._wake_every(self._period)
 
     def _on_command(self, command: Command) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import queue
 import signal
 import sys
 import threading
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from train_ato.loop.result import RunResult
     from train_ato.loop.setup import RunSetup
 
+    Notices = queue.SimpleQueue[tuple[Role, str]]
     Completed = Callable[[RunSetup, RunResult, Path], None]
 
 
@@ -85,25 +87,35 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
+    notices: Notices = queue.SimpleQueue()
     if options.attached:
-        threading.Thread(target=_stop_at_end_of_input, args=(stopped,), daemon=True).start()
+        threading.Thread(target=_read_input, args=(stopped, notices), daemon=True).start()
     try:
         if not options.attached:
             require_ros()
-        return _run(role, options, stopped, completed)
+        return _run(role, options, stopped, notices, completed)
     except (ValueError, OSError) as error:
         sys.stderr.write(f"{role.value}: {' '.join(str(error).split())}\n")
         return BAD_INPUT
 
 
-def _stop_at_end_of_input(stopped: threading.Event) -> None:
-    """Set the event when standard input is closed; a read without a buffer does not block the exit of the process."""
-    while os.read(0, 1):
-        pass
+def _read_input(stopped: threading.Event, notices: Notices) -> None:
+    """Queue the lines ``ROLE REASON`` of lost nodes; set the event when standard input is closed.
+
+    A read without a buffer does not block the exit of the process.
+    """
+    line = b""
+    while found := os.read(0, 4096):
+        *whole, line = (line + found).split(b"\n")
+        for text in whole:
+            role, _, reason = text.decode(errors="replace").partition(" ")
+            notices.put((Role(role), reason))
     stopped.set()
 
 
-def _run(role: Role, options: argparse.Namespace, stopped: threading.Event, completed: Completed | None) -> int:
+def _run(
+    role: Role, options: argparse.Namespace, stopped: threading.Event, notices: Notices, completed: Completed | None
+) -> int:
     """Create and run the node; imports are late because rclpy reads the environment at import."""
     from train_ato.errors import FirstFailure
     from train_ato.loop.setup import prepare
@@ -132,7 +144,7 @@ def _run(role: Role, options: argparse.Namespace, stopped: threading.Event, comp
         node = make_node(role, setup, endpoints, folder, realtime, timeout, False, pace, compression)
         recorded = getattr(options, "recorded", False)
         turner = StandaloneRunner(
-            role, node, endpoints, executor, stopped, setup.fingerprint(), recorded, options.attached
+            role, node, endpoints, executor, stopped, setup.fingerprint(), recorded, options.attached, notices
         )
         status = turner.run()
         if folder is not None and not node.log.failure and not options.attached:

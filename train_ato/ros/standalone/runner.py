@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from queue import SimpleQueue
 from typing import Any
 
 from train_ato.messages.topics import BY_NAME, Role
@@ -43,6 +44,8 @@ class StandaloneRunner:
         For the plant: do not begin without a recorder.
     attached
         Print the progress, at the end the counts, for the process that started this one.
+    notices
+        For the plant: lost nodes with the reason, from the process that started this one.
 
     Attributes
     ----------
@@ -60,6 +63,7 @@ class StandaloneRunner:
         fingerprint: dict[str, str],
         recorded: bool = False,
         attached: bool = False,
+        notices: SimpleQueue[tuple[Role, str]] | None = None,
     ) -> None:
         self.role = role
         self.node = node
@@ -67,6 +71,7 @@ class StandaloneRunner:
         self._executor = executor
         self._stopped = stopped
         self._attached = attached
+        self._notices = notices
         self._continued = threading.Event()
         self._met = False
         self.first_heard = self.last_heard = 0.0
@@ -149,6 +154,8 @@ class StandaloneRunner:
         look = 0.0
         while not self._ends and not self.node.finished:
             self._executor.spin_once(timeout_sec=TURN_S)
+            while self._notices is not None and not self._notices.empty():
+                self.node.lose(*self._notices.get())
             if time.monotonic() >= look:
                 look = time.monotonic() + TURN_S
                 self._print("tick", self.node.stage.tick)

@@ -1,0 +1,134 @@
+"""Runs of the fault table in the engine, and their measured figures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from msgs_docs.generate.fault_table import BASES, FaultRow
+from plant_sim.traction import Envelope
+from train_ato.loop.engine import run_engine
+from train_ato.loop.recording import Recording
+from train_ato.loop.result import RunResult
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.messages.types import Diagnostic
+from train_ato.scenario.scenario import load_scenario
+from train_ato.supervision.ceiling import EMERGENCY_MARGIN
+from train_ato.supervision.plant_line import highest_limit
+
+SECOND = 1_000_000_000
+STANDSTILL = 0.05
+"""Speed of a train at standstill [m/s]."""
+REACTIONS = ("coast", "service brake", "emergency brake", "disengaging", "failure", "braking law")
+"""States of plant and controller with a demand to coast or to brake."""
+DETECTIONS = ("refusal ", "missing ")
+"""Beginnings of the keys of diagnostics that report a refused or missing message."""
+
+
+@dataclass(frozen=True)
+class FaultRun:
+    """Run of a row with its figures.
+
+    Attributes
+    ----------
+    setup, result
+        Prepared run and its result.
+    """
+
+    setup: RunSetup
+    result: RunResult
+
+    @property
+    def recording(self) -> Recording:
+        """Recording of the run."""
+        assert self.result.recording is not None
+        return self.result.recording
+
+    @property
+    def _half(self) -> float:
+        return self.setup.consist.vehicles[0].length / 2.0
+
+    @property
+    def stop(self) -> float:
+        """Planned stop of the front [m]."""
+        return float(self.setup.profile.position[-1]) + self._half
+
+    @property
+    def supervised_location(self) -> float:
+        """Supervised location [m]."""
+        return self.stop + self.setup.scenario.supervision.overlap
+
+    @cached_property
+    def front(self) -> float:
+        """Largest true position of the front [m]."""
+        return float(self.recording.front_position.max()) + self._half
+
+    @cached_property
+    def top_speed(self) -> float:
+        """Largest true speed [m/s]."""
+        return float(np.abs(self.recording.front_velocity).max())
+
+    @cached_property
+    def end_speed(self) -> float:
+        """True speed at the end of the run [m/s]."""
+        return float(abs(self.recording.front_velocity[-1]))
+
+    @cached_property
+    def largest_speed(self) -> float:
+        """Bound on the speed [m/s]: highest limit, margin of the emergency brake, and overshoot.
+
+        The overshoot is the speed gained with the full traction, downhill on the steepest grade, between the
+        intervention and the end of the traction, and the speed error of the odometers.
+        """
+        setup = self.setup
+        consist, odometry = setup.consist, setup.plant.odometry
+        limit = highest_limit(setup.line)
+        traction = sum(Envelope(consist.vehicles[i].traction).largest() for i in consist.power_units)
+        grade = max((-entry.grade for entry in setup.line.grades), default=0.0)
+        acceleration = traction / sum(vehicle.inertia for vehicle in consist.vehicles) + 9.81 * max(grade, 0.0)
+        error = max(odometry.wheel_error, odometry.radar_error)
+        top = limit + EMERGENCY_MARGIN.above(limit)
+        return top * (1.0 + error) + acceleration * setup.supervisor().track.train.t_traction_cut_off
+
+    @cached_property
+    def events(self) -> list[tuple[float, str]]:
+        """Time [s] and text of every report: ``node: message: reason``, and one text for each refused topic."""
+        return [(report.stamp / SECOND, text) for report in self.recording.reports for text in _texts(report)]
+
+    @cached_property
+    def detected(self) -> float | None:
+        """Time of the first report of a refused or missing message, or of the first reaction [s]."""
+        times = [
+            report.stamp / SECOND
+            for report in self.recording.reports
+            if any(key.startswith(DETECTIONS) for key in report.values) or _reacts(report)
+        ]
+        return min(times, default=None)
+
+    @cached_property
+    def reacted(self) -> float | None:
+        """Time of the first demand to coast or to brake [s]."""
+        return min((report.stamp / SECOND for report in self.recording.reports if _reacts(report)), default=None)
+
+
+def _reacts(report: Diagnostic) -> bool:
+    return report.node in ("plant", "controller") and report.message in REACTIONS
+
+
+def _texts(report: Diagnostic) -> Iterator[str]:
+    values = report.values
+    reason = values.get("protection") or values.get("reason") or values.get("ato_reason") or ""
+    yield f"{report.node}: {report.message}: {reason}"
+    for key, text in values.items():
+        if key.startswith(("refusal ", "missing ", "faults")):
+            yield f"{report.node}: {key}: {text}".replace("refusal", "refused")
+
+
+def run_row(row: FaultRow) -> FaultRun:
+    """Run a row in the engine."""
+    name, *sets = BASES[row.base]
+    setup = prepare(*load_scenario(name, (*sets, *row.sets)))
+    return FaultRun(setup, run_engine(setup))

@@ -1,0 +1,39 @@
+"""Every row of the fault table: the train stops before the supervised location, and the log reports the reaction."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from msgs_docs.generate.fault_runs import STANDSTILL, run_row
+from msgs_docs.generate.fault_table import NOTHING, ROWS
+
+REACTION_TIME = 1.5
+"""Largest time from the detection of a fault to a demand to coast or brake [s]."""
+STOPPING_ERROR = 5.0
+"""Largest distance from the planned stop of a train that has reached it [m]."""
+MARKS = {row.name: [pytest.mark.slow] if row.slow else [] for row in ROWS}
+
+
+def test_the_table_has_every_kind_of_fault():
+    """Breaks if a row is deleted or hides another one of its name."""
+    assert len({row.name for row in ROWS}) == len(ROWS) >= 48
+    kinds = {"repetition", "deletion", "insertion", "re-sequencing", "corruption", "delay", "masquerade"}
+    assert kinds | {"node", "sensor", "link", "train"} <= {row.kind for row in ROWS}
+
+
+@pytest.mark.parametrize("row", [pytest.param(row, id=row.name, marks=MARKS[row.name]) for row in ROWS])
+def test_the_train_is_safe_after_a_fault(row):
+    """Breaks if a fault leads beyond a place or a speed, ends the run of a moving train, or is reported late."""
+    run = run_row(row)
+    assert run.result.failure is None or run.result.failure.endswith("; the train was stopped")
+    assert run.front < run.supervised_location
+    assert run.top_speed < run.largest_speed
+    assert run.end_speed < STANDSTILL
+    assert (abs(run.front - run.stop) < STOPPING_ERROR) == row.arrives
+    assert any(re.search(row.reaction, text) for _, text in run.events), [text for _, text in run.events][-20:]
+    if not row.arrives and row.reaction != NOTHING:
+        assert run.detected is not None
+        assert run.reacted is not None
+        assert run.reacted - run.detected <= REACTION_TIME

@@ -1,0 +1,157 @@
+"""Receiving end of a topic: effect of every fault of messages, and its refusal."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
+
+from train_ato.messages.faults import FAULT_TOPICS, Fault, message_faults
+from train_ato.messages.receiver import Receiver
+from train_ato.messages.topics import BY_NAME, TOPICS, Rate, Role
+from train_ato.messages.types import BrakeRelease, Command
+
+TICK = 100_000_000
+_FAULTS: TypeAdapter[tuple[Fault, ...]] = TypeAdapter(tuple[Fault, ...])
+
+
+def faults(*entries):
+    return message_faults(_FAULTS.validate_python(entries))
+
+
+def receiver(*entries, checked=True, max_age=None, seed=1, topic="ato/command"):
+    return Receiver(BY_NAME[topic], Role.PLANT, faults(*entries), seed, checked=checked, max_age=max_age)
+
+
+def command(tick, force=None):
+    return Command(tick * TICK, np.array([float(tick) if force is None else force]))
+
+
+def received(link, ticks):
+    """Return, per tick, the number of the newest command of a receiver, None without one."""
+    found = [link.receive(tick * TICK, command(tick)) for tick in range(ticks)]
+    return [None if message is None else float(message.force[0]) for message in found]
+
+
+def drop(**values):
+    return {"do": "drop", "topic": "ato/command", **values}
+
+
+def test_without_a_fault_every_message_is_the_newest_one():
+    """Breaks if a receiver delays, copies or refuses a valid message."""
+    link = receiver()
+    messages = [command(tick) for tick in range(5)]
+    assert all(link.receive(message.stamp, message) is message for message in messages)
+    assert (link.missed, link.refused, link.changed, link.diagnostics()) == (0, 0, False, {})
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected", "refusal"),
+    [
+        (drop(), [0, 1, 2, 2, 2, 2, 6, 7], ""),
+        ({"do": "delay", "delay": 0.2}, [0, 1, 2, 2, 2, 3, 6, 7], "repeated stamp"),
+        ({"do": "repeat"}, [0, 1, 2, 2, 2, 2, 6, 7], "repeated stamp 0.200 s"),
+        ({"do": "repeat", "message": "each"}, [0, 1, 2, 3, 4, 5, 6, 7], "repeated stamp 0.500 s"),
+        ({"do": "reorder", "block": 0.3}, [0, 1, 2, 2, 2, 2, 6, 7], "repeated stamp"),
+        ({"do": "insert", "ahead": 1.0}, [0, 1, 2, 3, 4, 5, 6, 7], "stamp 1.000 s ahead"),
+        ({"do": "insert"}, [0, 1, 2, 2, 2, 2, 6, 7], "contradictory messages of stamp 0.500 s"),
+        ({"do": "freeze"}, [0, 1, 2, 2, 2, 2, 6, 7], ""),
+        ({"do": "corrupt", "value": "nan"}, [0, 1, 2, 2, 2, 2, 6, 7], "force nan"),
+        ({"do": "corrupt", "value": "inf"}, [0, 1, 2, 2, 2, 2, 6, 7], "force inf"),
+        ({"do": "corrupt", "value": "range"}, [0, 1, 2, 2, 2, 2, 6, 7], "force 1e+15"),
+        ({"do": "corrupt", "value": "sign"}, [0, 1, 2, -3, -4, -5, 6, 7], ""),
+    ],
+)
+def test_effect_and_refusal_of_every_fault(fault, expected, refusal):
+    """Breaks if a fault begins or ends a tick early or late, has no effect, or is accepted."""
+    link = receiver({"topic": "ato/command", "begin": 0.3, "end": 0.6, **fault})
+    assert received(link, 8) == expected
+    assert link.refusal.startswith(refusal) and bool(link.refusal) == bool(refusal)
+
+
+def test_the_age_of_the_newest_message_is_limited():
+    """Breaks if a receiver returns a message that is older than permitted, or none at the largest age."""
+    link = receiver(drop(begin=0.2), max_age=3 * TICK)
+    assert received(link, 7) == [0, 1, 1, 1, 1, None, None]
+    assert link.missed == 5
+
+
+def test_a_random_fault_is_seeded_and_independent_of_others():
+    """Breaks if a run is not repeatable, or one fault changes the random numbers of another."""
+    half = drop(probability=0.5)
+    lost = [
+        received(receiver(half, *more, seed=seed), 200) for seed, more in ((1, ()), (1, (drop(begin=90),)), (2, ()))
+    ]
+    assert lost[0] == lost[1]
+    assert lost[0] != lost[2]
+    link = receiver(half)
+    received(link, 1000)
+    assert 400 < link.missed < 600
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_no_flipped_bit_of_a_release_releases_a_brake(seed):
+    """Breaks if a brake release with one wrong bit is accepted with another content."""
+    link = receiver(
+        {"do": "corrupt", "topic": "atp/brake_release", "value": "bit"}, topic="atp/brake_release", seed=seed
+    )
+    sent = BrakeRelease(TICK, np.array([1.0, 0.0, 1.0]))
+    found = link.receive(TICK, sent)
+    assert found is None or found.released.tolist() == sent.released.tolist()
+
+
+def test_a_receiver_without_check_uses_what_arrives():
+    """Breaks if a run without supervision refuses a message or loses its first one."""
+    link = receiver({"do": "corrupt", "topic": "ato/command", "value": "nan", "begin": 0.1}, checked=False)
+    assert received(link, 1) == [0]
+    assert np.isnan(received(link, 3)[1:]).all()
+    assert received(receiver(drop(), checked=False), 3) == [0, 0, 0]
+
+
+def test_a_fault_of_one_reader_leaves_the_others():
+    """Breaks if ``reader`` is ignored, or a fault of another topic acts."""
+    entries = ({"do": "drop", "topic": "train/measurement", "reader": "observer"}, drop())
+    for topic, reader, lost in (
+        ("train/measurement", Role.OBSERVER, 1),
+        ("train/measurement", Role.CONTROLLER, 0),
+        ("ato/command", Role.PLANT, 1),
+    ):
+        link = Receiver(BY_NAME[topic], reader, faults(*entries), 1, checked=False)
+        link.receive(0, command(0))
+        assert link.missed == lost, (topic, reader)
+
+
+def test_a_lost_node_is_the_loss_of_all_its_messages():
+    """Breaks if a killed node still sends a message of the loop."""
+    found = faults({"do": "kill", "node": "controller", "at": 3})
+    assert {fault.topic for fault in found} == {"ato/command", "ato/brake_pipe_command", "ato/state"}
+    assert {(fault.do, fault.begin, fault.end) for fault in found} == {("drop", 3.0, None)}
+    (slow,) = faults({"do": "slow", "node": "observer", "at": 3, "delay": 2})
+    assert (slow.do, slow.topic, slow.delay) == ("delay", "ato/estimate", 2.0)
+
+
+@pytest.mark.parametrize(
+    ("entry", "text"),
+    [
+        (drop(topic="ato/comand"), "did you mean 'ato/command'"),
+        (drop(topic="ato/profile"), "no topic of the loop"),
+        (drop(begin=5, end=5), "end 5 s must be after begin 5 s"),
+        (drop(reader="observer"), "observer does not read ato/command; use one of plant"),
+        (drop(probability=0), "greater than 0"),
+        ({"do": "kill", "node": "plant", "at": 1}, "'profile'"),
+        ({"do": "burn", "topic": "ato/command"}, "burn"),
+    ],
+)
+def test_an_impossible_fault_is_refused(entry, text):
+    """Breaks if a fault without effect is accepted."""
+    with pytest.raises(ValidationError, match=text):
+        faults(entry)
+
+
+def test_every_topic_of_the_loop_can_fail():
+    """Breaks if a new topic of the loop is left out of the faults."""
+    ticking = {topic.name for topic in TOPICS if topic.readers and topic.rate in (Rate.TICK, Rate.SUPERVISION)}
+    assert set(FAULT_TOPICS) == ticking
+    assert len(ticking) >= 9

@@ -1,0 +1,48 @@
+"""Validity of the values of a message: finite, physically possible, permitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from train_ato.messages.topic import Topic
+
+MAX_POSITION = 1e8
+"""Largest valid position [m]."""
+MAX_SPEED = 1e3
+"""Largest valid speed [m/s], acceleration [m/s²] and jerk [m/s³]."""
+MAX_FORCE = 1e10
+"""Largest valid force [N]."""
+MAX_PRESSURE = 1e7
+"""Largest valid pressure [Pa]."""
+LARGEST = {"m": MAX_POSITION, "m/s": MAX_SPEED, "m/s²": MAX_SPEED, "N": MAX_FORCE, "Pa": MAX_PRESSURE}
+"""Largest valid magnitude by unit."""
+
+
+def validity_check(topic: Topic) -> Callable[[Any], str]:
+    """Return a function that returns the problem of a message of a topic as text, "" for a valid message.
+
+    A value is valid if it is one of the permitted values of its field, or within :data:`LARGEST` of its unit.  In a
+    topic with ``finite=False`` a value without permitted ones may be NaN.
+    """
+    fields = []
+    for place in topic.places:
+        description = topic.description(place)
+        if description.permitted or description.unit in LARGEST:
+            fields.append((place.field, description.permitted, LARGEST.get(description.unit, 0.0)))
+
+    def problem(message: Any) -> str:
+        for name, permitted, bound in fields:
+            value = getattr(message, name)
+            values = (value,) if isinstance(value, float) else value.tolist()
+            if permitted:
+                wrong = [entry for entry in values if entry not in permitted]
+            else:
+                wrong = [entry for entry in values if not -bound <= entry <= bound]
+                if wrong and not topic.finite:
+                    wrong = [entry for entry in wrong if entry == entry]
+            if wrong:
+                return f"{name} {wrong[0]:g}"
+        return ""
+
+    return problem
