@@ -115,7 +115,7 @@ def test_the_braking_law_keeps_a_bad_law_below_the_warning_limit(monkeypatch: py
 
     def interventions(recording: Recording) -> int:
         reports = [report for report in recording.reports if report.node == "supervisor"]
-        return int(reports[-1].values["interventions"])
+        return int(reports[-1].values["brake_interventions"])
 
     assert interventions(bad) > 0
     assert interventions(kept) == 0

@@ -45,7 +45,7 @@ BLOCKS = {
                        ("{odometer}_since_balise_m", "since_balise")],
     "train/protection": [("{brake_line}_active", "active")],
     "atp/brake_release": [("{brake_line}_released", "released")],
-    "atp/speeds": [("{supervised_speed}_speed_m_s", "speed")],
+    "atp/speeds": [("{supervised_speed}_position_m", "position"), ("{supervised_speed}_speed_m_s", "speed")],
     "ato/state": [("{ato}_position_m", "position"), ("{ato}_speed_m_s", "velocity"), ("{ato}_state", "state")],
     "ato/reference": [("position_m", "position"), ("speed_m_s", "velocity"), ("acceleration_m_s2", "acceleration")],
     "ato/estimate": [("{unit}_disturbance_force_n", "force")],
@@ -143,7 +143,7 @@ def test_a_run_of_the_engine_opens_with_the_same_bits(tmp_path, name):
     said = frames["/diagnostics"]
     numbers = {str(key) for key in said.columns[said.dtypes == np.float64]}
     counts = {"unsound_measurements", "saturated_steps", "swaps", "commands_lost", "knots", "replans", "refusals",
-              "held_steps", "unsound_estimates", "interventions"}  # fmt: skip
+              "held_steps", "unsound_estimates", "brake_interventions"}  # fmt: skip
     assert all(unit_of(key) or key in counts for key in numbers), numbers - counts
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from engine_runs import record_run
 from matplotlib.image import imread
+from report_runs import without
 
 from train_ato.apps.replay.open_loop import replay_open_loop
 from train_ato.cli.main import main
@@ -36,6 +37,23 @@ def test_the_recorded_law_gives_the_recorded_outputs_bit_by_bit(setup, run):
     assert np.array_equal(result.recorded, result.replayed)
     assert np.array_equal(result.recorded_pipe, result.replayed_pipe)
     assert result.recorded_pipe.size == setup.ticks
+    assert result.summary()["equal_ticks"] == setup.ticks
+
+
+def test_the_outputs_of_a_disengaged_ato_are_equal_too(tmp_path):
+    """Breaks if the states of the ATO, a takeover or a request are not repeated on the recorded inputs."""
+    changes = ("duration=40", "ato_requests=[{at: 20, do: disengage}]",
+               "interventions=[{at: 32, do: emergency_brake}]")  # fmt: skip
+    setup = prepare(*load_scenario("demo", changes))
+    result = replay_open_loop(setup, record_run(setup, tmp_path / "run"))
+    assert result.summary()["equal_ticks"] == setup.ticks
+    assert (result.recorded[220:240] == 0.0).all()
+
+
+def test_a_log_without_the_supervisor_is_replayed_as_driven(setup, run, tmp_path):
+    """Breaks if the replay waits for messages that the log does not have, as that of a measured run."""
+    cut = without(run, tmp_path / "cut", {"train/protection", "atp/speeds"})
+    result = replay_open_loop(setup, cut)
     assert result.summary()["equal_ticks"] == setup.ticks
 
 

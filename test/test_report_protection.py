@@ -69,6 +69,14 @@ def test_events_have_states_and_reasons(braked: Path) -> None:
     assert texts["plan"] == ["profile planned after the engagement"]
 
 
+def test_a_profile_over_distance_begins_after_the_engagement(braked: Path) -> None:
+    """Breaks if the line of the new plan jumps back from the profile before it."""
+    first, again = page_data(open_recording(braked)).profiles
+    assert (np.diff(first[0]) >= 0.0).all()
+    assert (np.diff(again[0]) >= 0.0).all()
+    assert again[0][0] == pytest.approx(open_recording(braked).front_position[2700] / 1e3, abs=0.01)
+
+
 def test_page_and_print_figures_are_written(braked: Path, tmp_path: Path) -> None:
     """Breaks if the page has no line or rows of the intervention, or the legends leave no room in a figure."""
     page = tmp_path / "page.html"

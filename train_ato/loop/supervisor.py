@@ -46,7 +46,7 @@ class SupervisorStage:
 
     def _diagnostic(self, stamp: int, decision: SupervisionDecision) -> Diagnostic:
         """Return the state of the supervision with the reason of the last change."""
-        values = {"interventions": str(self._supervisor.interventions), **self._inputs.diagnostics()}
+        values = {"brake_interventions": str(self._supervisor.interventions), **self._inputs.diagnostics()}
         if decision.motion is not None:
             values |= {
                 "front": repr(decision.motion.front),

@@ -15,6 +15,9 @@ from train_ato.loop.setup import RunSetup
 from train_ato.messages.links import DelayJump, Link, MessageLink
 from train_ato.messages.types import BrakeRelease
 
+REQUESTED, SUPERVISOR = "emergency brake requested", "supervisor"
+"""Reasons of a reaction: an intervention, and the brake release of the supervisor."""
+
 
 class Protection(IntEnum):
     """Reaction of the train, by rising severity."""
@@ -96,7 +99,7 @@ class TrainProtection:
         """
         demands = [(Protection.NONE, "")]
         if self.requested:
-            demands.append((Protection.EMERGENCY_BRAKE, "emergency brake requested"))
+            demands.append((Protection.EMERGENCY_BRAKE, REQUESTED))
         if self._supervised:
             demands += [self._of_release(stamp, stands), self._of_command(stamp, stands)]
         self.level, self.reason = max(demands, key=lambda demand: demand[0])
@@ -117,10 +120,10 @@ class TrainProtection:
             return Protection.NONE, ""
         traction, service, emergency = (value == 1.0 for value in release.released.tolist())
         if not emergency:
-            return Protection.EMERGENCY_BRAKE, "supervisor"
+            return Protection.EMERGENCY_BRAKE, SUPERVISOR
         if not service:
-            return Protection.SERVICE_BRAKE, "supervisor"
-        return (Protection.NONE, "") if traction else (Protection.COAST, "supervisor")
+            return Protection.SERVICE_BRAKE, SUPERVISOR
+        return (Protection.NONE, "") if traction else (Protection.COAST, SUPERVISOR)
 
     def _of_command(self, stamp: int, stands: bool) -> tuple[Protection, str]:
         """Return the reaction to the age of the newest command; an emergency brake lasts until standstill."""

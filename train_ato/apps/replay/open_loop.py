@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from train_ato.errors import RunFailed
 from train_ato.interrupt import interruptible
-from train_ato.log.reading import read_log
+from train_ato.log.reading import iter_raw, read_log
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.result import Progress
 from train_ato.loop.setup import RunSetup
@@ -32,6 +33,8 @@ INPUTS = {
     "ato/reference": "reference",
     "ato/estimate": "estimate",
 }
+SUPERVISED_INPUTS = {"train/protection": "protection", "atp/speeds": "speeds"}
+"""Additional inputs of a run with a supervisor."""
 OUTPUTS = ("ato/command", "ato/brake_pipe_command")
 _PROGRESS_TICKS = 100
 
@@ -133,20 +136,21 @@ def replay_open_loop(setup: RunSetup, run: Path, progress: Callable[[Progress], 
     RunFailed
         After Ctrl-C.
     """
+    setup, kinds = _recorded_inputs(setup, run)
     controller = ControllerStage(setup)
-    inputs = StampSynchronizer()
+    inputs = StampSynchronizer(supervised_at=setup.supervised_at)
     recorded, replayed = _Outputs(), _Outputs()
     seen: dict[int, tuple[Measurement, Reference]] = {}
     begin = time.monotonic()
     with interruptible() as interrupt:
-        for topic, _, message in read_log(run, Wire(setup.layout).decode, (*INPUTS, *OUTPUTS)):
+        for topic, _, message in read_log(run, Wire(setup.layout).decode, (*kinds, *OUTPUTS)):
             if topic in OUTPUTS:
                 recorded.take(message)
                 continue
-            for step in inputs.put(INPUTS[topic], message):
+            for step in inputs.put(kinds[topic], message):
                 if step.profile is not None:
                     controller.set_profile(profile_of(step.profile))
-                answer = controller.step(step.measurement, step.reference, step.estimate)
+                answer = controller.step(step.measurement, step.reference, step.estimate, step.protection, step.speeds)
                 stamp = answer.command.stamp
                 seen[stamp] = step.measurement, step.reference
                 replayed.take(answer.command)
@@ -157,6 +161,16 @@ def replay_open_loop(setup: RunSetup, run: Path, progress: Callable[[Progress], 
             if interrupt.asked:
                 raise RunFailed("interrupted; no result is written")
     return _joined(run, seen, recorded, replayed)
+
+
+def _recorded_inputs(setup: RunSetup, run: Path) -> tuple[RunSetup, dict[str, str]]:
+    """Return setup and inputs of a run by topic; without the topics of a supervisor the ATO drives all the time."""
+    if not setup.layout.supervised:
+        return setup, INPUTS
+    found = {topic for topic, _, _ in islice(iter_raw(run, tuple(SUPERVISED_INPUTS)), 2 * len(SUPERVISED_INPUTS))}
+    if found == set(SUPERVISED_INPUTS):
+        return setup, {**INPUTS, **SUPERVISED_INPUTS}
+    return replace(setup, layout=replace(setup.layout, supervised=False)), INPUTS
 
 
 def _joined(

@@ -13,8 +13,25 @@ LARGEST_CODE = 127
 """Largest magnitude of the codes of a heat map."""
 NO_CODE = -128
 """Code of a cell without a value."""
+LARGEST_STEP = 5.0
+"""Largest difference of a step of a profile from that of its speed that is no jump [m]."""
 GAP = 3.0
 """Number of steps for which a value is held; a longer pause is a gap."""
+
+
+def after_jump(time: Array, position: Array, velocity: Array) -> int:
+    """Return the first knot of a profile after its last jump, 0 without one.
+
+    The plan after an engagement begins at the place of the train, not on the profile before it.
+
+    Parameters
+    ----------
+    time, position, velocity : shape (k,)
+        Knots [s, m, m/s].
+    """
+    steps = np.diff(position) - np.diff(time) * (velocity[1:] + velocity[:-1]) / 2.0
+    jumps = np.flatnonzero(np.abs(steps) > LARGEST_STEP)
+    return int(jumps[-1]) + 1 if jumps.size else 0
 
 
 def kept(columns: list[Array], rows: int) -> NDArray[np.intp]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from train_ato.apps.report.curves import KMH, Curves, NotAvailable, curves_of
-from train_ato.apps.report.downsample import HeatMap, heat_map, kept
+from train_ato.apps.report.downsample import HeatMap, after_jump, heat_map, kept
 from train_ato.apps.report.event import Event
 from train_ato.apps.report.events import detect_events
 from train_ato.apps.report.maps import MAPS
@@ -17,7 +17,8 @@ from train_ato.apps.report.track_shape import TrackShape, track_shape
 from train_ato.apps.report.words import MODES
 from train_ato.loop.recording import Recording
 from train_ato.loop.result import completed_summary
-from train_ato.messages.types import Array
+from train_ato.loop.series import seconds
+from train_ato.messages.types import Array, Trajectory
 
 CELLS = 40_000
 """Numbers in one figure of one run, with the times."""
@@ -102,7 +103,7 @@ def page_data(recording: Recording, label: str = "", share: float = 1.0) -> Page
         curves,
         maps,
         detect_events(recording),
-        [_over_distance(plan.position, plan.velocity) for plan in recording.profiles],
+        [_over_distance(plan) for plan in recording.profiles],
         _steps(recording),
         _track(recording),
         recording.setup.scenario.summary if recording.setup is not None else "",
@@ -143,7 +144,9 @@ def downsampled(lines: Curves, cells: int) -> Curves:
     return Curves(lines.time[chosen], {name: values[chosen] for name, values in lines.columns.items()})
 
 
-def _over_distance(position: Array, speed: Array) -> tuple[Array, Array]:
+def _over_distance(plan: Trajectory) -> tuple[Array, Array]:
+    begin = after_jump(seconds(plan.time), plan.position, plan.velocity)
+    position, speed = plan.position[begin:], plan.velocity[begin:]
     chosen = kept([KMH * speed], PROFILE_ROWS)
     return position[chosen] / 1e3, KMH * speed[chosen]
 

@@ -8,6 +8,7 @@ import numpy as np
 from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
+from train_ato.apps.report.downsample import after_jump
 from train_ato.apps.view.facts import KMH, Facts, ProfileCurve
 from train_ato.apps.view.style import DOWNHILL, LIMIT, PROFILE, SOFT, STOP, TEXT, TRAIN, UPHILL
 
@@ -58,7 +59,8 @@ class Ahead:
 
     def show_profile(self, profile: ProfileCurve, facts: Facts, scale: float) -> None:
         """Draw a profile over the place of the front of the train, downsampled; the last knot is kept."""
-        chosen = np.unique(np.linspace(0, profile.time.size - 1, min(profile.time.size, MOST_KNOTS)).astype(int))
+        begin, last = after_jump(profile.time, profile.position, profile.velocity), profile.time.size - 1
+        chosen = np.unique(np.linspace(begin, last, min(last - begin + 1, MOST_KNOTS)).astype(int))
         self._profile.data = {
             "place": (profile.position[chosen] + facts.nose) / 1e3,
             "speed": KMH * profile.velocity[chosen],

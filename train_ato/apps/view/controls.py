@@ -16,10 +16,12 @@ from rclpy.parameter_client import AsyncParameterClient
 from std_srvs.srv import SetBool, Trigger
 
 from train_ato.apps.view.tuning import Tunable, coerced, from_descriptor
+from train_ato.scenario.ato_requests import REQUESTS
 
 NODES = ("controller", "plant")
 TRIGGERS = ("step", "stop", "gust", "delay_jump")
 SWITCHES = ("pause", "emergency_brake")
+"""Services of the plant without and with an argument; those of the controller are the requests to the ATO."""
 
 Answer = Callable[[bool, str], None]
 """Callback for success and message of a node."""
@@ -45,6 +47,7 @@ class Controls:
         self._clients = {name: AsyncParameterClient(node, name) for name in NODES}
         self._services = {name: node.create_client(Trigger, f"plant/{name}") for name in TRIGGERS}
         self._services |= {name: node.create_client(SetBool, f"plant/{name}") for name in SWITCHES}
+        self._services |= {name: node.create_client(Trigger, f"controller/{name}") for name in REQUESTS}
         self.tunables: dict[str, dict[str, Tunable]] = {name: {} for name in NODES}
         self.number = 0
         self.over = False
@@ -112,12 +115,12 @@ class Controls:
         self.submit(request)
 
     def call(self, service: str, answer: Answer, data: bool | None = None) -> None:
-        """Call a service of the plant, from any thread."""
+        """Call a service of the plant or of the controller, from any thread."""
 
         def request() -> None:
             client = self._services[service]
             if self.over or not client.service_is_ready():
-                answer(False, self._reason("the plant"))
+                answer(False, self._reason("the controller" if service in REQUESTS else "the plant"))
                 return
             message = Trigger.Request() if data is None else SetBool.Request(data=data)
             client.call_async(message).add_done_callback(lambda future: done(future.result()))

@@ -8,15 +8,32 @@ from typing import Any
 from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
-from train_ato.apps.view.snapshot import DIAL_BEGIN, DIAL_SWEEP, angle
-from train_ato.apps.view.style import APPLIED, DEMAND, EDGE, FAINT, LIMIT, PANE, PROFILE, SOFT, TEXT
+from train_ato.apps.view.snapshot import DIAL_BEGIN, DIAL_SWEEP, LIMIT_NAMES, angle
+from train_ato.apps.view.style import (
+    APPLIED,
+    DEMAND,
+    EDGE,
+    EMERGENCY,
+    FAINT,
+    LIMIT,
+    PANE,
+    PROFILE,
+    SERVICE,
+    SOFT,
+    TEXT,
+    WARNING,
+)
 
 SIZE = 270
 DIAL_END = DIAL_BEGIN - DIAL_SWEEP
 
 
-def dial(now: ColumnDataSource, ticks: ColumnDataSource) -> Any:
-    """Return the speed dial, bound to the row of the snapshot and to the ticks of its scale."""
+def dial(now: ColumnDataSource, ticks: ColumnDataSource, *, supervised: bool = False) -> Any:
+    """Return the speed dial, bound to the row of the snapshot and to the ticks of its scale.
+
+    ``supervised`` adds a ring outside with the limits of the supervisor: from the permitted speed to the warning, to
+    the service brake and to the emergency brake.
+    """
     plot = figure(
         frame_width=SIZE,
         frame_height=round(SIZE * 0.9),
@@ -48,6 +65,13 @@ def dial(now: ColumnDataSource, ticks: ColumnDataSource) -> Any:
     plot.ray(
         x=0, y=0, length=1.07, angle="limit_angle", source=now, line_color=LIMIT, line_width=5, line_alpha="limited",
     )  # fmt: skip
+    if supervised:
+        begins = zip(LIMIT_NAMES, LIMIT_NAMES[1:], (WARNING, SERVICE, EMERGENCY), strict=False)
+        for low, high, colour in begins:
+            plot.annular_wedge(
+                inner_radius=1.015, outer_radius=1.075, start_angle=f"{high}_angle", end_angle=f"{low}_angle",
+                fill_color=colour, **ring,
+            )  # fmt: skip
     plot.circle(x=0, y=0, radius=0.86, fill_color=PANE, line_color=None)
     plot.segment("x0", "y0", "x1", "y1", source=ticks, line_color=SOFT, line_width="width")
     plot.text(

@@ -16,7 +16,9 @@ from train_ato.apps.view.controls import Controls
 from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed, Mark
 from train_ato.apps.view.presence import Presence
+from train_ato.apps.view.protection import ProtectionTracker
 from train_ato.apps.view.reader import DEPTH, Copied, Copier, GraphReader, taker, train_layout
+from train_ato.loop.recording import SUPERVISED_SPEEDS
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.types import Diagnostic, Trajectory
 from train_ato.scenario.changes import KEY as CHANGED
@@ -62,6 +64,7 @@ class LiveFeed(Feed):
         self.domain = domain
         self.controls = Controls(self._asking, self._executor.wake)
         self._state, self._law = "running", ""
+        self._tracker = ProtectionTracker()
         self._paces: deque[tuple[float, float]] = deque()
         self._stopping = threading.Event()
         try:
@@ -115,11 +118,16 @@ class LiveFeed(Feed):
                 taken[0] if (taken := take()) is not None else old for take, old in zip(takers, found, strict=True)
             ]
             time.sleep(0.01)
-        there = {name: self._listening.count_publishers(name) > 0 for name in ("train/brake_pipe", "train/disturbance")}
+        topics = ("train/brake_pipe", "train/disturbance", SUPERVISED_SPEEDS)
+        there = {name: self._listening.count_publishers(name) > 0 for name in topics}
         assert found[0] is not None
         assert found[1] is not None
         return train_layout(
-            found[0], found[1], air_brake=there["train/brake_pipe"], disturbed=there["train/disturbance"]
+            found[0],
+            found[1],
+            air_brake=there["train/brake_pipe"],
+            disturbed=there["train/disturbance"],
+            supervised=there[SUPERVISED_SPEEDS],
         )
 
     def subscribe(self) -> deque[Copied]:
@@ -163,13 +171,15 @@ class LiveFeed(Feed):
         self._process_messages()
         self._copy()
         if moment is not None:
-            self.show(replace(moment, law=self.law, state=self._plant_state(now), factor=self._pace(now, moment.time)))
+            factor, state = self._pace(now, moment.time), self._plant_state(now)
+            self.show(replace(moment, law=self.law, state=state, factor=factor, states=self._tracker.states))
         elif self.frame is not None:
             shown = self.frame.moment
             factor = shown.factor if self._paces and now - self._paces[-1][0] < STANDING_S else math.nan
-            state = self._plant_state(now)
-            if (state, self.law) != (shown.state, shown.law) or (math.isnan(factor) and not math.isnan(shown.factor)):
-                self.show(replace(shown, law=self.law, state=state, factor=factor), kept=False)
+            state, states = self._plant_state(now), self._tracker.states
+            changed = (state, self.law, states) != (shown.state, shown.law, shown.states)
+            if changed or (math.isnan(factor) and not math.isnan(shown.factor)):
+                self.show(replace(shown, law=self.law, state=state, factor=factor, states=states), kept=False)
 
     def _plant_state(self, now: float) -> str:
         """Return the last state of the plant, or ``run ended``, ``paused``, ``no data``."""
@@ -201,7 +211,7 @@ class LiveFeed(Feed):
         for message in reader.diagnostics:
             if message.node == "plant":
                 self._state = message.message
-            self.marks = [*self.marks, *marks_of(message)]
+            self.marks = [*self.marks, *marks_of(message), *self._tracker.take(message)]
         reader.clear()
 
     def _take_limits(self, limits: Trajectory) -> None:
@@ -224,11 +234,11 @@ def marks_of(message: Diagnostic) -> list[Mark]:
     """Return the changes and interventions in a diagnostics message."""
     found: list[Mark] = []
     time_s = message.stamp * 1e-9
-    if CHANGED in message.values:
+    if message.node == "controller" and CHANGED in message.values:
         for name, value in changes_from_json(message.values[CHANGED]).items():
             shown = str(value) if name == LAW else f"{name} = {value}"
             found.append(Mark(time_s, shown, f"law {value}" if name == LAW else shown))
-    if DONE in message.values:
+    if message.node == "plant" and DONE in message.values:
         done = interventions_from_json(message.values[DONE])
         labels = [LABELS.get(entry.described(), entry.do.replace("_", " ")) for entry in done]
         found += [Mark(time_s, label, entry.described()) for label, entry in zip(labels, done, strict=True)]

@@ -18,6 +18,7 @@ from train_ato.apps.view.ahead import Ahead
 from train_ato.apps.view.along import Along
 from train_ato.apps.view.dial import dial, force_bar, tick_columns
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed
+from train_ato.apps.view.snapshot import LIMIT_NAMES
 from train_ato.apps.view.strips import Strips
 from train_ato.apps.view.style import THEME, WIDGETS
 
@@ -37,6 +38,7 @@ WHERE_S = 0.14
 """Wall time between two such drawings."""
 _EMPTY = {
     **dict.fromkeys(("speed_angle", "profile_angle", "limit_angle"), 3.927),
+    **{f"{name}_angle": -0.78 - 1e-3 * place for place, name in enumerate(LIMIT_NAMES)},
     **dict.fromkeys(("applied", "demand", "most", "least", "limited"), 0.0),
     "needle": "#f2f5f7",
     "speed_text": "–",
@@ -75,7 +77,9 @@ class ViewPage:
         self._ticks = ColumnDataSource(tick_columns(feed.scale))
         self._scale = feed.scale
         self._several = feed.facts.layout.n_vehicles > 1
-        self._strips = Strips(self._where, self._several, feed.facts.duration >= 3600.0, _TOOLS)
+        supervised = feed.facts.layout.supervised
+        hours = feed.facts.duration >= 3600.0
+        self._strips = Strips(self._where, self._several, hours, _TOOLS, supervised=supervised)
         self._ahead = Ahead(self._where, self._strips.source, feed.facts, _TOOLS)
         self._along = Along(feed.facts, _TOOLS)
         self._side = self._controls()
@@ -108,7 +112,8 @@ class ViewPage:
         window.on_change("active", lambda attr, old, new: self._forget_window())
         self._window_choice = window
         roots = [
-            dial(self._now, self._ticks), force_bar(self._now, most, least), *self._ahead.figures,
+            dial(self._now, self._ticks, supervised=facts.layout.supervised), force_bar(self._now, most, least),
+            *self._ahead.figures,
             *self._strips.figures, *(self._along.figures if self._several else ()),
             self._side.bar, self._side.column, view, window,
         ]  # fmt: skip
@@ -146,6 +151,7 @@ class ViewPage:
             style=_asset("page.css"),
             several=self._several,
             air_brake=facts.layout.air_brake,
+            supervised=facts.layout.supervised,
         )
 
     def _forget_window(self) -> None:

@@ -1,8 +1,9 @@
-"""Widgets of a running train: law, parameters, disturbances, emergency brake, pace, end of the run."""
+"""Widgets of a running train: ATO, law, parameters, disturbances, emergency brake, pace, end of the run."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from bokeh.models import Button, Checkbox, Column, CustomJSTickFormatter, Div, Row, Select, Slider, Spinner
@@ -10,6 +11,8 @@ from bokeh.models import Button, Checkbox, Column, CustomJSTickFormatter, Div, R
 from train_ato.apps.view.live import LiveFeed
 from train_ato.apps.view.style import SOFT, WIDGETS
 from train_ato.apps.view.tuning import Tunable, slider_scale
+from train_ato.loop.train_protection import REQUESTED
+from train_ato.scenario.ato_requests import REQUESTS
 
 WIDTH = 292
 PACES = {
@@ -51,9 +54,10 @@ class Panel:
         self._parameters = Column(children=[], width=WIDTH, name="parameters")
         self._brake = Button(label="EMERGENCY BRAKE", button_type="danger", width=WIDTH, height=44, **sheets)
         self._brake.on_click(self._emergency)
+        ato = [_heading("ATO"), self._requests()] if feed.facts.layout.supervised else []
         self.column = Column(
             children=[
-                self._brake, _heading("law"), self._law, self._parameters,
+                self._brake, *ato, _heading("law"), self._law, self._parameters,
                 _heading("interventions"), *self._disturbances(),
             ],
             width=WIDTH,
@@ -68,6 +72,15 @@ class Panel:
         stop = Button(label="end the run", width=96, name="stop", **sheets)
         stop.on_click(lambda: self._feed.controls.call("stop", self._say))
         self.bar = Row(children=[self._pause, self._step, self._pace, stop], name="bar")
+
+    def _requests(self) -> Any:
+        """Return the buttons of the requests to the ATO; a refusal is shown with its reason."""
+        buttons = []
+        for request in REQUESTS:
+            button = Button(label=request, width=92, name=request, stylesheets=[WIDGETS])
+            button.on_click(partial(self._feed.controls.call, request, self._say))
+            buttons.append(button)
+        return Row(children=buttons)
 
     def _disturbances(self) -> list[Any]:
         """Return the widgets of gusts and delay jumps; their sizes are parameters of the plant."""
@@ -101,8 +114,13 @@ class Panel:
         self._say(done, text)
 
     def _emergency(self) -> None:
-        applied = self._feed.frame is not None and self._feed.frame.moment.state == "emergency brake"
-        self._feed.controls.call("emergency_brake", self._say, not applied)
+        self._feed.controls.call("emergency_brake", self._say, not self._applied)
+
+    @property
+    def _applied(self) -> bool:
+        """True if an intervention has applied the emergency brake; that of the supervisor has another release."""
+        frame = self._feed.frame
+        return frame is not None and frame.moment.states.protection_reason == REQUESTED
 
     def _pace_chosen(self, attr: str, old: str, name: str) -> None:
         if name in PACES:
@@ -110,8 +128,7 @@ class Panel:
 
     def update(self) -> None:
         """Update the widgets after a change in the nodes."""
-        frame = self._feed.frame
-        applied = frame is not None and frame.moment.state == "emergency brake"
+        applied = self._applied
         label = "release the emergency brake" if applied else "EMERGENCY BRAKE"
         if self._brake.label != label:
             self._brake.update(label=label, button_type="warning" if applied else "danger")

@@ -25,6 +25,7 @@ from train_ato.loop.recording import (
     MEASUREMENT,
     PROFILE,
     REFERENCE,
+    SUPERVISED_SPEEDS,
     TRUTH,
 )
 from train_ato.messages.codec.cdr import stamp_of, typestore
@@ -38,7 +39,7 @@ DEPTH = 4
 COPIED_DEPTH = 20
 TOGETHER = (TRUTH, MEASUREMENT, REFERENCE, COMMAND)
 """Topics of a snapshot with a common stamp."""
-BESIDE = (BRAKE_SHOES, BRAKE_PIPE, BRAKE_PIPE_COMMAND, ESTIMATE)
+BESIDE = (BRAKE_SHOES, BRAKE_PIPE, BRAKE_PIPE_COMMAND, ESTIMATE, SUPERVISED_SPEEDS)
 """Topics of a snapshot with their newest message."""
 
 
@@ -114,7 +115,7 @@ class GraphReader:
         self.newest = stamp
         decode = self._wire.decode
         cars, measured, reference, command = (decode(name, chosen[name]) for name in TOGETHER)
-        shoes, pipe, wanted, estimate = (self._beside(name) for name in BESIDE)
+        shoes, pipe, wanted, estimate, speeds = (self._beside(name) for name in BESIDE)
         return Snapshot(
             time=stamp * 1e-9,
             position=cars.position,
@@ -127,6 +128,7 @@ class GraphReader:
             reference=(reference.position, reference.velocity, reference.acceleration),
             pipe=np.nan if pipe is None else pipe.pressure,
             pipe_demand=np.nan if wanted is None else wanted.pressure,
+            limits=None if speeds is None else speeds.speed[1:],
         )
 
     def _beside(self, name: str) -> Any:
@@ -171,11 +173,11 @@ def _never(data: bytes) -> None:
     raise AssertionError("the reader's node was given to an executor")
 
 
-def train_layout(cars: bytes, measurement: bytes, *, air_brake: bool, disturbed: bool) -> TrainLayout:
+def train_layout(cars: bytes, measurement: bytes, *, air_brake: bool, disturbed: bool, supervised: bool) -> TrainLayout:
     """Return the layout of a train from two messages, for a run with an unknown scenario."""
     kind = "sensor_msgs/msg/JointState"
     vehicles = typestore().deserialize_cdr(cars, kind).name
     measured = list(typestore().deserialize_cdr(measurement, kind).name)
     sensors = tuple(int(name.partition("_")[2]) for name in measured if name.startswith("coupler_"))
     units = sum(name.startswith("unit_") for name in measured)
-    return TrainLayout(len(vehicles), units, sensors, air_brake, disturbed)
+    return TrainLayout(len(vehicles), units, sensors, air_brake, disturbed, supervised)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from bisect import bisect_right
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from train_ato.apps.report.event import Event
 from train_ato.apps.report.events import detect_events
 from train_ato.apps.view.facts import KMH, Facts, ProfileCurve, facts_of
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed, Mark
+from train_ato.apps.view.protection import protection_history
 from train_ato.apps.view.snapshot import STRIP, Snapshot
 from train_ato.log.recorded import open_recording
 from train_ato.loop.recording import (
@@ -24,6 +26,7 @@ from train_ato.loop.recording import (
     ESTIMATE,
     MEASUREMENT,
     REFERENCE,
+    SUPERVISED_SPEEDS,
     TRUTH,
     Recording,
 )
@@ -35,6 +38,8 @@ MOST_POINTS = 1500
 """Largest number of points of a strip chart in one message."""
 LABELS = {"limit": "force limit", "air_brake": "air brake"}
 """Labels of kinds of event that differ from the name of the kind."""
+PROTECTION_KINDS = ("supervision", "protection", "ato")
+"""Kinds of event whose marks come from the changes of the states."""
 
 
 class RecordedFeed(Feed):
@@ -81,7 +86,10 @@ class RecordedFeed(Feed):
         ]
         self._planned = np.array([found.stamp * 1e-9 for found in recording.profiles])
         self._table = _table(recording, cars, self.facts)
-        self.marks = [Mark(event.begin, _label(event), event.text) for event in detect_events(recording)]
+        self._changed, self._states, marks = protection_history(recording.reports)
+        events = [event for event in detect_events(recording) if event.kind not in PROTECTION_KINDS]
+        marks += [Mark(event.begin, _label(event), event.text) for event in events]
+        self.marks = sorted(marks, key=lambda mark: mark.time)
         self.seek(self.span[0])
 
     def seek(self, moment: float) -> None:
@@ -136,7 +144,7 @@ class RecordedFeed(Feed):
             float(self._reference[name][where, 0]) for name in ("position", "velocity", "acceleration")
         )
         shoe, pipe = self._at(BRAKE_SHOES, "shoe_force", at), self._at(BRAKE_PIPE, "pressure", at)
-        wanted = self._at(BRAKE_PIPE_COMMAND, "pressure", at)
+        wanted, speeds = self._at(BRAKE_PIPE_COMMAND, "pressure", at), self._at(SUPERVISED_SPEEDS, "speed", at)
         applied, command, estimate = (
             self._at(topic, name, at)
             for topic, name in ((MEASUREMENT, "applied"), (COMMAND, "force"), (ESTIMATE, "force"))
@@ -156,6 +164,8 @@ class RecordedFeed(Feed):
             law=self._reported("controller", at, "controller"),
             state=self._reported("plant", at),
             factor=self.speed if self.playing else math.nan,
+            limits=None if speeds is None else speeds[1:],
+            states=self._states[max(0, bisect_right(self._changed, at + 1e-9) - 1)],
         )
 
     def _at(self, topic: str, name: str, at: float) -> Array | None:
@@ -214,13 +224,15 @@ def _cars(recording: Recording) -> TopicSamples:
 
 
 def _facts(recording: Recording, cars: TopicSamples) -> Facts:
+    supervised = SUPERVISED_SPEEDS in recording.topics
     if recording.setup is not None:
         facts = facts_of(recording.setup)
+        layout = replace(facts.layout, supervised=supervised)
         known = cars["velocity"].shape[1]
-        return replace(facts, layout=replace(facts.layout, n_vehicles=known)) if recording.measured_only else facts
+        return replace(facts, layout=replace(layout, n_vehicles=known) if recording.measured_only else layout)
     measured = recording.topics.get(MEASUREMENT)
     units = measured["applied"].shape[1] if measured is not None and "applied" in measured else 0
-    layout = TrainLayout(cars["velocity"].shape[1], units, (), BRAKE_PIPE in recording.topics, False)
+    layout = TrainLayout(cars["velocity"].shape[1], units, (), BRAKE_PIPE in recording.topics, False, supervised)
     limits = recording.limits
     places, speeds = (limits.position, limits.velocity) if limits is not None else (np.zeros(0), np.zeros(0))
     span = recording.span
@@ -252,8 +264,19 @@ def _table(recording: Recording, cars: TopicSamples, facts: Facts) -> dict[str, 
         "draft": np.maximum(cars["coupler_force"].max(axis=1), 0.0) / 1e3,
         "buff": np.minimum(cars["coupler_force"].min(axis=1), 0.0) / 1e3,
         "place": front / 1e3,
+        "permitted": _limit_speed(recording, at, 1),
+        "emergency": _limit_speed(recording, at, -1),
     }
     return {name: columns[name] for name in STRIP}
+
+
+def _limit_speed(recording: Recording, at: Array, column: int) -> Array:
+    """Return a speed of the supervisor [km/h] at these times; NaN without one."""
+    found = recording.of(SUPERVISED_SPEEDS, "speed")
+    if found is None:
+        return np.full(at.size, np.nan)
+    rows = np.searchsorted(found[0], at + 1e-9, side="right") - 1
+    return np.asarray(KMH * found[1][np.maximum(rows, 0), column])
 
 
 def _limits(facts: Facts, front: Array) -> Array:

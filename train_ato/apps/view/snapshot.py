@@ -10,12 +10,35 @@ import numpy as np
 
 from train_ato.apps.view.facts import KMH, Facts, ProfileCurve
 from train_ato.apps.view.style import NEEDLE, OVERSPEED
+from train_ato.loop.train_protection import SUPERVISOR
 from train_ato.messages.types import Array
 
+LEAST_ARC = 1e-3
+"""Smallest angle between two limits on the dial [rad]: Bokeh draws a ring between equal angles as a full ring."""
 OVER = 1.0
 """Speed above the limit from which the page shows an overspeed [km/h]."""
 DIAL_BEGIN, DIAL_SWEEP = math.radians(225.0), math.radians(270.0)
 """Angle of 0 km/h on the speed dial and its clockwise range [rad]."""
+
+
+@dataclass(frozen=True)
+class ProtectionStates:
+    """Texts of the states of supervision, train protection and ATO, and of their reasons; "" without one."""
+
+    supervision: str = ""
+    supervision_reason: str = ""
+    protection: str = ""
+    protection_reason: str = ""
+    ato: str = ""
+    ato_reason: str = ""
+
+    @property
+    def reasons(self) -> str:
+        """Reasons of all states that are not nominal."""
+        known = self.protection_reason in ("", SUPERVISOR)
+        train = "" if known else f"train: {self.protection_reason}"
+        ato = f"ATO: {self.ato_reason}" if self.ato_reason else ""
+        return "; ".join(part for part in (self.supervision_reason, train, ato) if part)
 
 
 @dataclass(frozen=True)
@@ -38,6 +61,10 @@ class Snapshot:
         Brake-pipe pressure at the head and as demanded [Pa]; NaN without an air brake.
     law, state
         Active law; state of the plant.
+    limits : Array, shape (4,), or None
+        Permitted, warning, service-brake and emergency-brake speed of the supervisor [m/s]; None without a supervisor.
+    states
+        States of supervision, train protection and ATO.
     factor
         Simulated seconds per second of wall time.
     """
@@ -57,6 +84,8 @@ class Snapshot:
     state: str = "running"
     factor: float = math.nan
     notes: dict[str, str] = field(default_factory=dict)
+    limits: Array | None = None
+    states: ProtectionStates = ProtectionStates()
 
     @property
     def speed(self) -> float:
@@ -69,8 +98,11 @@ class Snapshot:
         return self.speed - KMH * self.reference[1]
 
 
-STRIP = ("time", "speed", "profile", "limit", "error", "applied", "demand", "most", "least", "draft", "buff", "place")
+STRIP = ("time", "speed", "profile", "limit", "error", "applied", "demand", "most", "least", "draft", "buff", "place",
+         "permitted", "emergency")  # fmt: skip
 """Columns of the strip charts: s, km/h, kN and km."""
+LIMIT_NAMES = ("permitted", "warning", "service", "emergency")
+"""Limits of the supervisor, in the order of the message without the estimated speed."""
 
 
 def strip_row(moment: Snapshot, facts: Facts) -> tuple[float, ...]:
@@ -90,6 +122,8 @@ def strip_row(moment: Snapshot, facts: Facts) -> tuple[float, ...]:
         float(moment.coupler.max(initial=0.0)) / 1e3,
         float(moment.coupler.min(initial=0.0)) / 1e3,
         (float(moment.position[0]) + facts.nose) / 1e3,
+        math.nan if moment.limits is None else KMH * float(moment.limits[0]),
+        math.nan if moment.limits is None else KMH * float(moment.limits[-1]),
     )
 
 
@@ -139,7 +173,30 @@ def now(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: flo
         "position_error_text": signed(float(moment.position[0]) - moment.reference[0], 1),
         "factor_text": f"× {moment.factor:.3g}" if math.isfinite(moment.factor) else "",
     }
+    row |= _supervised(moment, scale)
     return {name: [value] for name, value in row.items()}
+
+
+def _supervised(moment: Snapshot, scale: float) -> dict[str, Any]:
+    """Return limits and states of a supervised run: angles [rad] and texts."""
+    states, limits = moment.states, moment.limits
+    speeds = [math.nan] * len(LIMIT_NAMES) if limits is None else [KMH * float(speed) for speed in limits]
+    angles: list[float] = []
+    for speed in speeds:
+        at = angle(speed if math.isfinite(speed) else scale, scale)
+        angles.append(min(at, angles[-1] - LEAST_ARC) if angles else at)
+    return {
+        **{f"{name}_angle": at for name, at in zip(LIMIT_NAMES, angles, strict=True)},
+        **{
+            f"{name}_text": f"{speed:.1f}" if math.isfinite(speed) else "–"
+            for name, speed in zip(LIMIT_NAMES, speeds, strict=True)
+        },
+        "supervision": states.supervision,
+        "ato": states.ato,
+        "supervision_text": states.supervision or "–",
+        "ato_text": states.ato or "–",
+        "reason_text": states.reasons,
+    }
 
 
 def where(moment: Snapshot, facts: Facts, profile: ProfileCurve | None) -> dict[str, list[float]]:

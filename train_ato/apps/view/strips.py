@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
 from typing import Any
 
 from bokeh.models import BasicTickFormatter, ColumnDataSource, DataRange1d, Range1d
@@ -10,9 +11,22 @@ from bokeh.plotting import figure
 from train_ato.apps.report.style import time_formatter, time_ticker
 from train_ato.apps.view.feed import Mark
 from train_ato.apps.view.snapshot import STRIP
-from train_ato.apps.view.style import APPLIED, BUFF, DEMAND, DRAFT, FAINT, LIMIT, MARK, PROFILE, SOFT, TRAIN
+from train_ato.apps.view.style import (
+    APPLIED,
+    BUFF,
+    DEMAND,
+    DRAFT,
+    EMERGENCY,
+    FAINT,
+    LIMIT,
+    MARK,
+    PERMITTED,
+    PROFILE,
+    SOFT,
+    TRAIN,
+)
 
-LABEL_STEP, LABEL_LEVELS = 13, 4
+LABEL_STEP, LABEL_LEVELS = 13, 5
 """Distance [px] and number of the levels of the event labels."""
 
 
@@ -31,7 +45,9 @@ class Strips:
         Charts from top to bottom.
     """
 
-    def __init__(self, now: ColumnDataSource, several: bool, hours: bool, tools: dict[str, Any]) -> None:
+    def __init__(
+        self, now: ColumnDataSource, several: bool, hours: bool, tools: dict[str, Any], *, supervised: bool = False
+    ) -> None:
         self.source = ColumnDataSource({name: [] for name in STRIP})
         self.marks = ColumnDataSource({"time": [], "label": [], "drop": []})
         self.span = Range1d(0.0, 180.0)
@@ -41,6 +57,9 @@ class Strips:
         speed = self._chart("km/h", "strip_speed")
         speed.line("time", "profile", source=self.source, line_color=PROFILE, line_width=3.2, line_alpha=0.7)
         speed.line("time", "limit", source=self.source, line_color=LIMIT, line_width=1.4, line_dash=[6, 4])
+        if supervised:
+            for name, colour in (("permitted", PERMITTED), ("emergency", EMERGENCY)):
+                speed.line("time", name, source=self.source, line_color=colour, line_width=1.2)
         speed.line("time", "speed", source=self.source, line_color=TRAIN, line_width=1.6)
         # The labels have their own range: otherwise the range of the speed would include them.
         speed.extra_y_ranges = {"labels": Range1d(0.0, 1.0)}
@@ -67,11 +86,12 @@ class Strips:
             plot.xaxis.visible = False
 
     def show_marks(self, marks: list[Mark]) -> None:
-        """Show the events."""
+        """Show the events; labels that follow each other are on different levels."""
+        numbers = accumulate(bool(mark.label) for mark in marks)
         self.marks.data = {
             "time": [mark.time for mark in marks],
             "label": [mark.label for mark in marks],
-            "drop": [2 + LABEL_STEP * (number % LABEL_LEVELS) for number in range(len(marks))],
+            "drop": [2 + LABEL_STEP * ((number - 1) % LABEL_LEVELS) for number in numbers],
         }
 
     def _chart(self, label: str, name: str) -> Any:

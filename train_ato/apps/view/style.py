@@ -12,6 +12,7 @@ NEEDLE, OVERSPEED = "#f2f5f7", "#ff3b30"
 TRAIN, PROFILE, LIMIT, STOP = SKY, "#aebccb", "#ff5f45", "#ffd24a"
 DEMAND, APPLIED = ORANGE, SKY
 DRAFT, BUFF, SHOE = "#ff7a59", "#4aa3ff", "#d2a15c"
+PERMITTED, WARNING, SERVICE, EMERGENCY = "#2dbd8e", "#ffd24a", "#e69f00", "#ff3b30"
 UPHILL, DOWNHILL = "#8a6d3b", "#2f7f6d"
 MARK = "#d79bd0"
 
