@@ -55,7 +55,7 @@ def test_verdict(survivors: int, status: int, capsys: pytest.CaptureFixture[str]
     assert mutation.report(mutants, {one: "reason"}, each=True) == status
     lines = capsys.readouterr().out
     assert lines.count("x = None") == survivors
-    assert lines.splitlines()[-1].split() == ["all", "106", "5", str(101 - survivors), str(survivors),
+    assert lines.splitlines()[-1].split() == ["all", "106", "5", str(101 - survivors), str(20 - survivors), str(survivors),
                                               f"{100 * (101 - survivors) / 101:.1f}%"]  # fmt: skip
 
 
