@@ -5,9 +5,9 @@
     python bench/mutation.py --only gradient.py    # mutants of one file
 
 A mutant is the program with one small change. mutmut changes statements in functions, ``table_mutants.py`` the numbers
-of tables and defaults. A mutant is killed if a test fails or exceeds its time limit (late); equivalent mutants, listed with
-reasons in ``equivalent_mutants.yaml``, are left out. The exit status is 1 if the score of a file, or of the sample, is
-below the bound. Needs ``pip install mutmut``.
+of tables and defaults. A mutant is killed if a test fails or exceeds its time limit (late); equivalent mutants, listed
+with reasons in ``equivalent_mutants.yaml``, are left out. The exit status is 1 if the score of a file, or of the
+sample, is below the bound. Needs ``pip install mutmut``.
 """
 
 from __future__ import annotations
