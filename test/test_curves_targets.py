@@ -8,7 +8,7 @@ from curve_trains import FIXED, LEVEL, supervised_train
 from train_ato.supervision.ceiling import EMERGENCY_MARGIN, SupervisionSpeeds, ceiling_speeds
 from train_ato.supervision.deceleration_curve import DecelerationCurve
 from train_ato.supervision.gradient import gradient_acceleration, lowest_under_train
-from train_ato.supervision.limits import BrakingTarget, TargetLimits, intervention_times
+from train_ato.supervision.limits import BrakingTarget, InterventionTimes, TargetLimits, intervention_times
 from train_ato.supervision.odometry import MotionEstimate, motion_estimate, speed_measurement_error
 from train_ato.supervision.release_speed import release_speed, release_start, trip_location
 from train_ato.supervision.step_function import StepFunction
@@ -163,6 +163,13 @@ def test_level_before_the_first_gradient() -> None:
     assert [lowest.at(place) for place in (-1e4, 900.0, 1000.0, 1001.0, 1400.0, 1401.0)] == [0, 0, 0, -10, -10, 5]
 
 
+def test_rotating_mass_of_slight_grades() -> None:
+    """Breaks if a slight grade uphill has the rotating mass of a grade downhill."""
+    slight = gradient_acceleration([(0.0, 0.5), (1000.0, -0.5)], 100.0, None, FIXED)
+    assert slight.at(500.0) == pytest.approx(9.81 * 0.5 / 1150)
+    assert slight.at(2000.0) == pytest.approx(-9.81 * 0.5 / 1020)
+
+
 def test_rotating_mass_of_the_train_is_used() -> None:
     """Breaks if the gradients of a line have the fixed rotating masses in place of the nominal one."""
     grades = [(0.0, -10.0)]
@@ -186,6 +193,33 @@ def test_reason_of_a_missing_service_curve() -> None:
         assert (line.targets[0].sbd is None) == (reason is not None)
         assert (line.evaluate(600.0) == alone.evaluate(600.0)) == (reason is not None)
         assert line.evaluate(600.0).emergency == alone.evaluate(600.0).emergency < 30.0
+
+
+def test_steps_that_are_not_ordered() -> None:
+    """Breaks if equal or falling bounds, or a missing value, make a step function."""
+    with pytest.raises(ValueError) as refused:
+        StepFunction((1.0,), (5.0,))
+    assert str(refused.value) == "1 bounds need 2 values, not 1"
+    for bounds in ((2.0, 2.0), (2.0, 1.0)):
+        with pytest.raises(ValueError) as refused:
+            StepFunction(bounds, (5.0, 6.0, 7.0))
+        assert str(refused.value) == "bounds of a step function must rise; sort them"
+
+
+def test_train_without_interfaces() -> None:
+    """Breaks if a train has a service-brake feedback or a traction cut-off time that was not given."""
+    alone = intervention_times(supervised_train(service_time=10.0), 0.0, FIXED)
+    assert alone == InterventionTimes(0.0, 5.0, 0.0, 0.0, 8.0)
+    command = intervention_times(supervised_train(service_time=10.0, service_command=True), 0.0, FIXED)
+    assert command == InterventionTimes(0.0, 5.0, 10.0, 10.0, 8.0)
+
+
+def test_exact_odometry_has_no_error() -> None:
+    """Breaks if a motion without errors has a distance to its min safe or max safe front."""
+    line = TrackSupervision(supervised_train(), [], [(0.0, 30.0), (1000.0, 40.0), (3000.0, 30.0)], None)
+    places = (1199.9, 1200.1, 2999.9)
+    assert [line.ceiling(place, place).permitted for place in places] == [30.0, 40.0, 40.0]
+    assert line.evaluate(1200.1).emergency == ceiling_speeds(40.0).emergency
 
 
 def test_ceiling_between_two_positions() -> None:

@@ -29,22 +29,26 @@ def test_the_limits_of_the_conversion_model_belong_to_it(
     check_conversion(percentage, position, length, 200 / 3.6)
 
 
-REFUSED = [
-    (29.9, 900.0, 200.0, "brake_percentage: 29.9 % is outside the conversion model; give 30 ... 250 %"),
-    (250.1, 900.0, 200.0, "brake_percentage: 250.1 % is outside the conversion model; give 30 ... 250 %"),
-    (100.0, 900.1, 200.0, "length_m: 900.1 m is outside the conversion model of PassengerTrainInP; give at most 900 m"),
-    (100.0, 900.0, 200.1, "max_speed_kmh: 200.1 km/h is outside the conversion model; give at most 200 km/h"),
+REFUSED: list[tuple[BrakePosition, float, float, float, str, str]] = [
+    ("PassengerTrainInP", 29.9, 900.0, 200.0, "brake_percentage: 29.9 %", "; give 30 ... 250 %"),
+    ("PassengerTrainInP", 250.1, 900.0, 200.0, "brake_percentage: 250.1 %", "; give 30 ... 250 %"),
+    ("PassengerTrainInP", 100.0, 900.0, 200.1, "max_speed_kmh: 200.1 km/h", "; give at most 200 km/h"),
+    ("PassengerTrainInP", 100.0, 900.1, 200.0, "length_m: 900.1 m", " of PassengerTrainInP; give at most 900 m"),
+    ("FreightTrainInP", 100.0, 1500.1, 200.0, "length_m: 1500.1 m", " of FreightTrainInP; give at most 1500 m"),
+    ("FreightTrainInG", 100.0, 1500.1, 200.0, "length_m: 1500.1 m", " of FreightTrainInG; give at most 1500 m"),
 ]
 
 
-@pytest.mark.parametrize(("percentage", "length", "speed_kmh", "text"), REFUSED)
-def test_trains_outside_the_conversion_model(percentage: float, length: float, speed_kmh: float, text: str) -> None:
+@pytest.mark.parametrize(("position", "percentage", "length", "speed_kmh", "value", "remedy"), REFUSED)
+def test_trains_outside_the_conversion_model(
+    position: BrakePosition, percentage: float, length: float, speed_kmh: float, value: str, remedy: str
+) -> None:
     """Breaks if a train beyond a limit is accepted, or the line lacks key, value or remedy."""
     with pytest.raises(ValueError) as refused:
-        check_conversion(percentage, "PassengerTrainInP", length, speed_kmh / 3.6)
-    assert str(refused.value) == f"{text}, or give a gamma train"
+        check_conversion(percentage, position, length, speed_kmh / 3.6)
+    assert str(refused.value) == f"{value} is outside the conversion model{remedy}, or give a gamma train"
     with pytest.raises(ValueError, match="is outside the conversion model"):
-        lambda_brake(percentage, "PassengerTrainInP", length, speed_kmh / 3.6, ONE, ONE, 1.0)
+        lambda_brake(percentage, position, length, speed_kmh / 3.6, ONE, ONE, 1.0)
 
 
 def test_correction_of_the_emergency_time() -> None:

@@ -122,6 +122,29 @@ def test_jumps_multiply_and_then_add() -> None:
     assert link.pop(2_000_000_000) == 2.0  # a negative delay is none
 
 
+def test_jump_of_a_sum_alone() -> None:
+    """Breaks if a jump without a factor multiplies the delay."""
+    link = Link(LinkSpec(delay=0.1, jump=DelayJump(at=0.0, add=0.1)), 1, STEP, 1, "c")
+    link.push(0, (1.0,))
+    assert np.flatnonzero(link.window(0, 400)[:, 0])[0] == 40
+
+
+@pytest.mark.parametrize(
+    ("model", "values"), [(LinkSpec, {"loss": 1.0}), (DelayJump, {"at": 0.0, "factor": 1000.5})], ids=["loss", "factor"]
+)
+def test_values_out_of_range(model: type[LinkSpec | DelayJump], values: dict[str, float]) -> None:
+    """Breaks if the loss of all messages, or a factor above 1000, is accepted."""
+    with pytest.raises(ValueError, match="less than"):
+        model.model_validate(values)
+
+
+def test_one_negative_delay_in_a_list() -> None:
+    """Breaks if only lists of negative delays are refused."""
+    with pytest.raises(ValueError) as refused:
+        Link(LinkSpec(delay=(0.2, -0.1, 0.3)), 3, STEP, 1, "x")
+    assert str(refused.value) == "links.x.delay: -0.1 s is negative; give 0 or more"
+
+
 def test_message_behind_an_endless_delay_never_acts() -> None:
     """Breaks if a product of factors beyond every number raises an error, or its message acts."""
     link = Link(LinkSpec(delay=1.0), 1, STEP, 1, "c")
