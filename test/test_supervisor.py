@@ -212,22 +212,22 @@ def test_the_states_of_the_ato_from_a_brake_to_the_next_engagement() -> None:
     machine = AtoStateMachine()
     assert machine.state is AtoState.ENGAGED
     conditions: list[tuple[dict[str, Any], AtoState]] = [
-        ({"valid": True, "stands": False, "locked": ""}, AtoState.ENGAGED),
-        ({"valid": True, "stands": False, "locked": "emergency brake"}, AtoState.DISENGAGING),
-        ({"valid": True, "stands": False, "locked": ""}, AtoState.DISENGAGING),
-        ({"valid": True, "stands": True, "locked": "emergency brake"}, AtoState.AVAILABLE),
-        ({"valid": True, "stands": True, "locked": ""}, AtoState.READY),
-        ({"valid": True, "stands": False, "locked": ""}, AtoState.AVAILABLE),
-        ({"valid": False, "stands": True, "locked": ""}, AtoState.NOT_AVAILABLE),
-        ({"valid": True, "stands": True, "locked": ""}, AtoState.READY),
+        ({"valid": True, "standstill": False, "locked": ""}, AtoState.ENGAGED),
+        ({"valid": True, "standstill": False, "locked": "emergency brake"}, AtoState.DISENGAGING),
+        ({"valid": True, "standstill": False, "locked": ""}, AtoState.DISENGAGING),
+        ({"valid": True, "standstill": True, "locked": "emergency brake"}, AtoState.AVAILABLE),
+        ({"valid": True, "standstill": True, "locked": ""}, AtoState.READY),
+        ({"valid": True, "standstill": False, "locked": ""}, AtoState.AVAILABLE),
+        ({"valid": False, "standstill": True, "locked": ""}, AtoState.NOT_AVAILABLE),
+        ({"valid": True, "standstill": True, "locked": ""}, AtoState.READY),
     ]
     for stamp, (condition, expected) in enumerate(conditions):
         if machine.state is not AtoState.READY:
             with pytest.raises(ValueError, match="wait for this state"):
-                machine.request(stamp, "engage", stands=True)
+                machine.request(stamp, "engage", standstill=True)
         machine.update(stamp, **condition)
         assert machine.state is expected
-    machine.request(10, "engage", stands=True)
+    machine.request(10, "engage", standstill=True)
     assert machine.state is AtoState.ENGAGED
 
 
@@ -235,19 +235,19 @@ def test_a_failure_lasts_until_a_reset_at_standstill() -> None:
     """Breaks if a failed ATO recovers by itself or is reset while the train moves."""
     machine = AtoStateMachine()
     machine.fail(0, "the law gave nothing")
-    machine.update(1, valid=True, stands=True, locked="")
+    machine.update(1, valid=True, standstill=True, locked="")
     assert machine.state is AtoState.FAILURE
     with pytest.raises(ValueError, match="wait for standstill"):
-        machine.request(2, "reset", stands=False)
-    machine.request(3, "reset", stands=True)
-    machine.update(4, valid=True, stands=True, locked="")
+        machine.request(2, "reset", standstill=False)
+    machine.request(3, "reset", standstill=True)
+    machine.update(4, valid=True, standstill=True, locked="")
     assert machine.state is AtoState.READY
 
 
 def test_a_disengaged_ato_coasts_for_the_takeover_time_and_a_failed_one_brakes_at_once() -> None:
     """Breaks if the train rolls on without a driver."""
     machine = AtoStateMachine()
-    machine.request(0, "disengage", stands=False)
+    machine.request(0, "disengage", standstill=False)
     times = [0.0, TAKEOVER_TIME - 0.1, TAKEOVER_TIME]
     assert [machine.brakes(round(time * 1e9)) for time in times] == [False, False, True]
     failed = AtoStateMachine()
@@ -268,7 +268,7 @@ def reactions(protection: TrainProtection, begin: int, end: int, tick: int, **si
             protection.on_command(stamp)
         if index % 8 == 0 and index < silent.get("release", end):
             protection.on_release(released(stamp))
-        found.append(protection.step(stamp, stands=False))
+        found.append(protection.step(stamp, standstill=False))
     return found
 
 
@@ -297,8 +297,8 @@ def test_a_missing_brake_release_applies_the_emergency_brake_until_standstill() 
     stamp = 60 * setup.tick_ns
     protection.on_command(stamp)
     protection.on_release(released(stamp))
-    assert protection.step(stamp, stands=False) is Protection.EMERGENCY_BRAKE
-    assert protection.step(stamp, stands=True) is Protection.NONE
+    assert protection.step(stamp, standstill=False) is Protection.EMERGENCY_BRAKE
+    assert protection.step(stamp, standstill=True) is Protection.NONE
 
 
 @pytest.mark.parametrize(
@@ -317,7 +317,7 @@ def test_only_the_exact_value_releases(values: tuple[float, ...], expected: Prot
     protection = TrainProtection(metro())
     protection.on_command(0)
     protection.on_release(released(0, *values))
-    assert protection.step(0, stands=False) is expected
+    assert protection.step(0, standstill=False) is expected
 
 
 def test_a_run_without_limits_has_no_supervisor(tmp_path: Path) -> None:

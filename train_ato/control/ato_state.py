@@ -38,14 +38,14 @@ class AtoStateMachine:
         self.reason = "start of the run"
         self.since = 0
 
-    def update(self, stamp: int, *, valid: bool, stands: bool, locked: str) -> bool:
+    def update(self, stamp: int, *, valid: bool, standstill: bool, locked: str) -> bool:
         """Apply the conditions of one period; return True after a change.
 
         Parameters
         ----------
         stamp
             Time [ns].
-        valid, stands
+        valid, standstill
             Measurement valid; train at standstill.
         locked
             Traction cut-off or brake in effect as text, "" without one.
@@ -58,9 +58,9 @@ class AtoStateMachine:
             pass
         elif not valid:
             self._change(stamp, AtoState.NOT_AVAILABLE, "no valid measurement")
-        elif before is AtoState.DISENGAGING and not stands:
+        elif before is AtoState.DISENGAGING and not standstill:
             pass
-        elif stands and not locked:
+        elif standstill and not locked:
             self._change(stamp, AtoState.READY, "standstill, brakes released")
         else:
             self._change(stamp, AtoState.AVAILABLE, locked or "the train moves")
@@ -70,7 +70,7 @@ class AtoStateMachine:
         """Enter the state failure."""
         self._change(stamp, AtoState.FAILURE, reason)
 
-    def check(self, request: str, *, stands: bool) -> None:
+    def check(self, request: str, *, standstill: bool) -> None:
         """Check a request without effect.
 
         Raises
@@ -81,12 +81,12 @@ class AtoStateMachine:
         needed = {"engage": AtoState.READY, "disengage": AtoState.ENGAGED, "reset": AtoState.FAILURE}[request]
         if self.state is not needed:
             raise ValueError(f"{request}: the ATO is {self.state.text}, not {needed.text}; wait for this state")
-        if request == "reset" and not stands:
+        if request == "reset" and not standstill:
             raise ValueError("reset: the train moves; wait for standstill")
 
-    def request(self, stamp: int, request: str, *, stands: bool) -> None:
+    def request(self, stamp: int, request: str, *, standstill: bool) -> None:
         """Apply a request; errors as :meth:`check`."""
-        self.check(request, stands=stands)
+        self.check(request, standstill=standstill)
         if request == "engage":
             self._change(stamp, AtoState.ENGAGED, "request")
         elif request == "disengage":

@@ -38,7 +38,7 @@ class AtoMode:
         Choice between the law and the braking law.
     returned : bool
         True at the step at which the law drives again after the braking law.
-    stands : bool
+    standstill : bool
         True if the train is at standstill.
     """
 
@@ -55,7 +55,7 @@ class AtoMode:
         self.returned = False
         self._waiting = sorted(setup.scenario.ato_requests, key=lambda request: request.at)
         self._accepted = ""
-        self.stands = False
+        self.standstill = False
         self._speed = 0.0
 
     @property
@@ -81,7 +81,7 @@ class AtoMode:
         ValueError
             With the reason of a refusal.
         """
-        self.machine.check(do, stands=self.stands)
+        self.machine.check(do, standstill=self.standstill)
         self._waiting.insert(0, AtoRequest(at=0.0, do=do))
 
     def fail(self, stamp: int, reason: str) -> None:
@@ -104,9 +104,9 @@ class AtoMode:
         stamp, machine = measurement.stamp, self.machine
         valid = is_valid_state(measurement)
         self._speed = self._speed if speeds is None else abs(float(speeds.speed[0]))
-        self.stands = speeds is not None and self._speed < STANDSTILL_SPEED
+        self.standstill = speeds is not None and self._speed < STANDSTILL_SPEED
         before = machine.state
-        machine.update(stamp, valid=valid, stands=self.stands, locked=_lock(protection, speeds))
+        machine.update(stamp, valid=valid, standstill=self.standstill, locked=_lock(protection, speeds))
         if self.awaits_profile and stamp - machine.since > PLANNING_TIME * 1e9:
             self.awaits_profile = False
             machine.fail(stamp, "no profile from the present place; see the diagnostics of the profile")
@@ -130,7 +130,7 @@ class AtoMode:
             if round(request.at * 1e9) > stamp:
                 return
             try:
-                self.machine.request(stamp, request.do, stands=self.stands)
+                self.machine.request(stamp, request.do, standstill=self.standstill)
             except ValueError:  # a planned request waits for its state
                 continue
             self._waiting.remove(request)
@@ -143,7 +143,7 @@ class AtoMode:
         model = self._model
         brake = model.consist.air_brake
         force = np.zeros(model.n_units)
-        if not self.machine.brakes(measurement.stamp) or self.stands:
+        if not self.machine.brakes(measurement.stamp) or self.standstill:
             return force, None if brake is None else brake.charged
         return self.braking_force(measurement), None if brake is None else brake.charged - brake.reduction[-1]
 

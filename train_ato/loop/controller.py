@@ -184,7 +184,7 @@ class ControllerStage:
             report = self.ato.update(
                 seen, receive("train/protection", stamp, protection), receive("atp/speeds", stamp, speeds)
             )
-        if self._error is not None and self.ato.stands:
+        if self._error is not None and self.ato.standstill:
             raise self._error
         with self._call:
             self._change(stamp)

@@ -162,7 +162,7 @@ class PlantStage:
         return float(np.abs(self.train.velocity).max())
 
     @property
-    def stands(self) -> bool:
+    def standstill(self) -> bool:
         """True if every vehicle is at standstill."""
         return self._speed < STANDSTILL
 
@@ -238,7 +238,7 @@ class PlantStage:
         """
         demand: Array = self._link.window(self.stamp, self._substeps)
         before = self.protection.level
-        level = self.protection.step(self.stamp, stands=self.stands)
+        level = self.protection.step(self.stamp, standstill=self.standstill)
         if level is not Protection.NONE:
             demand[:] = 0.0
         brake = self.setup.consist.air_brake

@@ -87,32 +87,32 @@ class TrainProtection:
         """Take a brake release of the supervisor and the time of its reception [ns], by default its stamp."""
         self._release = self._release_link.pass_on(release.stamp if received is None else received, release)
 
-    def step(self, stamp: int, *, stands: bool) -> Protection:
+    def step(self, stamp: int, *, standstill: bool) -> Protection:
         """Return the reaction of the tick at ``stamp`` [ns].
 
         Parameters
         ----------
         stamp
             Time [ns].
-        stands
+        standstill
             True if the train is at standstill; it ends the emergency brake of a missing message.
         """
         demands = [(Protection.NONE, "")]
         if self.requested:
             demands.append((Protection.EMERGENCY_BRAKE, REQUESTED))
         if self._supervised:
-            demands += [self._of_release(stamp, stands), self._of_command(stamp, stands)]
+            demands += [self._of_release(stamp, standstill), self._of_command(stamp, standstill)]
         self.level, self.reason = max(demands, key=lambda demand: demand[0])
         return self.level
 
-    def _of_release(self, stamp: int, stands: bool) -> tuple[Protection, str]:
+    def _of_release(self, stamp: int, standstill: bool) -> tuple[Protection, str]:
         """Return the reaction to the brake release of the supervisor or to its age.
 
         The emergency brake of a missing release lasts until standstill.
         """
         release = self._release
         age = stamp - (0 if release is None else release.stamp)
-        if age > self._release_age or (self._unreleased and not stands):
+        if age > self._release_age or (self._unreleased and not standstill):
             self._unreleased = True
             return Protection.EMERGENCY_BRAKE, f"no brake release for {age * 1e-9:.1f} s"
         self._unreleased = False
@@ -125,12 +125,12 @@ class TrainProtection:
             return Protection.SERVICE_BRAKE, SUPERVISOR
         return (Protection.NONE, "") if traction else (Protection.COAST, SUPERVISOR)
 
-    def _of_command(self, stamp: int, stands: bool) -> tuple[Protection, str]:
+    def _of_command(self, stamp: int, standstill: bool) -> tuple[Protection, str]:
         """Return the reaction to the age of the newest command; an emergency brake lasts until standstill."""
         self._newest = max(self._newest, int(self._stamps.pop(stamp)[0]))
         age = stamp - self._newest - self._nominal
         found = Protection(sum(age > bound for bound in self._bounds))
-        if self._silent is Protection.EMERGENCY_BRAKE and not stands:
+        if self._silent is Protection.EMERGENCY_BRAKE and not standstill:
             found = Protection.EMERGENCY_BRAKE
         self._silent = found
         text = f"no command for {(age + self._nominal) * 1e-9:.1f} s"

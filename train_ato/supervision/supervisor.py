@@ -110,12 +110,12 @@ class Supervisor:
         within :data:`REPEAT_DISTANCE` needs an acknowledgement, which no run has.
         """
         state = self._state
-        stands = abs(motion.speed) < STANDSTILL_SPEED
+        standstill = abs(motion.speed) < STANDSTILL_SPEED
         within = motion.speed <= speeds.permitted
         if state is SupervisionState.EMERGENCY_BRAKE:
-            ended = stands and not self._latched
+            ended = standstill and not self._latched
         elif state is SupervisionState.SERVICE_BRAKE:
-            ended = stands or within
+            ended = standstill or within
         else:
             ended = within
         if ended:

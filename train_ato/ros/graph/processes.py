@@ -274,13 +274,13 @@ def _supervise(
 
 
 def _stops_train(nodes: dict[Role, NodeProcess]) -> bool:
-    """Return True if the plant goes on without the failed nodes until its train stands."""
+    """Return True if the plant goes on without the failed nodes until its train is at standstill."""
     needed = (nodes[Role.PLANT], nodes[Role.RECORDER])
     return Role.SUPERVISOR in nodes and not any(node.failure for node in needed)
 
 
 def _report_lost(nodes: dict[Role, NodeProcess]) -> None:
-    """Send the failed nodes to the plant, which goes on until its train stands."""
+    """Send the failed nodes to the plant, which goes on until its train is at standstill."""
     for node in nodes.values():
         if node.failure and not node.lost:
             node.lost = True

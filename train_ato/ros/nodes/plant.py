@@ -31,7 +31,7 @@ LEASE_S = 3.0
 SHORTEST_WAIT_S = 0.0005
 """Minimum wait before a tick [s]; shorter waits are omitted."""
 STOPPING_PACE = 10.0
-"""Simulated seconds per wall second after the loss of a node in lockstep, until the train stands."""
+"""Simulated seconds per wall second after the loss of a node in lockstep, until standstill."""
 ANSWERS = {"controller": ("command", "pipe"), "supervisor": ("release",)}
 """Answers to the plant by node."""
 STANDING_S = 2.0
@@ -310,7 +310,7 @@ class PlantNode:
             self.stage.act(Command(stamp, command.force), pipe, release)
             self._command = None
         if self._lost is not None:
-            self._standing = self._standing + 1 if self.stage.stands else 0
+            self._standing = self._standing + 1 if self.stage.standstill else 0
             if self._standing * self.stage.setup.tick >= STANDING_S or self.stage.finished:
                 self._conclude()
                 self.endpoints.watch.fail(*self._lost)
