@@ -163,7 +163,7 @@ class Train:
 
     def _head_pressure(self, pipe: PipeEvents) -> float:
         """Return the brake-pipe pressure at vehicle 0 [Pa]; that of the air if the wave of a gap has reached it."""
-        return ATMOSPHERE if self._parted.reached(self.time)[0] else pipe.pressure
+        return ATMOSPHERE if self._parted.noticed(self.time) else pipe.pressure
 
     def advance(self, demand: Array, brake_pipe_pa: float | None = None) -> None:
         """Integrate one tick.
@@ -232,6 +232,11 @@ class Train:
     def release_emergency_brake(self) -> None:
         """Close vent or loop; a brake pipe gets the pressure demanded last. No effect on a train that has parted."""
         self._brake.release_emergency(self.time)
+
+    @property
+    def separation_noticed(self) -> bool:
+        """True if the train has parted, and its head has the emergency brake for this reason."""
+        return self._parted.noticed(self.time)
 
     def _integrate(self, demand: Array, outside: Array, begin: int, end: int) -> None:
         if end <= begin:

@@ -238,7 +238,7 @@ class PlantStage:
         """
         demand: Array = self._link.window(self.stamp, self._substeps)
         before = self.protection.level
-        level = self.protection.step(self.stamp, stands=self.stands)
+        level = self.protection.step(self.stamp, stands=self.stands, separated=self.train.separation_noticed)
         if level is not Protection.NONE:
             demand[:] = 0.0
         brake = self.setup.consist.air_brake
