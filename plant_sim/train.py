@@ -16,7 +16,7 @@ from plant_sim.line import Line
 from plant_sim.outside_forces import OutsideForces
 from plant_sim.packing import pack
 from plant_sim.parted_couplers import PartedCouplers
-from plant_sim.plant_setup import PlantSetup
+from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.sensors import SensorSet
 from plant_sim.states import Array, BrakeShoes, Measurement, Pipe, VehicleStates
 from plant_sim.streams import random_stream
@@ -214,6 +214,20 @@ class Train:
         """
         self._outside.add(gust)
         self._has_added_gusts = True
+
+    def add_jump(self, jump: Jump) -> None:
+        """Add a jump that is not in the setup.
+
+        Raises
+        ------
+        ValueError
+            If the train lacks the part that it changes.
+        """
+        self._jumps.add(jump)
+
+    def freeze_measurement(self, begin: float, end: float) -> None:
+        """Freeze the measured positions and speeds of all units from a time to another one [s]."""
+        self._sensors.freeze(begin, end)
 
     def _drop_gusts(self) -> None:
         """Remove gusts that have ended, and their forces on vehicles without another disturbance."""
