@@ -49,17 +49,28 @@ class Jumps:
         self._by_mass = np.array([vehicle.resistance.n is None for vehicle in consist.vehicles])
         self._step_ns, self._substeps = step_ns, tick_ns // step_ns
         self._lags = np.broadcast_to(np.array(setup.lag, dtype=np.float64), self._units).copy()
-        self._waiting = list(setup.jumps)
-        for jump in self._waiting:
-            if isinstance(jump, TrainSeparation):
-                couplers.check(jump.vehicles)
-                continue
-            for what, listed, count in (("vehicle", jump.vehicles, vehicles), ("unit", jump.units, self._units)):
-                wrong = [i for i in listed or () if not 0 <= i < count]
-                if wrong:
-                    raise ValueError(f"jumps lists {what} {wrong[0]}: not in the train; give 0 ... {count - 1}")
-            if jump.what == "brake" and not arrays.vehicle[k.SHOE].any():
-                raise ValueError("a jump of brake multiplies the shoe forces, but no vehicle has shoes; remove it")
+        self._adhesive = setup.adhesion is not None
+        self._waiting: list[Jump | TrainSeparation] = []
+        for jump in setup.jumps:
+            self.add(jump)
+
+    def add(self, jump: Jump | TrainSeparation) -> None:
+        """Add a jump; errors as at the start, also for a jump of adhesion without an adhesion."""
+        if isinstance(jump, TrainSeparation):
+            self._couplers.check(jump.vehicles)
+        else:
+            self._check(jump)
+        self._waiting.append(jump)
+
+    def _check(self, jump: Jump) -> None:
+        for what, listed, count in (("vehicle", jump.vehicles, self._vehicles), ("unit", jump.units, self._units)):
+            wrong = [i for i in listed or () if not 0 <= i < count]
+            if wrong:
+                raise ValueError(f"jumps lists {what} {wrong[0]}: not in the train; give 0 ... {count - 1}")
+        if jump.what == "brake" and not self._arrays.vehicle[k.SHOE].any():
+            raise ValueError("a jump of brake multiplies the shoe forces, but no vehicle has shoes; remove it")
+        if jump.what == "adhesion" and not self._adhesive:
+            raise ValueError("a jump of adhesion multiplies the adhesion, which is missing; give an adhesion")
 
     def steps(self, stamp: int) -> list[int]:
         """Return the plant steps of the tick from ``stamp`` [ns] on before which jumps are due."""

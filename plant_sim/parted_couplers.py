@@ -75,6 +75,10 @@ class PartedCouplers:
         arrival = self._since + self._arrays.vehicle[k.PARTED_DISTANCE] / self._brake.apply_wave
         return np.asarray(time >= arrival)
 
+    def noticed(self, time: float) -> bool:
+        """Return True if the wave from a gap has reached the first vehicle at a time [s]."""
+        return self._since is not None and bool(self.reached(time)[0])
+
     def without_traction(self, time: float, demand: Array) -> Array:
         """Return the demands [N] of shape (steps, units), 0 for units that the wave has reached."""
         if self._since is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.plant_setup import Sensors
+from plant_sim.plant_setup import Freeze, Sensors
 from plant_sim.states import Array, Measurement
 from plant_sim.streams import random_stream
 
@@ -52,6 +52,12 @@ class SensorSet:
         self._streams = {name: random_stream(seed, f"sensor/{name}") for name in ("position", "velocity", "coupler")}
         self._odometer = np.zeros(units)
         self._last: tuple[Array, Array] | None = None
+        self._freezes = sensors.freeze
+
+    def freeze(self, begin: float, end: float) -> None:
+        """Freeze the measurement of all units from a time to another one [s]."""
+        added = tuple(Freeze(unit=unit, begin=begin, end=end) for unit in range(self._units))
+        self._freezes = (*self._freezes, *added)
 
     def measure(
         self, stamp: int, position: Array, velocity: Array, applied: Array, coupler: tuple[Array, Array, Array]
@@ -83,7 +89,7 @@ class SensorSet:
         v = velocity + sensors.velocity_bias + sensors.velocity_noise * noise_v
         x, v = _rounded(x, sensors.position_quantum), _rounded(v, sensors.velocity_quantum)
         last_x, last_v = self._last or (x, v)
-        for freeze in sensors.freeze:
+        for freeze in self._freezes:
             if freeze.begin <= t < freeze.end:
                 if freeze.quantity != "velocity":
                     x[freeze.unit] = last_x[freeze.unit]

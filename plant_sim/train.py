@@ -16,7 +16,7 @@ from plant_sim.line import Line
 from plant_sim.outside_forces import OutsideForces
 from plant_sim.packing import pack
 from plant_sim.parted_couplers import PartedCouplers
-from plant_sim.plant_setup import PlantSetup
+from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.sensors import SensorSet
 from plant_sim.states import Array, BrakeShoes, Measurement, Pipe, VehicleStates
 from plant_sim.streams import random_stream
@@ -163,7 +163,7 @@ class Train:
 
     def _head_pressure(self, pipe: PipeEvents) -> float:
         """Return the brake-pipe pressure at vehicle 0 [Pa]; that of the air if the wave of a gap has reached it."""
-        return ATMOSPHERE if self._parted.reached(self.time)[0] else pipe.pressure
+        return ATMOSPHERE if self._parted.noticed(self.time) else pipe.pressure
 
     def advance(self, demand: Array, brake_pipe_pa: float | None = None) -> None:
         """Integrate one tick.
@@ -215,6 +215,20 @@ class Train:
         self._outside.add(gust)
         self._has_added_gusts = True
 
+    def add_jump(self, jump: Jump) -> None:
+        """Add a jump that is not in the setup.
+
+        Raises
+        ------
+        ValueError
+            If the train lacks the part that it changes.
+        """
+        self._jumps.add(jump)
+
+    def freeze_measurement(self, begin: float, end: float) -> None:
+        """Freeze the measured positions and speeds of all units from a time to another one [s]."""
+        self._sensors.freeze(begin, end)
+
     def _drop_gusts(self) -> None:
         """Remove gusts that have ended, and their forces on vehicles without another disturbance."""
         if self._outside.drop_over(self.time):
@@ -232,6 +246,11 @@ class Train:
     def release_emergency_brake(self) -> None:
         """Close vent or loop; a brake pipe gets the pressure demanded last. No effect on a train that has parted."""
         self._brake.release_emergency(self.time)
+
+    @property
+    def separation_noticed(self) -> bool:
+        """True if the train has parted, and its head has the emergency brake for this reason."""
+        return self._parted.noticed(self.time)
 
     def _integrate(self, demand: Array, outside: Array, begin: int, end: int) -> None:
         if end <= begin:

@@ -31,6 +31,9 @@ from train_ato.scenario.interventions import (
     DelayJumpNow,
     EmergencyBrakeNow,
     GustNow,
+    MessageFreezeNow,
+    MessageLossNow,
+    TrainJumpNow,
     interventions_from_json,
     interventions_to_json,
     make_intervention,
@@ -39,6 +42,8 @@ from train_ato.scenario.interventions import (
 from train_ato.scenario.scenario import load_scenario
 
 SECOND = 1_000_000_000
+UNSUPERVISED = "supervision.enabled=false"
+METRO = ("supervision.enabled=true", "duration=45")
 
 
 def demo(*assignments):
@@ -106,6 +111,50 @@ def test_a_delay_jump_from_outside_is_the_jump_of_a_scenario():
     assert not np.array_equal(last_speeds(sudden), last_speeds(run_engine(demo())))
 
 
+@pytest.mark.parametrize(
+    ("entry", "written"),
+    [
+        (MessageLossNow(duration=3.0), "faults=[{do: drop, topic: ato/command, begin: 20, end: 23}]"),
+        (
+            MessageFreezeNow(topic="atp/brake_release", duration=3.0),
+            "faults=[{do: freeze, topic: atp/brake_release, begin: 20, end: 23}]",
+        ),
+        (
+            MessageFreezeNow(topic="train/measurement", duration=3.0),
+            "plant.sensors.freeze=[{begin: 20, end: 23}]",
+        ),
+        (TrainJumpNow(what="gain", factor=0.5), "plant.jumps=[{at: 20, what: gain, factor: 0.5}]"),
+        (TrainJumpNow(what="brake", factor=0.5), "plant.jumps=[{at: 20, what: brake, factor: 0.5}]"),
+    ],
+    ids=["loss", "freeze", "frozen measurement", "drives", "brakes"],
+)
+def test_a_fault_from_outside_is_the_fault_of_a_scenario(entry, written):
+    """Breaks if a fault on request begins or ends at another tick than a planned one, or has another strength."""
+
+    def metro(*more):
+        return prepare(*load_scenario("xuzhou_metro", (*METRO, *more)))
+
+    sudden, planned = run_engine(with_planned(metro(), (20 * SECOND, entry))), run_engine(metro(written))
+    np.testing.assert_array_equal(last_speeds(sudden), last_speeds(planned))
+    assert sudden.changes.listed()[0]["name"] == entry.do
+    if entry != MessageFreezeNow(topic="atp/brake_release", duration=3.0) and getattr(entry, "what", "") != "brake":
+        assert not np.array_equal(last_speeds(sudden), last_speeds(run_engine(metro())))
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("{do: message_loss, topic: ato/brake_pipe_command, duration: 3}", "has no ato/brake_pipe_command"),
+        ("{do: train_jump, what: adhesion, factor: 0.3}", "multiplies the adhesion, which is missing"),
+        ("{do: message_loss, topic: train/measurement, duration: 3}", "topic"),
+    ],
+)
+def test_a_fault_that_this_run_cannot_have_is_refused(text, reason):
+    """Breaks if a fault without effect is accepted, before the run or during it."""
+    with pytest.raises(ValueError, match=reason):
+        prepare(*load_scenario("xuzhou_metro", (*METRO, f"interventions=[{text.replace('{', '{at: 20, ')}]")))
+
+
 def test_what_is_not_asked_for_costs_no_message():
     """Breaks if an intervention adds more or less than one message to the diagnostics."""
     setup = demo()
@@ -116,10 +165,11 @@ def test_what_is_not_asked_for_costs_no_message():
 
 def test_emergency_brake_stops_the_train_whatever_the_law_commands():
     """Breaks if the force of the law still acts, the drives brake, the pipe is not vented, or it releases itself."""
-    loop = Loop(demo("duration=600"))
+    loop = Loop(demo("duration=600", UNSUPERVISED))
     loop.until(60 * SECOND)
     assert loop.speed > 1.0
     loop.plant.request(EmergencyBrakeNow())
+    loop.tick()
     loop.tick()
     assert loop.reports[-1].message == "emergency brake"
     with pytest.raises(ValueError, match="standstill only; the train runs"):
@@ -207,7 +257,8 @@ def test_the_log_tells_what_was_done():
 
 def test_a_scenario_plans_interventions():
     """Breaks if a planned intervention is lost, is missing in the resolved scenario, or is accepted without a time."""
-    setup = demo("interventions=[{at: 30, do: emergency_brake}, {at: 40, do: emergency_brake, applied: false}]")
+    release = "interventions=[{at: 30, do: emergency_brake}, {at: 40, do: emergency_brake, applied: false}]"
+    setup = demo(release, UNSUPERVISED)
     outcome = run_engine(setup)
     assert last_speeds(outcome)[-1] > 0.01
     assert "do: emergency_brake" in setup.resolved_yaml()
@@ -218,7 +269,7 @@ def test_a_scenario_plans_interventions():
 def test_a_release_planned_for_a_moving_train_waits_for_its_standstill():
     """Breaks if the emergency brake of a moving train can be released."""
     held = with_planned(
-        demo(), (60 * SECOND, EmergencyBrakeNow()), (60 * SECOND + SECOND, EmergencyBrakeNow(applied=False))
+        demo(UNSUPERVISED), (60 * SECOND, EmergencyBrakeNow()), (60 * SECOND + SECOND, EmergencyBrakeNow(applied=False))
     )
     loop = Loop(held)
     loop.until(85 * SECOND)
@@ -275,6 +326,10 @@ def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
     blown = do(domain, "gust", "acceleration=0.05", "duration=40", "--json")
     assert "gust: acceleration 0.05, duration 40, ramp 2" in json.loads(blown.stdout)["message"]
     assert do(domain, "delay-jump", "add=0.3").returncode == 0
+    assert do(domain, "drop", "topic=ato/command", "duration=2").returncode == 0
+    assert do(domain, "cut-out", "factor=0.5").returncode == 0
+    assert "is none of" in do(domain, "freeze", "topic=ato/profile").stderr
+    assert "adhesion, which is missing" in do(domain, "adhesion").stderr
     with graph_client(domain) as remote:
         assert remote.set_parameter("plant", "pace", 0.0) is None
         assert remote.set_parameter("plant", "paused", False) is None
@@ -283,10 +338,13 @@ def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
     found = [
         (message.stamp, entry)
         for _, _, message in read_log(running.folder, Wire(demo().layout).decode, ("/diagnostics",))
-        if KEY in message.values
+        if message.node == "plant" and KEY in message.values
         for entry in interventions_from_json(message.values[KEY])
     ]
-    assert [entry for _, entry in found] == [gust(0.05, 40.0, 2.0), DelayJumpNow(add=0.3)]
+    assert [entry for _, entry in found] == [
+        gust(0.05, 40.0, 2.0), DelayJumpNow(add=0.3), MessageLossNow(duration=2.0),
+        TrainJumpNow(what="gain", factor=0.5),
+    ]  # fmt: skip
     setup = demo("duration=100")
     again = RunFolder.make(tmp_path / "again", "again")
     with again.sink(setup) as sink:

@@ -22,6 +22,7 @@ COAST, SERVICE = "plant: coast: no command", "plant: service brake: no command"
 EMERGENCY, NO_RELEASE = "plant: emergency brake: no command", "plant: emergency brake: no brake release"
 SUPERVISOR, ODOMETRY = "supervisor: emergency brake", "supervisor: emergency brake: no valid odometry"
 FAILURE, MEASURED = "controller: failure", "controller: failure: measured"
+SEPARATION = "plant: emergency brake: train separation"
 NO_REFERENCE = "controller: failure: no valid reference"
 NOTHING = "plant: finished"
 """Reaction of a run in which nothing is detected."""
@@ -218,6 +219,7 @@ ROWS: tuple[FaultRow, ...] = (
             EMERGENCY,
         ),
         ("supervisor killed, heavy train", "faults=[{do: kill, node: supervisor, at: 100}]", NO_RELEASE),
+        ("train separation", "plant.jumps=[{at: 150, what: coupler, vehicles: [50]}]", SEPARATION),
         base="demo",
     ),
     *_plant(
@@ -227,6 +229,7 @@ ROWS: tuple[FaultRow, ...] = (
         ("frozen from 1250 s", "plant.sensors.freeze=[{begin: 1250, end: 99999}]", MEASURED),
         ("command lost at 1350 s", "faults=[{do: drop, topic: ato/command, begin: 1350}]", EMERGENCY),
         ("pipe command lost at 1280 s", "faults=[{do: drop, topic: ato/brake_pipe_command, begin: 1280}]", EMERGENCY),
+        ("separation downhill", "plant.jumps=[{at: 1350, what: coupler, vehicles: [50]}]", SEPARATION),
         base="daqin",
     ),
 )

@@ -6,8 +6,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from train_ato.loop.plant import MAX_REQUESTS
 from train_ato.loop.setup import prepare
+from train_ato.loop.train_interventions import MAX_REQUESTS
 from train_ato.messages.topics import Role, published_by, read_by
 from train_ato.ros.graph.environment import applied, claim_domain, variables
 from train_ato.scenario.scenario import load_scenario
@@ -17,6 +17,11 @@ PAGE = Path("msgs_docs", "nodes.md")
 MARK = "<!-- From here on made by `python -m msgs_docs.generate`; do not edit by hand. -->"
 _AT_MOST = {kind: f"at most {count}" for kind, count in MAX_REQUESTS.items()}
 _SERVICES = {
+    "adhesion": "multiply the adhesion by `adhesion.factor`, for the rest of the run",
+    "brake_fade": "multiply the forces of the friction brakes by `brake_fade.factor`, for the rest of the run",
+    "drive_gain": "multiply the forces of all drives by `drive_gain.factor`, for the rest of the run",
+    "message_freeze": "constant content of `message_freeze.topic` for `message_freeze.duration`",
+    "message_loss": "no messages of `message_loss.topic` at the plant for `message_loss.duration`",
     "delay_jump": f"change the command delays with the parameters `delay_jump.*`; {_AT_MOST['delay_jump']} in a run",
     "disengage": "disengage the ATO: traction is off at once, the train brakes after 5 s; from the state engaged",
     "emergency_brake": "`true` applies the emergency brake, `false` releases it (at standstill only)",

@@ -1,4 +1,4 @@
-"""``train-ato inject``: inject a gust, a delay change or the emergency brake into a running simulation.
+"""``train-ato inject``: inject a gust, a delay change, a fault or the emergency brake into a running simulation.
 
 It also sends requests to the ATO: engage, disengage, reset.
 """
@@ -26,6 +26,11 @@ class Action(NamedTuple):
 ACTIONS: dict[str, Action] = {
     "gust": Action("plant", "gust", None, "gust on the whole train; acceleration= [m/s²], duration= [s], ramp= [s]"),
     "delay-jump": Action("plant", "delay_jump", None, "change of the command delays from now on; factor=, add= [s]"),
+    "drop": Action("plant", "message_loss", None, "no messages of a topic at the plant; topic=, duration= [s]"),
+    "freeze": Action("plant", "message_freeze", None, "constant content of a topic; topic=, duration= [s]"),
+    "cut-out": Action("plant", "drive_gain", None, "force of all drives times factor= (0) for the rest of the run"),
+    "brake-fade": Action("plant", "brake_fade", None, "force of the friction brakes times factor= (0.5)"),
+    "adhesion": Action("plant", "adhesion", None, "adhesion times factor= (0.3)"),
     "emergency-brake": Action(
         "plant", "emergency_brake", True, "emergency brake, independent of law and drives; traction cut-off"
     ),
@@ -39,6 +44,8 @@ ACTIONS: dict[str, Action] = {
     "stop": Action("plant", "stop", None, "end of the run after the present tick"),
 }
 """Actions by name."""
+WITH_PARAMETERS = ("gust", "delay_jump", "message_loss", "message_freeze", "drive_gain", "brake_fade", "adhesion")
+"""Services with strengths that are parameters."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "parameters",
         nargs="*",
         metavar="NAME=VALUE",
-        help="parameter of a gust or a delay jump; kept for the next call",
+        help="parameter of a gust, a delay jump or a fault; kept for the next call",
     )
     parser.add_argument("--domain", type=int, metavar="N", help="ROS domain of the run (default: that of the only run)")
 
@@ -75,11 +82,14 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _parameter(action: str, service: str, text: str) -> tuple[str, float]:
-    if service not in ("gust", "delay_jump"):
-        raise ValueError(f"{action}: has no parameter '{text}'; remove it (only gust and delay-jump have parameters)")
-    name, equals, number = text.partition("=")
-    value = parse_yaml_value(number, text) if equals else None
+def _parameter(action: str, service: str, text: str) -> tuple[str, float | str]:
+    if service not in WITH_PARAMETERS:
+        known = ", ".join(name for name, entry in ACTIONS.items() if entry.service in WITH_PARAMETERS)
+        raise ValueError(f"{action}: has no parameter '{text}'; remove it (only {known} have parameters)")
+    name, equals, given = text.partition("=")
+    value = parse_yaml_value(given, text) if equals else None
+    if name == "topic" and isinstance(value, str):
+        return name, value
     if not name or isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ValueError(f"{text}: not a parameter; write name=number, for example duration=20")
     return name, float(value)

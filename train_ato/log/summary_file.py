@@ -19,7 +19,7 @@ class RecordedChange(BaseModel):
 
     at_s: float
     name: str
-    value: bool | int | float | str | dict[str, bool | int | float]
+    value: bool | int | float | str | dict[str, bool | int | float | str]
     planned: bool | None = None
 
 

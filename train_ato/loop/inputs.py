@@ -8,7 +8,7 @@ from typing import Any
 
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import without_values
-from train_ato.messages.faults import FAULT_TOPICS, message_faults
+from train_ato.messages.faults import FAULT_TOPICS, MessageFault, message_faults
 from train_ato.messages.receiver import Receiver
 from train_ato.messages.topics import BY_NAME, Role
 from train_ato.messages.types import Measurement
@@ -71,6 +71,18 @@ class StageInputs:
         """Return the newest valid measurement with the stamp of the sent one, with NaN as values if there is none."""
         found: Measurement | None = self.receive("train/measurement", sent.stamp, sent)
         return without_values(sent) if found is None else found
+
+    def add(self, fault: MessageFault) -> None:
+        """Add a fault during the run.
+
+        Raises
+        ------
+        ValueError
+            If the run has no such topic.
+        """
+        if fault.topic not in self._receivers:
+            raise ValueError(f"{fault.topic}: this run has no such topic; use one of {', '.join(self._receivers)}")
+        self._receivers[fault.topic].add(fault)
 
     def check(self, topic: str, check: Callable[[Any], str]) -> None:
         """Set the check of a topic by the stage; it returns the problem of a message as text."""

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 
 import numpy as np
 
-from plant_sim.disturbances import Gust
 from plant_sim.odometry import Odometers
 from plant_sim.service_brake import FullServiceBrake
 from plant_sim.train import Observation
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due
+from train_ato.loop.train_interventions import TrainInterventions
 from train_ato.loop.train_protection import Protection, TrainProtection
-from train_ato.messages.links import DelayJump, Link
+from train_ato.messages.links import Link
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
     Array,
@@ -28,15 +27,7 @@ from train_ato.messages.types import (
     ProtectionState,
     Tick,
 )
-from train_ato.scenario.interventions import (
-    KEY,
-    DelayJumpNow,
-    EmergencyBrakeNow,
-    GustNow,
-    Intervention,
-    due_stamp,
-    interventions_to_json,
-)
+from train_ato.scenario.interventions import KEY, Intervention, interventions_to_json
 
 TOTALS: tuple[tuple[str, str], ...] = (
     ("coupler_draft_max", "draft_max"),
@@ -55,8 +46,6 @@ TOTALS: tuple[tuple[str, str], ...] = (
 """Key in the diagnostics of the plant, and attribute of the totals of the train [SI]."""
 STANDSTILL = 0.05
 """Maximum speed of every vehicle for a release of the emergency brake [m/s]."""
-MAX_REQUESTS = {"gust": 10, "delay_jump": 100, "emergency_brake": 10}
-"""Maximum number of requested interventions in force, by kind; their effects add up."""
 
 
 class PlantStage:
@@ -83,11 +72,10 @@ class PlantStage:
         self._inputs = StageInputs(setup, self.role)
         self.lost = ""
         self._reported = Protection.NONE
-        self._due = [(due_stamp(planned, setup.tick_ns), planned) for planned in setup.scenario.interventions]
-        self._in_force: dict[str, list[int]] = {}
         self._service_brake = FullServiceBrake(setup.consist, setup.plant)
         self.train = setup.train()
         self._link = Link(setup.links.command, setup.layout.n_units, setup.step_ns, setup.seed, "command")
+        self._interventions = TrainInterventions(setup, self.train, self._link, self.protection, self._inputs)
         self._pipe_link = Link(setup.links.brake_pipe, 1, setup.step_ns, setup.seed, "brake_pipe")
         self._substeps = setup.tick_ns // setup.step_ns
         self._half = setup.consist.vehicles[0].length / 2.0
@@ -111,7 +99,7 @@ class PlantStage:
     def observe(self) -> PlantMessages:
         """Return truth and measurement at t_k."""
         stamp = self.stamp
-        taken = self._intervene(stamp) if self._due else []
+        taken = self._interventions.take(stamp, stands=self.standstill) if self._interventions.waiting else []
         seen = self.train.observe()
         odometry, protection = self._for_supervisor(stamp, seen)
         changed = self.protection.level is not self._reported
@@ -136,25 +124,9 @@ class PlantStage:
         Raises
         ------
         ValueError
-            For a release of the emergency brake of a moving train, or too many requests in force.
+            If it is impossible now or for this run.
         """
-        if _releases(intervention) and self._speed >= STANDSTILL:
-            speed = f"{3.6 * self._speed:.1f} km/h"
-            raise ValueError(f"the emergency brake is released at standstill only; the train runs {speed}")
-        self._take_place(intervention)
-        self._due.append((self.stamp, intervention))
-
-    def _take_place(self, intervention: Intervention) -> None:
-        """Count a request in force: a gust to its end, a delay jump to the end of the run, others for one tick."""
-        kind = intervention.do
-        places = self._in_force[kind] = [end for end in self._in_force.get(kind, ()) if end > self.stamp]
-        if len(places) >= MAX_REQUESTS[kind]:
-            until = "" if intervention.do == "delay_jump" else f"; repeat it after {min(places) * 1e-9:.1f} s"
-            raise ValueError(f"{len(places)} requests of {kind} are in force, the maximum{until}")
-        end = self.stamp + self.setup.tick_ns
-        if isinstance(intervention, GustNow):
-            end += round(intervention.duration * 1e9)
-        places.append(sys.maxsize if isinstance(intervention, DelayJumpNow) else end)
+        self._interventions.request(self.stamp, intervention, speed=self._speed, stands=self.standstill)
 
     @property
     def _speed(self) -> float:
@@ -165,30 +137,6 @@ class PlantStage:
     def standstill(self) -> bool:
         """True if every vehicle is at standstill."""
         return self._speed < STANDSTILL
-
-    def _intervene(self, stamp: int) -> list[Intervention]:
-        """Apply and return the interventions due at this stamp; a planned release waits for standstill."""
-        moving = self._speed >= STANDSTILL
-        taken, left = [], []
-        for at, intervention in self._due:
-            if at > stamp or (moving and _releases(intervention)):
-                left.append((at, intervention))
-            else:
-                taken.append(intervention)
-        self._due = left
-        now = stamp / 1e9
-        for intervention in taken:
-            if isinstance(intervention, GustNow):
-                end, ramp = now + intervention.duration, intervention.ramp
-                acceleration = intervention.acceleration
-                self.train.add_gust(Gust(kind="gust", begin=now, end=end, ramp=ramp, acceleration=acceleration))
-            elif isinstance(intervention, DelayJumpNow):
-                jump = DelayJump(at=now, factor=intervention.factor, add=intervention.add)
-                self._link.jump(jump)
-                self.protection.jump(jump)
-            else:
-                self.protection.requested = intervention.applied
-        return taken
 
     def conclude(self) -> PlantTruth:
         """Return the state after the last tick."""
@@ -238,7 +186,9 @@ class PlantStage:
         """
         demand: Array = self._link.window(self.stamp, self._substeps)
         before = self.protection.level
-        level = self.protection.step(self.stamp, standstill=self.standstill)
+        level = self.protection.step(
+            self.stamp, standstill=self.standstilltill, separated=self.train.separation_noticed
+        )
         if level is not Protection.NONE:
             demand[:] = 0.0
         brake = self.setup.consist.air_brake
@@ -273,7 +223,3 @@ class PlantStage:
             return Diagnostic(self.stamp, "plant", 0, "running", values)
         values["protection"] = protection.reason
         return Diagnostic(self.stamp, "plant", 1, protection.level.text, values)
-
-
-def _releases(intervention: Intervention) -> bool:
-    return isinstance(intervention, EmergencyBrakeNow) and not intervention.applied

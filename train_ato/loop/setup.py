@@ -14,6 +14,7 @@ import yaml
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
+from plant_sim.plant_setup import Jump
 from plant_sim.train import Train
 from train_ato.control.air_brake.policy import BrakePolicy, make_brake_policy
 from train_ato.control.compensation.compatibility import check_compatible
@@ -22,7 +23,9 @@ from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.scenario_data import nominal_model, scenario_consist, scenario_line, with_start_position
 from train_ato.messages.layout import TrainLayout
+from train_ato.messages.topics import BY_NAME
 from train_ato.profile.profile import Profile
+from train_ato.scenario.interventions import Intervention, TrainJumpNow
 from train_ato.scenario.scenario import ControllerChange, Links, PlantBlock, Scenario
 from train_ato.supervision.plant_line import line_supervision
 from train_ato.supervision.supervisor import Supervisor
@@ -159,6 +162,20 @@ class RunSetup:
             return Train(self.consist, self.line, self.plant, self.step_ns, self.tick_ns, self.seed)
         except ValueError as error:
             raise ValueError(f"plant: {error}") from None
+
+    def check_intervention(self, intervention: Intervention) -> None:
+        """Check an intervention for this train and its topics.
+
+        Raises
+        ------
+        ValueError
+            If the run lacks the topic or the part of the train.
+        """
+        topic = getattr(intervention, "topic", None)
+        if topic is not None and not BY_NAME[topic].exists(self.layout):
+            raise ValueError(f"{intervention.do}: this run has no {topic}; use another topic")
+        if isinstance(intervention, TrainJumpNow):
+            self.train().add_jump(Jump(at=0.0, what=intervention.what, factor=intervention.factor))
 
     def brake_policy(self) -> BrakePolicy:
         """Return a fresh policy of the air brake."""
@@ -307,6 +324,8 @@ def _check_choices(setup: RunSetup) -> None:
     COMPENSATIONS.make(setup.compensation, setup.compensation_parameters, setup.model, setup.control_period)
     setup.brake_policy()
     setup.train()
+    for intervention in setup.scenario.interventions:
+        setup.check_intervention(intervention)
     if setup.layout.supervised:
         setup.supervisor()
 

@@ -4,7 +4,8 @@ The highest demand of these sources is in effect:
 
 * the supervisor, by its brake release, and the absence of a recent one;
 * the age of the newest command of the ATO;
-* an emergency brake requested by an intervention.
+* an emergency brake requested by an intervention;
+* a train separation.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ class TrainProtection:
         """Take a brake release of the supervisor and the time of its reception [ns], by default its stamp."""
         self._release = self._release_link.pass_on(release.stamp if received is None else received, release)
 
-    def step(self, stamp: int, *, standstill: bool) -> Protection:
+    def step(self, stamp: int, *, standstill: bool, separated: bool = False) -> Protection:
         """Return the reaction of the tick at ``stamp`` [ns].
 
         Parameters
@@ -96,11 +97,15 @@ class TrainProtection:
             Time [ns].
         standstill
             True if the train is at standstill; it ends the emergency brake of a missing message.
+        separated
+            True if the head of the train has the emergency brake because of a train separation.
         """
         demands = [(Protection.NONE, "")]
         if self.requested:
             demands.append((Protection.EMERGENCY_BRAKE, REQUESTED))
         if self._supervised:
+            if separated:
+                demands.append((Protection.EMERGENCY_BRAKE, "train separation"))
             demands += [self._of_release(stamp, standstill), self._of_command(stamp, standstill)]
         self.level, self.reason = max(demands, key=lambda demand: demand[0])
         return self.level

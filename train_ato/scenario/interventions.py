@@ -1,4 +1,4 @@
-"""Interventions on the train during a run: gust, delay jump, emergency brake.
+"""Interventions on the train during a run: gust, delay jump, emergency brake, and faults of messages and of the train.
 
 A scenario plans them, or a service call of the node ``plant`` requests them during the run.  Each takes effect at a
 tick; the plant's diagnostics of that tick contain it as JSON under the key ``interventions``.  The run can therefore be
@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter, ValidationError
 
 from plant_sim.units import Acceleration, SiModel, Time
+from train_ato.messages.faults import MAX_FAULT_TIME
 from train_ato.messages.links import MAX_DELAY
 
 KEY = "interventions"
@@ -21,6 +22,8 @@ KEY = "interventions"
 MAX_GUST = 1.0
 MAX_GUST_DURATION = 3600.0
 SECOND = 1_000_000_000
+PlantTopic = Literal["ato/command", "ato/brake_pipe_command", "atp/brake_release"]
+"""Topics that the plant reads."""
 
 
 class _TimedIntervention(SiModel):
@@ -31,7 +34,8 @@ class _TimedIntervention(SiModel):
     def described(self) -> str:
         """Return a readable description with its values."""
         values = self.model_dump(exclude={"do", "at"})
-        return f"{self.model_dump()['do']}: " + ", ".join(f"{name} {value:g}" for name, value in values.items())
+        texts = [f"{name} {value if isinstance(value, str) else f'{value:g}'}" for name, value in values.items()]
+        return f"{self.model_dump()['do']}: " + ", ".join(texts)
 
 
 class GustNow(_TimedIntervention):
@@ -62,7 +66,34 @@ class EmergencyBrakeNow(_TimedIntervention):
         return "emergency brake applied" if self.applied else "emergency brake released"
 
 
-Intervention = Annotated[GustNow | DelayJumpNow | EmergencyBrakeNow, Field(discriminator="do")]
+class MessageLossNow(_TimedIntervention):
+    """Messages of a topic do not arrive at the plant for a time."""
+
+    do: Literal["message_loss"] = "message_loss"
+    topic: PlantTopic = "ato/command"
+    duration: Time = Field(gt=0, le=MAX_FAULT_TIME)
+
+
+class MessageFreezeNow(_TimedIntervention):
+    """Content of a topic that does not change for a time, with new stamps; of the measurement: its sensors."""
+
+    do: Literal["message_freeze"] = "message_freeze"
+    topic: PlantTopic | Literal["train/measurement"] = "ato/command"
+    duration: Time = Field(gt=0, le=MAX_FAULT_TIME)
+
+
+class TrainJumpNow(_TimedIntervention):
+    """Factor on the forces of all drives or shoes, or on the adhesion, for the rest of the run."""
+
+    do: Literal["train_jump"] = "train_jump"
+    what: Literal["gain", "brake", "adhesion"]
+    factor: float = Field(ge=0, le=10)
+
+
+Intervention = Annotated[
+    GustNow | DelayJumpNow | EmergencyBrakeNow | MessageLossNow | MessageFreezeNow | TrainJumpNow,
+    Field(discriminator="do"),
+]
 _LIST: TypeAdapter[list[Intervention]] = TypeAdapter(list[Intervention])
 
 

@@ -1,14 +1,15 @@
 """Parameters and services of the node ``plant`` during a run.
 
-Parameters ``pace`` and ``paused`` control the progress of the run.  Services ``~/gust``, ``~/delay_jump`` and
-``~/emergency_brake`` act from the next tick on and are reported in ``/diagnostics``; their strengths are parameters
-(``gust.acceleration`` ...), because the services of ``std_srvs`` have no fields for numbers.
+Parameters ``pace`` and ``paused`` control the progress of the run.  Services ``~/gust``, ``~/delay_jump``,
+``~/emergency_brake`` and those of faults (``~/message_loss`` ...) act from the next tick on and are reported in
+``/diagnostics``; their strengths are parameters (``gust.acceleration`` ...), because the services of ``std_srvs`` have
+no fields for numbers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Literal, NamedTuple, Protocol, get_args
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter as RosParameter
@@ -16,6 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from train_ato.control.contract import Parameter
 from train_ato.loop.plant import PlantStage
+from train_ato.messages.faults import MAX_FAULT_TIME
 from train_ato.messages.links import MAX_DELAY
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import Declared, declare
@@ -26,9 +28,30 @@ from train_ato.scenario.interventions import (
     EmergencyBrakeNow,
     GustNow,
     Intervention,
+    MessageFreezeNow,
+    MessageLossNow,
+    PlantTopic,
+    TrainJumpNow,
     make_intervention,
 )
 
+
+class TrainJumpService(NamedTuple):
+    """Service that multiplies a part of the train: its name, the part, its factor by default and its meaning."""
+
+    service: str
+    what: Literal["gain", "brake", "adhesion"]
+    default: float
+    meaning: str
+
+
+TRAIN_JUMPS = (
+    TrainJumpService("drive_gain", "gain", 0.0, "the force of all drives; 0 cuts them out"),
+    TrainJumpService("brake_fade", "brake", 0.5, "the force of shoes and friction brakes"),
+    TrainJumpService("adhesion", "adhesion", 0.3, "the adhesion"),
+)
+PLANT_TOPICS: tuple[str, ...] = get_args(PlantTopic)
+FROZEN_TOPICS = (*PLANT_TOPICS, "train/measurement")
 FASTEST = 1e6
 TIMEOUT = Parameter("timeout", 10.0, "s", 0.001, 86_400.0, "wall time after which a missing answer ends the run")
 REALTIME = Parameter("realtime", 0.0, "", 0.0, FASTEST, "simulated seconds per wall second; 0 is lockstep")
@@ -41,7 +64,18 @@ STRENGTHS: tuple[Parameter, ...] = (
     Parameter("gust.ramp", 2.0, "s", 0.0, MAX_GUST_DURATION, "rise and fall time of the gust"),
     Parameter("delay_jump.factor", 1.0, "", 0.0, 1000.0, "factor on the command delays"),
     Parameter("delay_jump.add", 0.5, "s", -MAX_DELAY, MAX_DELAY, "addition to the command delays"),
+    Parameter("message_loss.topic", "ato/command", "", 0.0, 0.0, "topic without messages at the plant", PLANT_TOPICS),
+    Parameter("message_loss.duration", 5.0, "s", 0.001, MAX_FAULT_TIME, "duration of the loss"),
+    Parameter("message_freeze.topic", "train/measurement", "", 0.0, 0.0, "topic with constant content", FROZEN_TOPICS),
+    Parameter("message_freeze.duration", 5.0, "s", 0.001, MAX_FAULT_TIME, "duration of the constant content"),
+    *(
+        Parameter(f"{jump.service}.factor", jump.default, "", 0.0, 10.0, f"factor on {jump.meaning}")
+        for jump in TRAIN_JUMPS
+    ),
 )
+"""Strengths of the services."""
+CHOICES = {entry.name: entry.choices for entry in STRENGTHS if entry.choices}
+"""Permitted values of the strengths that are texts."""
 
 
 class Plant(Protocol):
@@ -109,12 +143,11 @@ class PlantRequests:
             ("start", Trigger, lambda _: self._pause(False)),
             ("stop", Trigger, lambda _: self._stop()),
             ("step", Trigger, lambda _: self._step()),
-            ("gust", Trigger, lambda _: self._intervene(make_intervention(GustNow, **self._strengths("gust")))),
-            (
-                "delay_jump",
-                Trigger,
-                lambda _: self._intervene(make_intervention(DelayJumpNow, **self._strengths("delay_jump"))),
-            ),
+            ("gust", Trigger, lambda _: self._intervene(self._made(GustNow, "gust"))),
+            ("delay_jump", Trigger, lambda _: self._intervene(self._made(DelayJumpNow, "delay_jump"))),
+            ("message_loss", Trigger, lambda _: self._intervene(self._made(MessageLossNow, "message_loss"))),
+            ("message_freeze", Trigger, lambda _: self._intervene(self._made(MessageFreezeNow, "message_freeze"))),
+            *((jump.service, Trigger, self._train_jump(jump)) for jump in TRAIN_JUMPS),
             ("pause", SetBool, lambda request: self._pause(bool(request.data))),
             (
                 "emergency_brake",
@@ -130,6 +163,10 @@ class PlantRequests:
         for parameter in parameters:
             if parameter.name == "pace" and parameter.value <= 0 and self.given["realtime"] > 0:
                 reason = "pace 0: a run with realtime needs a pace; give a number above 0"
+                return SetParametersResult(successful=False, reason=reason)
+            choices = CHOICES.get(parameter.name)
+            if choices is not None and parameter.value not in choices:
+                reason = f"{parameter.value!r} is none of {', '.join(choices)}"
                 return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
 
@@ -162,7 +199,16 @@ class PlantRequests:
         self._plant.single_step()
         return f"takes the tick at {self._plant.sent_stamp * 1e-9:.3f} s"
 
-    def _strengths(self, prefix: str) -> dict[str, float]:
+    def _train_jump(self, jump: TrainJumpService) -> Callable[[Any], str]:
+        """Return the action of a service that changes a part of the train."""
+        return lambda _: self._intervene(self._made(TrainJumpNow, jump.service, what=jump.what))
+
+    def _made(self, kind: type[Any], service: str, **values: Any) -> Intervention:
+        """Return an intervention of a kind with the strengths of its service."""
+        intervention: Intervention = make_intervention(kind, **values, **self._strengths(service))
+        return intervention
+
+    def _strengths(self, prefix: str) -> dict[str, Any]:
         names = [entry.name for entry in STRENGTHS if entry.name.startswith(f"{prefix}.")]
         return {name.partition(".")[2]: self._node.get_parameter(name).value for name in names}
 
