@@ -99,7 +99,7 @@ class PlantStage:
     def observe(self) -> PlantMessages:
         """Return truth and measurement at t_k."""
         stamp = self.stamp
-        taken = self._interventions.take(stamp, stands=self.standstill) if self._interventions.waiting else []
+        taken = self._interventions.take(stamp, standstill=self.standstill) if self._interventions.waiting else []
         seen = self.train.observe()
         odometry, protection = self._for_supervisor(stamp, seen)
         changed = self.protection.level is not self._reported
@@ -126,7 +126,7 @@ class PlantStage:
         ValueError
             If it is impossible now or for this run.
         """
-        self._interventions.request(self.stamp, intervention, speed=self._speed, stands=self.standstill)
+        self._interventions.request(self.stamp, intervention, speed=self._speed, standstill=self.standstill)
 
     @property
     def _speed(self) -> float:
@@ -186,9 +186,7 @@ class PlantStage:
         """
         demand: Array = self._link.window(self.stamp, self._substeps)
         before = self.protection.level
-        level = self.protection.step(
-            self.stamp, standstill=self.standstilltill, separated=self.train.separation_noticed
-        )
+        level = self.protection.step(self.stamp, standstill=self.standstill, separated=self.train.separation_noticed)
         if level is not Protection.NONE:
             demand[:] = 0.0
         brake = self.setup.consist.air_brake

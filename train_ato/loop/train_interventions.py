@@ -59,7 +59,7 @@ class TrainInterventions:
         """True if an intervention waits for its tick."""
         return bool(self._due)
 
-    def request(self, stamp: int, intervention: Intervention, *, speed: float, stands: bool) -> None:
+    def request(self, stamp: int, intervention: Intervention, *, speed: float, standstill: bool) -> None:
         """Add an intervention that acts from a stamp [ns] on.
 
         Raises
@@ -68,7 +68,7 @@ class TrainInterventions:
             If it is impossible for this run, for a release of the emergency brake of a moving train, or with too many
             requests in force.
         """
-        if _releases(intervention) and not stands:
+        if _releases(intervention) and not standstill:
             text = f"{3.6 * speed:.1f} km/h"
             raise ValueError(f"the emergency brake is released at standstill only; the train runs {text}")
         self._setup.check_intervention(intervention)
@@ -85,11 +85,11 @@ class TrainInterventions:
         end = stamp + self._setup.tick_ns + round(getattr(intervention, "duration", 0.0) * 1e9)
         places.append(sys.maxsize if isinstance(intervention, LASTING) else end)
 
-    def take(self, stamp: int, *, stands: bool) -> list[Intervention]:
+    def take(self, stamp: int, *, standstill: bool) -> list[Intervention]:
         """Apply and return the interventions due at a stamp [ns]; a planned release waits for standstill."""
         taken, left = [], []
         for at, intervention in self._due:
-            if at > stamp or (_releases(intervention) and not stands):
+            if at > stamp or (_releases(intervention) and not standstill):
                 left.append((at, intervention))
             else:
                 taken.append(intervention)
