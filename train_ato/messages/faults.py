@@ -161,7 +161,13 @@ class DuplicateFault(_NodeFault):
     do: Literal["duplicate"] = "duplicate"
 
 
-Fault = Annotated[MessageFault | KillFault | StopFault | SlowFault | DuplicateFault, Field(discriminator="do")]
+NodeFault = KillFault | StopFault | SlowFault | DuplicateFault
+Fault = Annotated[MessageFault | NodeFault, Field(discriminator="do")]
+
+
+def node_faults(faults: Iterable[Fault]) -> tuple[NodeFault, ...]:
+    """Return the faults of nodes."""
+    return tuple(fault for fault in faults if isinstance(fault, _NodeFault))
 
 
 def message_faults(faults: Iterable[Fault]) -> tuple[MessageFault, ...]:
@@ -175,7 +181,7 @@ def message_faults(faults: Iterable[Fault]) -> tuple[MessageFault, ...]:
     return tuple(found)
 
 
-def _of_node(fault: KillFault | StopFault | SlowFault | DuplicateFault) -> list[MessageFault]:
+def _of_node(fault: NodeFault) -> list[MessageFault]:
     topics = [topic.name for topic in published_by(fault.role) if topic.name in FAULT_TOPICS]
     if isinstance(fault, SlowFault):
         return [DelayFault(topic=topic, begin=fault.at, delay=fault.delay) for topic in topics]

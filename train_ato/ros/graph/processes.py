@@ -9,12 +9,14 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from train_ato.interrupt import Interrupt, interruptible
 from train_ato.log.bag_layout import LOG, PARTIAL
 from train_ato.log.whole_file import write_whole
 from train_ato.loop.setup import RunSetup
+from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import Role
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.environment import variables
@@ -58,15 +60,21 @@ def run_processes(
     scenario = folder / "scenario.yaml"
     write_whole(scenario, setup.resolved_yaml())
     (folder / "log").mkdir(exist_ok=True)
+
+    def start(role: Role, suffix: str = "") -> NodeProcess:
+        return NodeProcess(role, _arguments(role, scenario, folder, options), domain, folder / "log", suffix)
+
     with interruptible() as interrupt:
         nodes: dict[Role, NodeProcess] = {}
+        twins = _Twins(setup, lambda role: start(role, "-2"))
         try:
             for role in ROLES:
                 if role is Role.SUPERVISOR and not setup.layout.supervised:
                     continue
-                nodes[role] = NodeProcess(role, _arguments(role, scenario, folder, options), domain, folder / "log")
-            end = GraphResult(failure=_supervise(nodes, interrupt, report, _REPORTING_S + options.patience))
+                nodes[role] = start(role)
+            end = GraphResult(failure=_supervise(nodes, interrupt, report, _REPORTING_S + options.patience, twins))
         finally:
+            twins.end()
             _end_all(nodes, failed=True)
             shared_memory.clean()
     _collect(nodes, end)
@@ -87,6 +95,8 @@ class NodeProcess:
         ROS domain.
     log_folder
         Folder of its standard error.
+    suffix
+        End of the name of this file.
 
     Attributes
     ----------
@@ -98,12 +108,12 @@ class NodeProcess:
         True after the report of its failure to the plant.
     """
 
-    def __init__(self, role: Role, arguments: list[str], domain: int, log_folder: Path) -> None:
+    def __init__(self, role: Role, arguments: list[str], domain: int, log_folder: Path, suffix: str = "") -> None:
         self.role = role
         self.counts: dict[str, list[int]] = {}
         self.reported = time.monotonic()
         self.lost = False
-        self._errors = log_folder / f"{role.value}.stderr.txt"
+        self._errors = log_folder / f"{role.value}{suffix}.stderr.txt"
         environment = {**os.environ, **variables(domain, log_folder)}
         paths = [_PACKAGE_ROOT, *filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))]
         environment["PYTHONPATH"] = os.pathsep.join(paths)
@@ -180,6 +190,39 @@ class NodeProcess:
         self.process.stdout.close()
 
 
+class _Twins:
+    """Second processes of nodes, which faults of the scenario start.
+
+    Parameters
+    ----------
+    setup
+        Prepared run.
+    start
+        Starts a node.
+    """
+
+    def __init__(self, setup: RunSetup, start: Callable[[Role], NodeProcess]) -> None:
+        self._start = start
+        self._waiting = [
+            (round(fault.at / setup.tick), fault.role)
+            for fault in node_faults(setup.scenario.faults)
+            if fault.do == "duplicate"
+        ]
+        self._running: list[NodeProcess] = []
+
+    def start(self, tick: int) -> None:
+        """Start the processes that are due at a tick of the plant."""
+        due = [role for at, role in self._waiting if at <= tick]
+        self._waiting = [(at, role) for at, role in self._waiting if at > tick]
+        self._running += [self._start(role) for role in due]
+
+    def end(self) -> None:
+        """End the processes."""
+        for process in self._running:
+            process.release()
+            process.end(_LEAVING_S)
+
+
 def _arguments(role: Role, scenario: Path, folder: Path, options: GraphOptions) -> list[str]:
     """Return the options of a node."""
     arguments = ["--scenario", str(scenario.resolve())]
@@ -193,7 +236,7 @@ def _arguments(role: Role, scenario: Path, folder: Path, options: GraphOptions) 
 
 
 def _supervise(
-    nodes: dict[Role, NodeProcess], interrupt: Interrupt, report: Report | None, silence: float
+    nodes: dict[Role, NodeProcess], interrupt: Interrupt, report: Report | None, silence: float, twins: _Twins
 ) -> str | None:
     """Wait until all nodes have ended after the plant; return the first failure.
 
@@ -217,6 +260,7 @@ def _supervise(
             last = time.monotonic() + _CLOSING_S
         if plant.counts and not stopped:
             last = plant.reported + silence
+            twins.start(plant.tick)
             if report is not None:
                 report(plant.tick)
         if time.monotonic() > last:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import time
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
@@ -103,6 +104,8 @@ class NodeEndpoints:
         Number of messages sent per topic.
     last_stamp : int
         Latest stamp answered on a topic of every tick [ns], -1 before the first.
+    on_second_publisher : callable
+        Called with a topic and the reason after the appearance of a second publisher; False fails the run.
     """
 
     def __init__(
@@ -131,6 +134,8 @@ class NodeEndpoints:
         _ParameterServices(self.node, watch)
         self._roles = [role for role in roles if role in roles_of(wire.layout)]
         self.last_stamp = -1
+        self.on_second_publisher: Callable[[str, str], bool] = lambda topic, reason: False
+        self._planned_end: tuple[int, int] | None = None
         self.published: dict[str, int] = {}
         self._publishers: dict[str, Any] = {}
         self._senders: dict[str, Callable[[bytes], None]] = {}
@@ -145,6 +150,10 @@ class NodeEndpoints:
                 self._senders[topic.name] = self._publishers[topic.name].handle.publish_raw
                 self.published[topic.name] = 0
 
+    def end_process_at(self, stamp: int, signal_number: int) -> None:
+        """Send a signal to this process in place of the first message from a stamp [ns] on: a fault of the node."""
+        self._planned_end = stamp, signal_number
+
     def publish(self, topic: str, message: Any) -> None:
         """Encode a message and send it.
 
@@ -153,6 +162,8 @@ class NodeEndpoints:
         ValueError
             For a value that is not finite or a wrong number of values.
         """
+        if self._planned_end is not None and message.stamp >= self._planned_end[0]:
+            os.kill(os.getpid(), self._planned_end[1])
         self._senders[topic](self.wire.encode(topic, message))
         self.published[topic] += 1
         if topic in self._ticking:
@@ -200,13 +211,20 @@ class NodeEndpoints:
                 except (Exception, SystemExit) as error:
                     watch.fail(node, error)
 
+        def matched(event: Any) -> None:
+            try:
+                source.changed(event)
+            except ValueError as error:
+                if not self.on_second_publisher(name, str(error)):
+                    watch.fail(node, error)
+
         depth = COMMAND_DEPTH if name == "ato/command" and self.role is Role.PLANT else None
         self._subscriptions[name] = self.node.create_subscription(
             message_class(topic.type),
             name,
             guarded,
             quality_of_service(topic, depth),
-            event_callbacks=SubscriptionEventCallbacks(matched=lambda event: self.guard(lambda: source.changed(event))),
+            event_callbacks=SubscriptionEventCallbacks(matched=matched),
             raw=True,
         )
         source.attach(self._subscriptions[name])

@@ -15,7 +15,7 @@ from rclpy.clock import Clock, ClockType
 from train_ato.loop.pace import SteadyPace
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.stage_messages import Published
-from train_ato.messages.topics import Role
+from train_ato.messages.topics import BY_NAME, Role
 from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Tick
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.plant_requests import PlantRequests
@@ -32,6 +32,8 @@ SHORTEST_WAIT_S = 0.0005
 """Minimum wait before a tick [s]; shorter waits are omitted."""
 STOPPING_PACE = 10.0
 """Simulated seconds per wall second after the loss of a node in lockstep, until the train stands."""
+ANSWERS = {"controller": ("command", "pipe"), "supervisor": ("release",)}
+"""Answers to the plant by node."""
 STANDING_S = 2.0
 """Simulated time at standstill after which a run with a lost node ends [s]."""
 
@@ -104,6 +106,7 @@ class PlantNode:
         self.paused = given["paused"]
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = endpoints.node.create_timer(1.0, self._awake, clock=steady, autostart=False)
+        endpoints.on_second_publisher = self._on_second_publisher
         endpoints.subscribe(
             {
                 "ato/command": self._on_command,
@@ -186,14 +189,20 @@ class PlantNode:
             self.endpoints.watch.fail(role.value, reason)
         elif self._lost is None:
             self._lost = (role.value, reason)
+            self._recorded = self.blocked = False  # the recorder acknowledges complete ticks only
             self.stage.lost = f"node {role.value}: {reason}"
             if self._period is None:
                 self._period = self.stage.setup.tick_ns / STOPPING_PACE
-            self._recorded = False  # the recorder acknowledges complete ticks only
-            if self.blocked:
-                self.blocked = False
-                self.endpoints.guard(self._next)
+                self._pace.change(0.0)
             self._wake_every(self._period)
+            self._resume_loop()
+
+    def _on_second_publisher(self, topic: str, reason: str) -> bool:
+        """Lose the node whose topic has a second publisher, in a supervised run; return False in another one."""
+        if not self.stage.setup.layout.supervised:
+            return False
+        self.lose(BY_NAME[topic].publishers[0], reason)
+        return True
 
     def _on_command(self, command: Command) -> None:
         if self._due("command", command.stamp):
@@ -216,7 +225,13 @@ class PlantNode:
                 self._act_if_complete()
 
     def _due(self, kind: str, stamp: int) -> bool:
-        """Return True for a due answer: to the current tick, in realtime also to an earlier one; count others."""
+        """Return True for a due answer: to the current tick, in realtime also to an earlier one; count others.
+
+        The answers of a lost node are not used any more.
+        """
+        if self._lost is not None and kind in ANSWERS.get(self._lost[0], ()):
+            self.ignored += 1
+            return False
         waited = stamp <= self.sent_stamp if self._period is not None else self._waiting and stamp == self.stage.stamp
         if not waited or stamp <= self._answered[kind]:
             self.ignored += 1

@@ -38,6 +38,7 @@ class RecorderNode:
         self._next = ACKNOWLEDGE_EVERY
         self._ticking = tick_topics(endpoints.wire.layout)
         self._last: dict[str, int] = {}
+        self._wrong: ValueError | None = None
         names = [topic.name for topic in topics_of(endpoints.wire.layout) if topic.recorded]
         self._takers = [(name, log.numbers[name], *endpoints.taker(name)) for name in names]
 
@@ -47,13 +48,15 @@ class RecorderNode:
         Raises
         ------
         ValueError
-            If a message cannot be recorded or has a second publisher; the messages before it are recorded.
+            If a message cannot be recorded or has a second publisher; the messages before it are recorded.  In a
+            supervised run the recording goes on until the train is stopped, and :meth:`close` raises.
         OSError
             If the disk is full or gone.
         """
         waiting: list[tuple[int, int, int, bytes]] = []
         wrong: ValueError | None = None
         for name, number, take, source in self._takers:
+            source = source if self._wrong is None else None  # one failure is enough; its search takes time
             try:
                 while (found := take()) is not None:
                     data, information = found
@@ -69,8 +72,9 @@ class RecorderNode:
                 wrong = wrong or error
         waiting.sort(key=itemgetter(0))
         self.log.extend((number, stamp, received, data) for received, number, stamp, data in waiting)
-        if wrong is not None:
+        if wrong is not None and not self.endpoints.wire.layout.supervised:
             raise wrong
+        self._wrong = self._wrong or wrong
         self._acknowledge()
         return len(waiting)
 
@@ -103,6 +107,8 @@ class RecorderNode:
                 self.poll()
         finally:
             self.log.close()
+        if self._wrong is not None:
+            raise self._wrong
         for name, recorded in self.log.counts.items():
             if published is not None and published.get(name, 0) != recorded:
                 raise ValueError(f"{recorded} messages of {name} are recorded, {published.get(name, 0)} were published")

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from train_ato.arguments import BAD_INPUT, OneLineParser, prepare_streams
 from train_ato.interrupt import Interrupt
 from train_ato.log.compression import DEFAULT, add_compression
+from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import Role
 from train_ato.ros import require_ros
 from train_ato.ros.graph.environment import middleware, opened_by
@@ -24,6 +25,7 @@ from train_ato.ros.graph.graph_result import LOCKSTEP_TIMEOUT_S, PACED_TIMEOUT_S
 if TYPE_CHECKING:
     from train_ato.loop.result import RunResult
     from train_ato.loop.setup import RunSetup
+    from train_ato.ros.nodes.endpoints import NodeEndpoints
 
     Notices = queue.SimpleQueue[tuple[Role, str]]
     Completed = Callable[[RunSetup, RunResult, Path], None]
@@ -113,6 +115,14 @@ def _read_input(stopped: threading.Event, notices: Notices) -> None:
     stopped.set()
 
 
+def _plan_end(role: Role, setup: RunSetup, endpoints: NodeEndpoints) -> None:
+    """Plan the SIGKILL or SIGSTOP of this process if the scenario has such a fault of its node."""
+    signals = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP}
+    for fault in node_faults(setup.scenario.faults):
+        if fault.role is role and fault.do in signals:
+            endpoints.end_process_at(round(fault.at * 1e9), signals[fault.do])
+
+
 def _run(
     role: Role, options: argparse.Namespace, stopped: threading.Event, notices: Notices, completed: Completed | None
 ) -> int:
@@ -142,6 +152,7 @@ def _run(
         pace = getattr(options, "pace", 0.0)
         compression = getattr(options, "compression", DEFAULT)
         node = make_node(role, setup, endpoints, folder, realtime, timeout, False, pace, compression)
+        _plan_end(role, setup, endpoints)
         recorded = getattr(options, "recorded", False)
         turner = StandaloneRunner(
             role, node, endpoints, executor, stopped, setup.fingerprint(), recorded, options.attached, notices
