@@ -27,8 +27,8 @@ def page() -> str:
     lines += [
         "",
         "Below, `field` is the field of the ROS message and `column` that of the [tables](tables.md) of a log; `I` is",
-        "the number in the name of a vehicle, power unit or sensor, `NAME` one of the listed names. Fields that are not",
-        "listed are empty or 0.",
+        "the number in the name of a vehicle, power unit or sensor, `NAME` one of the listed names. Fields that are",
+        "not listed are empty or 0.",
     ]
     for topic in TOPICS:
         lines += [
