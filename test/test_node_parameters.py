@@ -13,6 +13,7 @@ from node_bench import Bench, set_parameter
 from rcl_interfaces.srv import DescribeParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
 from waiting import LOOK_S, wait_for
 
 from train_ato.loop.setup import prepare
@@ -121,3 +122,19 @@ def test_the_observer_can_be_chosen_at_its_start_and_not_later(make):
     assert not set_parameter(bench.endpoints.node, "observer", "none").successful
     with pytest.raises(ValueError, match=r"unknown observer 'nda'.*ndo"):
         make(Role.OBSERVER, arguments=["--ros-args", "-p", "observer:=nda"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "request_name", "success", "says"),
+    [
+        (("supervision.enabled=false",), "engage", False, "the run has no supervision; set supervision.enabled: true"),
+        ((), "engage", False, "engage: the ATO is engaged, not ready"),
+        ((), "reset", False, "reset: the ATO is engaged, not failure"),
+        ((), "disengage", True, "disengage: from the next step"),
+    ],
+)
+def test_a_request_to_the_ato_is_answered(make, changes, request_name, success, says):
+    """Breaks if a service is missing in a run without supervision, or a refusal has no reason."""
+    bench = make(Role.CONTROLLER, setup=prepare(*load_scenario("demo", ("duration=12", *changes))))
+    answer = bench.call(Trigger, f"controller/{request_name}")
+    assert (answer.success, says in answer.message) == (success, True), answer.message

@@ -96,6 +96,21 @@ def test_page_and_print_figures_are_written(braked: Path, tmp_path: Path) -> Non
     assert (tmp_path / "figures" / "speed.png").stat().st_size > 30_000
 
 
+def test_faults_of_the_scenario_and_their_reactions_are_events(tmp_path: Path) -> None:
+    """Breaks if a fault has another interval, or the reaction of the train lacks its reason."""
+    faults = (
+        "faults=[{do: drop, topic: ato/command, begin: 20, end: 24}, {do: slow, node: observer, at: 5, delay: 0.2}]"
+    )
+    run = drive(tmp_path, "faulty", "demo", "--set=duration=30", f"--set={faults}")
+    found = detect_events(open_recording(run))
+    listed = {(event.begin, event.text, event.end) for event in found if event.kind == "fault"}
+    assert (20.0, "drop ato/command: probability 1.0", 24.0) in listed
+    assert (5.0, "node observer: slow by 0.2 s", None) in listed
+    states = [event.text.split(": ")[1] for event in found if event.kind == "protection"]
+    assert states[:2] == ["coast", "service brake"]
+    assert all("no command for" in event.text for event in found if event.kind == "protection")
+
+
 def test_without_supervision_nothing_is_added(braked: Path, tmp_path: Path) -> None:
     """Breaks if a run or a log without a supervisor has its events, lines or rows."""
     plain = drive(tmp_path, "plain", "demo", "--set=duration=30", "--set=supervision.enabled=false",

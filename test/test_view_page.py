@@ -93,7 +93,9 @@ def test_a_train_is_watched_and_acted_on(tmp_path):
 
         click(page, "EMERGENCY BRAKE")
         answer(page, "emergency brake applied")
-        click(page, "tick")
+        for tick in (1, 2):  # the brake acts in the first and is reported in the second
+            click(page, "tick")
+            wait_for(lambda tick=tick: clock_of(page) == pytest.approx(standing + 0.1 + 0.1 * tick), "a tick")
         page.wait_for("document.body.dataset.state == 'emergency brake'")
         click(page, "release the emergency brake")
         assert "standstill only; the train runs" in answer(page, "released at standstill")

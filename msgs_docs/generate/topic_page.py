@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from train_ato.log.tables.columns import suffix
+from train_ato.messages.layout import FIXED_NAMES, Owner
 from train_ato.messages.topics import DIAGNOSTIC_UNITS, TOPICS, Place, Topic
 from train_ato.messages.types import Diagnostic
 
@@ -26,7 +27,8 @@ def page() -> str:
     lines += [
         "",
         "Below, `field` is the field of the ROS message and `column` that of the [tables](tables.md) of a log; `I` is",
-        "the number in the name of a vehicle, power unit or sensor. Fields that are not listed are empty or 0.",
+        "the number in the name of a vehicle, power unit or sensor, `NAME` one of the listed names. Fields that are",
+        "not listed are empty or 0.",
     ]
     for topic in TOPICS:
         lines += [
@@ -45,7 +47,7 @@ def page() -> str:
 def _fields(topic: Topic) -> list[str]:
     rows = []
     if topic.owners:
-        names = "; ".join(f"`{owner.value}_I`: {owner.meaning}" for owner in topic.owners)
+        names = "; ".join(f"{_names(owner)}: {owner.meaning}" for owner in topic.owners)
         rows.append(f"| `name` | - | - | {names} |")
     rows += [
         f"| `{path}` | - | - | constant text {', '.join(f'`{text}`' for text in texts)} |"
@@ -54,9 +56,20 @@ def _fields(topic: Topic) -> list[str]:
     return rows + [_field(topic, place) for place in topic.places]
 
 
+def _names(owner: Owner) -> str:
+    """Return the names of the parts of a train as text."""
+    return ", ".join(f"`{name}`" for name in FIXED_NAMES.get(owner, (f"{owner.value}_I",)))
+
+
+def _prefix(owner: Owner) -> str:
+    """Return the first part of the columns of a kind of part: its only name, ``NAME`` for several."""
+    names = FIXED_NAMES.get(owner, (f"{owner.value}_I",))
+    return names[0] if len(names) == 1 else "NAME"
+
+
 def _field(topic: Topic, place: Place) -> str:
     found = topic.description(place)
-    owner = f"{place.owner.value}_I_" if place.owner else ""
+    owner = f"{_prefix(place.owner)}_" if place.owner else ""
     name = f"`{owner}{found.column}{suffix(found.unit)}`" if found.column else "one for each key"
     return f"| `{place.path}` | {name} | {found.unit or '-'} | {found.meaning or '-'} |"
 

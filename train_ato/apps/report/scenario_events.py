@@ -1,4 +1,4 @@
-"""Events that the scenario of a run defines: disturbances, jumps, sensor faults, end of the evaluation."""
+"""Events that the scenario of a run defines: disturbances, jumps, faults, end of the evaluation."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from train_ato.apps.report.event import Event
 from train_ato.apps.report.quantities import KINDS
 from train_ato.apps.report.words import longer
 from train_ato.loop.recording import REFERENCE, Recording
+from train_ato.messages.faults import SlowFault, message_faults, node_faults
 
 __all__ = ["scenario_events"]
 
 
 def scenario_events(recording: Recording) -> Iterator[Event]:
     """Yield the events that the scenario of a recording defines."""
-    for source in (_disturbances, _jumps, _sensors, _scored):
+    for source in (_disturbances, _jumps, _sensors, _faults, _scored):
         yield from source(recording)
 
 
@@ -89,6 +90,20 @@ def _sensors(recording: Recording) -> Iterator[Event]:
     for slip in sensors.wheel_slip:
         text = f"wheels of unit {slip.unit} {'slip' if slip.slip > 0 else 'slide'} by {100 * abs(slip.slip):g} %"
         yield from _within(Event("fault", slip.begin, text, slip.end), *recording.span)
+
+
+def _faults(recording: Recording) -> Iterator[Event]:
+    assert recording.setup is not None
+    faults = recording.setup.scenario.faults
+    nodes = node_faults(faults)
+    for fault in nodes:
+        delay = f" by {fault.delay:g} s" if isinstance(fault, SlowFault) else ""
+        yield from _within(Event("fault", fault.at, f"node {fault.node}: {fault.do}{delay}"), *recording.span)
+    for message in message_faults(fault for fault in faults if fault not in nodes):
+        reader = f", to {message.reader}" if message.reader else ""
+        yield from _within(
+            Event("fault", message.begin, f"{message.described()}{reader}", message.end), *recording.span
+        )
 
 
 def _scored(recording: Recording) -> Iterator[Event]:

@@ -1,4 +1,4 @@
-"""Run with one process per node: five standalone nodes, as started by ``ros2 run``, with one process that ends them."""
+"""Run with one process per node: standalone nodes, as started by ``ros2 run``, with one process that ends them."""
 
 from __future__ import annotations
 
