@@ -2,9 +2,9 @@
 
     python -m msgs_docs.generate                    text of all pages, and the JSON Schemas
     python -m msgs_docs.generate --check            list files older than the code; exit status 1 if any
-    python -m msgs_docs.generate --measure [NAME]   first run the demonstrations of all or some law pages
+    python -m msgs_docs.generate --measure [NAME]   first run the demonstrations of all or some law pages, or `faults`
 
-Start it in the top folder of the repository.  ``--measure`` of all pages takes five minutes on two cores.
+Start it in the top folder of the repository.  ``--measure`` of all pages takes eight minutes on two cores.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from msgs_docs.generate import node_page, schemas, topic_page
+from msgs_docs.generate import fault_page, node_page, schemas, topic_page
 from msgs_docs.generate.law_pages.components import Component, components
 from msgs_docs.generate.law_pages.demo_runs import demo_of
 from msgs_docs.generate.law_pages.measure import command, measure
@@ -44,6 +44,7 @@ def generated() -> dict[Path, str]:
     """Return the text of every generated file by path."""
     return {
         ROOT / topic_page.PAGE: topic_page.page(),
+        ROOT / fault_page.PAGE: fault_page.page(ROOT),
         ROOT / node_page.PAGE: node_page.page(ROOT / node_page.PAGE),
         **{schemas.schema_path(kind): schemas.schema_text(kind) for kind in schemas.MODELS},
         **law_pages(read_measured()),
@@ -94,7 +95,11 @@ def chosen(names: list[str]) -> list[Component]:
 
 def measure_pages(names: list[str]) -> None:
     """Run the demonstrations of the named pages; write their figures and table rows."""
-    wanted = chosen(names)
+    if not names or fault_page.NAME in names:
+        fault_page.measure_faults(ROOT)
+    if names == [fault_page.NAME]:
+        return
+    wanted = chosen([name for name in names if name != fault_page.NAME])
     LAWS.mkdir(parents=True, exist_ok=True)
     measured: dict[str, Any] = dict(read_measured())
     with share_bar("demonstration runs") as report:
@@ -118,7 +123,7 @@ def main(arguments: list[str] | None = None) -> int:
             parser.error(str(error))
     files = generated()
     if options.check:
-        lines = stale(files) + unmeasured(read_measured())
+        lines = stale(files) + unmeasured(read_measured()) + fault_page.unmeasured_faults(ROOT)
         sys.stdout.write("".join(f"{line}\n" for line in lines))
         return 1 if lines else 0
     for path, text in files.items():

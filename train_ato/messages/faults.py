@@ -89,7 +89,7 @@ class RepeatFault(_TopicFault):
 
     do: Literal["repeat"] = "repeat"
     message: Literal["old", "each"] = Field(
-        "old", description="old: the last one before the fault, in place of every new one; each: every one twice"
+        "old", description="the last one before the fault in place of the new ones, or each one twice"
     )
 
 
@@ -111,7 +111,7 @@ class InsertFault(_TopicFault):
 
 
 class CorruptFault(_TopicFault):
-    """Corruption of the values: NaN, infinity, a factor of 1e15, the other sign, or one random bit of one value."""
+    """Corruption of the values: NaN, infinity, 1e15 (range), the other sign, or one random wrong bit of one value."""
 
     do: Literal["corrupt"] = "corrupt"
     value: Literal["nan", "inf", "range", "sign", "bit"]
