@@ -143,7 +143,7 @@ def test_messages_of_other_programs_do_not_disturb_the_run(way, start):
     assert run.summary["status"] == "interrupted"
     decode = Wire(prepare(*load_scenario("demo")).layout).decode
     told = [decode("/diagnostics", m.data) for m in stream(run.out / "run.mcap") if m.channel.topic == "/diagnostics"]
-    assert {message.node for message in told} == {"plant", "profile", "observer", "controller"}
+    assert {message.node for message in told} == {"plant", "supervisor", "profile", "observer", "controller"}
 
 
 TICK = 100_000_000
@@ -240,7 +240,7 @@ def test_nodes_of_unequal_scenarios_do_not_begin(change, differs, terminals):  #
 @pytest.mark.slow
 def test_a_second_observer_started_alone_is_named(terminals):  # noqa: F811
     """Fails if both controllers respond to the measurements and the faster one drives the train."""
-    for role in ("profile", "observer", "controller"):
+    for role in ("supervisor", "profile", "observer", "controller"):
         terminals.start(role, "--scenario=demo")
     terminals.start("observer", "--scenario=demo")
     plant = terminals.start("plant", "--scenario=demo", "--timeout=60", "--pace=1")

@@ -28,7 +28,7 @@ from train_ato.ros.graph.environment import claim_domain
 
 ROOT = Path(train_ato.__file__).resolve().parents[1]
 """Path of the tested package: installed, or the source."""
-ROLES = ("recorder", "profile", "observer", "controller", "plant")
+ROLES = ("recorder", "supervisor", "profile", "observer", "controller", "plant")
 WALL = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99", "mode")
 
 
@@ -153,7 +153,7 @@ def test_a_plant_that_waits_says_for_whom(terminals: Terminals, tmp_path: Path) 
     """Breaks if a missing node is not reported, or Ctrl-C in the wait gives a traceback."""
     plant = terminals.start("plant", "--scenario=demo")
     assert plant.stdout is not None
-    assert "not begun: profile is not there" in plant.stdout.readline()
+    assert "not begun: supervisor is not there" in plant.stdout.readline()
     plant.send_signal(signal.SIGINT)
     status, rest = terminals.ends()["plant"]
     assert status == 0

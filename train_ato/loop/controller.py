@@ -211,7 +211,7 @@ class ControllerStage:
         RunFailed
             If the stack has no valid command for longer than ``hold_limit``, in a run without supervision.
         Exception
-            Of a law, in a run without supervision.
+            Of a law, in a run without supervision or at standstill.
         """
         stack = self._stack
         assert stack is not None
@@ -220,10 +220,10 @@ class ControllerStage:
         try:
             force, pressure = stack.step(measurement, reference, estimate)
         except Exception as error:  # a user-defined law may raise any
-            if not self.setup.layout.supervised:
+            held_too_long = isinstance(error, RunFailed)
+            if not self.setup.layout.supervised or (self.ato.standstill and not held_too_long):
                 raise
-            if not isinstance(error, RunFailed):
-                self._error = error
+            self._error = None if held_too_long else error
             self.ato.fail(measurement.stamp, " ".join(str(error).split()) or type(error).__name__)
             return self.ato.command(measurement)
         if self.ato.assured:
