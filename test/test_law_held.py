@@ -147,17 +147,19 @@ def test_a_slow_law_is_allowed_three_steps():
         drive(control, of, along, 1)
 
 
+ALONE = "--set=supervision.enabled=false"
+"""With a supervisor the train is stopped first (test_ato_engagement.py)."""
 LINE = "node controller failed: law 'silent' returned [nan] N in 10 consecutive steps (1 s, hold_limit)"
 
 
 def test_the_run_fails_in_one_line_and_keeps_its_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if such a run ends with status 0, or log or summary lacks the failure."""
     out = tmp_path / "run"
-    assert main(["run", "demo", "--controller", "silent", "--set=duration=30", f"--out={out}", "--engine"]) == 1
+    assert main(["run", "demo", "--controller", "silent", "--set=duration=30", ALONE, f"--out={out}", "--engine"]) == 1
     assert capsys.readouterr().err.strip().splitlines()[-1] == f"train-ato: {LINE}"
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["status"], summary["held_steps"], summary["ticks"]) == ("failed", 10, 60)
-    wire = Wire(prepare(*load_scenario("demo")).layout)
+    wire = Wire(prepare(*load_scenario("demo", (ALONE.removeprefix("--set="),))).layout)
     reports = [m for _, _, m in read_log(out, wire.decode, ("/diagnostics",)) if m.node == "controller"]
     assert [m.values["held_steps"] for m in reports if m.level == 1] == [str(k) for k in range(1, 11)]
 
@@ -166,7 +168,7 @@ def test_the_graph_ends_the_same_way(tmp_path: Path) -> None:
     """Breaks if the controller node ignores the failure, or reports another count than the engine."""
     from train_ato.ros.graph.runner import run_graph
 
-    setup = prepare(*load_scenario("demo", ("duration=30",), {"controller": "silent"}))
+    setup = prepare(*load_scenario("demo", ("duration=30", ALONE.removeprefix("--set=")), {"controller": "silent"}))
     outcome = run_graph(setup, tmp_path, mode="composed")
     assert outcome.failure == LINE
     assert outcome.summary["held_steps"] == 10
