@@ -82,7 +82,7 @@ def test_a_silent_node_is_named(role, topic, setup, tmp_path, monkeypatch):
     monkeypatch.setattr(NodeEndpoints, "publish", swallows)
     outcome = run_graph(setup, tmp_path, mode="composed", timeout=2.0)
     assert outcome.failure == f"node {role} failed: no answer to stamp 2.000 s within 2 s"
-    assert outcome.summary["ticks"] == 20
+    assert outcome.summary["ticks"] >= 20, "the plant goes on until the train is at standstill"
 
 
 def test_a_lost_message_fails_the_run_by_its_topic(setup, tmp_path, domain, monkeypatch):
