@@ -30,9 +30,14 @@ from train_ato.scenario.scenario import load_scenario
 TICK = 100_000_000
 
 
+def _unsupervised(duration):
+    """A demo of ``duration`` s whose plant waits for the command alone."""
+    return prepare(*load_scenario("demo", (f"duration={duration}", "supervision.enabled=false")))
+
+
 @pytest.fixture(scope="module")
 def setup():
-    return prepare(*load_scenario("demo", ("duration=12", "supervision.enabled=false")))
+    return _unsupervised(12)
 
 
 @pytest.fixture
@@ -248,7 +253,7 @@ def test_pause_step_start_and_stop(plant, setup):
 
 def test_the_plant_never_runs_away_from_the_recorder(make):
     """With queues of 1000 messages a lead of 400 ticks never loses a message, at any speed of the recorder."""
-    bench = make(Role.PLANT, setup=prepare(*load_scenario("demo", ("duration=60", "supervision.enabled=false"))), recorded=True)
+    bench = make(Role.PLANT, setup=_unsupervised(60), recorded=True)
     bench.listen("train/measurement")
     command, bench.pipe = bench.speaker("ato/command"), bench.speaker("ato/brake_pipe_command")
     written = bench.speaker("recorder/progress")
@@ -271,7 +276,7 @@ def test_the_plant_never_runs_away_from_the_recorder(make):
 
 def test_paced_runs_hold_the_last_command_and_count_late_ones(make):
     """No response in the second tick: the train continues, and the silence is detected."""
-    bench = make(Role.PLANT, setup=prepare(*load_scenario("demo", ("duration=600", "supervision.enabled=false"))), realtime=10.0)
+    bench = make(Role.PLANT, setup=_unsupervised(600), realtime=10.0)
     bench.listen("train/measurement", "/diagnostics")
     command, bench.pipe = bench.speaker("ato/command"), bench.speaker("ato/brake_pipe_command")
     bench.until(lambda: bench.endpoints._publishers["train/measurement"].get_subscription_count() == 1)
