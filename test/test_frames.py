@@ -143,7 +143,7 @@ def test_a_run_of_the_engine_opens_with_the_same_bits(tmp_path, name):
     said = frames["/diagnostics"]
     numbers = {str(key) for key in said.columns[said.dtypes == np.float64]}
     counts = {"unsound_measurements", "saturated_steps", "swaps", "commands_lost", "knots", "replans", "refusals",
-              "held_steps", "unsound_estimates", "brake_interventions"}  # fmt: skip
+              "held_steps", "unsound_estimates", "brake_interventions", "takeovers"}  # fmt: skip
     assert all(unit_of(key) or key in counts for key in numbers), numbers - counts
 
 
