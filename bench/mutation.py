@@ -92,26 +92,27 @@ def copy_project(folder: Path, files: Sequence[str]) -> None:
 def function_mutants(folder: Path, *arguments: str, output: int | None = None) -> str:
     """Start ``function_mutants.py`` in the copy; return its output."""
     command = [sys.executable, str(Path(__file__).with_name("function_mutants.py")), *arguments]
-    run = subprocess.run(command, cwd=folder, stdout=output or sys.stderr, text=True, check=True)
+    run = subprocess.run(command, cwd=folder, stdout=output or sys.stderr, text=True, check=False)
+    if run.returncode:
+        sys.exit(f"mutation.py: {folder}: mutmut ended with status {run.returncode}; see above")
     return run.stdout or ""
 
 
-def tested(files: Sequence[str], sample: int | None, seed: int) -> list[Mutant]:
+def tested(folder: Path, files: Sequence[str], sample: int | None, seed: int) -> list[Mutant]:
     """Return the outcomes of all mutants of files, or of a random sample."""
+    if not (folder / "pyproject.toml").exists():
+        copy_project(folder, files)
     sources = {path: (ROOT / path).read_text(encoding="utf-8") for path in files}
     tables = {mutant.name: mutant for path, source in sources.items() for mutant in table_mutants(path, source)}
-    with tempfile.TemporaryDirectory(prefix="mutation_") as name:
-        folder = Path(name)
-        copy_project(folder, files)
-        names: list[str] = json.loads(function_mutants(folder, "names", *files, output=subprocess.PIPE))
-        if sample is not None:
-            everything = [*names, *tables]
-            chosen = set(random.Random(seed).sample(everything, min(sample, len(everything))))
-            names, tables = [n for n in names if n in chosen], {n: t for n, t in tables.items() if n in chosen}
-        found = []
-        if names:
-            function_mutants(folder, "run", "results.json", *(names if sample is not None else ()))
-            found = [Mutant(**entry) for entry in json.loads((folder / "results.json").read_text())]
+    names: list[str] = json.loads(function_mutants(folder, "names", *files, output=subprocess.PIPE))
+    if sample is not None:
+        everything = [*names, *tables]
+        chosen = set(random.Random(seed).sample(everything, min(sample, len(everything))))
+        names, tables = [n for n in names if n in chosen], {n: t for n, t in tables.items() if n in chosen}
+    found = []
+    if names:
+        function_mutants(folder, "run", "results.json", *(names if sample is not None else ()))
+        found = [Mutant(**entry) for entry in json.loads((folder / "results.json").read_text())]
     return found + tested_tables(list(tables.values()), sources)
 
 
@@ -170,12 +171,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sample", type=int, help="number of random mutants; default: all")
     parser.add_argument("--seed", type=int, default=1, help="seed of the sample")
+    parser.add_argument(
+        "--folder", type=Path, help="folder of the copy; with that of a stopped run mutmut continues it"
+    )
     parser.add_argument("--only", nargs="+", metavar="NAME", help="names of files")
     arguments = parser.parse_args()
     files = [path for path in FILES if not arguments.only or Path(path).name in arguments.only]
     if not files:
         parser.error(f"--only: no such file; choose from {', '.join(Path(path).name for path in FILES)}")
-    found = tested(files, arguments.sample, arguments.seed)
+    with tempfile.TemporaryDirectory(prefix="mutation_") as name:
+        folder = Path(name) if arguments.folder is None else arguments.folder
+        folder.mkdir(parents=True, exist_ok=True)
+        found = tested(folder.resolve(), files, arguments.sample, arguments.seed)
     return report(found, equivalent_mutants(), each=arguments.sample is None)
 
 
