@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from msgs_docs.generate.fault_page import read_figures, unmeasured_faults
 from msgs_docs.generate.fault_runs import STANDSTILL, run_row
 from msgs_docs.generate.fault_table import NOTHING, ROWS
+from train_ato.apps.report.events import detect_events
 
 REACTION_TIME = 1.5
 """Largest time from the detection of a fault to a demand to coast or brake [s]."""
@@ -46,3 +48,18 @@ def test_the_train_is_safe_after_a_fault(row):
         assert run.detected is not None
         assert run.reacted is not None
         assert run.reacted - run.detected < REACTION_TIME + 1e-9
+
+
+def test_the_report_has_the_fault_and_its_refusal():
+    """Breaks if a fault of the scenario or a refused message is missing in the events of a report."""
+    rows = {row.name: row for row in ROWS}
+
+    def events_of(name):
+        run = run_row(rows[name])
+        return detect_events(replace(run.recording, setup=run.setup))
+
+    events = [(event.begin, event.text) for event in events_of("command NaN")]
+    assert (20.0, "corrupt ato/command: value nan, probability 1.0") in events
+    assert any(text == "plant: ato/command: refused a message: force nan" for _, text in events)
+    killed = [event.text for event in events_of("profile killed")]
+    assert {"kill profile", "controller: ato/reference: no valid message"} <= set(killed)

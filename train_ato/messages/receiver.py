@@ -52,7 +52,7 @@ class Receiver:
         Reason of the last refusal.
     changed : bool
         True after the begin or the end of a fault and after a refusal for a new reason; the reader resets it.
-    check : callable
+    check : callable or None
         Check by the reader; returns the problem of a message as text, "" for a valid message.
     """
 
@@ -78,7 +78,7 @@ class Receiver:
         self._last = -1
         self._sent = 0
         self._acting: list[bool] = []
-        self.check: Callable[[Any], str] = lambda message: ""
+        self.check: Callable[[Any], str] | None = None
         self.fresh = self.missing = self.changed = False
         self.missed = self.refused = 0
         self.refusal = ""
@@ -144,7 +144,9 @@ class Receiver:
         """Accept or refuse an arrival."""
         problem = ""
         if self._checked:
-            problem = self._stamp_problem(now, message) or self._problem(message) or self.check(message)
+            if not self._last < message.stamp <= now:
+                problem = self._stamp_problem(now, message)
+            problem = problem or self._problem(message) or ("" if self.check is None else self.check(message))
         if not problem:
             self._before, self._newest = self._newest, message
             self._last = message.stamp
@@ -157,8 +159,6 @@ class Receiver:
     def _stamp_problem(self, now: int, message: Any) -> str:
         if message.stamp > now:
             return f"stamp {(message.stamp - now) * 1e-9:.3f} s ahead"
-        if message.stamp > self._last:
-            return ""
         newest = self._newest
         if newest is None or message.stamp < self._last or _equal(message, newest):
             return f"repeated stamp {message.stamp * 1e-9:.3f} s"

@@ -30,19 +30,16 @@ def validity_check(topic: Topic) -> Callable[[Any], str]:
         description = topic.description(place)
         if description.permitted or description.unit in LARGEST:
             fields.append((place.field, description.permitted, LARGEST.get(description.unit, 0.0)))
+    finite = topic.finite
 
     def problem(message: Any) -> str:
         for name, permitted, bound in fields:
             value = getattr(message, name)
-            values = (value,) if isinstance(value, float) else value.tolist()
-            if permitted:
-                wrong = [entry for entry in values if entry not in permitted]
-            else:
-                wrong = [entry for entry in values if not -bound <= entry <= bound]
-                if wrong and not topic.finite:
-                    wrong = [entry for entry in wrong if entry == entry]
-            if wrong:
-                return f"{name} {wrong[0]:g}"
+            for entry in (value,) if type(value) is float else value.tolist():
+                if entry in permitted if permitted else -bound <= entry <= bound:
+                    continue
+                if permitted or finite or entry == entry:
+                    return f"{name} {entry:g}"
         return ""
 
     return problem
