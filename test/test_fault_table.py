@@ -62,4 +62,4 @@ def test_the_report_has_the_fault_and_its_refusal():
     assert (20.0, "corrupt ato/command: value nan, probability 1.0") in events
     assert any(text == "plant: ato/command: refused a message: force nan" for _, text in events)
     killed = [event.text for event in events_of("profile killed")]
-    assert {"kill profile", "controller: ato/reference: no valid message"} <= set(killed)
+    assert {"node profile: kill", "controller: ato/reference: no valid message"} <= set(killed)

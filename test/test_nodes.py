@@ -31,7 +31,7 @@ TICK = 100_000_000
 
 
 def _unsupervised(duration):
-    """A demo of ``duration`` s whose plant waits for the command alone."""
+    """Return a demo of ``duration`` s whose plant waits for the command alone."""
     return prepare(*load_scenario("demo", (f"duration={duration}", "supervision.enabled=false")))
 
 

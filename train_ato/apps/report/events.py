@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train_ato.apps.report.event import Event
-from train_ato.apps.report.fault_events import fault_events
 from train_ato.apps.report.protection_events import engagements, is_protection_report, protection_events
 from train_ato.apps.report.quantities import KINDS
+from train_ato.apps.report.refusal_events import refusal_events
 from train_ato.apps.report.scenario_events import scenario_events
 from train_ato.apps.report.words import longer
 from train_ato.loop.recording import BRAKE_PIPE_COMMAND, Recording
@@ -29,7 +29,7 @@ MAX_EVENTS = 200
 
 def detect_events(recording: Recording) -> list[Event]:
     """Return the events of a run in order of time."""
-    sources = [_law, _air_brake, _limit, _outside, _plans, _noticed, _gaps, _ends, fault_events, protection_events]
+    sources = [_law, _air_brake, _limit, _outside, _plans, _noticed, _gaps, _ends, refusal_events, protection_events]
     if recording.setup is not None:
         sources.append(scenario_events)
     found = [event for source in sources for event in source(recording)]
