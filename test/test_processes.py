@@ -203,7 +203,10 @@ def _command_line(folder: Path, *options: str) -> subprocess.Popen[str]:
     ],
 )
 def test_ctrl_c_ends_a_run_cleanly(way, number, tmp_path):
-    """One line, exit status 1, a complete log, no remaining process or shared memory."""
+    """One line about the end, exit status 1, a complete log, no remaining process or shared memory.
+
+    On a slow machine notes about late messages and the disengaged ATO come before this line.
+    """
     folder = tmp_path / "run"
     options = [way] if way == "--processes" else []
     process = _command_line(folder, *options, f"--realtime={PACED:g}")
@@ -213,8 +216,8 @@ def test_ctrl_c_ends_a_run_cleanly(way, number, tmp_path):
     _, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 1, err
     lines = [line for line in err.splitlines() if line.strip()]
-    assert len(lines) == 1
-    assert "interrupted" in lines[0]
+    assert all(line.startswith("train-ato: ") for line in lines)
+    assert ["interrupted" in line for line in lines] == [False] * (len(lines) - 1) + [True]
     counts = message_counts(folder)
     assert counts["/ato/command"] == counts["/train/measurement"] == counts["/train/vehicles"] - 1 > 5
     assert not log.exists()

@@ -20,7 +20,7 @@ from train_ato.log.definitions import definition
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
-from train_ato.messages.topics import TOPICS
+from train_ato.messages.topics import topics_of
 from train_ato.scenario.scenario import load_scenario
 
 GOLDEN = Path(__file__).resolve().parent / "golden" / "short_train"
@@ -86,7 +86,8 @@ def test_three_readers_read_equal_values() -> None:
     assert len(reads[0]) > 4000
     for one, other, third in zip(*reads, strict=True):
         assert one == other == third
-    assert {table_name(topic) for topic, _, _ in reads[0]} == {t.name for t in TOPICS if t.recorded}
+    layout = prepare(*load_scenario(str(GOLDEN.parent / "short_train.yaml"))).layout
+    assert {table_name(topic) for topic, _, _ in reads[0]} == {t.name for t in topics_of(layout) if t.recorded}
 
 
 def test_the_file_is_laid_out_as_ros2_bag_does() -> None:
