@@ -205,7 +205,8 @@ def _command_line(folder: Path, *options: str) -> subprocess.Popen[str]:
 def test_ctrl_c_ends_a_run_cleanly(way, number, tmp_path):
     """One line about the end, exit status 1, a complete log, no remaining process or shared memory.
 
-    On a slow machine notes about late messages and the disengaged ATO come before this line.
+    On a slow machine notes about late messages and the disengaged ATO come before this line, and the plant, which does
+    not wait in a paced run, has no command for some ticks.
     """
     folder = tmp_path / "run"
     options = [way] if way == "--processes" else []
@@ -219,7 +220,7 @@ def test_ctrl_c_ends_a_run_cleanly(way, number, tmp_path):
     assert all(line.startswith("train-ato: ") for line in lines)
     assert ["interrupted" in line for line in lines] == [False] * (len(lines) - 1) + [True]
     counts = message_counts(folder)
-    assert counts["/ato/command"] == counts["/train/measurement"] == counts["/train/vehicles"] - 1 > 5
+    assert 5 < counts["/ato/command"] <= counts["/train/measurement"] == counts["/train/vehicles"] - 1
     assert not log.exists()
     assert nothing_left(folder)
     wait_for(lambda: not shared_memory.abandoned())
