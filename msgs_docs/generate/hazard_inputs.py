@@ -1,4 +1,4 @@
-"""Unsafe inputs and modes of the ATO: odometry, measurement, profile, takeover, engagement; rows of the hazard table."""
+"""Unsafe inputs and modes: odometry, measurement, profile, takeover, engagement; rows of the hazard table."""
 
 from __future__ import annotations
 

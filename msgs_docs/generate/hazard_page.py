@@ -196,12 +196,13 @@ def _file(monitor: str) -> str:
 def _bases() -> str:
     """Return the commands of the scenarios."""
     used = {fault_of(row.pair).base for row in ROWS if row.pair is not None}
-    texts = (
-        f"* {base}: `train-ato run {name} {' '.join(f"--set '{text}'" for text in sets)}`"
-        for base, (name, *sets) in BASES.items()
-        if base in used
-    )
-    return "\n".join(texts)
+    lines = []
+    for base in BASES:
+        if base in used:
+            name, *sets = BASES[base]
+            options = " ".join(f"--set '{text}'" for text in sets)
+            lines.append(f"* {base}: `train-ato run {name} {options}`")
+    return "\n".join(lines)
 
 
 def _scenario(base: str, sets: tuple[str, ...]) -> str:
