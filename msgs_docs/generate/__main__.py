@@ -2,7 +2,7 @@
 
     python -m msgs_docs.generate                    text of all pages, and the JSON Schemas
     python -m msgs_docs.generate --check            list files older than the code; exit status 1 if any
-    python -m msgs_docs.generate --measure [NAME]   first run those of all or some law pages, of `faults` or `hazards`
+    python -m msgs_docs.generate --measure [NAME]   first make the runs of law pages, `faults`, `hazards`; default: all
 
 Start it in the top folder of the repository.  ``--measure`` of all pages takes eight minutes on two cores.
 """

@@ -144,8 +144,8 @@ class Supervisor:
         """Supervise the movement backwards: 3.14.2 (roll away), 3.14.3 (reverse movement).
 
         The distance is the integral of the speed: a balise corrects the position estimate by more than the limit.  The
-        release needs an acknowledgement (TSI OPE, appendix A, 6.37), which no run has: without it a train that is pushed
-        back would roll by the limit again and again.
+        release needs an acknowledgement (TSI OPE, appendix A, 6.37), which no run has; otherwise a train that is
+        pushed back rolls by the limit again and again.
         """
         moved = motion.speed * (motion.stamp - self._stamp) * 1e-9
         self._rolled = max(self._rolled - moved, 0.0) if motion.speed < 0.0 else 0.0
