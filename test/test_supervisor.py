@@ -125,6 +125,15 @@ def test_a_train_that_rolls_back_is_braked_after_two_metres(supervisor: Supervis
     assert braked == [distance > 2.0 for distance in moved]
 
 
+def test_the_brake_of_a_train_that_rolled_back_is_not_released(supervisor: Supervisor) -> None:
+    """Breaks if standstill releases it: a train that is pushed back rolls by the limit again and again."""
+    supervisor.step(odometry(0, 1000.0, 0.0))
+    rolling = [supervisor.step(odometry(index, 1000.0, -1.0)).state for index in range(1, 9)]
+    assert rolling[-1] is SupervisionState.EMERGENCY_BRAKE
+    stopped = [supervisor.step(odometry(index, 995.0, 0.0)) for index in range(9, 12)]
+    assert all(decision.state is SupervisionState.EMERGENCY_BRAKE for decision in stopped)
+
+
 def test_the_larger_odometer_counts() -> None:
     """Breaks if locked wheels hide the motion: the radar must count."""
     estimator = PositionEstimator()

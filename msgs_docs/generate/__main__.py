@@ -2,7 +2,7 @@
 
     python -m msgs_docs.generate                    text of all pages, and the JSON Schemas
     python -m msgs_docs.generate --check            list files older than the code; exit status 1 if any
-    python -m msgs_docs.generate --measure [NAME]   first run the demonstrations of all or some law pages, or `faults`
+    python -m msgs_docs.generate --measure [NAME]   first make the runs of law pages, `faults`, `hazards`; default: all
 
 Start it in the top folder of the repository.  ``--measure`` of all pages takes eight minutes on two cores.
 """
@@ -15,7 +15,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from msgs_docs.generate import fault_page, node_page, schemas, topic_page
+from msgs_docs.generate import fault_page, hazard_page, node_page, schemas, topic_page
 from msgs_docs.generate.law_pages.components import Component, components
 from msgs_docs.generate.law_pages.demo_runs import demo_of
 from msgs_docs.generate.law_pages.measure import command, measure
@@ -26,6 +26,8 @@ from train_ato.control.parameters import closest
 ROOT = Path(__file__).resolve().parents[2]
 LAWS = ROOT / "msgs_docs" / "laws"
 MEASURED = LAWS / "measured.json"
+TABLES = {fault_page.NAME: fault_page.measure_faults, hazard_page.NAME: hazard_page.measure_hazards}
+"""Measurement of a table of runs by name of its page."""
 
 
 def read_measured() -> Measured:
@@ -45,6 +47,7 @@ def generated() -> dict[Path, str]:
     return {
         ROOT / topic_page.PAGE: topic_page.page(),
         ROOT / fault_page.PAGE: fault_page.page(ROOT),
+        ROOT / hazard_page.PAGE: hazard_page.page(ROOT),
         ROOT / node_page.PAGE: node_page.page(ROOT / node_page.PAGE),
         **{schemas.schema_path(kind): schemas.schema_text(kind) for kind in schemas.MODELS},
         **law_pages(read_measured()),
@@ -95,11 +98,13 @@ def chosen(names: list[str]) -> list[Component]:
 
 def measure_pages(names: list[str]) -> None:
     """Run the demonstrations of the named pages; write their figures and table rows."""
-    if not names or fault_page.NAME in names:
-        fault_page.measure_faults(ROOT)
-    if names == [fault_page.NAME]:
+    pages = [name for name in names if name not in TABLES]
+    wanted = chosen(pages) if pages or not names else []
+    for name, measure_table in TABLES.items():
+        if not names or name in names:
+            measure_table(ROOT)
+    if not wanted:
         return
-    wanted = chosen([name for name in names if name != fault_page.NAME])
     LAWS.mkdir(parents=True, exist_ok=True)
     measured: dict[str, Any] = dict(read_measured())
     with share_bar("demonstration runs") as report:
@@ -123,7 +128,8 @@ def main(arguments: list[str] | None = None) -> int:
             parser.error(str(error))
     files = generated()
     if options.check:
-        lines = stale(files) + unmeasured(read_measured()) + fault_page.unmeasured_faults(ROOT)
+        lines = stale(files) + unmeasured(read_measured())
+        lines += fault_page.unmeasured_faults(ROOT) + hazard_page.unmeasured_hazards(ROOT)
         sys.stdout.write("".join(f"{line}\n" for line in lines))
         return 1 if lines else 0
     for path, text in files.items():

@@ -107,7 +107,7 @@ class Supervisor:
         """Lower the state where its release condition holds: 3.13.10.3, 3.13.10.4.
 
         Overspeed, warning and service brake end at the permitted speed, the emergency brake at standstill; a second one
-        within :data:`REPEAT_DISTANCE` needs an acknowledgement, which no run has.
+        within :data:`REPEAT_DISTANCE`, and that of a movement backwards, need an acknowledgement, which no run has.
         """
         state = self._state
         standstill = abs(motion.speed) < STANDSTILL_SPEED
@@ -143,9 +143,12 @@ class Supervisor:
     def _supervise_direction(self, motion: TrainMotion) -> None:
         """Supervise the movement backwards: 3.14.2 (roll away), 3.14.3 (reverse movement).
 
-        The distance is the integral of the speed: a balise corrects the position estimate by more than the limit.
+        The distance is the integral of the speed: a balise corrects the position estimate by more than the limit.  The
+        release needs an acknowledgement (TSI OPE, appendix A, 6.37), which no run has; otherwise a train that is
+        pushed back rolls by the limit again and again.
         """
         moved = motion.speed * (motion.stamp - self._stamp) * 1e-9
         self._rolled = max(self._rolled - moved, 0.0) if motion.speed < 0.0 else 0.0
         if self._rolled > self._spec.roll_away:
             self._intervene(SupervisionState.EMERGENCY_BRAKE, f"the train rolled back {self._rolled:.1f} m")
+            self._latched = True

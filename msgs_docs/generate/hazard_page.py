@@ -1,0 +1,227 @@
+"""Generate ``msgs_docs/hazards.md`` from the hazard table and the measured runs of its pairs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from msgs_docs.generate.fault_runs import run_row
+from msgs_docs.generate.fault_table import BASES, FaultRow
+from msgs_docs.generate.hazard_rows import OPEN, ROWS
+from msgs_docs.generate.hazard_runs import MEASURES, fault_of, run_pair
+from msgs_docs.generate.hazard_table import ACTIONS, GUIDES, HARMLESS, HAZARDS, HazardRow, OpenHazard
+from msgs_docs.generate.monitor_removal import REMOVALS
+
+PAGE = Path("msgs_docs", "hazards.md")
+"""Path of the page in the repository."""
+MEASURED = Path("msgs_docs", "hazards_measured.json")
+"""Figures of the runs of the table."""
+NAME = "hazards"
+"""Name of the page for ``--measure``."""
+UNITS = {hazard.key: hazard.unit for hazard in HAZARDS}
+
+INTRODUCTION = """# Hazards and requirements
+
+Made by `python -m msgs_docs.generate`; do not edit by hand.
+
+Hazard, unsafe control action, requirement, monitor and test as one table. The data are in
+`msgs_docs/generate/hazard_rows.py`; `test/test_hazard_table.py` runs the rows. The words are those of EN 50126, the
+method is that of STPA (Leveson, Thomas, STPA Handbook, 2018, chapter 2): a control action is unsafe if it is not
+provided, provided wrongly, provided too early or late, or applied too long or too short. Supervisor, train protection
+and states of the ATO: [supervision.md](supervision.md); faults: [faults.md](faults.md).
+
+**No safety integrity level (SIL) is claimed**; the limits of this analysis are [below](#limits-and-assumptions-of-use).
+
+## Hazards
+
+The scope is the movement of the train. A run has a hazard if the measure is above the bound.
+"""
+CONTROL = """
+## Control actions
+
+Each cell has the requirements for one way in which a control action is unsafe.
+"""
+REQUIREMENTS = """
+## Unsafe control actions and requirements
+"""
+VERIFICATION = """
+## Monitors and tests
+
+Each row of the fault table is a run of `test/test_fault_table.py` with a verdict on place, speed and time of the
+reaction. Names of tests are those of pytest.
+"""
+PAIRS = """
+## With and without the monitors
+
+Each row is one scenario in two runs of the engine: as it is, and without the monitors of the column *removed*. With the
+monitors the measure is not above the bound, and the train is before the supervised location and below the speed of
+hazard H1. Without them the measure is above the bound: the monitor is necessary, and the verdict can fail. All other
+monitors remain in effect; where two of them detect a fault, both are removed. Measured by
+`python -m msgs_docs.generate --measure hazards`.
+
+{bases}
+"""
+OPEN_POINTS = """
+## Hazards without a monitor
+
+Measured as above. The test of these rows fails as soon as a monitor prevents the hazard; the row then belongs to the
+table above.
+"""
+LIMITS = """
+## Limits and assumptions of use
+
+* No SIL is claimed, and no hazard rate is computed. The table is an analysis of software functions in a simulation. It
+  has no failure analysis of hardware, and no assessment by an independent body.
+* Single channel: every function is computed once, in Python, on a computer and an operating system without
+  qualification. Supervisor, ATO and simulated train share processor, memory and middleware; no independence of hardware
+  exists. The train protection is part of the simulator.
+* Common causes: supervisor and ATO use the same data of train and line, and the supervised location is the stop of the
+  profile and `overlap`. An error in these data is not detected.
+* The emergency brake has at least the part Kdry (default 0.8) of the force in the train data.
+* At least one of the two odometers keeps its error, and every balise is at its location.
+* The holding brake keeps a train at rest; beside the supervision of movements backwards there is no standstill
+  supervision.
+* The messages carry no safety code and no signature. Random corruption, loss and delay are detected as in
+  [faults.md](faults.md); a deliberate sender with possible values and true stamps is not.
+* The release of a second emergency brake within 50 m, and of one after a movement backwards, needs the acknowledgement
+  of a driver. No run has one: the train remains braked.
+* One scenario per row shows that a monitor is necessary, not that it is sufficient in all others.
+* Not in the scope: doors, passengers, obstacles, work on the track, fire, and hazards of other trains.
+"""
+
+
+def _pair_key(row: HazardRow) -> list[Any]:
+    assert row.pair is not None
+    fault = fault_of(row.pair)
+    return [row.hazard, *BASES[fault.base], *fault.sets, *row.pair.without]
+
+
+def _open_key(entry: OpenHazard) -> list[str]:
+    return [entry.hazard, *BASES["metro"], *entry.sets]
+
+
+def run_open(entry: OpenHazard) -> tuple[float, float]:
+    """Return measure and bound of the run of a hazard without a monitor."""
+    return MEASURES[entry.hazard](run_row(FaultRow("", "", entry.sets, "")))
+
+
+def pair_figures(row: HazardRow) -> dict[str, Any]:
+    """Return the measure with and without the monitors, and the bound, in the unit of the hazard."""
+    assert row.pair is not None
+    kept, removed = run_pair(row.pair)
+    measure = MEASURES[row.hazard]
+    value, bound = measure(kept)
+    return {
+        "run": _pair_key(row),
+        "with": round(value, 1),
+        "without": round(measure(removed)[0], 1),
+        "bound": round(bound, 1),
+    }
+
+
+def read_pairs(root: Path) -> dict[str, dict[str, Any]]:
+    """Return the measured figures by requirement, and by text of a hazard without a monitor."""
+    path = root / MEASURED
+    found: dict[str, dict[str, Any]] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    return found
+
+
+def measure_hazards(root: Path) -> None:
+    """Run all pairs and write their figures."""
+    figures = {row.requirement: pair_figures(row) for row in ROWS if row.pair is not None}
+    for entry in OPEN:
+        value, bound = run_open(entry)
+        figures[entry.text] = {"run": _open_key(entry), "without": round(value, 1), "bound": round(bound, 1)}
+    (root / MEASURED).write_text(json.dumps(figures, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def unmeasured_hazards(root: Path) -> list[str]:
+    """Return one line per row without current figures, and per leftover."""
+    figures = read_pairs(root)
+    remedy = f"run python -m msgs_docs.generate --measure {NAME}"
+    keys = {row.requirement: _pair_key(row) for row in ROWS if row.pair is not None}
+    keys |= {entry.text: _open_key(entry) for entry in OPEN}
+    old = [name for name, key in keys.items() if figures.get(name, {}).get("run") != key]
+    return [f"hazard '{name}': not measured; {remedy}" for name in old] + [
+        f"hazard '{name}': no such row; {remedy}" for name in figures.keys() - keys.keys()
+    ]
+
+
+def page(root: Path) -> str:
+    """Return the text of the page."""
+    figures = read_pairs(root)
+    lines = [INTRODUCTION, "| hazard | description | measure | bound |", "|---|---|---|---|"]
+    lines += [f"| {h.key} | {h.text} | {h.measure}{f' [{h.unit}]' if h.unit else ''} | {h.bound} |" for h in HAZARDS]
+    lines += [CONTROL, *_matrix(), REQUIREMENTS]
+    lines += ["| requirement | hazard | unsafe control action | requirement text |", "|---|---|---|---|"]
+    lines += [
+        f"| {row.requirement} | {row.hazard} | {row.action}, {row.guide}: {row.unsafe} | {row.text} |" for row in ROWS
+    ]
+    lines += [VERIFICATION, "| requirement | monitors | rows of the fault table | other tests |", "|---|---|---|---|"]
+    lines += [_verification(row) for row in ROWS]
+    lines += [
+        PAIRS.replace("{bases}", _bases()),
+        "| requirement | scenario | removed | with | without | bound |",
+        "|---|---|---|---|---|---|",
+    ]
+    lines += [_pair(row, figures.get(row.requirement, {})) for row in ROWS if row.pair is not None]
+    lines += [OPEN_POINTS, "| hazard | cause | scenario | measured | bound |", "|---|---|---|---|---|"]
+    lines += [_open(entry, figures.get(entry.text, {})) for entry in OPEN]
+    return "\n".join([*lines, LIMITS]).strip("\n") + "\n"
+
+
+def _matrix() -> list[str]:
+    """Return the requirements by control action and way, with the reasons of the harmless ones."""
+    lines = [f"| control action | path | {' | '.join(GUIDES)} |", "|---" * (2 + len(GUIDES)) + "|"]
+    for action, path in ACTIONS.items():
+        cells = []
+        for guide in GUIDES:
+            found = [row.requirement for row in ROWS if (row.action, row.guide) == (action, guide)]
+            cells.append(", ".join(found) or f"no hazard: {HARMLESS[action, guide]}")
+        lines.append(f"| {action} | {path} | {' | '.join(cells)} |")
+    return lines
+
+
+def _verification(row: HazardRow) -> str:
+    monitors = ", ".join(f"`{name.partition(':')[2]}` ({_file(name)})" for name in row.monitors)
+    tests = ", ".join(f"`{test.removeprefix('test/')}`" for test in row.tests)
+    return f"| {row.requirement} | {monitors} | {'; '.join(row.faults) or '-'} | {tests or '-'} |"
+
+
+def _file(monitor: str) -> str:
+    return f"`{monitor.partition(':')[0].replace('.', '/')}.py`"
+
+
+def _bases() -> str:
+    """Return the commands of the scenarios."""
+    used = {fault_of(row.pair).base for row in ROWS if row.pair is not None}
+    lines = []
+    for base in BASES:
+        if base in used:
+            name, *sets = BASES[base]
+            options = " ".join(f"--set '{text}'" for text in sets)
+            lines.append(f"* {base}: `train-ato run {name} {options}`")
+    return "\n".join(lines)
+
+
+def _scenario(base: str, sets: tuple[str, ...]) -> str:
+    return " ".join([base, *(f"`--set '{text}'`" for text in sets)])
+
+
+def _figure(value: Any, hazard: str) -> str:
+    return "-" if value is None else f"{value:g} {UNITS[hazard]}".strip()
+
+
+def _pair(row: HazardRow, found: dict[str, Any]) -> str:
+    assert row.pair is not None
+    fault = fault_of(row.pair)
+    scenario = f"{row.pair.fault} (fault table)" if row.pair.fault else _scenario(fault.base, row.pair.sets)
+    removed = "; ".join(REMOVALS[name].text for name in row.pair.without)
+    values = " | ".join(_figure(found.get(key), row.hazard) for key in ("with", "without", "bound"))
+    return f"| {row.requirement}, {row.hazard} | {scenario} | {removed} | {values} |"
+
+
+def _open(entry: OpenHazard, found: dict[str, Any]) -> str:
+    values = " | ".join(_figure(found.get(key), entry.hazard) for key in ("without", "bound"))
+    return f"| {entry.hazard} | {entry.text} | {_scenario('metro', entry.sets)} | {values} |"

@@ -1,0 +1,155 @@
+"""Every row of the hazard table: complete references, and the hazard with and without its monitors."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from test_architecture import MODULES, imports
+
+from msgs_docs.generate import hazard_page
+from msgs_docs.generate.fault_table import ROWS as FAULT_ROWS
+from msgs_docs.generate.hazard_page import read_pairs, run_open, unmeasured_hazards
+from msgs_docs.generate.hazard_rows import OPEN, ROWS
+from msgs_docs.generate.hazard_runs import MEASURES, run_pair
+from msgs_docs.generate.hazard_table import ACTIONS, GUIDES, HARMLESS, HAZARDS
+from msgs_docs.generate.monitor_removal import REMOVALS, monitor_part, removed_monitors
+
+ROOT = Path(__file__).resolve().parents[1]
+FIGURES = read_pairs(ROOT)
+PAIRS = [pytest.param(row, id=row.requirement) for row in ROWS if row.pair is not None]
+MONITORS = {monitor for row in ROWS for monitor in row.monitors}
+FAULT_TEST = "test/test_fault_table.py::test_the_train_is_safe_after_a_fault"
+DECISIONS = {"step", "problem", "evaluate", "receive", "check", "check_limit"}
+"""Methods with which a monitor decides."""
+PLACES = (
+    "train_ato.supervision",
+    "train_ato.loop.train_protection",
+    "train_ato.control.assurance",
+    "train_ato.control.ato_state",
+    "train_ato.control.command_hold",
+    "train_ato.control.plausibility",
+    "train_ato.messages.receiver",
+    "train_ato.messages.validity",
+)
+"""Packages and modules with monitors."""
+
+
+def in_place(module: str) -> bool:
+    return any(module == place or module.startswith(f"{place}.") for place in PLACES)
+
+
+def monitor_names(module: str) -> set[str]:
+    """Return ``module:name`` of every public class with a decision, and of the check that is a function."""
+    found = set()
+    for node in MODULES[module].body:
+        methods = {entry.name for entry in getattr(node, "body", ()) if isinstance(entry, ast.FunctionDef)}
+        check = isinstance(node, ast.FunctionDef) and module == "train_ato.messages.validity"
+        if check or (isinstance(node, ast.ClassDef) and methods & DECISIONS):
+            found.add(f"{module}:{node.name}")
+    return found
+
+
+def test_every_control_action_is_considered_in_every_way() -> None:
+    """Breaks if a row is deleted, or a way is both harmless and unsafe."""
+    unsafe = {(row.action, row.guide) for row in ROWS}
+    assert not unsafe & HARMLESS.keys()
+    assert unsafe | HARMLESS.keys() == {(action, guide) for action in ACTIONS for guide in GUIDES}
+
+
+def test_requirements_and_hazards_are_complete() -> None:
+    """Breaks if a requirement has no run and no test, a number twice, or a hazard no pair of runs."""
+    assert [row.requirement for row in ROWS] == [f"REQ-{number:02d}" for number in range(1, len(ROWS) + 1)]
+    assert all(row.monitors and (row.pair or row.faults or row.tests) for row in ROWS)
+    hazards = [hazard.key for hazard in HAZARDS]
+    assert len(set(hazards)) == len(hazards)
+    assert {row.hazard for row in ROWS} == set(hazards) == MEASURES.keys()
+    assert {row.hazard for row in ROWS if row.pair is not None} == set(hazards)
+
+
+def test_every_fault_is_a_run_of_a_requirement() -> None:
+    """Breaks if a row of the fault table has no requirement, or a requirement names a fault that was renamed."""
+    assert {fault for row in ROWS for fault in row.faults} == {row.name for row in FAULT_ROWS}
+    for row in ROWS:
+        if row.pair is not None:
+            assert bool(row.pair.fault) != bool(row.pair.sets)
+            assert not row.pair.fault or row.pair.fault in row.faults, row.requirement
+
+
+def test_every_monitor_meets_a_requirement() -> None:
+    """Breaks if a monitor was renamed, a new one has no requirement, or one is removed in no pair and in no test."""
+    for name in MONITORS:
+        assert callable(monitor_part(name)) or isinstance(monitor_part(name), property), name
+    classes = {f"{module}:{path.partition('.')[0]}" for module, _, path in (name.partition(":") for name in MONITORS)}
+    expected = {name for module in MODULES if in_place(module) for name in monitor_names(module)}
+    assert len(expected) >= 11
+    assert expected - classes == set()
+    assert {name for row in ROWS if row.pair is not None for name in row.pair.without} == REMOVALS.keys()
+
+
+def test_every_module_of_the_supervision_serves_a_requirement() -> None:
+    """Breaks if a part of the supervision is used by no monitor of the table."""
+    reached: set[str] = set()
+    waiting = {monitor.partition(":")[0] for monitor in MONITORS}
+    while waiting:
+        reached |= waiting
+        waiting = {other for name in waiting for other in imports(name) if in_place(other)} - reached
+    modules = {name for name in MODULES if name.startswith("train_ato.supervision.")}
+    assert modules - reached == set()
+
+
+def test_every_named_test_is_collected() -> None:
+    """Breaks if a test or a row of the fault table was renamed: pytest no longer collects it."""
+    named = {test for row in ROWS for test in row.tests}
+    named |= {f"{FAULT_TEST}[{fault}]" for row in ROWS for fault in row.faults}
+    files = sorted({name.partition("::")[0] for name in named})
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-p", "no:cacheprovider", *files]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    collected = set(done.stdout.splitlines())
+    collected |= {line.partition("[")[0] for line in collected}
+    assert named - collected == set()
+
+
+@pytest.mark.parametrize("row", PAIRS)
+def test_the_hazard_needs_the_monitor(row) -> None:
+    """Breaks if the hazard occurs with the monitor, or not without it: then the monitor has no effect."""
+    kept, removed = run_pair(row.pair)
+    value, bound = MEASURES[row.hazard](kept)
+    without, _ = MEASURES[row.hazard](removed)
+    assert value <= bound
+    assert without > bound
+    assert kept.front < kept.supervised_location
+    assert kept.top_speed < kept.largest_speed
+    figures = FIGURES[row.requirement]
+    assert [figures["with"], figures["without"], figures["bound"]] == pytest.approx([value, without, bound], abs=1.0)
+
+
+@pytest.mark.parametrize("entry", [pytest.param(entry, id=entry.hazard) for entry in OPEN])
+def test_a_hazard_without_a_monitor_is_open(entry) -> None:
+    """Breaks if a monitor prevents it: then it is a row of the table with this monitor."""
+    value, bound = run_open(entry)
+    assert value > bound
+    assert FIGURES[entry.text]["without"] == pytest.approx(value, abs=1.0)
+
+
+@pytest.mark.parametrize("name", REMOVALS)
+def test_a_removed_monitor_is_in_effect_again(name: str) -> None:
+    """Breaks if a removal lasts: later tests would run without the monitor."""
+    place = REMOVALS[name].place or name
+    before = monitor_part(place)
+    with removed_monitors([name]) as sets:
+        assert (monitor_part(place) is not before) == (REMOVALS[name].replacement is not None)
+        assert sets or REMOVALS[name].replacement is not None
+    assert monitor_part(place) is before
+
+
+def test_the_page_is_that_of_the_table() -> None:
+    """Breaks if a row was changed, and the page or its figures were not made again."""
+    assert unmeasured_hazards(ROOT) == []
+    assert (ROOT / hazard_page.PAGE).read_text(encoding="utf-8") == hazard_page.page(ROOT)
