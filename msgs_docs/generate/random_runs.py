@@ -1,0 +1,250 @@
+"""Seeded random runs with supervision: laws x faults x spread of mass, brake, adhesion and delay.
+
+    python -m msgs_docs.generate.random_runs [--count N] [--seed S] [--workers W]
+
+Prints the summary of the runs; without ``--count`` and ``--seed`` these are the runs of ``msgs_docs/faults.md``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from msgs_docs.generate.fault_runs import STANDSTILL, FaultRun
+from msgs_docs.generate.fault_table import BASES, BEGIN, ROWS, FaultRow
+from train_ato.apps.runs.progress import share_bar
+from train_ato.control.registry import LAWS
+from train_ato.loop.engine import run_engine
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import load_scenario
+
+__all__ = ["COUNT", "MEASURED", "SEED", "Draw", "Figures", "draws", "figures_of", "measure", "summary"]
+
+COUNT, SEED = 1000, 1
+"""Number and seed of the runs of the page."""
+MEASURED = Path("msgs_docs", "random_runs_measured.json")
+"""Figures of the runs of the page."""
+SCENARIOS: dict[str, tuple[float, str, tuple[str, ...], float]] = {
+    "metro": (0.75, BASES["metro"][0], BASES["metro"][1:], 60.0),
+    "metro, 460 s": (0.11, "xuzhou_metro", ("supervision.enabled=true",), 450.0),
+    "10 684 t": (0.11, "demo", (), 700.0),
+    "10 684 t, long descent": (0.03, BASES["daqin"][0], BASES["daqin"][1:], 1900.0),
+}
+"""Scenarios of the runs: share, name, assignments, last time of a fault [s]."""
+SPREAD: dict[str, tuple[float, float]] = {
+    "plant.mismatch.mass_scale": (0.9, 1.05),
+    "plant.mismatch.brake_scale": (0.85, 1.05),
+    "plant.mismatch.resistance_scale": (0.7, 1.3),
+    "plant.mismatch.actuator_gain": (0.9, 1.05),
+}
+"""Uniform spread of the train about its nominal model.
+
+The smallest brake force per mass is 0.81 of the nominal one, inside the ``kdry`` of 0.8 of the braking curves.
+"""
+ADHESION = (0.16, 0.3)
+"""Uniform spread of the adhesion of the metro train; its guaranteed deceleration needs 0.14."""
+DELAY = (0.5, 2.0)
+"""Uniform spread of the factor on the delay of the command."""
+NO_FAULT = 0.1
+"""Part of the runs without a fault."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One random run.
+
+    Attributes
+    ----------
+    number
+        Index from 0; it is also the seed of the run.
+    base
+        Key of :data:`SCENARIOS`.
+    law, fault
+        Name of the law; name of the row of the fault table, empty without a fault.
+    scenario, sets
+        Scenario and assignments.
+    """
+
+    number: int
+    base: str
+    law: str
+    fault: str
+    scenario: str
+    sets: tuple[str, ...]
+
+    @property
+    def command(self) -> str:
+        """Command of the same run."""
+        options = " ".join(f"--set '{text}'" for text in self.sets)
+        return f"train-ato run {self.scenario} --engine --controller {self.law} {options}"
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures of a random run.
+
+    Attributes
+    ----------
+    margin, short
+        Distance from the foremost place of the front to the supervised location, and to the planned stop [m].
+    excess
+        Largest speed less its bound [m/s].
+    moving
+        True if the train moves at the end of the run.
+    interventions
+        Number of interventions of the supervisor.
+    failure
+        Failed node and reason, or empty.
+    """
+
+    margin: float
+    short: float
+    excess: float
+    moving: bool
+    interventions: int
+    failure: str
+
+
+def draws(count: int, seed: int) -> Iterator[Draw]:
+    """Yield ``count`` random runs; equal arguments give equal runs."""
+    bases = list(SCENARIOS)
+    shares = [SCENARIOS[base][0] for base in bases]
+    laws = LAWS.names()
+    for number in range(count):
+        random = np.random.default_rng([seed, number])
+        base = bases[random.choice(len(bases), p=shares)]
+        _, scenario, sets, last = SCENARIOS[base]
+        law = str(random.choice(laws))
+        rows = [row for row in ROWS if _fits(row, base)]
+        row = None if random.random() < NO_FAULT else rows[random.integers(len(rows))]
+        spread = [f"{key}={random.uniform(*bounds):.4f}" for key, bounds in SPREAD.items()]
+        if base.startswith("metro"):
+            spread.append(f"plant.adhesion={{kind: constant, coefficient: {random.uniform(*ADHESION):.4f}}}")
+        spread.append(f"links.command.delay={_delay(scenario) * random.uniform(*DELAY):.3f}")
+        spread.append(f"seed={number}")
+        at = f"{random.uniform(5.0, last):.1f}"
+        more = () if row is None else tuple(_moved(text, at) for text in row.sets)
+        chosen = (*sets, f"controller={law}", *spread, *more)
+        yield Draw(number, base, law, "" if row is None else row.name, scenario, chosen)
+
+
+def _fits(row: FaultRow, base: str) -> bool:
+    """Return whether a fault can be drawn: none of the spread, on heavy trains also the messages and nodes."""
+    if any(text.startswith((*SPREAD, "plant.adhesion")) for text in row.sets):
+        return False
+    same = (row.base == "metro") == base.startswith("metro")
+    return same or (row.base == "metro" and row.kind not in ("train", "sensor", "link"))
+
+
+@cache
+def _delay(scenario: str) -> float:
+    return float(load_scenario(scenario, ())[0].links.command.delay)
+
+
+def _moved(text: str, at: str) -> str:
+    """Return an assignment with its fault at another time."""
+    for key in ("begin", "at"):
+        text = text.replace(f"{key}: {BEGIN}", f"{key}: {at}")
+    return text
+
+
+def figures_of(draw: Draw) -> Figures:
+    """Drive a random run in the engine and return its figures."""
+    setup = prepare(*load_scenario(draw.scenario, draw.sets))
+    result = run_engine(setup)
+    run = FaultRun(setup, result)
+    return Figures(
+        margin=run.supervised_location - run.front,
+        short=run.stop - run.front,
+        excess=run.top_speed - run.largest_speed,
+        moving=run.end_speed > STANDSTILL,
+        interventions=int(result.summary.get("brake_interventions", 0)),
+        failure=result.failure or "",
+    )
+
+
+def measure(count: int, seed: int, workers: int) -> dict[str, Any]:
+    """Drive random runs in ``workers`` processes and return their summary."""
+    chosen = list(draws(count, seed))
+    found = []
+    with share_bar("random runs") as report, ProcessPoolExecutor(workers) as pool:
+        for figures in pool.map(figures_of, chosen, chunksize=4):
+            found.append(figures)
+            report(len(found) / count, "")
+    return {"runs": digest(chosen), "count": count, "seed": seed, **summary(chosen, found)}
+
+
+def digest(chosen: Iterable[Draw]) -> str:
+    """Return a hash of the scenarios and assignments of runs."""
+    text = json.dumps([(draw.scenario, draw.sets) for draw in chosen])
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def summary(chosen: list[Draw], found: list[Figures]) -> dict[str, Any]:
+    """Return the figures of runs by scenario, and the runs beyond the supervised location or the speed bound."""
+    bad = [
+        {"number": draw.number, "margin_m": round(run.margin, 1), "excess_kmh": round(3.6 * run.excess, 1),
+         "fault": draw.fault, "command": draw.command}
+        for draw, run in zip(chosen, found, strict=True)
+        if run.margin < 0.0 or run.excess > 0.0
+    ]  # fmt: skip
+    groups = {}
+    for base in SCENARIOS:
+        pairs = [(draw, run) for draw, run in zip(chosen, found, strict=True) if draw.base == base]
+        if pairs:
+            groups[base] = _group(pairs)
+    return {"beyond": sum(run.margin < 0.0 for run in found), "bad": bad, "scenarios": groups}
+
+
+def _group(pairs: list[tuple[Draw, Figures]]) -> dict[str, Any]:
+    """Return numbers of runs, and median, 95 % and 100 % of the distances [m] of the trains at standstill."""
+    still = [run for _, run in pairs if not run.moving]
+    margins = np.array([run.margin for run in still])
+    faultless = [run for draw, run in pairs if not draw.fault]
+    return {
+        "runs": len(pairs),
+        "beyond": sum(run.margin < 0.0 for _, run in pairs),
+        "too_fast": sum(run.excess > 0.0 for _, run in pairs),
+        "moving_at_end": len(pairs) - len(still),
+        "interventions": sum(run.interventions > 0 for _, run in pairs),
+        "failed": sum(bool(run.failure) for _, run in pairs),
+        "without_fault": len(faultless),
+        "interventions_without_fault": sum(run.interventions > 0 for run in faultless),
+        "margin_m": _quantiles(margins),
+        "short_m": _quantiles(np.array([run.short for run in still])),
+    }
+
+
+def _quantiles(values: np.ndarray[Any, Any]) -> dict[str, float]:
+    """Return smallest value, median and 95 % quantile."""
+    if not values.size:
+        return {}
+    low, middle, high = float(values.min()), *np.quantile(values, (0.5, 0.95)).tolist()
+    return {"smallest": round(low, 1), "median": round(middle, 1), "p95": round(high, 1)}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Print the summary of random runs; exit status 1 if a train was beyond the supervised location."""
+    parser = argparse.ArgumentParser(prog="python -m msgs_docs.generate.random_runs", description=__doc__)
+    parser.add_argument("--count", type=int, default=COUNT, help="number of runs")
+    parser.add_argument("--seed", type=int, default=SEED, help="seed of the draws")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
+    options = parser.parse_args(arguments)
+    found = measure(options.count, options.seed, options.workers)
+    sys.stdout.write(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
+    return 1 if found["bad"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
