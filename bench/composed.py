@@ -9,8 +9,8 @@ the machine only adds time:
 
     ratio = (time per tick of the graph - time of the plant) / time per tick of the ring
 
-The goals: the ratio is below 1.5, the recorded run is 150 times as fast as the train, and a supervised run takes at
-most 8 % longer than the same run without supervision, in turns too (no supervised run without speed limits).  Runs with clocks around the
+The goals: the ratio is below 1.5, the recorded run is 150 times as fast as the train, and a run with supervision (on a
+line with speed limits) takes at most 8 % longer than the same run without, in turns too.  Runs with clocks around the
 parts give the share of each part in the time without clocks.  The exit status is 1 if a goal is missed widely (see
 goals.py).
 """

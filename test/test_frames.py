@@ -44,7 +44,7 @@ BLOCKS = {
     "train/odometry": [("{odometer}_position_m", "position"), ("{odometer}_speed_m_s", "speed"),
                        ("{odometer}_since_balise_m", "since_balise")],
     "train/protection": [("{brake_line}_active", "active")],
-    "atp/brake_release": [("{brake_line}_released", "released")],
+    "atp/brake_release": [("{brake_line}_released", "released"), ("{brake_line}_alive", "alive")],
     "atp/speeds": [("{supervised_speed}_position_m", "position"), ("{supervised_speed}_speed_m_s", "speed")],
     "ato/state": [("{ato}_position_m", "position"), ("{ato}_speed_m_s", "velocity"), ("{ato}_state", "state")],
     "ato/reference": [("position_m", "position"), ("speed_m_s", "velocity"), ("acceleration_m_s2", "acceleration")],

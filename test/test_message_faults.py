@@ -97,7 +97,7 @@ def test_no_flipped_bit_of_a_release_releases_a_brake(seed):
     link = receiver(
         {"do": "corrupt", "topic": "atp/brake_release", "value": "bit"}, topic="atp/brake_release", seed=seed
     )
-    sent = BrakeRelease(TICK, np.array([1.0, 0.0, 1.0]))
+    sent = BrakeRelease(TICK, np.array([1.0, 0.0, 1.0]), np.full(3, 7.0))
     found = link.receive(TICK, sent)
     assert found is None or found.released.tolist() == sent.released.tolist()
 

@@ -265,7 +265,7 @@ def test_a_disengaged_ato_coasts_for_the_takeover_time_and_a_failed_one_brakes_a
 
 
 def released(stamp: int, *values: float) -> BrakeRelease:
-    return BrakeRelease(stamp, np.array(values or (1.0, 1.0, 1.0)))
+    return BrakeRelease(stamp, np.array(values or (1.0, 1.0, 1.0)), np.full(3, float(stamp)))
 
 
 def reactions(protection: TrainProtection, begin: int, end: int, tick: int, **silent: int) -> list[Protection]:

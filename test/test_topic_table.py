@@ -154,8 +154,13 @@ def test_an_entry_that_does_not_fit_is_refused(changes: dict[str, object], probl
         Wire(TrainLayout(3, 2))
 
 
-WITHOUT_UNIT = {("train/protection", "active"), ("atp/brake_release", "released"), ("ato/state", "state")}
-"""Topics and fields of states: numbers without a unit."""
+WITHOUT_UNIT = {
+    ("train/protection", "active"),
+    ("atp/brake_release", "released"),
+    ("atp/brake_release", "alive"),
+    ("ato/state", "state"),
+}
+"""Topics and fields of states and counters: numbers without a unit."""
 
 
 def test_every_entry_describes_its_numbers() -> None:

@@ -56,7 +56,8 @@ disturbance estimate it goes on with 0. Without valid odometry the supervisor de
 
 The messages carry no safety code. Corruption and masquerade with possible values, true stamps and consistent content
 are not detected at the receiving end; such commands are limited by the supervisor, such odometry by the comparison
-with the measurement of the ATO. A brake release that is frozen with new stamps is not detected.
+with the measurement of the ATO. A brake release has an alive counter: one with an old content and a new
+stamp is refused.
 """
 OTHERS = """
 ## Faults of sensors, links and the train

@@ -12,6 +12,7 @@ from msgs_docs.generate.hazard_table import (
     with_full_traction,
 )
 from msgs_docs.generate.monitor_removal import (
+    ALIVE,
     ASSURANCE,
     ATO_STATE,
     BRAKE_DATA,
@@ -160,7 +161,7 @@ DEMAND: tuple[HazardRow, ...] = (
         (RELEASE_AGE, RECEIVER, VALIDITY),
         (
             "supervisor killed", "supervisor killed, heavy train", "brake release lost", "brake release repeated",
-            "brake release NaN", "brake release with a wrong bit", "brake release frozen with new stamps",
+            "brake release NaN", "brake release with a wrong bit",
         ),
         (SUPERVISOR_TEST + "test_only_the_exact_value_releases",
          "test/test_message_faults.py::test_no_flipped_bit_of_a_release_releases_a_brake"),
@@ -199,12 +200,20 @@ DEMAND: tuple[HazardRow, ...] = (
             SUPERVISOR_TEST + "test_the_releases_follow_the_state",
         ),
     ),
+    HazardRow(
+        "REQ-17", "H1", "brake demand", "too long or too short",
+        "The last brake release is repeated with new stamps.",
+        "A brake release has an effect if its alive counter has increased.",
+        (ALIVE, RELEASE_AGE),
+        ("brake release frozen with new stamps",),
+        pair=RemovalPair((ALIVE,), sets=with_full_traction("topic: atp/brake_release, do: freeze")),
+    ),
 )  # fmt: skip
 """Unsafe brake demands of the supervisor."""
 
 EMERGENCY: tuple[HazardRow, ...] = (
     HazardRow(
-        "REQ-17", "H5", "emergency brake", "not provided",
+        "REQ-18", "H5", "emergency brake", "not provided",
         "The train parts; the head brakes against its own traction.",
         "A train separation cuts traction off and applies the emergency brake in both parts.",
         (SEPARATION, PROTECTION),
@@ -214,7 +223,7 @@ EMERGENCY: tuple[HazardRow, ...] = (
         RemovalPair((SEPARATION,), "train separation"),
     ),
     HazardRow(
-        "REQ-18", "H9", "emergency brake", "provided wrongly",
+        "REQ-19", "H9", "emergency brake", "provided wrongly",
         "Braking for a short disturbance of the link.",
         "The last command is held for 0.5 s; refused and single lost messages have no consequence.",
         (TIME_LIMITS, COMMAND_AGE, RECEIVER),
@@ -225,7 +234,7 @@ EMERGENCY: tuple[HazardRow, ...] = (
         pair=RemovalPair((TIME_LIMITS,), "30 % of the commands lost"),
     ),
     HazardRow(
-        "REQ-19", "H2", "emergency brake", "too early or late",
+        "REQ-20", "H2", "emergency brake", "too early or late",
         "The emergency brake is weaker than in the data of the train: brake fade.",
         "The curves use the emergency brake alone with the factor Kdry; the electric brake is not counted.",
         (BRAKE_DATA, BRAKE_MODEL, TRACK),
@@ -235,7 +244,7 @@ EMERGENCY: tuple[HazardRow, ...] = (
         RemovalPair((BRAKE_DATA,), sets=("plant.mismatch={electric_brake_scale: 0, brake_scale: 0.7}",)),
     ),
     HazardRow(
-        "REQ-20", "H7", "emergency brake", "too long or too short",
+        "REQ-21", "H7", "emergency brake", "too long or too short",
         "The emergency brake ends with the return of a message while the train moves.",
         "The emergency brake of a missing message lasts until standstill.",
         (PROTECTION,),

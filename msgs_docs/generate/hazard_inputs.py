@@ -22,7 +22,7 @@ MODE = "train_ato.loop.ato_mode:AtoMode.update"
 
 REPORTS: tuple[HazardRow, ...] = (
     HazardRow(
-        "REQ-21", "H1", "odometry", "not provided",
+        "REQ-22", "H1", "odometry", "not provided",
         "The supervisor has no speed.",
         "Without valid odometry of the present period the supervisor demands the emergency brake.",
         (RECEIVER, VALIDITY, SUPERVISOR),
@@ -31,7 +31,7 @@ REPORTS: tuple[HazardRow, ...] = (
         RemovalPair((RECEIVER,), sets=with_full_traction("topic: train/odometry, do: drop")),
     ),
     HazardRow(
-        "REQ-22", "H2", "odometry", "provided wrongly",
+        "REQ-23", "H2", "odometry", "provided wrongly",
         "Speed and distance are too small: locked wheels, wrong or foreign values.",
         "The larger value of two odometers of different principle counts; implausible odometry is refused.",
         (ESTIMATOR, ODOMETRY_CHECK, VALIDITY),
@@ -43,7 +43,7 @@ REPORTS: tuple[HazardRow, ...] = (
         RemovalPair((ESTIMATOR,), "wheels locked at the end"),
     ),
     HazardRow(
-        "REQ-23", "H1", "odometry", "too early or late",
+        "REQ-24", "H1", "odometry", "too early or late",
         "The odometry is that of a former place and speed.",
         "Odometry with an old or a future stamp is refused.",
         (RECEIVER,),
@@ -51,7 +51,7 @@ REPORTS: tuple[HazardRow, ...] = (
         pair=RemovalPair((RECEIVER,), sets=with_full_traction("topic: train/odometry, do: delay, delay: 15")),
     ),
     HazardRow(
-        "REQ-24", "H1", "odometry", "too long or too short",
+        "REQ-25", "H1", "odometry", "too long or too short",
         "The last odometry is repeated with new stamps.",
         "The distances of the odometry must follow from its speeds.",
         (ODOMETRY_CHECK,),
@@ -59,7 +59,7 @@ REPORTS: tuple[HazardRow, ...] = (
         pair=RemovalPair((ODOMETRY_CHECK,), sets=with_full_traction("topic: train/odometry, do: freeze")),
     ),
     HazardRow(
-        "REQ-25", "H8", "measurement", "not provided",
+        "REQ-26", "H8", "measurement", "not provided",
         "The ATO has no measurement.",
         "A command is held for `hold_limit` at most; then the ATO fails and brakes.",
         (RECEIVER, COMMAND_HOLD, MEASUREMENT_CHECK),
@@ -67,7 +67,7 @@ REPORTS: tuple[HazardRow, ...] = (
         pair=RemovalPair((RECEIVER, MEASUREMENT_CHECK), "measurement lost"),
     ),
     HazardRow(
-        "REQ-26", "H8", "measurement", "provided wrongly",
+        "REQ-27", "H8", "measurement", "provided wrongly",
         "Position or speed of the ATO are wrong.",
         "A measurement that differs from the odometry of the supervisor for 1 s is a failure of the ATO.",
         (MEASUREMENT_CHECK, MODE),
@@ -77,7 +77,7 @@ REPORTS: tuple[HazardRow, ...] = (
         RemovalPair((MEASUREMENT_CHECK,), "measurement with the other sign"),
     ),
     HazardRow(
-        "REQ-27", "H8", "measurement", "too early or late",
+        "REQ-28", "H8", "measurement", "too early or late",
         "The measurement is late.",
         "A measurement older than the time for which a command is held counts as missing.",
         (RECEIVER, MEASUREMENT_CHECK),
@@ -85,7 +85,7 @@ REPORTS: tuple[HazardRow, ...] = (
         pair=RemovalPair((RECEIVER, MEASUREMENT_CHECK), "measurement 2 s late"),
     ),
     HazardRow(
-        "REQ-28", "H8", "measurement", "too long or too short",
+        "REQ-29", "H8", "measurement", "too long or too short",
         "The measurement is frozen.",
         "A frozen measurement is found by its difference from the odometry, or by its stamp.",
         (MEASUREMENT_CHECK, RECEIVER),
@@ -101,7 +101,7 @@ REPORTS: tuple[HazardRow, ...] = (
 
 MANAGEMENT: tuple[HazardRow, ...] = (
     HazardRow(
-        "REQ-29", "H6", "profile and reference", "not provided",
+        "REQ-30", "H6", "profile and reference", "not provided",
         "The law has no reference.",
         "Without a valid reference the ATO fails after `hold_limit` and brakes.",
         (RECEIVER, COMMAND_HOLD),
@@ -109,7 +109,7 @@ MANAGEMENT: tuple[HazardRow, ...] = (
         pair=RemovalPair((RECEIVER,), "profile killed"),
     ),
     HazardRow(
-        "REQ-30", "H8", "profile and reference", "provided wrongly",
+        "REQ-31", "H8", "profile and reference", "provided wrongly",
         "The reference is not finite.",
         "Such a reference is refused, and a law without a valid output fails the ATO.",
         (VALIDITY, COMMAND_HOLD),
@@ -117,7 +117,7 @@ MANAGEMENT: tuple[HazardRow, ...] = (
         pair=RemovalPair((VALIDITY, COMMAND_HOLD), "reference NaN"),
     ),
     HazardRow(
-        "REQ-31", "H6", "profile and reference", "too early or late",
+        "REQ-32", "H6", "profile and reference", "too early or late",
         "The reference is late.",
         "A reference older than the time for which a command is held counts as missing.",
         (RECEIVER,),
@@ -127,7 +127,7 @@ MANAGEMENT: tuple[HazardRow, ...] = (
         ),
     ),
     HazardRow(
-        "REQ-32", "H6", "profile and reference", "too long or too short",
+        "REQ-33", "H6", "profile and reference", "too long or too short",
         "A former reference or profile acts on.",
         "A reference that is not of the profile is refused; an engagement needs a new profile.",
         (RECEIVER, MODE),
@@ -136,28 +136,28 @@ MANAGEMENT: tuple[HazardRow, ...] = (
         RemovalPair((RECEIVER,), "reference frozen with new stamps"),
     ),
     HazardRow(
-        "REQ-33", "H9", "takeover", "not provided",
+        "REQ-34", "H9", "takeover", "not provided",
         "The law drives into the limits of the supervisor.",
         "The braking law takes over before the warning limit, without an intervention.",
         (ASSURANCE,),
         pair=RemovalPair((ASSURANCE,), sets=("supervision.overlap=20",)),
     ),
     HazardRow(
-        "REQ-34", "H9", "takeover", "provided wrongly",
+        "REQ-35", "H9", "takeover", "provided wrongly",
         "The braking law takes over at the permitted speed.",
         "A steady speed at the permitted speed is left to the law.",
         (ASSURANCE,),
         tests=(SUPERVISOR_TEST + "test_a_steady_speed_at_the_permitted_speed_is_left_to_the_law",),
     ),
     HazardRow(
-        "REQ-35", "H9", "takeover", "too early or late",
+        "REQ-36", "H9", "takeover", "too early or late",
         "The braking law takes over so late that the supervisor intervenes.",
         "The speed predicted over the reaction time of the brake decides.",
         (ASSURANCE,),
         tests=(ENGAGEMENT_TEST + "test_the_braking_law_keeps_a_bad_law_below_the_warning_limit",),
     ),
     HazardRow(
-        "REQ-36", "H9", "takeover", "too long or too short",
+        "REQ-37", "H9", "takeover", "too long or too short",
         "The braking law gives back at the limit, or never.",
         "The law drives again at `assurance_margin` below the permitted speed, without a jump of the force.",
         (ASSURANCE,),
@@ -167,7 +167,7 @@ MANAGEMENT: tuple[HazardRow, ...] = (
         ),
     ),
     HazardRow(
-        "REQ-37", "H4", "engagement", "provided wrongly",
+        "REQ-38", "H4", "engagement", "provided wrongly",
         "The ATO drives off by itself after the release of an emergency brake.",
         "A brake in effect ends the engagement; a new one needs a request at standstill.",
         (ATO_STATE, MODE),
@@ -182,7 +182,7 @@ MANAGEMENT: tuple[HazardRow, ...] = (
         ),
     ),
     HazardRow(
-        "REQ-38", "H5", "engagement", "too early or late",
+        "REQ-39", "H5", "engagement", "too early or late",
         "An engagement while a brake is in effect.",
         "A request to engage is accepted in the state ready only.",
         (ATO_REQUEST, ATO_STATE),
@@ -193,7 +193,7 @@ MANAGEMENT: tuple[HazardRow, ...] = (
         ),
     ),
     HazardRow(
-        "REQ-39", "H8", "engagement", "too long or too short",
+        "REQ-40", "H8", "engagement", "too long or too short",
         "The ATO remains engaged without the state of the brakes or the limits.",
         "Without valid messages of train protection and supervisor the ATO is disengaged.",
         (ATO_STATE, RECEIVER, MEASUREMENT_CHECK),
@@ -203,7 +203,7 @@ MANAGEMENT: tuple[HazardRow, ...] = (
         ),
     ),
     HazardRow(
-        "REQ-40", "H8", "engagement", "too long or too short",
+        "REQ-41", "H8", "engagement", "too long or too short",
         "A disengaged ATO coasts on, and no driver takes over.",
         "After the takeover time of 5 s a disengaged ATO brakes to standstill.",
         (ATO_BRAKE,),

@@ -4,18 +4,12 @@ from __future__ import annotations
 
 from msgs_docs.generate.hazard_commands import BRAKE, DEMAND, EMERGENCY, TRACTION
 from msgs_docs.generate.hazard_inputs import MANAGEMENT, REPORTS
-from msgs_docs.generate.hazard_table import HazardRow, OpenHazard, with_full_traction
+from msgs_docs.generate.hazard_table import HazardRow, OpenHazard
 
 ROWS: tuple[HazardRow, ...] = (*TRACTION, *BRAKE, *DEMAND, *EMERGENCY, *REPORTS, *MANAGEMENT)
 """Rows of the table."""
 
 OPEN: tuple[OpenHazard, ...] = (
-    OpenHazard(
-        "H1",
-        "The brake release is frozen with new stamps, at the same time as full traction. Its content is possible and "
-        "its stamps are true; the messages carry no safety code and no alive counter of the supervisor.",
-        with_full_traction("topic: atp/brake_release, do: freeze"),
-    ),
     OpenHazard(
         "H2",
         "The emergency brake has half its force and the electric brake none: less than the factor Kdry covers.",

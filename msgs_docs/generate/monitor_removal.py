@@ -37,6 +37,7 @@ ATO_REQUEST = "train_ato.control.ato_state:AtoStateMachine.check"
 ATO_BRAKE = "train_ato.control.ato_state:AtoStateMachine.brakes"
 RECEIVER = "train_ato.messages.receiver:Receiver.receive"
 VALIDITY = "train_ato.messages.validity:validity_check"
+ALIVE = "train_ato.messages.validity:AliveCheck.problem"
 
 UNLIMITED = 900.0
 """Speed limit without effect [m/s], within the valid values of a message."""
@@ -101,6 +102,7 @@ REMOVALS: dict[str, MonitorRemoval] = {
     RELEASE_AGE: MonitorRemoval("no limit of the age of the brake release", ("supervision.failsafe.release=3600",)),
     PROTECTION: MonitorRemoval("the emergency brake ends at any speed", replacement=_ends_at_any_speed),
     SEPARATION: MonitorRemoval("separation not noticed", replacement=property(lambda _: False)),
+    ALIVE: MonitorRemoval("no check of the alive counter", replacement=lambda *_: ""),
     MEASUREMENT_CHECK: MonitorRemoval("no comparison with the odometry", replacement=lambda *_: ""),
     ASSURANCE: MonitorRemoval("no braking law", replacement=lambda *_: False),
     COMMAND_HOLD: MonitorRemoval("no limit of the held commands", replacement=lambda *_: None),

@@ -149,7 +149,8 @@ def _fits(row: FaultRow, base: str) -> bool:
 
 @cache
 def _delay(scenario: str) -> float:
-    return float(load_scenario(scenario, ())[0].links.command.delay)
+    """Return the largest delay of the command of a scenario [s]."""
+    return float(np.max(load_scenario(scenario, ())[0].links.command.delay))
 
 
 def _moved(text: str, at: str) -> str:
@@ -230,8 +231,8 @@ def _quantiles(values: np.ndarray[Any, Any]) -> dict[str, float]:
     """Return smallest value, median and 95 % quantile."""
     if not values.size:
         return {}
-    low, middle, high = float(values.min()), *np.quantile(values, (0.5, 0.95)).tolist()
-    return {"smallest": round(low, 1), "median": round(middle, 1), "p95": round(high, 1)}
+    found = np.quantile(values, (0.0, 0.5, 0.95)).tolist()
+    return {name: round(value, 1) for name, value in zip(("smallest", "median", "p95"), found, strict=True)}
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -27,6 +27,7 @@ from train_ato.messages.types import (
     ProtectionState,
     Tick,
 )
+from train_ato.messages.validity import AliveCheck
 from train_ato.scenario.interventions import KEY, Intervention, interventions_to_json
 
 TOTALS: tuple[tuple[str, str], ...] = (
@@ -70,6 +71,8 @@ class PlantStage:
         self.setup = setup
         self.protection = TrainProtection(setup)
         self._inputs = StageInputs(setup, self.role)
+        if setup.layout.supervised:
+            self._inputs.check("atp/brake_release", AliveCheck().problem)
         self.lost = ""
         self._reported = Protection.NONE
         self._service_brake = FullServiceBrake(setup.consist, setup.plant)

@@ -27,6 +27,7 @@ class SupervisorStage:
         self._period_ns = setup.supervision_ticks * setup.tick_ns
         self._reported = SupervisionState.NORMAL
         self._motion: TrainMotion | None = None
+        self._count: int | None = None
 
     def step(self, odometry: Odometry) -> SupervisorMessages:
         """Return the decision for the stamp of the odometry; without a valid one, the motion is the last known."""
@@ -35,11 +36,14 @@ class SupervisorStage:
         changed = self._inputs.take_changed() or decision.state is not self._reported
         self._reported = decision.state
         motion = self._motion = decision.motion or self._motion
+        # after a restart of the node the alive counter goes on as if it had never stopped
+        self._count = stamp // self._period_ns if self._count is None else self._count + 1
+        released = np.array(decision.released, dtype=np.float64)
         speed, front, error = (
             (0.0, 0.0, 0.0) if motion is None else (motion.speed, motion.front, motion.estimate.under_reading)
         )
         return SupervisorMessages(
-            BrakeRelease(stamp, np.array(decision.released, dtype=np.float64)),
+            BrakeRelease(stamp, released, np.full(released.size, float(self._count))),
             SupervisedSpeeds(stamp, np.array([front, *[front + error] * 4]), np.array([speed, *decision.speeds])),
             self._diagnostic(stamp, decision) if changed or diagnostics_due(stamp, self._period_ns) else None,
         )

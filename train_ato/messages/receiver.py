@@ -8,7 +8,8 @@ deletion, delay       the age of the newest message is limited, also in the reac
 insertion             a stamp ahead of the time is refused
 re-sequencing         as repetition
 corruption            a value that is not finite, not possible or not permitted is refused
-masquerade            two different messages of one stamp are both refused; a check of the reader compares the content
+masquerade            two different messages of one stamp are both refused; a check of the reader compares the content,
+                      for the brake release its alive counter
 ====================  ================================================================
 """
 

@@ -149,7 +149,7 @@ _TABLE: tuple[Topic, ...] = (
         "atp/brake_release",
         _JOINT_STATE,
         BrakeRelease,
-        joint_states(Owner.BRAKE_LINE, position="released"),
+        joint_states(Owner.BRAKE_LINE, position="released", velocity="alive"),
         publishers=(Role.SUPERVISOR,),
         readers=(Role.PLANT,),
         rate=Rate.SUPERVISION,

@@ -122,6 +122,7 @@ class BrakeRelease:
     released: Array = field(
         metadata=described("released", "", "1 released; 0 traction cut off, or brake demanded", permitted=(0.0, 1.0))
     )
+    alive: Array = field(metadata=described("alive", "", "alive counter: number of the message, the same for all"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from train_ato.messages.topic import Topic
+from train_ato.messages.types import BrakeRelease
 
 MAX_POSITION = 1e8
 """Largest valid position [m]."""
@@ -17,6 +18,23 @@ MAX_PRESSURE = 1e7
 """Largest valid pressure [Pa]."""
 LARGEST = {"m": MAX_POSITION, "m/s": MAX_SPEED, "m/s²": MAX_SPEED, "N": MAX_FORCE, "Pa": MAX_PRESSURE}
 """Largest valid magnitude by unit."""
+
+
+class AliveCheck:
+    """Check of the alive counter of the brake releases: EN 50159, 7.3.2, against a sender that repeats its content."""
+
+    def __init__(self) -> None:
+        self._last = -1.0
+
+    def problem(self, message: BrakeRelease) -> str:
+        """Return the problem of a message as text, "" with a counter above that of the last valid message."""
+        alive = float(message.alive[0])
+        if not alive >= 0.0 or (message.alive != alive).any():
+            return f"alive counter {alive:g} not possible"
+        if alive <= self._last:
+            return f"alive counter {alive:g} repeated"
+        self._last = alive
+        return ""
 
 
 def validity_check(topic: Topic) -> Callable[[Any], str]:
