@@ -2,9 +2,10 @@
 
     python -m msgs_docs.generate                    text of all pages, and the JSON Schemas
     python -m msgs_docs.generate --check            list files older than the code; exit status 1 if any
-    python -m msgs_docs.generate --measure [NAME]   first make the runs of law pages, `faults`, `hazards`; default: all
+    python -m msgs_docs.generate --measure [NAME]   first make the runs of law pages or tables; default: all
 
-Start it in the top folder of the repository.  ``--measure`` of all pages takes eight minutes on two cores.
+Start it in the top folder of the repository.  Tables: `faults`, `hazards`, `random_runs`.  ``--measure`` of all pages
+takes half an hour on two cores.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from msgs_docs.generate import fault_page, hazard_page, node_page, schemas, topic_page
+from msgs_docs.generate import fault_page, hazard_page, node_page, random_page, schemas, topic_page
 from msgs_docs.generate.law_pages.components import Component, components
 from msgs_docs.generate.law_pages.demo_runs import demo_of
 from msgs_docs.generate.law_pages.measure import command, measure
@@ -26,7 +27,11 @@ from train_ato.control.parameters import closest
 ROOT = Path(__file__).resolve().parents[2]
 LAWS = ROOT / "msgs_docs" / "laws"
 MEASURED = LAWS / "measured.json"
-TABLES = {fault_page.NAME: fault_page.measure_faults, hazard_page.NAME: hazard_page.measure_hazards}
+TABLES = {
+    fault_page.NAME: fault_page.measure_faults,
+    hazard_page.NAME: hazard_page.measure_hazards,
+    random_page.NAME: random_page.measure_random_runs,
+}
 """Measurement of a table of runs by name of its page."""
 
 
@@ -48,6 +53,7 @@ def generated() -> dict[Path, str]:
         ROOT / topic_page.PAGE: topic_page.page(),
         ROOT / fault_page.PAGE: fault_page.page(ROOT),
         ROOT / hazard_page.PAGE: hazard_page.page(ROOT),
+        ROOT / random_page.PAGE: random_page.page(ROOT),
         ROOT / node_page.PAGE: node_page.page(ROOT / node_page.PAGE),
         **{schemas.schema_path(kind): schemas.schema_text(kind) for kind in schemas.MODELS},
         **law_pages(read_measured()),
@@ -130,6 +136,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.check:
         lines = stale(files) + unmeasured(read_measured())
         lines += fault_page.unmeasured_faults(ROOT) + hazard_page.unmeasured_hazards(ROOT)
+        lines += random_page.unmeasured_random_runs(ROOT)
         sys.stdout.write("".join(f"{line}\n" for line in lines))
         return 1 if lines else 0
     for path, text in files.items():

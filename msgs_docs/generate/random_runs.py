@@ -2,7 +2,7 @@
 
     python -m msgs_docs.generate.random_runs [--count N] [--seed S] [--workers W]
 
-Prints the summary of the runs; without ``--count`` and ``--seed`` these are the runs of ``msgs_docs/faults.md``.
+Prints the summary of the runs; without ``--count`` and ``--seed`` these are the runs of ``msgs_docs/random_runs.md``.
 """
 
 from __future__ import annotations
