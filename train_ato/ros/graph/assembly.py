@@ -24,6 +24,7 @@ from train_ato.loop.profile import ProfileStage
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.topics import Role, topics_of
+from train_ato.ros.graph.date_watch import DateWatch
 from train_ato.ros.nodes.controller import ControllerNode
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.observer import ObserverNode
@@ -67,6 +68,14 @@ class _Executor(rclpy_implementation.EventsExecutor):  # type: ignore[misc]
             else:
                 raise
 
+    def renew_waits(self) -> None:
+        """End the waits for events and timers, which begin again; a running timer begins a new period."""
+        for node in self.get_nodes():
+            for timer in node.timers:
+                if not timer.is_canceled():
+                    timer.reset()
+        self.wake()
+
 
 @contextmanager
 def executor_of(
@@ -76,9 +85,11 @@ def executor_of(
     context = Context()
     rclpy.init(context=context, args=arguments, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     executor = _Executor(context, watch)
+    date_watch = DateWatch(executor.renew_waits)
     try:
         yield context, executor
     finally:
+        date_watch.stop()
         nodes = list(executor.get_nodes())
         for node in nodes:
             executor.remove_node(node)
