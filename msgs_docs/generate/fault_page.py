@@ -71,7 +71,10 @@ OTHERS = """
 | gust, delay jump, emergency brake at a time | `interventions` |
 
 A full disk, a killed recorder and a second publisher of a topic fail the run with the name of the node; the log is kept
-([log.md](log.md)). No simulated time and no time-out depends on the date of the machine.
+([log.md](log.md)). No simulated time depends on the date of the machine. In one process a step of the date does not stop
+a run (`pytest test/test_date_steps.py`). With one process per node a step backward can slow the run down or fail it:
+waits inside Fast DDS of the ROS wheels end at a date. A suspended run goes on afterwards; with one process per node, a
+plant that was suspended for more than 3 s fails the run by its name.
 """
 TABLE = """
 ## Measured reactions
@@ -87,7 +90,7 @@ process per node (`--processes`, {processes} rows: the first one of each kind of
 `pytest test/test_fault_ways.py` runs C and P. The log is that of the engine, bit for bit. In {ended} rows of P, `kill`,
 `stop` and `duplicate` are signals to the process of the node and second processes: the train keeps the same bounds, and
 the log ends with the run. No process, shared memory, lock or traceback on stderr is left. Two more rows of P lose the
-recorder: {recorder}; the log lacks at most its last second.
+recorder, and at most the last second of the log: {recorder}.
 """
 MODES = {"engine": "E", "composed": "C", "processes": "P"}
 """Letters of the modes in the tables."""
