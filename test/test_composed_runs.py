@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
 from recordings import message_counts
+from waiting import wait_for
 
 from train_ato.log.reading import read_log
 from train_ato.loop.controller import ControllerStage
@@ -16,6 +22,7 @@ from train_ato.loop.profile import ProfileStage
 from train_ato.loop.setup import prepare
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import BY_NAME
+from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.composed import run_composed
 from train_ato.ros.graph.graph_result import GraphOptions
 from train_ato.ros.graph.runner import run_graph
@@ -24,6 +31,7 @@ from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.scenario.scenario import load_scenario
 
 TICK = 100_000_000
+ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.fixture(scope="module")
@@ -126,3 +134,34 @@ def test_a_planned_swap_is_shown_by_the_parameter_and_has_no_jump(setup, tmp_pat
     commands = [m for _, _, m in read_log(tmp_path, Wire(setup.layout).decode, ("ato/command",))]
     force = np.array([m.force[0] for m in commands])
     assert abs(force[300] - force[299]) <= 1e-3 * np.abs(force).max()
+
+
+def _mapped_by(process: subprocess.Popen[bytes]) -> set[Path]:
+    """Return the files of Fast DDS in the shared memory of a process."""
+    lines = Path(f"/proc/{process.pid}/maps").read_text().splitlines()
+    return {Path(line.split()[-1]) for line in lines if f"{shared_memory.SHARED}/fastrtps_" in line}
+
+
+def test_the_memory_of_a_killed_run_is_removed_by_the_next_one(setup, tmp_path):
+    """Breaks if the files of a run that was ended by SIGKILL remain, or those of another running run are removed."""
+    runs, files = [], []
+    for name in ("killed", "running"):
+        words = ["-m", "train_ato", "run", "demo", "--set=duration=6000", "--pace=20", f"--out={tmp_path / name}"]
+        runs.append(subprocess.Popen([sys.executable, *words], cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}))
+    try:
+        for name, process in zip(("killed", "running"), runs, strict=True):
+            partial = tmp_path / name / "run.mcap.partial"
+            wait_for(lambda partial=partial: partial.exists() and partial.stat().st_size > 0, "a run that records")
+            files.append(_mapped_by(process))
+            assert files[-1]
+        runs[0].kill()
+        runs[0].wait()
+        (tmp_path / "next").mkdir()
+        assert run_graph(setup, tmp_path / "next", mode="composed").failure is None
+        assert not [path for path in files[0] - files[1] if path.exists()]
+        assert runs[1].poll() is None
+        assert all(path.exists() for path in files[1])
+    finally:
+        for process in runs:
+            process.terminate()
+            process.wait()

@@ -1,4 +1,4 @@
-"""Faults in the three modes of a run: equal numbers, and real signals with one process per node."""
+"""Random faults of several topics in the three modes of a run: equal numbers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 
 from msgs_docs.generate.fault_table import BASES
-from train_ato.apps.runs.run import Run, open_run
 from train_ato.cli import main
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import read_run_folder
@@ -26,13 +25,6 @@ MIXED = (
 
 def drive(out: Path, faults: str, *options: str) -> int:
     return main(["run", *METRO, f"--set=faults={faults}", f"--out={out}", "--json", *options])
-
-
-def front(run: Run) -> tuple[float, float]:
-    """Return the largest true position of the front [m], and the true speed at the end [m/s]."""
-    vehicles = run["train/vehicles"]
-    half = run.setup.consist.vehicles[0].length / 2.0
-    return float(vehicles["vehicle_0_position_m"].max()) + half, float(vehicles["vehicle_0_speed_m_s"].iloc[-1])
 
 
 @pytest.fixture(scope="module")
@@ -70,34 +62,3 @@ def test_a_run_with_faults_is_verified(engine_run: Path, capsys: pytest.CaptureF
     """Breaks if the resolved scenario of a run loses a fault."""
     assert main(["verify", str(engine_run), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["equal"] is True
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("fault", "options", "failure"),
-    [
-        ("do: kill, node: controller", [], "node controller failed: its process was ended by SIGKILL"),
-        ("do: kill, node: supervisor", [], "node supervisor failed: its process was ended by SIGKILL"),
-        ("do: kill, node: profile", [], "node profile failed: its process was ended by SIGKILL"),
-        ("do: stop, node: controller", [], "node controller failed: no answer to stamp 20.000 s"),
-        ("do: stop, node: supervisor", [], "node supervisor failed: no answer to stamp 20.000 s"),
-        ("do: duplicate, node: controller", ["--pace", "2"], "more than one publisher"),
-    ],
-    ids=[
-        "kill controller",
-        "kill supervisor",
-        "kill profile",
-        "stop controller",
-        "stop supervisor",
-        "second controller",
-    ],
-)
-def test_a_lost_process_stops_the_train(fault: str, options: list[str], failure: str, tmp_path: Path) -> None:
-    """Breaks if the train goes on without a node, the run ends while it moves, or the log is lost."""
-    assert drive(tmp_path / "run", f"[{{at: 20, {fault}}}]", "--processes", *options) == 1
-    run = open_run(tmp_path / "run")
-    assert failure in str(run.metrics["failure"])
-    place, speed = front(run)
-    assert abs(speed) < 0.05
-    stop = float(run.setup.profile.position[-1]) + run.setup.consist.vehicles[0].length / 2.0
-    assert place < stop + run.setup.scenario.supervision.overlap

@@ -24,7 +24,7 @@ from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by
 from train_ato.messages.types import Command, Reference, Tick, Trajectory
-from train_ato.ros.nodes.plant import LEAD, SUSPENDED_S, PlantNode, silent_node
+from train_ato.ros.nodes.plant import CHECK_S, LEAD, SUSPENDED_S, PlantNode, silent_node
 from train_ato.scenario.scenario import load_scenario
 
 TICK = 100_000_000
@@ -307,12 +307,19 @@ def test_the_timeout_is_a_parameter_with_a_range(plant):
     assert bench.node.check_overdue()
 
 
-def test_a_suspension_of_the_plant_is_no_silence_of_the_others(plant):
-    """Breaks if the plant fails the run by the name of another node as soon as its process continues."""
+@pytest.mark.parametrize("seconds", [0.8, 1.2])
+def test_a_suspension_of_the_plant_is_no_silence_of_the_others(seconds, plant):
+    """Breaks if the plant fails the run by the name of another node as soon as its process continues.
+
+    With the wait before it, the suspension of 0.8 s is longer than the time-out too.
+    """
     node = plant[0].node
     assert set_parameter(plant[0].endpoints.node, "timeout", 1.0).successful
     node.begin()
-    time.sleep(SUSPENDED_S + 0.2)  # as after SIGSTOP: no check for a while
+    for _ in range(3):
+        time.sleep(CHECK_S)
+        assert not node.check_overdue()
+    time.sleep(seconds)  # as after SIGSTOP: no check for a while
     assert not node.check_overdue()
     wait_for(node.check_overdue)
     assert node.suspended > SUSPENDED_S

@@ -19,6 +19,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from recordings import message_counts
+from remains import processes_of
 from waiting import LIMIT_S, LOOK_S, wait_for
 
 from train_ato.log.reading import iter_raw, read_log, stream
@@ -42,20 +43,6 @@ PACED = 20.0
 @pytest.fixture(scope="module")
 def setup():
     return prepare(*load_scenario("demo", ("duration=600",)))
-
-
-def processes_of(folder: Path) -> dict[str, int]:
-    """Return the node processes of a run by their role; they carry its scenario in their command line."""
-    found = {}
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                words = (entry / "cmdline").read_bytes().decode(errors="replace").split("\0")
-            except OSError:
-                continue
-            if str(folder / "scenario.yaml") in words:
-                found[words[words.index("train_ato.ros.standalone") + 1]] = int(entry.name)
-    return found
 
 
 def commands_in(log: Path) -> int:

@@ -11,6 +11,7 @@ from pydantic import BaseModel
 
 from msgs_docs.generate.fault_runs import FaultRun, run_row
 from msgs_docs.generate.fault_table import BASES, BEGIN, ROWS, FaultRow
+from msgs_docs.generate.fault_ways import RECORDER_ROWS, ends_process, ways_of
 from train_ato.cli.inject import ACTIONS
 from train_ato.messages import receiver
 from train_ato.messages.faults import FAULT_TOPICS, MessageFault, NodeFault
@@ -71,7 +72,10 @@ OTHERS = """
 | gust, delay jump, emergency brake at a time | `interventions` |
 
 A full disk, a killed recorder and a second publisher of a topic fail the run with the name of the node; the log is kept
-([log.md](log.md)). No simulated time and no time-out depends on the date of the machine.
+([log.md](log.md)). No simulated time depends on the date of the machine. In one process a step of the date does not
+stop a run (`pytest test/test_date_steps.py`). With one process per node a step backward can slow the run down or fail
+it: waits inside Fast DDS of the ROS wheels end at a date. A suspended run in one process goes on afterwards; with one
+process per node, a plant that was suspended for more than 3 s fails the run by its name.
 """
 TABLE = """
 ## Measured reactions
@@ -81,7 +85,16 @@ location (100 m behind the stop) or faster than the bound, which is the ceiling 
 overshoot until the traction is off. At most 1.5 s after the detection there is a demand to coast or to brake. Faults of
 messages and nodes begin at {begin} s, at 43 km/h with full acceleration. Margin: distance from the foremost place of
 the front to the supervised location. Measured by `python -m msgs_docs.generate --measure faults`.
+
+Modes of the tests: E engine (`--engine`, {engine} rows), C all nodes in one process (no option, {composed} rows), P one
+process per node (`--processes`, {processes} rows: the first one of each kind of fault on a topic, a node or a part).
+`pytest test/test_fault_ways.py` runs C and P. The log is that of the engine, bit for bit. In {ended} rows of P, `kill`,
+`stop` and `duplicate` are signals to the process of the node and second processes: the train keeps the same bounds, and
+the log ends with the run. No process, shared memory, lock or traceback on stderr is left. Two more rows of P lose the
+recorder, and at most the last second of the log: {recorder}.
 """
+MODES = {"engine": "E", "composed": "C", "processes": "P"}
+"""Letters of the modes in the tables."""
 
 
 def _key(row: FaultRow) -> list[str]:
@@ -134,11 +147,22 @@ def page(root: Path) -> str:
     ]
     lines += ["", "## Faults of nodes", "", *_models(NodeFault), "", "Keys of all of them: `node`, `at`.", NODES]
     lines += [DEFENCES.strip("\n"), "", *_defences(), REACTIONS, OTHERS.strip("\n"), "", *_requests()]
-    lines += [TABLE.replace("{begin}", str(BEGIN)), *_table(read_figures(root))]
+    lines += [_filled(TABLE), *_table(read_figures(root))]
     text = "\n".join(lines)
     while "\n\n\n" in text:
         text = text.replace("\n\n\n", "\n\n")
     return text.strip("\n") + "\n"
+
+
+def _filled(text: str) -> str:
+    """Return the introduction of the table with the numbers of its rows."""
+    values = {mode: str(sum(mode in ways_of(row) for row in ROWS)) for mode in MODES}
+    values["begin"] = str(BEGIN)
+    values["ended"] = str(sum(ends_process(row) and "processes" in ways_of(row) for row in ROWS))
+    values["recorder"] = ", ".join(f"`{row.sets[0]}`" for row in RECORDER_ROWS)
+    for name, value in values.items():
+        text = text.replace(f"{{{name}}}", value)
+    return text
 
 
 def _models(union: Any) -> list[str]:
@@ -184,8 +208,8 @@ def _table(figures: dict[str, dict[str, Any]]) -> list[str]:
         options = " ".join(f"--set '{text}'" for text in sets)
         lines += ["", f"`train-ato run {name} {options}` with `--set '...'` of each row:", ""]
         lines += [
-            "| fault | kind | `--set` | margin [m] | speed, bound [km/h] | detected, demand [s] | end |",
-            "|---|---|---|---|---|---|---|",
+            "| fault | kind | `--set` | margin [m] | speed, bound [km/h] | detected, demand [s] | end | modes |",
+            "|---|---|---|---|---|---|---|---|",
         ]
         lines += [_row(row, figures.get(row.name, {})) for row in ROWS if row.base == base]
     return lines
@@ -196,4 +220,5 @@ def _row(row: FaultRow, found: dict[str, Any]) -> str:
     speeds = f"{found.get('top_speed_kmh', '-')}, {found.get('bound_kmh', '-')}"
     times = ", ".join("-" if found.get(key) is None else f"{found[key]:g}" for key in ("detected_s", "reacted_s"))
     end = "planned stop" if row.arrives else "standstill"
-    return f"| {row.name} | {row.kind} | {sets} | {found.get('margin_m', '-')} | {speeds} | {times} | {end} |"
+    modes = "".join(MODES[mode] for mode in ways_of(row))
+    return f"| {row.name} | {row.kind} | {sets} | {found.get('margin_m', '-')} | {speeds} | {times} | {end} | {modes} |"

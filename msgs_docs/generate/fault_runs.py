@@ -13,6 +13,7 @@ from plant_sim.traction import Envelope
 from train_ato.loop.engine import run_engine
 from train_ato.loop.recording import Recording
 from train_ato.loop.result import RunResult
+from train_ato.loop.series import TopicSamples
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.scenario import load_scenario
@@ -48,6 +49,13 @@ class FaultRun:
         return self.result.recording
 
     @property
+    def _motion(self) -> TopicSamples:
+        """Truth of vehicle 0, also after the last command of a lost controller."""
+        motion = self.recording.motion
+        assert motion is not None
+        return motion
+
+    @property
     def _half(self) -> float:
         return self.setup.consist.vehicles[0].length / 2.0
 
@@ -64,17 +72,17 @@ class FaultRun:
     @cached_property
     def front(self) -> float:
         """Largest true position of the front [m]."""
-        return float(self.recording.front_position.max()) + self._half
+        return float(self._motion["position"].max()) + self._half
 
     @cached_property
     def top_speed(self) -> float:
         """Largest true speed [m/s]."""
-        return float(np.abs(self.recording.front_velocity).max())
+        return float(np.abs(self._motion["velocity"]).max())
 
     @cached_property
     def end_speed(self) -> float:
         """True speed at the end of the run [m/s]."""
-        return float(abs(self.recording.front_velocity[-1]))
+        return float(abs(self._motion["velocity"][-1, 0]))
 
     @cached_property
     def largest_speed(self) -> float:
@@ -127,8 +135,13 @@ def _texts(report: Diagnostic) -> Iterator[str]:
             yield f"{report.node}: {key}: {text}".replace("refusal", "refused")
 
 
+def setup_of(row: FaultRow) -> RunSetup:
+    """Return the prepared run of a row."""
+    name, *sets = BASES[row.base]
+    return prepare(*load_scenario(name, (*sets, *row.sets)))
+
+
 def run_row(row: FaultRow) -> FaultRun:
     """Run a row in the engine."""
-    name, *sets = BASES[row.base]
-    setup = prepare(*load_scenario(name, (*sets, *row.sets)))
+    setup = setup_of(row)
     return FaultRun(setup, run_engine(setup))

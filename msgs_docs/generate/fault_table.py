@@ -168,6 +168,7 @@ ROWS: tuple[FaultRow, ...] = (
         ("profile killed", "do: kill, node: profile", NO_REFERENCE),
         ("observer killed", "do: kill, node: observer", "controller: missing ato/estimate", True),
         ("supervisor killed", "do: kill, node: supervisor", NO_RELEASE),
+        ("supervisor stopped", "do: stop, node: supervisor", NO_RELEASE),
     ),
     *_plant(
         "sensor",

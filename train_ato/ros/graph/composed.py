@@ -13,6 +13,7 @@ from train_ato.interrupt import Interrupt, interruptible
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import Role
+from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.assembly import TURN_S, executor_of, make_node
 from train_ato.ros.graph.graph_result import ANSWERING, STOPPING_S, GraphOptions, GraphResult, Report
 from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of
@@ -28,6 +29,8 @@ def run_composed(
 ) -> GraphResult:
     """Run all nodes in this process to the end of a scenario, recorded into ``folder``.
 
+    The shared memory of killed runs is removed first: a process ended by SIGKILL cannot remove its own.
+
     Returns
     -------
     GraphResult
@@ -38,6 +41,7 @@ def run_composed(
     ValueError
         If the log or a node cannot be created, before the start of the run.
     """
+    shared_memory.clean()
     watch = FirstFailure(folder / "log")
     with interruptible() as interrupt, executor_of(domain, watch=watch) as (context, executor):
         wire = Wire(setup.layout)

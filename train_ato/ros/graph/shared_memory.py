@@ -5,9 +5,12 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import time
 from pathlib import Path
 
 SHARED = Path("/dev/shm")
+SETTLING_S = 0.2
+"""Wall time between two looks for abandoned memory [s]; a starting node creates a file shortly before it locks it."""
 
 
 def _locked(lock_file: Path) -> bool:
@@ -55,8 +58,12 @@ def abandoned() -> set[str]:
 
 
 def clean() -> None:
-    """Remove the shared memory of killed nodes; locked or mapped memory is kept."""
-    for name in abandoned():
+    """Remove the shared memory of killed nodes of this user; locked or mapped memory is kept."""
+    found = abandoned()
+    if not found:
+        return
+    time.sleep(SETTLING_S)
+    for name in found & abandoned():
         for path in (SHARED / name, SHARED / f"{name}_el", SHARED / f"sem.{name}_mutex"):
             with contextlib.suppress(OSError):
                 path.unlink()

@@ -24,8 +24,11 @@ LEAD = 400
 """Maximum lead of the plant over the recorder [ticks]: less than half of the recorder's queues."""
 CHECK_S = 0.1
 """Period of the checks for a due answer [s]."""
-SUSPENDED_S = 1.0
-"""Wall time between two of these checks above which the process was suspended [s]."""
+SUSPENDED_S = 0.25
+"""Wall time between two of these checks above which the process was suspended [s].
+
+With the age of the last answer before it (0.4 s for the supervisor) it is shorter than the time-out of a paced run.
+"""
 LEASE_S = 3.0
 """Suspension after which nodes of other processes drop this one [s]: ``leaseDuration`` of fastdds.xml."""
 SHORTEST_WAIT_S = 0.0005

@@ -1,0 +1,131 @@
+"""Rows of the fault table as node graphs: all nodes in one process, and one process per node.
+
+Faults of messages, sensors and the train act in simulated time: the log is that of the engine, bit for bit, and
+``test_fault_table.py`` checks the train of it.  Faults that end a process have the same verdicts.
+"""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+import numpy as np
+from remains import check_nothing_left
+
+from msgs_docs.generate.fault_runs import STANDSTILL, FaultRun, setup_of
+from msgs_docs.generate.fault_table import ROWS
+from msgs_docs.generate.fault_ways import RECORDER_ROWS, ends_process, ways_of
+from train_ato.log.difference import compare_logs
+from train_ato.log.reading import iter_raw
+from train_ato.log.recover import recover
+from train_ato.log.run_folder import RunFolder
+from train_ato.loop.engine import run_engine
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.faults import node_faults
+from train_ato.ros.graph.runner import run_graph
+
+REACTION_TIME = 1.5
+"""Largest simulated time from the detection of a fault to a demand to coast or brake [s]."""
+KEPT = 1.0
+"""Largest loss at the end of a log [s]."""
+WALL = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99")
+SLOW_PACE = 0.5
+"""Pace of a run without its recorder: the last second of the log is one of wall time; here it has two."""
+
+pytestmark = pytest.mark.slow
+
+
+CASES = [(row, way) for way in ("composed", "processes") for row in ROWS if way in ways_of(row)]
+LOST = [row for row, way in CASES if way == "processes" and ends_process(row)]
+ANSWERS = {
+    "controller": "ato/command",
+    "supervisor": "atp/brake_release",
+    "profile": "ato/reference",
+    "observer": "ato/estimate",
+}
+"""Topic of the answers of a node."""
+
+
+def test_each_way_has_48_rows():
+    """Breaks if rows are deleted, or a kind of fault has no row in a way."""
+    for way in ("composed", "processes"):
+        rows = [row for row, of_row in CASES if of_row == way]
+        assert len(rows) >= 48
+        assert {row.kind for row in rows} == {row.kind for row in ROWS if not row.slow}
+
+
+def graph_run(row, way, folder, pace=0.0):
+    """Run a row as a graph in a folder and return it."""
+    setup = setup_of(row)
+    folder.mkdir()
+    return FaultRun(setup, run_graph(setup, folder, mode=way, pace=pace))
+
+
+def stamps(folder, topic):
+    """Return the stamps of a topic in a log [s]."""
+    return np.array([stamp for _, stamp, _ in iter_raw(folder, (topic,))]) * 1e-9
+
+
+@pytest.mark.parametrize(
+    ("row", "way"),
+    [pytest.param(row, way, id=f"{way}: {row.name}") for row, way in CASES if way == "composed" or row not in LOST],
+)
+def test_the_log_of_a_fault_is_that_of_the_engine(row, way, tmp_path):
+    """Breaks if a fault, a refusal or a reaction depends on the mode, or the graph leaves or loses something."""
+    run = graph_run(row, way, tmp_path / way)
+    engine = RunFolder.make(tmp_path / "engine", "run")
+    with engine.sink(run.setup) as sink:
+        expected = run_engine(run.setup, sink=sink)
+    assert run.result.failure == expected.failure
+    found = compare_logs(engine.path, tmp_path / way, Wire(run.setup.layout))
+    assert found.first is None
+    assert found.messages > run.setup.ticks
+    of_run, of_engine = ({k: v for k, v in r.summary.items() if k not in WALL} for r in (run.result, expected))
+    assert of_run == of_engine
+    check_nothing_left(tmp_path / way)
+
+
+def failure_of(fault):
+    """Return the pattern of the failure of a run whose node was killed, stopped or doubled."""
+    return {
+        "kill": rf"node {fault.node} failed: its process was ended by SIGKILL",
+        "stop": rf"node {fault.node} failed: no answer to stamp {fault.at:.3f} s within 10 s",
+        "duplicate": r"node \w+ failed: \S+ has more than one publisher",
+    }[fault.do]
+
+
+@pytest.mark.parametrize("row", LOST, ids=lambda row: row.name)
+def test_a_lost_process_stops_the_train(row, tmp_path):
+    """Breaks if the train goes on without a node, the run ends while it moves, or the log is not complete.
+
+    A second node starts late: the demand counts from the last answer that the train used.
+    """
+    folder = tmp_path / "run"
+    run = graph_run(row, "processes", folder, pace=2.0 if "duplicate" in row.sets[0] else 0.0)
+    (fault,) = node_faults(run.setup.scenario.faults)
+    assert re.match(failure_of(fault), run.result.failure)
+    assert run.front < run.supervised_location
+    assert run.top_speed < run.largest_speed
+    assert run.end_speed < STANDSTILL
+    last = stamps(folder, ANSWERS[fault.node]).max()
+    assert last >= fault.at - KEPT
+    detected = last if fault.do == "duplicate" else run.detected
+    assert run.reacted - detected < REACTION_TIME + 1e-9
+    ticks = np.arange(run.result.summary["ticks"]) * run.setup.tick
+    np.testing.assert_allclose(stamps(folder, "train/vehicles")[: ticks.size], ticks, atol=1e-6)
+    check_nothing_left(folder)
+
+
+@pytest.mark.parametrize("row", RECORDER_ROWS, ids=lambda row: row.name)
+def test_a_lost_recorder_keeps_the_log(row, tmp_path):
+    """Breaks if the run goes on without a record, or more than the last second is lost."""
+    folder = tmp_path / "run"
+    run = graph_run(row, "processes", folder, pace=SLOW_PACE)
+    (fault,) = node_faults(run.setup.scenario.faults)
+    assert run.result.failure.startswith(row.reaction)
+    recover(folder)
+    assert stamps(folder, "train/vehicles").max() > fault.at - KEPT
+    check_nothing_left(folder)
