@@ -53,11 +53,19 @@ class ProfileStage:
         self._link = MessageLink(setup.links.measurement, setup.step_ns, setup.seed, "measurement")
         self._decision: ReplanDecision | None = None
         self._engaged = True
+        self._joins = False
         self._refusal = ""
 
+    def join(self) -> None:
+        """Join a run in progress, in place of an ended profile; an engaged ATO then has a new plan from its place.
+
+        The profile of the scenario is in effect from the first reference on.
+        """
+        self._joins, self._engaged = True, False
+
     def start(self) -> ProfileStart:
-        """Return the profile and the speed limits for latched topics."""
-        return ProfileStart(trajectory_of(self.profile), limits_of(self.setup))
+        """Return the profile and the speed limits for latched topics; without the profile for a run in progress."""
+        return ProfileStart(None if self._joins else trajectory_of(self.profile), limits_of(self.setup))
 
     def step(self, stamp: int) -> Reference:
         """Return the reference at ``stamp`` [ns]."""
@@ -77,13 +85,20 @@ class ProfileStage:
         stamp = measurement.stamp
         arrived = self._inputs.measurement(measurement)
         report = None if ato is None else self._inputs.receive("ato/state", stamp, ato)
-        decided = self._begun_again(stamp, arrived, report) or self._replanned(stamp, arrived)
+        decided = self._joined(stamp) or self._begun_again(stamp, arrived, report) or self._replanned(stamp, arrived)
         reported = self._inputs.take_changed() or decided or diagnostics_due(stamp, self.setup.tick_ns)
         return ProfileMessages(
             self.step(stamp),
             trajectory_of(self.profile, stamp) if decided and self.planned == stamp else None,
             self.diagnostic(stamp) if reported else None,
         )
+
+    def _joined(self, stamp: int) -> bool:
+        """Send the profile of the scenario as that of the first reference; return True at this reference."""
+        joins, self._joins = self._joins, False
+        if joins:
+            self.planned = stamp
+        return joins
 
     def _begun_again(self, stamp: int, measurement: Measurement, ato: AtoReport | None) -> bool:
         """Plan from standstill after the ATO was engaged again; return True after this decision."""

@@ -28,6 +28,10 @@ class SupervisorStage:
         self._reported = SupervisionState.NORMAL
         self._motion: TrainMotion | None = None
 
+    def join(self) -> None:
+        """Join a run in progress, in place of an ended supervisor."""
+        self._supervisor.join()
+
     def step(self, odometry: Odometry) -> SupervisorMessages:
         """Return the decision for the stamp of the odometry; without a valid one, the motion is the last known."""
         stamp = odometry.stamp

@@ -298,6 +298,16 @@ class NodeEndpoints:
                 source.pin()
         return absent
 
+    def left(self, role: Role) -> bool:
+        """Return True if no publisher of a node is left on the topics that only this node sends."""
+        return not any(self.senders(name) for name in self._sources if BY_NAME[name].publishers == (role,))
+
+    def renew(self, role: Role) -> None:
+        """Accept a new publisher on every topic of a node, after the old one has left."""
+        for name, source in self._sources.items():
+            if BY_NAME[name].publishers == (role,):
+                source.renew()
+
     @property
     def subscribed(self) -> tuple[str, ...]:
         """Names of the subscribed topics."""

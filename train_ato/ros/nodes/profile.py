@@ -27,6 +27,10 @@ class ProfileNode:
         """Number of duplicate and late messages."""
         return self._inputs.ignored
 
+    def join(self, stamp: int) -> None:
+        """Join a run that has reached a stamp [ns]: the profile has the stamp of its first reference."""
+        self.stage.join()
+
     def begin(self) -> None:
         """Send the profile and the limits, latched for nodes that start later."""
         self.endpoints.publish_all(self.stage.start().published())

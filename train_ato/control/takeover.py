@@ -1,0 +1,38 @@
+"""Takeover of the train during a run: the demand begins at the force that acts and follows with limited jerk."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from train_ato.control.train_model import TrainModel
+from train_ato.messages.types import Array
+
+TAKEOVER_JERK = 0.5
+"""Largest jerk of the train by the demand of a takeover [m/s³]; the default of a plan."""
+
+
+class TakeoverRamp:
+    """Demand of the power units from the force that acts to the wanted one.
+
+    Parameters
+    ----------
+    model
+        The nominal train.
+    """
+
+    def __init__(self, model: TrainModel) -> None:
+        self._largest_step: Array = TAKEOVER_JERK * model.tick * model.inertia * model.share
+        self._force: Array | None = None
+
+    def step(self, wanted: Array, applied: Array) -> Array:
+        """Return the demand of one tick [N].
+
+        Parameters
+        ----------
+        wanted, applied : Array, shape (units,)
+            Final demand, and measured force of every unit [N]; the demand begins at the first measured force.
+        """
+        if self._force is None:
+            self._force = np.where(np.isfinite(applied), applied, 0.0)
+        self._force = self._force + np.clip(wanted - self._force, -self._largest_step, self._largest_step)
+        return self._force.copy()
