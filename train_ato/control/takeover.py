@@ -7,9 +7,6 @@ import numpy as np
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 
-TAKEOVER_JERK = 0.5
-"""Largest jerk of the train by the demand of a takeover [m/s³]; the default of a plan."""
-
 
 class TakeoverRamp:
     """Demand of the power units from the force that acts to the wanted one.
@@ -18,11 +15,19 @@ class TakeoverRamp:
     ----------
     model
         The nominal train.
+    jerk
+        Largest jerk of the train by the change of the demand [m/s³].
+
+    Attributes
+    ----------
+    ended : bool
+        True after the demand has reached the wanted one.
     """
 
-    def __init__(self, model: TrainModel) -> None:
-        self._largest_step: Array = TAKEOVER_JERK * model.tick * model.inertia * model.share
+    def __init__(self, model: TrainModel, jerk: float) -> None:
+        self._largest_step: Array = jerk * model.tick * model.inertia * model.share
         self._force: Array | None = None
+        self.ended = False
 
     def step(self, wanted: Array, applied: Array) -> Array:
         """Return the demand of one tick [N].
@@ -34,5 +39,7 @@ class TakeoverRamp:
         """
         if self._force is None:
             self._force = np.where(np.isfinite(applied), applied, 0.0)
-        self._force = self._force + np.clip(wanted - self._force, -self._largest_step, self._largest_step)
+        change = wanted - self._force
+        self.ended = bool((np.abs(change) <= self._largest_step).all())
+        self._force = self._force + np.clip(change, -self._largest_step, self._largest_step)
         return self._force.copy()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import numpy as np
+
 from train_ato.control.assurance import BRAKING_LAW
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.stack import ControlStack
@@ -33,6 +35,8 @@ from train_ato.messages.types import (
 from train_ato.profile.profile import Profile
 from train_ato.scenario.changes import KEY, LAW, Changes, changes_to_json, requested_stamp, values_of
 
+TAKEOVER_JERK = 0.5
+"""Largest jerk of a takeover with a profile without jerk [m/s³]; the default of a plan."""
 MAX_REFERENCE_SHIFT = 1.0
 """Largest difference of a reference from the profile at its stamp [m]."""
 
@@ -90,7 +94,7 @@ class ControllerStage:
     def follow_outage(self, reason: str) -> None:
         """End an engagement at the next step, because a node of the loop was away, and brake to a stop.
 
-        The demand begins at the force that acts.
+        The demand begins at the force that acts, and its jerk is at most that of the profile.
         """
         self._outage = reason
 
@@ -100,7 +104,9 @@ class ControllerStage:
             return False
         self.ato.stop(stamp, self._outage)
         self._outage = ""
-        self._takeover = TakeoverRamp(self.setup.model)
+        assert self._profile is not None
+        jerk = float(np.abs(self._profile.jerk()).max(initial=0.0))
+        self._takeover = TakeoverRamp(self.setup.model, jerk or TAKEOVER_JERK)
         return True
 
     def set_profile(self, profile: Profile) -> None:
@@ -227,6 +233,7 @@ class ControllerStage:
                 force, pressure = self.ato.command(seen)
             if self._takeover is not None:
                 force = self._takeover.step(force, seen.applied)
+                self._takeover = None if self._takeover.ended else self._takeover
         self.step_times.nanoseconds.append(time.perf_counter_ns() - begin)
         pipe = None if pressure is None else Pipe(stamp, pressure)
         return ControllerMessages(Command(stamp, force), pipe, self.diagnostic(stamp), report)

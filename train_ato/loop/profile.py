@@ -64,8 +64,8 @@ class ProfileStage:
         self._joins, self._engaged = True, False
 
     def start(self) -> ProfileStart:
-        """Return the profile and the speed limits for latched topics; without the profile for a run in progress."""
-        return ProfileStart(None if self._joins else trajectory_of(self.profile), limits_of(self.setup))
+        """Return the profile and the speed limits for latched topics."""
+        return ProfileStart(trajectory_of(self.profile), limits_of(self.setup))
 
     def step(self, stamp: int) -> Reference:
         """Return the reference at ``stamp`` [ns]."""

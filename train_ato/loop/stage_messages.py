@@ -92,14 +92,14 @@ class SupervisorMessages:
 
 @dataclass(frozen=True, slots=True)
 class ProfileStart:
-    """Profile and speed limits at the start of a run, latched; no profile from a node that joins later."""
+    """Profile and speed limits at the start of a run, latched."""
 
-    profile: Trajectory | None
+    profile: Trajectory
     limits: Trajectory
 
     def published(self) -> Published:
         """Return the messages in the order of publication."""
-        return _present(("ato/profile", self.profile), ("ato/limits", self.limits))
+        return [("ato/profile", self.profile), ("ato/limits", self.limits)]
 
 
 @dataclass(frozen=True, slots=True)

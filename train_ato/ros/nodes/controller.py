@@ -61,6 +61,7 @@ class ControllerNode:
 
     def join(self, stamp: int) -> None:
         """Join a run that has reached a stamp [ns]."""
+        self._inputs.join()
         self.stage.join(stamp)
 
     def await_return(self, role: Role, reason: str) -> None:

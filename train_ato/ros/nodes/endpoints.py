@@ -280,13 +280,15 @@ class NodeEndpoints:
         absent = []
         for name, publisher in self._publishers.items():
             topic = BY_NAME[name]
+            if not topic.awaited:
+                continue
             readers = [role for role in topic.readers if role in roles]
             if topic.recorded and Role.RECORDER in roles:
                 readers.append(Role.RECORDER)
             if publisher.get_subscription_count() < len(readers):
                 absent.append(f"a reader of {name} ({', '.join(role.value for role in readers)})")
         for name, subscription in self._subscriptions.items():
-            senders = [role for role in BY_NAME[name].publishers if role in roles]
+            senders = [role for role in BY_NAME[name].publishers if role in roles and BY_NAME[name].awaited]
             if subscription.get_publisher_count() < len(senders):
                 absent.append(f"a publisher of {name} ({', '.join(role.value for role in senders)})")
         absent += filter(None, (source.second() for source in self._sources.values()))

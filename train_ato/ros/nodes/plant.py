@@ -15,7 +15,7 @@ from rclpy.clock import Clock, ClockType
 from train_ato.loop.pace import SteadyPace
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.stage_messages import Published
-from train_ato.messages.topics import BY_NAME, Role
+from train_ato.messages.topics import BY_NAME, END_TOPIC, Role
 from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Tick
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.outage import OUTAGE_PACE, Outage
@@ -320,6 +320,12 @@ class PlantNode:
         if not self.finished:
             self.finished = True
             self._send(self.stage.conclude().published())
+            self.announce_end()
+
+    def announce_end(self) -> None:
+        """Send the notice of the end of the run once; without it the absence of this node is a failure."""
+        if not self.endpoints.published[END_TOPIC]:
+            self.endpoints.publish(END_TOPIC, Tick(self.stamp))
 
     def _send(self, messages: Published) -> None:
         """Send messages of the stage; counts from the wall clock are added to its diagnostics."""

@@ -20,11 +20,14 @@ from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.plant import LEASE_S, silent_node
 from train_ato.ros.standalone.discovery import Discovery, answer_ready
+from train_ato.ros.standalone.end_notice import CUT, EndNotice
 from train_ato.ros.standalone.notices import Notice, NoticeKind, Notices
 
 TURN_S = 0.1
 RECORD_S = 0.02
 """Period of polling the recorder's queues [s]; at 10 000 ticks a second they fill by 200 of 1000 messages."""
+NOTICE_S = 1.0
+"""Maximum wall time for the notice of the end of the run to be read after the plant has left [s]."""
 JOINING_S = 0.02
 """Period of the checks for missing endpoints of a restarted node [s]."""
 REPORT_EVERY_S = 3.0
@@ -83,6 +86,7 @@ class StandaloneRunner:
         self._met = False
         self.first_heard = self.last_heard = 0.0
         self._discovery = Discovery(endpoints, fingerprint, recorded) if role is Role.PLANT else None
+        self._end = None if role is Role.PLANT else EndNotice(endpoints)
         if role not in (Role.PLANT, Role.RECORDER):
             answer_ready(endpoints, fingerprint)
 
@@ -91,6 +95,8 @@ class StandaloneRunner:
         gc.collect()
         gc.freeze()
         {Role.PLANT: self._drive, Role.RECORDER: self._record}.get(self.role, self._follow)()
+        if self.role is Role.PLANT:
+            self.node.announce_end()
         self.endpoints.deliver(STOPPING_S)
         ignored = getattr(self.node, "ignored", 0)
         if self._attached:
@@ -133,6 +139,16 @@ class StandaloneRunner:
         while not self._ends and not self._left(of_plant):
             self._executor.spin_once(timeout_sec=TURN_S)
             self._take_notices()
+        self._check_end(lambda: self._executor.spin_once(timeout_sec=TURN_S))
+
+    def _check_end(self, turn: Callable[[], None]) -> None:
+        """Fail the run by the name of the plant if it has left without the notice of the end."""
+        assert self._end is not None
+        last = time.monotonic() + NOTICE_S
+        while not self._ends and not self._end.received and time.monotonic() < last:
+            turn()
+        if not self._ends and not self._end.received:
+            self.endpoints.watch.fail(Role.PLANT.value, CUT)
 
     def _rejoin(self) -> None:
         """Wait until all endpoints are connected; without callbacks no message is sent before."""
@@ -164,6 +180,7 @@ class StandaloneRunner:
             self.endpoints.guard(self._poll)
             self._take_notices()
             time.sleep(RECORD_S)
+        self._check_end(lambda: time.sleep(RECORD_S))
         self.endpoints.guard(lambda: self.node.close(None))
 
     def _poll(self) -> None:
