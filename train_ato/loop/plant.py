@@ -45,8 +45,8 @@ TOTALS: tuple[tuple[str, str], ...] = (
     ("saturated", "saturated_any"),
 )
 """Key in the diagnostics of the plant, and attribute of the totals of the train [SI]."""
-RESTARTS_KEY = "restarts"
-"""Key in the diagnostics of the plant: numbers of restarts by node, as a JSON object."""
+LOST_KEY, RESTARTS_KEY = "lost", "restarts"
+"""Keys in the diagnostics of the plant: nodes without an answer; numbers of restarts by node, as a JSON object."""
 STANDSTILL = 0.05
 """Maximum speed of every vehicle for a release of the emergency brake [m/s]."""
 
@@ -227,7 +227,7 @@ class PlantStage:
         if taken:
             values[KEY] = interventions_to_json(taken)
         if self.lost:
-            values["lost"] = self.lost
+            values[LOST_KEY] = self.lost
         if self.restarts:
             values[RESTARTS_KEY] = json.dumps(self.restarts)
         if self.finished:

@@ -198,6 +198,7 @@ def drive(
     ValueError, RunFailed, RunInterrupted
         As :func:`run`.
     """
+    run_mode.check_restart(setup)
     folder = None if out is None else RunFolder.make(out, setup.scenario.name, option)
     try:
         record = RunRecord(setup, folder, run_mode.compression)
