@@ -21,7 +21,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from train_ato.errors import FirstFailure, of_own_code
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.layout import TrainLayout
-from train_ato.messages.topics import BY_NAME, Rate, Role, Topic, published_by
+from train_ato.messages.topics import BY_NAME, END_TOPIC, Rate, Role, Topic, published_by
 from train_ato.ros.nodes.publishers import OnePublisher
 
 ROLES = (Role.PLANT, Role.SUPERVISOR, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.RECORDER)
@@ -149,6 +149,22 @@ class NodeEndpoints:
                 )
                 self._senders[topic.name] = self._publishers[topic.name].handle.publish_raw
                 self.published[topic.name] = 0
+        self._ended = False
+        self._take_end: Callable[[], Any] | None = None
+        if role is Role.RECORDER:
+            self._take_end, _ = self.taker(END_TOPIC)
+        elif role in BY_NAME[END_TOPIC].readers:
+            self.subscribe({END_TOPIC: self._on_end})
+
+    def _on_end(self, _: Any) -> None:
+        self._ended = True
+
+    @property
+    def ended(self) -> bool:
+        """True after the notice of the end of the run; a plant that has left without it has failed."""
+        if self._take_end is not None and self._take_end() is not None:
+            self._ended = True
+        return self._ended
 
     def end_process_at(self, stamp: int, signal_number: int) -> None:
         """Send a signal to this process in place of the first message from a stamp [ns] on: a fault of the node."""

@@ -20,12 +20,13 @@ from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.plant import LEASE_S, silent_node
 from train_ato.ros.standalone.discovery import Discovery, answer_ready
-from train_ato.ros.standalone.end_notice import CUT, EndNotice
 from train_ato.ros.standalone.notices import Notice, NoticeKind, Notices
 
 TURN_S = 0.1
 RECORD_S = 0.02
 """Period of polling the recorder's queues [s]; at 10 000 ticks a second they fill by 200 of 1000 messages."""
+CUT = "its messages ended without the notice of the end of the run: its process ended, or the link is cut"
+"""Reason of the failure of a plant that has left."""
 NOTICE_S = 1.0
 """Maximum wall time for the notice of the end of the run to be read after the plant has left [s]."""
 JOINING_S = 0.02
@@ -86,7 +87,6 @@ class StandaloneRunner:
         self._met = False
         self.first_heard = self.last_heard = 0.0
         self._discovery = Discovery(endpoints, fingerprint, recorded) if role is Role.PLANT else None
-        self._end = None if role is Role.PLANT else EndNotice(endpoints)
         if role not in (Role.PLANT, Role.RECORDER):
             answer_ready(endpoints, fingerprint)
 
@@ -143,11 +143,10 @@ class StandaloneRunner:
 
     def _check_end(self, turn: Callable[[], None]) -> None:
         """Fail the run by the name of the plant if it has left without the notice of the end."""
-        assert self._end is not None
         last = time.monotonic() + NOTICE_S
-        while not self._ends and not self._end.received and time.monotonic() < last:
+        while not self._ends and not self.endpoints.ended and time.monotonic() < last:
             turn()
-        if not self._ends and not self._end.received:
+        if not self._ends and not self.endpoints.ended:
             self.endpoints.watch.fail(Role.PLANT.value, CUT)
 
     def _rejoin(self) -> None:
