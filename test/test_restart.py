@@ -31,7 +31,7 @@ from train_ato.scenario.scenario import load_scenario
 
 STRUCK_S, BRAKED_S = 30.0, 5.0
 """Simulated time of the kill, and time of the braked train after the takeover that is checked [s]."""
-PACE = 20.0
+PACE = 40.0
 COASTING = ("supervision.failsafe.coast=600", "supervision.failsafe.service=600")
 """A train that coasts until the node returns, however long its process takes to start on a loaded machine."""
 
@@ -97,7 +97,7 @@ def takeover(folder: Path, setup: RunSetup) -> tuple[float, float, float]:
 @pytest.mark.parametrize("victim", ["controller", "observer", "profile"])
 def test_a_killed_node_takes_over_without_a_jump(victim: str, tmp_path: Path) -> None:
     """Breaks if the run fails, the force jumps at the takeover, a message of the plant is lost or the ATO drives on."""
-    setup = metro("duration=70", *COASTING)
+    setup = metro("duration=300", *COASTING)
     outcome = struck(setup, tmp_path, (victim,))
     assert outcome.failure is None
     assert (outcome.summary["status"], outcome.summary["restarts"]) == ("done", {victim: 1})
@@ -114,7 +114,7 @@ def test_a_killed_node_takes_over_without_a_jump(victim: str, tmp_path: Path) ->
 @pytest.mark.slow
 def test_a_killed_supervisor_releases_the_brakes_at_standstill(tmp_path: Path) -> None:
     """Breaks if the train is released while it moves, or never."""
-    setup = metro("duration=90")
+    setup = metro("duration=300")
     outcome = struck(setup, tmp_path, ("supervisor",))
     assert outcome.failure is None
     assert outcome.summary["restarts"] == {"supervisor": 1}
@@ -130,7 +130,7 @@ def test_a_killed_supervisor_releases_the_brakes_at_standstill(tmp_path: Path) -
 @pytest.mark.slow
 def test_the_ato_is_engaged_again_after_a_restart(tmp_path: Path) -> None:
     """Breaks if a planned request after the kill is lost, or the law drives before it."""
-    setup = metro("duration=150", "ato_requests=[{at: 80, do: engage}]")
+    setup = metro("duration=300", "ato_requests=[{at: 80, do: engage}]")
     outcome = struck(setup, tmp_path, ("controller",))
     assert outcome.failure is None
     reports = messages(tmp_path, setup, "ato/state")
@@ -144,7 +144,7 @@ def test_the_ato_is_engaged_again_after_a_restart(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_two_nodes_killed_one_after_the_other_return(tmp_path: Path) -> None:
     """Breaks if the new process of one node waits for ever for that of the other."""
-    outcome = struck(metro("duration=80"), tmp_path, ("observer", "controller"))
+    outcome = struck(metro("duration=300"), tmp_path, ("observer", "controller"))
     assert outcome.failure is None
     assert outcome.summary["restarts"] == {"observer": 1, "controller": 1}
 
