@@ -144,5 +144,6 @@ def test_messages_of_incomplete_stamps_are_not_counted_after_a_restart() -> None
     inputs.put("reference", Reference(110, 0.0, 0.0, 0.0))
     assert inputs.put("estimate", Tick(110))
     assert inputs.ignored == 0
-    inputs.put("estimate", Tick(110))
+    inputs.put("measurement", Tick(120))
+    inputs.put("measurement", Tick(120))
     assert inputs.ignored == 1
