@@ -54,7 +54,7 @@ class Restarts:
 
     def step(self) -> None:
         """Replace ended processes, and let new ones join after the old ones have left; not after a lost node."""
-        if any(node.lost for node in self._nodes.values()):
+        if not self._limit or any(node.lost for node in self._nodes.values()):
             return
         for role in RESTARTED:
             if role in self._nodes and self._nodes[role].crashed:

@@ -104,6 +104,8 @@ class NodeEndpoints:
         Number of messages sent per topic.
     last_stamp : int
         Latest stamp answered on a topic of every tick [ns], -1 before the first.
+    joining : bool
+        True drops the messages of every tick: the node joins a run in progress from the next stamp on.
     on_second_publisher : callable
         Called with a topic and the reason after the appearance of a second publisher; False fails the run.
     """
@@ -149,6 +151,7 @@ class NodeEndpoints:
                 )
                 self._senders[topic.name] = self._publishers[topic.name].handle.publish_raw
                 self.published[topic.name] = 0
+        self.joining = False
         self._ended = False
         self._take_end: Callable[[], Any] | None = None
         if role is Role.RECORDER:
@@ -219,7 +222,7 @@ class NodeEndpoints:
         source = self._sources[name] = OnePublisher(self.node, topic)
 
         def guarded(data: bytes) -> None:
-            if watch.failure is None:
+            if watch.failure is None and not (self.joining and name in self._ticking):
                 try:
                     if not source.begun:
                         source.begin()

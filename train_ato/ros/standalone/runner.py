@@ -150,10 +150,12 @@ class StandaloneRunner:
             self.endpoints.watch.fail(Role.PLANT.value, CUT)
 
     def _rejoin(self) -> None:
-        """Wait until all endpoints are connected; without callbacks no message is sent before."""
+        """Wait until all endpoints are connected; messages before are not answered, so that none is caught up."""
+        self.endpoints.joining = True
         while not self._ends and self.endpoints.missing((Role.RECORDER,)):
+            self._executor.spin_once(timeout_sec=JOINING_S)
             self._take_notices()
-            time.sleep(JOINING_S)
+        self.endpoints.joining = False
 
     def _take_notices(self) -> None:
         """Follow the notices; report each restarted node whose old publishers have left."""
