@@ -44,6 +44,7 @@ class Restarts:
         self._start = start
         self._limit = limit
         self._joining: dict[Role, float] = {}
+        self._met: dict[Role, list[NodeProcess]] = {}
 
     @property
     def returned(self) -> dict[str, int]:
@@ -92,21 +93,21 @@ class Restarts:
         self.begun[role] += 1
         reason = old.failure.partition(" failed: ")[2]
         notice = Notice(NoticeKind.AWAY, role, f"{self.begun[role]} {reason}")
-        for other in self._nodes.values():
-            if other is not old and not self._joins(other):
-                other.send(notice)
+        self._met[role] = [other for other in self._nodes.values() if other is not old and not self._joins(other)]
+        for other in self._met[role]:
+            other.send(notice)
         old.release()
         old.end(LEAVING_S)
         self._nodes[role] = self._start(role, self.begun[role])
         self._joining[role] = time.monotonic() + RETURN_S
 
     def _let_join(self, role: Role) -> None:
-        """Send the notice to join after every other node has lost the publishers of the old process."""
+        """Send the notice to join after every node that has met the old process has lost its publishers."""
         node = self._nodes[role]
         if node.joined:
             return
         key = f"without {role.value}"
-        others = [other for other in self._nodes.values() if other is not node and not self._joins(other)]
-        if all(other.counts.get(key, [0])[0] >= self.begun[role] for other in others):
+        left = [other for other in self._met[role] if self._nodes[other.role] is other]
+        if all(other.counts.get(key, [0])[0] >= self.begun[role] for other in left):
             node.joined = True
             node.send(Notice(NoticeKind.BEGIN, role, str(self._nodes[Role.PLANT].counts[key][1])))

@@ -105,7 +105,9 @@ class NodeEndpoints:
     last_stamp : int
         Latest stamp answered on a topic of every tick [ns], -1 before the first.
     joining : bool
-        True drops the messages of every tick: the node joins a run in progress from the next stamp on.
+        True: the node joins a run in progress; it handles messages, but sends none.
+    handled : int
+        Number of messages handled while joining.
     on_second_publisher : callable
         Called with a topic and the reason after the appearance of a second publisher; False fails the run.
     """
@@ -152,6 +154,7 @@ class NodeEndpoints:
                 self._senders[topic.name] = self._publishers[topic.name].handle.publish_raw
                 self.published[topic.name] = 0
         self.joining = False
+        self.handled = 0
         self._ended = False
         self._take_end: Callable[[], Any] | None = None
         if role is Role.RECORDER:
@@ -183,6 +186,8 @@ class NodeEndpoints:
         """
         if self._planned_end is not None and message.stamp >= self._planned_end[0]:
             os.kill(os.getpid(), self._planned_end[1])
+        if self.joining:
+            return
         self._senders[topic](self.wire.encode(topic, message))
         self.published[topic] += 1
         if topic in self._ticking:
@@ -222,7 +227,8 @@ class NodeEndpoints:
         source = self._sources[name] = OnePublisher(self.node, topic)
 
         def guarded(data: bytes) -> None:
-            if watch.failure is None and not (self.joining and name in self._ticking):
+            if watch.failure is None:
+                self.handled += self.joining
                 try:
                     if not source.begun:
                         source.begin()

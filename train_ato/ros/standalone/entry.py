@@ -143,8 +143,6 @@ def _run(
         compression = getattr(options, "compression", DEFAULT)
         node = make_node(role, setup, endpoints, folder, realtime, timeout, False, pace, compression)
         _plan_end(role, setup, endpoints)
-        if joined is not None:
-            node.join(joined)
         recorded = getattr(options, "recorded", False)
         turner = StandaloneRunner(
             role,
@@ -156,7 +154,7 @@ def _run(
             recorded,
             options.attached,
             notices,
-            joined is not None,
+            joined,
         )
         status = turner.run()
         if folder is not None and not node.log.failure and not options.attached:

@@ -53,7 +53,7 @@ class StandaloneRunner:
     notices
         Notices of the process that started this one.
     restarted
-        True for the new process of a node, which joins a run in progress.
+        For the new process of a node: stamp at which the old one has left the run [ns].
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class StandaloneRunner:
         recorded: bool = False,
         attached: bool = False,
         notices: Notices | None = None,
-        restarted: bool = False,
+        restarted: int | None = None,
     ) -> None:
         self.role = role
         self.node = node
@@ -131,8 +131,10 @@ class StandaloneRunner:
 
     def _follow(self) -> None:
         """Answer measurements until the plant ends."""
-        if self._restarted:
+        if self._restarted is not None:
+            self.node.join(self._restarted)
             self._rejoin()
+            self.node.join(self._restarted)
         if self.role is Role.PROFILE:
             self.endpoints.guard(self.node.begin)
         of_plant = next(name for name in self.endpoints.subscribed if Role.PLANT in BY_NAME[name].publishers)
@@ -150,12 +152,18 @@ class StandaloneRunner:
             self.endpoints.watch.fail(Role.PLANT.value, CUT)
 
     def _rejoin(self) -> None:
-        """Wait until all endpoints are connected; messages before are not answered, so that none is caught up."""
-        self.endpoints.joining = True
-        while not self._ends and self.endpoints.missing((Role.RECORDER,)):
+        """Wait until all endpoints are connected and no message waits: answers that are caught up would be a jump.
+
+        The messages before are handled without an answer, so that the first answer takes no longer than the others.
+        """
+        endpoints, handled = self.endpoints, -1
+        endpoints.joining = True
+        while not self._ends and (endpoints.missing((Role.RECORDER,)) or handled != endpoints.handled):
             self._executor.spin_once(timeout_sec=JOINING_S)
             self._take_notices()
-        self.endpoints.joining = False
+            handled = endpoints.handled
+            self._executor.spin_once(timeout_sec=0.0)
+        endpoints.joining = False
 
     def _take_notices(self) -> None:
         """Follow the notices; report each restarted node whose old publishers have left."""
