@@ -78,7 +78,7 @@ def test_a_takeover_without_a_valid_measurement_begins_at_no_force() -> None:
 
 def test_an_engagement_after_the_restart_plans_from_the_place_of_the_train() -> None:
     """Breaks if a request before the restart is repeated, a later one is lost, or the plan begins elsewhere."""
-    setup = metro("ato_requests=[{at: 10, do: disengage}, {at: 29, do: engage}, {at: 80, do: engage}]", "duration=150")
+    setup = metro("ato_requests=[{at: 29, do: engage}, {at: 80, do: engage}]", "duration=150")
     loop = _Loop(setup, None)
     loop.start()
     go_on(loop, 5.0)
