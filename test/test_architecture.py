@@ -37,7 +37,7 @@ CONTROL_LAYERS = (
     ("observers", "compensation"),
     ("laws",),
     ("registry",),
-    ("standstill", "command_hold", "command_history", "stack", "ato_state", "assurance", "plausibility"),
+    ("standstill", "command_hold", "command_history", "stack", "ato_state", "assurance", "plausibility", "takeover"),
 )
 """Modules and packages of ``train_ato.control`` from lowest to highest; those of one layer may import each other."""
 CONVENTIONS = {

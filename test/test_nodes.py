@@ -12,10 +12,11 @@ import pytest
 pytest.importorskip("rclpy")
 
 from node_bench import Bench, set_parameter
+from rclpy.duration import Duration
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
-from waiting import wait_for
+from waiting import LIMIT_S, wait_for
 
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
@@ -23,7 +24,7 @@ from train_ato.loop.setup import prepare
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by
-from train_ato.messages.types import Command, Reference, Tick, Trajectory
+from train_ato.messages.types import Command, DisturbanceEstimate, Reference, Tick, Trajectory
 from train_ato.ros.nodes.plant import CHECK_S, LEAD, SUSPENDED_S, PlantNode, silent_node
 from train_ato.scenario.scenario import load_scenario
 
@@ -333,3 +334,45 @@ def test_stages_publish_what_their_topics_carry(setup):
         assert wire.encode(topic, message)
         assert Role.PLANT in BY_NAME[topic].publishers or Role.PROFILE in BY_NAME[topic].publishers
     assert isinstance(PlantNode, type)
+
+
+def test_a_new_publisher_is_accepted_only_after_the_notice_of_a_restart(make):
+    """Breaks if a restarted node is refused, or one more publisher after it is accepted."""
+    bench = make(Role.CONTROLLER)
+    estimate = bench.wire.encode("ato/estimate", DisturbanceEstimate(0, np.zeros(bench.wire.layout.n_units)))
+
+    def speak(name):
+        node = Node(name, context=bench.context, enable_rosout=False, start_parameter_services=False)
+        publisher = bench.speaker("ato/estimate", node)
+        publisher.publish(estimate)
+        assert publisher.wait_for_all_acked(Duration(seconds=LIMIT_S))
+        bench.settle()
+        return node
+
+    old = speak("observer")
+    old.destroy_node()
+    bench.until(lambda: bench.endpoints.left(Role.OBSERVER))
+    bench.endpoints.renew(Role.OBSERVER)
+    new = speak("observer")
+    assert bench.watch.failure is None
+    third = speak("observer")
+    bench.until(lambda: bench.watch.failure is not None)
+    assert "ato/estimate has more than one publisher" in bench.watch.failure
+    for node in (new, third):
+        node.destroy_node()
+
+
+def test_a_new_publisher_without_the_notice_is_refused(make):
+    """Breaks if every publisher of a node that has left may be replaced."""
+    bench = make(Role.CONTROLLER)
+    estimate = bench.wire.encode("ato/estimate", DisturbanceEstimate(0, np.zeros(bench.wire.layout.n_units)))
+    for last in (False, True):
+        node = Node("observer", context=bench.context, enable_rosout=False, start_parameter_services=False)
+        bench.speaker("ato/estimate", node).publish(estimate)
+        bench.settle()
+        if not last:
+            node.destroy_node()
+            bench.until(lambda: bench.endpoints.left(Role.OBSERVER))
+    bench.until(lambda: bench.watch.failure is not None)
+    assert "ato/estimate has more than one publisher" in bench.watch.failure
+    node.destroy_node()

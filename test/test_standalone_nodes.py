@@ -149,6 +149,26 @@ def test_ctrl_c_on_the_plant_ends_all_nodes(terminals: Terminals, tmp_path: Path
     assert not partial.exists()
 
 
+@pytest.mark.slow
+def test_a_plant_that_is_killed_fails_all_nodes(terminals: Terminals, tmp_path: Path) -> None:
+    """Breaks if a cut link counts as the end of the run: exit status 0, or a summary of a complete run."""
+    for role in ROLES:
+        extra = {"recorder": ["--out=alone"], "plant": ["--recorded", "--pace=20", PATIENT]}.get(role, [])
+        terminals.start(role, "--scenario=demo", "--set=duration=600", *extra)
+    partial = tmp_path / "alone" / "run.mcap.partial"
+    wait_for(lambda: partial.exists() and any(m.channel.topic == "/ato/command" for m in stream(partial, broken=True)))
+    terminals.processes["plant"].kill()
+    ends = terminals.ends()
+    said = "node plant failed: its messages ended without the notice of the end of the run"
+    for role in ROLES[:-1]:
+        status, text = ends[role]
+        assert (status, len(text.splitlines())) == (1, 1), (role, text)
+        assert text.startswith(said)
+    summary = json.loads((tmp_path / "alone" / "summary.json").read_text())
+    assert summary["status"] == "failed"
+    assert summary["failure"].startswith(said)
+
+
 def test_a_plant_that_waits_says_for_whom(terminals: Terminals, tmp_path: Path) -> None:
     """Breaks if a missing node is not reported, or Ctrl-C in the wait gives a traceback."""
     plant = terminals.start("plant", "--scenario=demo")

@@ -42,6 +42,7 @@ def message(topic: str, layout: TrainLayout, stamp: int, seed: int = 1):
     n, u, s = layout.n_vehicles, layout.n_units, len(layout.sensors)
     makers = {
         "/clock": lambda: Tick(stamp),
+        "train/end": lambda: Tick(stamp),
         "recorder/progress": lambda: Tick(stamp),
         "train/vehicles": lambda: VehicleStates(stamp, values(n), values(n), values(n)),
         "train/measurement": lambda: Measurement(stamp, *(values(k) for k in (u, u, u, s, s, s))),

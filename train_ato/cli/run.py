@@ -18,6 +18,9 @@ from train_ato.errors import RunFailed
 from train_ato.log.compression import add_compression
 from train_ato.log.run_folder import check_free, next_free
 
+LIMIT = 3
+"""Default of the restarts of each node."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``run``."""
@@ -28,6 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument("--engine", action="store_true", help="plain Python loop without ROS, same log")
     mode.add_argument("--processes", action="store_true", help="one process for each node (default: all nodes in one)")
+    parser.add_argument("--restart", action="store_true", help="with --processes: restart a node whose process ends")
+    parser.add_argument(
+        "--restart-limit", type=int, metavar="N", help=f"restarts of each node, then the run fails (default: {LIMIT})"
+    )
     clock = parser.add_mutually_exclusive_group()
     clock.add_argument(
         "--realtime",
@@ -47,14 +54,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--domain", type=int, metavar="N", help="ROS domain, 1 to 101 (default: a free one)")
 
 
+def restart_limit(wanted: bool, limit: int | None) -> int:
+    """Return the permitted number of restarts of each node; 0 without restarts.
+
+    Raises
+    ------
+    ValueError
+        For a limit without restarts, or below 1.
+    """
+    if not wanted and limit is not None:
+        raise ValueError(f"--restart-limit {limit}: nothing is restarted; add --restart")
+    if limit is not None and limit < 1:
+        raise ValueError(f"--restart-limit {limit}: give 1 or more, or remove --restart")
+    return (limit or LIMIT) if wanted else 0
+
+
 def execute(options: argparse.Namespace) -> int:
     """Run one scenario."""
     mode = "engine" if options.engine else "processes" if options.processes else "composed"
-    run_mode = RunMode(mode, options.realtime, options.pace, options.domain, options.compression)
+    restarts = restart_limit(options.restart, options.restart_limit)
+    run_mode = RunMode(mode, options.realtime, options.pace, options.domain, options.compression, restarts)
     run_mode.check("--")
     if options.out is not None:
         check_free(options.out)
     setup = prepare_from(options, controller=options.controller)
+    run_mode.check_restart(setup, "--")
     if mode != "engine":
         from train_ato.ros.graph.environment import opened_by
 

@@ -70,6 +70,12 @@ class AtoStateMachine:
         """Enter the state failure."""
         self._change(stamp, AtoState.FAILURE, reason)
 
+    def stop(self, stamp: int, reason: str) -> None:
+        """End an engagement and brake at once, without time for a driver to take over."""
+        if self.state is AtoState.ENGAGED:
+            self._change(stamp, AtoState.DISENGAGING, reason)
+            self.since = stamp - round(TAKEOVER_TIME * 1e9)
+
     def check(self, request: str, *, standstill: bool) -> None:
         """Check a request without effect.
 

@@ -89,6 +89,15 @@ class AtoMode:
         self.machine.fail(stamp, reason)
         self.changed = True
 
+    def stop(self, stamp: int, reason: str) -> None:
+        """End an engagement at a stamp [ns] and brake to a stop."""
+        self.machine.stop(stamp, reason)
+        self.awaits_profile = False
+
+    def forget_requests(self, stamp: int) -> None:
+        """Remove the planned requests up to a stamp [ns]."""
+        self._waiting = [request for request in self._waiting if round(request.at * 1e9) > stamp]
+
     def update(
         self, measurement: Measurement, protection: ProtectionState | None, speeds: SupervisedSpeeds | None
     ) -> AtoReport:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import numpy as np
+
 from train_ato.control.assurance import BRAKING_LAW
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.stack import ControlStack
+from train_ato.control.takeover import TakeoverRamp
 from train_ato.errors import RunFailed
 from train_ato.interrupt import ComponentCall
 from train_ato.loop.ato_mode import AtoMode
@@ -32,6 +35,8 @@ from train_ato.messages.types import (
 from train_ato.profile.profile import Profile
 from train_ato.scenario.changes import KEY, LAW, Changes, changes_to_json, requested_stamp, values_of
 
+TAKEOVER_JERK = 0.5
+"""Largest jerk of a takeover with a profile without jerk [m/s³]; the default of a plan."""
 MAX_REFERENCE_SHIFT = 1.0
 """Largest difference of a reference from the profile at its stamp [m]."""
 
@@ -71,7 +76,38 @@ class ControllerStage:
         self.changed: Changes = {}
         self._error: Exception | None = None
         self.ato = AtoMode(setup)
+        self._outage = ""
+        self._takeover: TakeoverRamp | None = None
         self.step_times = StepTimes([])
+
+    def join(self, stamp: int) -> None:
+        """Join a run that has reached a stamp [ns], in place of an ended controller.
+
+        Planned changes up to this stamp are in effect, planned requests up to it are not repeated.
+        """
+        while self._planned and requested_stamp(self._planned[0]) <= stamp:
+            for name, value in values_of(self._planned.pop(0)).items():
+                self._take(name, value)
+        self.ato.forget_requests(stamp)
+        self.follow_outage("node controller restarted")
+
+    def follow_outage(self, reason: str) -> None:
+        """End an engagement at the next step, because a node of the loop was away, and brake to a stop.
+
+        The demand begins at the force that acts, and its jerk is at most that of the profile.
+        """
+        self._outage = reason
+
+    def _end_outage(self, stamp: int) -> bool:
+        """Apply an outage at the first step after it; return True at this step."""
+        if not self._outage:
+            return False
+        self.ato.stop(stamp, self._outage)
+        self._outage = ""
+        assert self._profile is not None
+        jerk = float(np.abs(self._profile.jerk()).max(initial=0.0))
+        self._takeover = TakeoverRamp(self.setup.model, jerk or TAKEOVER_JERK)
+        return True
 
     def set_profile(self, profile: Profile) -> None:
         """Set the profile; the first one creates the stack."""
@@ -179,19 +215,25 @@ class ControllerStage:
         expected = self._reference_link.pass_on(stamp, receive("ato/reference", stamp, reference))
         disturbance = self._estimate_link.pass_on(stamp, receive("ato/estimate", stamp, estimate))
         self.ato.begin_step()
+        resumed = self._end_outage(stamp)
         report = None
         if protection is not None and speeds is not None:
             report = self.ato.update(
                 seen, receive("train/protection", stamp, protection), receive("atp/speeds", stamp, speeds)
             )
+        self.ato.changed |= resumed
         if self._error is not None and self.ato.standstill:
             raise self._error
         with self._call:
             self._change(stamp)
             if self.ato.drives:
+                self._takeover = None
                 force, pressure = self._engaged_step(seen, expected, disturbance)
             else:
                 force, pressure = self.ato.command(seen)
+            if self._takeover is not None:
+                force = self._takeover.step(force, seen.applied)
+                self._takeover = None if self._takeover.ended else self._takeover
         self.step_times.nanoseconds.append(time.perf_counter_ns() - begin)
         pipe = None if pressure is None else Pipe(stamp, pressure)
         return ControllerMessages(Command(stamp, force), pipe, self.diagnostic(stamp), report)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 
 import numpy as np
@@ -45,6 +46,8 @@ TOTALS: tuple[tuple[str, str], ...] = (
     ("saturated", "saturated_any"),
 )
 """Key in the diagnostics of the plant, and attribute of the totals of the train [SI]."""
+LOST_KEY, RESTARTS_KEY = "lost", "restarts"
+"""Keys in the diagnostics of the plant: nodes without an answer; numbers of restarts by node, as a JSON object."""
 STANDSTILL = 0.05
 """Maximum speed of every vehicle for a release of the emergency brake [m/s]."""
 
@@ -62,7 +65,9 @@ class PlantStage:
     protection : TrainProtection
         Fail-safe reactions; with a brake in effect the commands of the law have no effect.
     lost : str
-        Node without an answer and the reason, "" without one.
+        Nodes without an answer and the reason, "" without one.
+    restarts : dict
+        Number of restarts after which a node has answered again, by its name.
     """
 
     role = Role.PLANT
@@ -74,6 +79,8 @@ class PlantStage:
         if setup.layout.supervised:
             self._inputs.check("atp/brake_release", AliveCheck().problem)
         self.lost = ""
+        self.restarts: dict[str, int] = {}
+        self._outage_changed = False
         self._reported = Protection.NONE
         self._service_brake = FullServiceBrake(setup.consist, setup.plant)
         self.train = setup.train()
@@ -107,6 +114,8 @@ class PlantStage:
         odometry, protection = self._for_supervisor(stamp, seen)
         changed = self.protection.level is not self._reported
         self._reported = self.protection.level
+        changed |= self._outage_changed
+        self._outage_changed = False
         reported = self._inputs.take_changed() or taken or changed or diagnostics_due(stamp, self.setup.tick_ns)
         truth = self._truth(seen, self.diagnostic(taken) if reported else None)
         return PlantMessages(truth, seen.measurement, odometry, protection)
@@ -130,6 +139,11 @@ class PlantStage:
             If it is impossible now or for this run.
         """
         self._interventions.request(self.stamp, intervention, speed=self._speed, standstill=self.standstill)
+
+    def report_outage(self, lost: str, restarts: dict[str, int] | None = None) -> None:
+        """Report begin or end of an outage at the next observation: nodes with the reason, and numbers of restarts."""
+        self.lost, self.restarts = lost, self.restarts if restarts is None else restarts
+        self._outage_changed = True
 
     @property
     def _speed(self) -> float:
@@ -216,7 +230,9 @@ class PlantStage:
         if taken:
             values[KEY] = interventions_to_json(taken)
         if self.lost:
-            values["lost"] = self.lost
+            values[LOST_KEY] = self.lost
+        if self.restarts:
+            values[RESTARTS_KEY] = json.dumps(self.restarts)
         if self.finished:
             return Diagnostic(self.stamp, "plant", 0, "finished", values)
         protection = self.protection

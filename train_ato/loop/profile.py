@@ -25,6 +25,8 @@ from train_ato.profile.profile import Profile
 if TYPE_CHECKING:
     from train_ato.profile.planner.replanner import ReplanDecision
 
+REJOINED = "node profile restarted"
+"""Reason of a profile that is sent again."""
 SMALLEST_ACCELERATION = 0.05
 """Smallest service limit of a plan [m/s²]."""
 FORCE_MARGIN = 0.2
@@ -53,7 +55,15 @@ class ProfileStage:
         self._link = MessageLink(setup.links.measurement, setup.step_ns, setup.seed, "measurement")
         self._decision: ReplanDecision | None = None
         self._engaged = True
+        self._joins = self._sent_again = False
         self._refusal = ""
+
+    def join(self) -> None:
+        """Join a run in progress, in place of an ended profile; an engaged ATO then has a new plan from its place.
+
+        The profile of the scenario is in effect from the first reference on.
+        """
+        self._joins, self._engaged = True, False
 
     def start(self) -> ProfileStart:
         """Return the profile and the speed limits for latched topics."""
@@ -77,13 +87,20 @@ class ProfileStage:
         stamp = measurement.stamp
         arrived = self._inputs.measurement(measurement)
         report = None if ato is None else self._inputs.receive("ato/state", stamp, ato)
-        decided = self._begun_again(stamp, arrived, report) or self._replanned(stamp, arrived)
+        decided = self._joined(stamp) or self._begun_again(stamp, arrived, report) or self._replanned(stamp, arrived)
         reported = self._inputs.take_changed() or decided or diagnostics_due(stamp, self.setup.tick_ns)
         return ProfileMessages(
             self.step(stamp),
             trajectory_of(self.profile, stamp) if decided and self.planned == stamp else None,
             self.diagnostic(stamp) if reported else None,
         )
+
+    def _joined(self, stamp: int) -> bool:
+        """Send the profile of the scenario as that of the first reference; return True at this reference."""
+        joins, self._joins = self._joins, False
+        if joins:
+            self.planned, self._sent_again = stamp, True
+        return joins
 
     def _begun_again(self, stamp: int, measurement: Measurement, ato: AtoReport | None) -> bool:
         """Plan from standstill after the ATO was engaged again; return True after this decision."""
@@ -92,6 +109,7 @@ class ProfileStage:
         before, self._engaged = self._engaged, bool(ato.state[0] == AtoState.ENGAGED)
         if before or not self._engaged:
             return False
+        self._sent_again = False
         setup = self.setup
         state = TrainState(stamp * 1e-9, float(measurement.position[0] + setup.model.offsets[0]), 0.0)
         settings = setup.scenario.profile.plan or _service_limits(setup.profile)
@@ -123,6 +141,8 @@ class ProfileStage:
         values |= self._inputs.diagnostics()
         if self._refusal:
             return Diagnostic(stamp, "profile", 1, "cannot be planned again", {**values, "reason": self._refusal})
+        if self._sent_again and decision is None:
+            return Diagnostic(stamp, "profile", 0, "following, sent again", {**values, "reason": REJOINED})
         if self.planned and decision is None:
             return Diagnostic(stamp, "profile", 0, "following, planned again", values)
         if replanner is None or decision is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -62,7 +63,15 @@ class StampSynchronizer:
         self._profiles: dict[int, Trajectory] = {}
         self._current = -1
         self._complete: deque[ControllerInputs] = deque()
+        self._joined = -1
         self.ignored = 0
+
+    def join(self) -> None:
+        """Join a run in progress: messages up to the first complete stamp are not counted as ignored."""
+        self._joined = sys.maxsize
+
+    def _ignore(self, stamp: int) -> None:
+        self.ignored += stamp > self._joined
 
     def put(self, kind: str, message: Any) -> list[ControllerInputs]:
         """Add a ``profile`` or a message of :data:`KINDS`; return the steps that it completes, in order."""
@@ -95,16 +104,17 @@ class StampSynchronizer:
         if kind == KINDS[0]:
             self._newest = max(self._newest, stamp)
         elif self._ahead is not None and stamp > self._newest + self._ahead:
-            self.ignored += 1
+            self._ignore(stamp)
             return None
         row = self._waiting.setdefault(stamp, {}) if stamp > self._last else None
         if row is None or kind in row:
-            self.ignored += 1
+            self._ignore(stamp)
             return None
         row[kind] = message
         if len(row) < len(KINDS) + len(SUPERVISED_KINDS) * self._supervised_at(stamp):
             return None
         self._last = stamp
+        self._joined = min(self._joined, stamp)
         if len(self._waiting) > 1:
             self._waiting = {later: rest for later, rest in self._waiting.items() if later > stamp}
         else:

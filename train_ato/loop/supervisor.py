@@ -29,6 +29,10 @@ class SupervisorStage:
         self._motion: TrainMotion | None = None
         self._count: int | None = None
 
+    def join(self) -> None:
+        """Join a run in progress, in place of an ended supervisor."""
+        self._supervisor.join()
+
     def step(self, odometry: Odometry) -> SupervisorMessages:
         """Return the decision for the stamp of the odometry; without a valid one, the motion is the last known."""
         stamp = odometry.stamp

@@ -33,6 +33,7 @@ class Rate(Enum):
     TICK = "every tick"
     SUPERVISION = "every supervision period"
     SECOND = "every simulated second and at the end"
+    END = "once at the end, latched"
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,8 @@ class Topic:
         Condition for the existence of the topic.
     finite
         Refuse numbers that are not finite, in encoding and decoding.
+    awaited
+        The plant does not begin before all publishers and readers are connected.
     former_names
         Names in logs of earlier versions.
 
@@ -114,6 +117,7 @@ class Topic:
     latched: bool = False
     depth: int = 1000
     finite: bool = True
+    awaited: bool = True
     former_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -30,6 +30,7 @@ from train_ato.messages.types import (
 __all__ = [
     "BY_NAME",
     "DIAGNOSTIC_UNITS",
+    "END_TOPIC",
     "EPOCH_NS",
     "TOPICS",
     "Place",
@@ -46,6 +47,8 @@ __all__ = [
 EPOCH_NS = 1_767_225_600_000_000_000
 """Simulation time 0 in messages [ns]: 2026-01-01T00:00:00Z, because tools display stamps near 1970 badly."""
 
+END_TOPIC = "train/end"
+"""Notice of the end of the run."""
 _CLOCK = "rosgraph_msgs/msg/Clock"
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _PRESSURE = "sensor_msgs/msg/FluidPressure"
@@ -262,6 +265,20 @@ _TABLE: tuple[Topic, ...] = (
         readers=(),
         rate=Rate.SECOND,
         meaning="mode, law, delays, limits, interventions, per node; also immediately after an event",
+    ),
+    Topic(
+        END_TOPIC,
+        _CLOCK,
+        Tick,
+        (Place("clock", "stamp"),),
+        publishers=(Role.PLANT,),
+        readers=(Role.SUPERVISOR, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.RECORDER),
+        rate=Rate.END,
+        meaning="notice of the end of the run with its last stamp; a plant that leaves without it has failed",
+        recorded=False,
+        latched=True,
+        depth=1,
+        awaited=False,
     ),
     Topic(
         "recorder/progress",

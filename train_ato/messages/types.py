@@ -47,7 +47,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """Simulation stamp (topics ``/clock`` and ``recorder/progress``)."""
+    """Simulation stamp (topics ``/clock``, ``train/end`` and ``recorder/progress``)."""
 
     stamp: int = field(metadata=described("clock", "s", "simulation time from the epoch 2026-01-01T00:00:00Z"))
 

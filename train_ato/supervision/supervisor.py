@@ -77,11 +77,16 @@ class Supervisor:
         self._estimator = PositionEstimator()
         self._state = SupervisionState.NORMAL
         self._reason = ""
-        self._stamp = 0
+        self._stamp: int | None = 0
         self._rolled = 0.0
         self._latched = False
         self._stopped_at = -np.inf
         self.interventions = 0
+
+    def join(self) -> None:
+        """Begin without the states of the run before: with the emergency brake, released at standstill."""
+        self._stamp = None
+        self._intervene(SupervisionState.EMERGENCY_BRAKE, "node supervisor restarted")
 
     def step(self, odometry: Odometry | None) -> SupervisionDecision:
         """Return the decision of one period from its odometry; None without a valid one."""
@@ -147,7 +152,8 @@ class Supervisor:
         release needs an acknowledgement (TSI OPE, appendix A, 6.37), which no run has; otherwise a train that is
         pushed back rolls by the limit again and again.
         """
-        moved = motion.speed * (motion.stamp - self._stamp) * 1e-9
+        since = motion.stamp if self._stamp is None else self._stamp
+        moved = motion.speed * (motion.stamp - since) * 1e-9
         self._rolled = max(self._rolled - moved, 0.0) if motion.speed < 0.0 else 0.0
         if self._rolled > self._spec.roll_away:
             self._intervene(SupervisionState.EMERGENCY_BRAKE, f"the train rolled back {self._rolled:.1f} m")

@@ -12,8 +12,10 @@ from train_ato.apps.report.event import Event
 from train_ato.apps.report.protection_events import engagements, is_protection_report, protection_events
 from train_ato.apps.report.quantities import KINDS
 from train_ato.apps.report.refusal_events import refusal_events
+from train_ato.apps.report.restart_events import restart_events
 from train_ato.apps.report.scenario_events import scenario_events
 from train_ato.apps.report.words import longer
+from train_ato.loop.profile import REJOINED
 from train_ato.loop.recording import BRAKE_PIPE_COMMAND, Recording
 from train_ato.messages.types import Array
 from train_ato.scenario import changes, interventions
@@ -29,7 +31,8 @@ MAX_EVENTS = 200
 
 def detect_events(recording: Recording) -> list[Event]:
     """Return the events of a run in order of time."""
-    sources = [_law, _air_brake, _limit, _outside, _plans, _noticed, _gaps, _ends, refusal_events, protection_events]
+    sources = [_law, _air_brake, _limit, _outside, _plans, _noticed, _gaps, _ends]
+    sources += [refusal_events, protection_events, restart_events]
     if recording.setup is not None:
         sources.append(scenario_events)
     found = [event for source in sources for event in source(recording)]
@@ -183,7 +186,8 @@ def _plans(recording: Recording) -> Iterator[Event]:
             continue
         later = [report.values.get("reason") for report in reports if report.stamp >= plan.stamp]
         reason = next((text for text in later[:3] if text), None)
-        yield Event("plan", at, f"profile re-planned{f': {reason}' if reason else ''}")
+        what = "sent again" if reason == REJOINED else "re-planned"
+        yield Event("plan", at, f"profile {what}{f': {reason}' if reason else ''}")
 
 
 def _noticed(recording: Recording) -> Iterator[Event]:

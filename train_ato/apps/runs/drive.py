@@ -118,6 +118,8 @@ class RunMode:
         ROS domain; None takes a free one.
     compression : str
         Compression of the log: ``none``, ``fast`` or ``small``.
+    restarts : int
+        With a process for each node: maximum number of restarts of each node; 0 restarts none.
     """
 
     mode: str = "engine"
@@ -125,6 +127,7 @@ class RunMode:
     pace: float = 0.0
     domain: int | None = None
     compression: str = DEFAULT
+    restarts: int = 0
 
     def check(self, dash: str = "") -> None:
         """Check the values; ``dash`` precedes the names in messages.
@@ -142,6 +145,10 @@ class RunMode:
             raise ValueError(
                 f"{dash}pace {self.pace}: give a positive number, 1 for real time; 0 is as fast as possible"
             )
+        if self.restarts and self.mode != "processes":
+            raise ValueError(
+                f"{dash}restart: only a node in a process of its own can be restarted; add {dash}processes"
+            )
         if self.mode == "engine":
             if self.domain is not None:
                 raise ValueError(f"{dash}domain {self.domain}: the engine uses no ROS; remove it or {dash}engine")
@@ -150,6 +157,14 @@ class RunMode:
 
         check_domain(self.domain)
         require_ros()
+
+    def check_restart(self, setup: RunSetup, dash: str = "") -> None:
+        """Refuse restarts in a run without supervision: nothing stops the train while a node is away."""
+        if self.restarts and not setup.layout.supervised:
+            raise ValueError(
+                f"{dash}restart: the run has no supervision, so nothing brakes the train while a node is away; "
+                f"set supervision.enabled: true or remove {dash}restart"
+            )
 
 
 def drive(
@@ -183,6 +198,7 @@ def drive(
     ValueError, RunFailed, RunInterrupted
         As :func:`run`.
     """
+    run_mode.check_restart(setup)
     folder = None if out is None else RunFolder.make(out, setup.scenario.name, option)
     try:
         record = RunRecord(setup, folder, run_mode.compression)
@@ -277,4 +293,5 @@ def _driven(setup: RunSetup, run_mode: RunMode, record: RunRecord, shown: bool |
             pace=run_mode.pace,
             domain=run_mode.domain,
             compression=run_mode.compression,
+            restarts=run_mode.restarts,
         )

@@ -39,6 +39,8 @@ class GraphOptions:
         Maximum wall time for the recorder to receive the messages in flight at the end [s].
     compression : str
         Of the log: ``none``, ``fast`` or ``small``.
+    restarts : int
+        With one process per node: maximum number of restarts of each node; 0 restarts none.
     """
 
     realtime: float | None = None
@@ -47,6 +49,7 @@ class GraphOptions:
     discovery_limit: float = 30.0
     draining: float = 30.0
     compression: str = DEFAULT
+    restarts: int = 0
 
     @property
     def patience(self) -> float:
@@ -68,3 +71,5 @@ class GraphResult:
     step_ns: list[int] = field(default_factory=list)
     interrupted: bool = False
     failure: str | None = None
+    restarts: dict[str, int] = field(default_factory=dict)
+    """Number of restarts by the name of the node."""

@@ -28,6 +28,7 @@ def run_graph(
     domain: int | None = None,
     timeout: float | None = None,
     compression: str = DEFAULT,
+    restarts: int = 0,
 ) -> RunResult:
     """Run ROS nodes to the end of a scenario, recorded into an existing empty folder.
 
@@ -47,13 +48,15 @@ def run_graph(
         Wall time without an answer of a node after which the run fails [s]; None: 10 in lockstep, 1 with ``realtime``.
     compression
         Of the log: ``none``, ``fast`` or ``small``.
+    restarts
+        In ``processes``: maximum number of restarts of each node whose process has ended; 0 restarts none.
 
     Raises
     ------
     ValueError
         If another run holds the domain, or a node cannot be created; an empty folder is removed.
     """
-    options = GraphOptions(realtime=realtime, pace=pace, timeout=timeout, compression=compression)
+    options = GraphOptions(realtime=realtime, pace=pace, timeout=timeout, compression=compression, restarts=restarts)
     begin = time.perf_counter()
 
     def report(ticks: int) -> None:
@@ -69,6 +72,9 @@ def run_graph(
         raise
     _tidy(folder / "log")
     outcome = recorded_result(setup, folder, end)
+    if end.restarts:
+        sys.stderr.write(f"train-ato: {_restarted(end.restarts)}\n")
+        outcome = replace(outcome, summary={**outcome.summary, "restarts": end.restarts})
     if not end.ignored:
         return outcome
     listed = ", ".join(f"{node} {count}" for node, count in end.ignored.items())
@@ -90,6 +96,13 @@ def _run(
         from train_ato.ros.graph.composed import run_composed
 
         return run_composed(setup, folder, domain, options, report)
+
+
+def _restarted(restarts: dict[str, int]) -> str:
+    """Return the restarted nodes and their numbers of restarts as text."""
+    times = {1: "once", 2: "twice"}
+    parts = [f"node {name} was restarted {times.get(count, f'{count} times')}" for name, count in restarts.items()]
+    return "; ".join(parts)
 
 
 def _tidy(log_folder: Path) -> None:

@@ -18,6 +18,7 @@ from train_ato.control.registry import LAWS
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.loop.trajectories import profile_of
+from train_ato.messages.topics import Role
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import Declared, block_parameters, declare
 from train_ato.scenario.ato_requests import REQUESTS, Request
@@ -57,6 +58,15 @@ class ControllerNode:
     def ignored(self) -> int:
         """Number of duplicate and late messages."""
         return self._inputs.ignored
+
+    def join(self, stamp: int) -> None:
+        """Join a run that has reached a stamp [ns]."""
+        self._inputs.join()
+        self.stage.join(stamp)
+
+    def await_return(self, role: Role, reason: str) -> None:
+        """Follow the outage of another node of the loop, whose process is started again."""
+        self.stage.follow_outage(f"node {role.value} restarted: {reason}")
 
     def _declare(self) -> None:
         """Declare ``controller`` and the parameters of every law, and apply the start parameters."""

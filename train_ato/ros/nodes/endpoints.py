@@ -21,7 +21,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from train_ato.errors import FirstFailure, of_own_code
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.layout import TrainLayout
-from train_ato.messages.topics import BY_NAME, Rate, Role, Topic, published_by
+from train_ato.messages.topics import BY_NAME, END_TOPIC, Rate, Role, Topic, published_by
 from train_ato.ros.nodes.publishers import OnePublisher
 
 ROLES = (Role.PLANT, Role.SUPERVISOR, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.RECORDER)
@@ -104,6 +104,10 @@ class NodeEndpoints:
         Number of messages sent per topic.
     last_stamp : int
         Latest stamp answered on a topic of every tick [ns], -1 before the first.
+    joining : bool
+        True: the node joins a run in progress; it handles messages, but sends none.
+    handled : int
+        Number of messages handled while joining.
     on_second_publisher : callable
         Called with a topic and the reason after the appearance of a second publisher; False fails the run.
     """
@@ -149,6 +153,24 @@ class NodeEndpoints:
                 )
                 self._senders[topic.name] = self._publishers[topic.name].handle.publish_raw
                 self.published[topic.name] = 0
+        self.joining = False
+        self.handled = 0
+        self._ended = False
+        self._take_end: Callable[[], Any] | None = None
+        if role is Role.RECORDER:
+            self._take_end, _ = self.taker(END_TOPIC)
+        elif role in BY_NAME[END_TOPIC].readers:
+            self.subscribe({END_TOPIC: self._on_end})
+
+    def _on_end(self, _: Any) -> None:
+        self._ended = True
+
+    @property
+    def ended(self) -> bool:
+        """True after the notice of the end of the run; a plant that has left without it has failed."""
+        if self._take_end is not None and self._take_end() is not None:
+            self._ended = True
+        return self._ended
 
     def end_process_at(self, stamp: int, signal_number: int) -> None:
         """Send a signal to this process in place of the first message from a stamp [ns] on: a fault of the node."""
@@ -164,6 +186,8 @@ class NodeEndpoints:
         """
         if self._planned_end is not None and message.stamp >= self._planned_end[0]:
             os.kill(os.getpid(), self._planned_end[1])
+        if self.joining:
+            return
         self._senders[topic](self.wire.encode(topic, message))
         self.published[topic] += 1
         if topic in self._ticking:
@@ -204,6 +228,7 @@ class NodeEndpoints:
 
         def guarded(data: bytes) -> None:
             if watch.failure is None:
+                self.handled += self.joining
                 try:
                     if not source.begun:
                         source.begin()
@@ -280,13 +305,15 @@ class NodeEndpoints:
         absent = []
         for name, publisher in self._publishers.items():
             topic = BY_NAME[name]
+            if not topic.awaited:
+                continue
             readers = [role for role in topic.readers if role in roles]
             if topic.recorded and Role.RECORDER in roles:
                 readers.append(Role.RECORDER)
             if publisher.get_subscription_count() < len(readers):
                 absent.append(f"a reader of {name} ({', '.join(role.value for role in readers)})")
         for name, subscription in self._subscriptions.items():
-            senders = [role for role in BY_NAME[name].publishers if role in roles]
+            senders = [role for role in BY_NAME[name].publishers if role in roles and BY_NAME[name].awaited]
             if subscription.get_publisher_count() < len(senders):
                 absent.append(f"a publisher of {name} ({', '.join(role.value for role in senders)})")
         absent += filter(None, (source.second() for source in self._sources.values()))
@@ -297,6 +324,16 @@ class NodeEndpoints:
             for source in self._sources.values():
                 source.pin()
         return absent
+
+    def left(self, role: Role) -> bool:
+        """Return True if no publisher of a node is left on the topics that only this node sends."""
+        return not any(self.senders(name) for name in self._sources if BY_NAME[name].publishers == (role,))
+
+    def renew(self, role: Role) -> None:
+        """Accept a new publisher on every topic of a node, after the old one has left."""
+        for name, source in self._sources.items():
+            if BY_NAME[name].publishers == (role,):
+                source.renew()
 
     @property
     def subscribed(self) -> tuple[str, ...]:

@@ -28,6 +28,9 @@ class ObserverNode:
         self.stage = ObserverStage(self._declared(setup))
         endpoints.subscribe({"train/measurement": self._on_measurement})
 
+    def join(self, stamp: int) -> None:
+        """Join a run that has reached a stamp [ns]: the estimate begins again at the next measurement."""
+
     def _declared(self, setup: RunSetup) -> RunSetup:
         """Declare the observer and its parameters; return the setup with the start parameters."""
         given = setup.scenario.observers

@@ -15,9 +15,10 @@ from rclpy.clock import Clock, ClockType
 from train_ato.loop.pace import SteadyPace
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.stage_messages import Published
-from train_ato.messages.topics import BY_NAME, Role
+from train_ato.messages.topics import BY_NAME, END_TOPIC, Role
 from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Tick
 from train_ato.ros.nodes.endpoints import NodeEndpoints
+from train_ato.ros.nodes.outage import OUTAGE_PACE, Outage
 from train_ato.ros.nodes.plant_requests import PlantRequests
 
 LEAD = 400
@@ -69,6 +70,8 @@ class PlantNode:
         Stamp of the last measurement sent [ns], -1 before the first.
     suspended : float
         Longest suspension of the process [s].
+    outage : Outage
+        Nodes whose process is started again.
     ignored, late, held : int
         Numbers of duplicate or unexpected answers, of commands after their tick, and of ticks without a command.
     """
@@ -101,6 +104,9 @@ class PlantNode:
         self._heard = self._heard_release = self._checked = time.monotonic()
         self._lost: tuple[str, str] | None = None
         self._standing = 0
+        self.outage = Outage(2 * stage.setup.supervision_ticks)
+        self._lockstep_pace: float | None = None
+        self._return_tick = 0
         self.suspended = 0.0
         self._requests = PlantRequests(self, endpoints, realtime or 0.0, timeout, pace, scenario)
         given = self._requests.given
@@ -176,7 +182,7 @@ class PlantNode:
     def silent_for(self) -> float:
         """Return the wall time of waiting for a due answer [s]; 0 if none is due, or the loss is known."""
         due = self._waiting or self.blocked
-        if not due or self.finished or self._lost is not None:
+        if not due or self.finished or self._lost is not None or self.outage.away:
             return 0.0
         heard = self._heard
         if self._period is not None and self.stage.setup.layout.supervised:
@@ -194,11 +200,49 @@ class PlantNode:
             self._lost = (role.value, reason)
             self._recorded = self.blocked = False  # the recorder acknowledges complete ticks only
             self.stage.lost = f"node {role.value}: {reason}"
-            if self._period is None:
+            if self._period is None or self._lockstep_pace is not None:
                 self._period = self.stage.setup.tick_ns / STOPPING_PACE
                 self._pace.change(0.0)
             self._wake_every(self._period)
             self._resume_loop()
+
+    def await_return(self, role: Role, reason: str) -> None:
+        """Go on without a node while its process is started again; the fail-safe reactions act meanwhile.
+
+        In lockstep the ticks follow the wall clock until every answer is in order again.
+        """
+        if self._lost is not None or self.finished:
+            return
+        self.outage.begin(role, reason)
+        self.blocked = False
+        self.stage.report_outage(self.outage.text)
+        if self._period is None:
+            self._lockstep_pace = self._pace.factor
+            self._period = self.stage.setup.tick_ns / min(self._pace.factor or OUTAGE_PACE, OUTAGE_PACE)
+            self._pace.change(0.0)
+        self._wake_every(self._period)
+        self._resume_loop()
+
+    def _check_return(self, stamp: int) -> None:
+        """End the outage after enough ticks with all answers; an outage at the end of the run fails it."""
+        if self.stage.finished:
+            self._conclude()
+            role, reason = next(iter(self.outage.away.items()))
+            self.endpoints.watch.fail(role.value, f"{reason}; it did not return before the end of the run")
+        elif self.outage.step(self._all_answered(stamp)):
+            returned = {role.value: count for role, count in self.outage.returned.items()}
+            self.stage.report_outage("", returned)
+            self._return_tick = self.stage.tick
+            if self._lockstep_pace is not None:
+                self._pace.change(self._lockstep_pace)
+                self._period = self._lockstep_pace = self._pipe = None
+                self._timer.cancel()
+
+    def _all_answered(self, stamp: int) -> bool:
+        """Return True if every answer to a stamp [ns] has arrived."""
+        setup, due = self.stage.setup, ["command"]
+        due += ["pipe"] * setup.layout.air_brake + ["release"] * setup.supervised_at(stamp)
+        return all(self._answered[kind] == stamp for kind in due)
 
     def _on_second_publisher(self, topic: str, reason: str) -> bool:
         """Lose the node whose topic has a second publisher, in a supervised run; return False in another one."""
@@ -260,7 +304,7 @@ class PlantNode:
             self._conclude()
         elif self.paused and not self._single:
             pass
-        elif self._recorded and self.stage.tick - self._acknowledged > LEAD:
+        elif self._recorded and self._lead > LEAD:
             self.blocked = True
         elif self._pace.factor and not self._single and (wait := self._pace.wait(self.stage.tick)) > SHORTEST_WAIT_S:
             self._wake_every(wait * 1e9)
@@ -270,14 +314,25 @@ class PlantNode:
             self.sent_stamp = self.stage.stamp
             self._send(self.stage.observe().published())
 
+    @property
+    def _lead(self) -> int:
+        """Lead over the recorder [ticks]; it acknowledges complete ticks only, so none of an outage."""
+        return 0 if self.outage.away else self.stage.tick - max(self._acknowledged, self._return_tick)
+
     def _conclude(self) -> None:
         if not self.finished:
             self.finished = True
             self._send(self.stage.conclude().published())
+            self.announce_end()
+
+    def announce_end(self) -> None:
+        """Send the notice of the end of the run once; without it the absence of this node is a failure."""
+        if not self.endpoints.published[END_TOPIC]:
+            self.endpoints.publish(END_TOPIC, Tick(self.stamp))
 
     def _send(self, messages: Published) -> None:
         """Send messages of the stage; counts from the wall clock are added to its diagnostics."""
-        if self._period is not None or self.ignored:
+        if self._period is not None or self.ignored or self.held:
             wall = {"wall_late": self.late, "wall_held": self.held, "wall_ignored": self.ignored}
             counts = {name: str(count) for name, count in wall.items()}
             messages = [
@@ -318,6 +373,8 @@ class PlantNode:
                 self._conclude()
                 self.endpoints.watch.fail(*self._lost)
                 return
+        elif self.outage.away:
+            self._check_return(stamp)
         self._next()
 
     def _on_recorder_progress(self, tick: Tick) -> None:
@@ -346,6 +403,9 @@ class PlantNode:
         ValueError
             If the pace is 0 in a run with ``realtime``.
         """
+        if self._lockstep_pace is not None:
+            self._lockstep_pace = factor
+            return
         if self._period is not None:
             if factor <= 0:
                 raise ValueError("pace 0: a run with realtime needs a pace; give a number above 0")

@@ -15,6 +15,7 @@ class ProfileNode:
         self.stage = stage
         self.endpoints = endpoints
         self._inputs = AwaitedReport(stage.setup)
+        self._joins = False
         endpoints.subscribe(
             {
                 "train/measurement": lambda message: self._answer(self._inputs.put(message)),
@@ -27,9 +28,15 @@ class ProfileNode:
         """Number of duplicate and late messages."""
         return self._inputs.ignored
 
+    def join(self, stamp: int) -> None:
+        """Join a run that has reached a stamp [ns]: the profile is sent with the first reference."""
+        self.stage.join()
+        self._joins = True
+
     def begin(self) -> None:
         """Send the profile and the limits, latched for nodes that start later."""
-        self.endpoints.publish_all(self.stage.start().published())
+        start = self.stage.start()
+        self.endpoints.publish_all([("ato/limits", start.limits)] if self._joins else start.published())
 
     def _answer(self, ready: list[tuple[Measurement, AtoReport | None]]) -> None:
         for measurement, report in ready:

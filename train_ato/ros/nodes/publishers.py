@@ -37,6 +37,7 @@ class OnePublisher:
         self._pinned: tuple[int, ...] | None = None
         self._matches = 1
         self._lost = False
+        self._renewed = False
         self._number = 0
 
     def attach(self, subscription: Any) -> None:
@@ -49,14 +50,24 @@ class OnePublisher:
         if len(found) == 1:
             self._pinned = tuple(found[0].endpoint_gid)
 
+    def renew(self) -> None:
+        """Accept another publisher as at the start of the run: the process of the node is started again.
+
+        The old one must have left; the messages of the new one are numbered from 1.
+        """
+        self.begun, self._renewed, self._lost = False, True, True
+        self._pinned = None
+
     def begin(self) -> None:
-        """Store the publisher of the first message as that of the run.
+        """Store the publisher of the first message as that of the run, or as that after a restart of the node.
 
         Raises
         ------
         ValueError
             If there are several, or another one than at discovery.
         """
+        if self._renewed and not self._subscription.get_publisher_count():
+            return  # a message of the old publisher
         self.begun = True
         met = self._pinned
         self.pin()
@@ -88,6 +99,12 @@ class OnePublisher:
             If the numbers are not consecutive: messages were lost, or there is a second publisher.
         """
         if self.begun and number == self._number + 1:
+            self._number = number
+            return
+        if self._renewed and not self.begun:
+            if number not in (1, self._number + 1):
+                raise ValueError(f"{self._topic.name}: message {number} came first after the restart of {self._role}")
+            self.begin()
             self._number = number
             return
         if self.begun:

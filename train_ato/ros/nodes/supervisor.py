@@ -16,6 +16,10 @@ class SupervisorNode:
         self.ignored = 0
         endpoints.subscribe({"train/odometry": self._on_odometry})
 
+    def join(self, stamp: int) -> None:
+        """Join a run that has reached a stamp [ns]."""
+        self.stage.join()
+
     def _on_odometry(self, odometry: Odometry) -> None:
         if odometry.stamp <= self.endpoints.last_stamp:
             self.ignored += 1

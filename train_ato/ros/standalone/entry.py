@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import queue
 import signal
 import sys
 import threading
@@ -21,13 +20,13 @@ from train_ato.messages.topics import Role
 from train_ato.ros import require_ros
 from train_ato.ros.graph.environment import middleware, opened_by
 from train_ato.ros.graph.graph_result import LOCKSTEP_TIMEOUT_S, PACED_TIMEOUT_S
+from train_ato.ros.standalone.notices import Notices, begin_stamp, read_notices
 
 if TYPE_CHECKING:
     from train_ato.loop.result import RunResult
     from train_ato.loop.setup import RunSetup
     from train_ato.ros.nodes.endpoints import NodeEndpoints
 
-    Notices = queue.SimpleQueue[tuple[Role, str]]
     Completed = Callable[[RunSetup, RunResult, Path], None]
 
 
@@ -37,6 +36,8 @@ def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--set", action="append", default=[], metavar="A.B=V", help="change one key of the scenario")
     # for `run --processes`: end the run when standard input is closed, report on standard output, leave the summary
     parser.add_argument("--attached", action="store_true", help=argparse.SUPPRESS)
+    # for `run --processes --restart`: join the run in progress after the notice `begin`
+    parser.add_argument("--restarted", action="store_true", help=argparse.SUPPRESS)
     if role is Role.PLANT:
         parser.add_argument("--realtime", type=float, metavar="F", help="pace on the wall clock instead of lockstep")
         parser.add_argument("--pace", type=float, default=0.0, metavar="F", help="limit lockstep to F times real time")
@@ -89,9 +90,9 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
 
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, stop)
-    notices: Notices = queue.SimpleQueue()
+    notices = Notices()
     if options.attached:
-        threading.Thread(target=_read_input, args=(stopped, notices), daemon=True).start()
+        threading.Thread(target=read_notices, args=(stopped, notices), daemon=True).start()
     try:
         if not options.attached:
             require_ros()
@@ -99,20 +100,6 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
     except (ValueError, OSError) as error:
         sys.stderr.write(f"{role.value}: {' '.join(str(error).split())}\n")
         return BAD_INPUT
-
-
-def _read_input(stopped: threading.Event, notices: Notices) -> None:
-    """Queue the lines ``ROLE REASON`` of lost nodes; set the event when standard input is closed.
-
-    A read without a buffer does not block the exit of the process.
-    """
-    line = b""
-    while found := os.read(0, 4096):
-        *whole, line = (line + found).split(b"\n")
-        for text in whole:
-            role, _, reason = text.decode(errors="replace").partition(" ")
-            notices.put((Role(role), reason))
-    stopped.set()
 
 
 def _plan_end(role: Role, setup: RunSetup, endpoints: NodeEndpoints) -> None:
@@ -143,6 +130,9 @@ def _run(
     folder: Path | None = getattr(options, "out", None)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
+    joined = begin_stamp(stopped, notices) if options.restarted else None
+    if options.restarted and joined is None:
+        return 0
     log_folder = Path(os.environ["ROS_LOG_DIR"]) if "ROS_LOG_DIR" in os.environ else None
     watch = FirstFailure(log_folder)
     with executor_of(None, options.ros or None, watch) as (context, executor):
@@ -155,7 +145,16 @@ def _run(
         _plan_end(role, setup, endpoints)
         recorded = getattr(options, "recorded", False)
         turner = StandaloneRunner(
-            role, node, endpoints, executor, stopped, setup.fingerprint(), recorded, options.attached, notices
+            role,
+            node,
+            endpoints,
+            executor,
+            stopped,
+            setup.fingerprint(),
+            recorded,
+            options.attached,
+            notices,
+            joined,
         )
         status = turner.run()
         if folder is not None and not node.log.failure and not options.attached:

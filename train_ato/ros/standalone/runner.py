@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from queue import SimpleQueue
 from typing import Any
 
 from train_ato.messages.topics import BY_NAME, Role
@@ -21,10 +20,17 @@ from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.plant import LEASE_S, silent_node
 from train_ato.ros.standalone.discovery import Discovery, answer_ready
+from train_ato.ros.standalone.notices import Notice, NoticeKind, Notices
 
 TURN_S = 0.1
 RECORD_S = 0.02
 """Period of polling the recorder's queues [s]; at 10 000 ticks a second they fill by 200 of 1000 messages."""
+CUT = "its messages ended without the notice of the end of the run: its process ended, or the link is cut"
+"""Reason of the failure of a plant that has left."""
+NOTICE_S = 1.0
+"""Maximum wall time for the notice of the end of the run to be read after the plant has left [s]."""
+JOINING_S = 0.02
+"""Period of the checks for missing endpoints of a restarted node [s]."""
 REPORT_EVERY_S = 3.0
 """Wall time between two reports of missing nodes [s]."""
 
@@ -45,7 +51,9 @@ class StandaloneRunner:
     attached
         Print the progress, at the end the counts, for the process that started this one.
     notices
-        For the plant: lost nodes with the reason, from the process that started this one.
+        Notices of the process that started this one.
+    restarted
+        For the new process of a node: stamp at which the old one has left the run [ns].
 
     Attributes
     ----------
@@ -63,7 +71,8 @@ class StandaloneRunner:
         fingerprint: dict[str, str],
         recorded: bool = False,
         attached: bool = False,
-        notices: SimpleQueue[tuple[Role, str]] | None = None,
+        notices: Notices | None = None,
+        restarted: int | None = None,
     ) -> None:
         self.role = role
         self.node = node
@@ -72,6 +81,8 @@ class StandaloneRunner:
         self._stopped = stopped
         self._attached = attached
         self._notices = notices
+        self._restarted = restarted
+        self._away: dict[Role, int] = {}
         self._continued = threading.Event()
         self._met = False
         self.first_heard = self.last_heard = 0.0
@@ -84,6 +95,8 @@ class StandaloneRunner:
         gc.collect()
         gc.freeze()
         {Role.PLANT: self._drive, Role.RECORDER: self._record}.get(self.role, self._follow)()
+        if self.role is Role.PLANT:
+            self.node.announce_end()
         self.endpoints.deliver(STOPPING_S)
         ignored = getattr(self.node, "ignored", 0)
         if self._attached:
@@ -118,18 +131,65 @@ class StandaloneRunner:
 
     def _follow(self) -> None:
         """Answer measurements until the plant ends."""
+        if self._restarted is not None:
+            self.node.join(self._restarted)
+            self._rejoin()
+            self.node.join(self._restarted)
         if self.role is Role.PROFILE:
             self.endpoints.guard(self.node.begin)
         of_plant = next(name for name in self.endpoints.subscribed if Role.PLANT in BY_NAME[name].publishers)
         while not self._ends and not self._left(of_plant):
             self._executor.spin_once(timeout_sec=TURN_S)
+            self._take_notices()
+        self._check_end(lambda: self._executor.spin_once(timeout_sec=TURN_S))
+
+    def _check_end(self, turn: Callable[[], None]) -> None:
+        """Fail the run by the name of the plant if it has left without the notice of the end."""
+        last = time.monotonic() + NOTICE_S
+        while not self._ends and not self.endpoints.ended and time.monotonic() < last:
+            turn()
+        if not self._ends and not self.endpoints.ended:
+            self.endpoints.watch.fail(Role.PLANT.value, CUT)
+
+    def _rejoin(self) -> None:
+        """Wait until all endpoints are connected and no message waits: answers that are caught up would be a jump.
+
+        The messages before are handled without an answer, so that the first answer takes no longer than the others.
+        """
+        endpoints, handled = self.endpoints, -1
+        endpoints.joining = True
+        while not self._ends and (endpoints.missing((Role.RECORDER,)) or handled != endpoints.handled):
+            self._executor.spin_once(timeout_sec=JOINING_S)
+            self._take_notices()
+            handled = endpoints.handled
+            self._executor.spin_once(timeout_sec=0.0)
+        endpoints.joining = False
+
+    def _take_notices(self) -> None:
+        """Follow the notices; report each restarted node whose old publishers have left."""
+        while self._notices is not None and not self._notices.empty():
+            self._follow_notice(self._notices.get())
+        for role in [role for role in self._away if self.endpoints.left(role)]:
+            self.endpoints.renew(role)
+            self._print(f"without {role.value}", self._away.pop(role), self.endpoints.last_stamp)
+
+    def _follow_notice(self, notice: Notice) -> None:
+        if notice.kind is NoticeKind.LOST and self.role is Role.PLANT:
+            self.node.lose(notice.role, notice.text)
+        elif notice.kind is NoticeKind.AWAY:
+            number, _, reason = notice.text.partition(" ")
+            self._away[notice.role] = int(number)
+            if self.role in (Role.PLANT, Role.CONTROLLER):
+                self.node.await_return(notice.role, reason)
 
     def _record(self) -> None:
         """Record until the last publisher ends, and close the log; other programs may publish /diagnostics."""
         topics = [name for name in self.endpoints.subscribed if len(BY_NAME[name].publishers) == 1]
         while not self._ends and not self._left(*topics):
             self.endpoints.guard(self._poll)
+            self._take_notices()
             time.sleep(RECORD_S)
+        self._check_end(lambda: time.sleep(RECORD_S))
         self.endpoints.guard(lambda: self.node.close(None))
 
     def _poll(self) -> None:
@@ -154,17 +214,22 @@ class StandaloneRunner:
         look = 0.0
         while not self._ends and not self.node.finished:
             self._executor.spin_once(timeout_sec=TURN_S)
-            while self._notices is not None and not self._notices.empty():
-                self.node.lose(*self._notices.get())
+            self._take_notices()
             if time.monotonic() >= look:
                 look = time.monotonic() + TURN_S
                 self._print("tick", self.node.stage.tick)
+                self._print_returned()
                 self._check_answers()
         if self._stopped.is_set() and not self.node.finished:
             self._stop()
         self._turn_until(lambda: self.node.answered)
         self._print("wall_ns", time.perf_counter_ns() - begin)
         self._print("tick", self.node.stage.tick)
+        self._print_returned()
+
+    def _print_returned(self) -> None:
+        for role, count in self.node.outage.returned.items():
+            self._print(f"returned {role.value}", count)
 
     def _wait_for_nodes(self) -> bool:
         """Return True when all nodes are connected, False after a stop or a failure."""

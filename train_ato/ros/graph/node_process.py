@@ -1,0 +1,142 @@
+"""Process of a standalone node, and its report."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+from train_ato.arguments import BAD_INPUT
+from train_ato.messages.topics import Role
+from train_ato.ros.graph.environment import variables
+from train_ato.ros.standalone.notices import Notice
+
+LEAVING_S = 5.0
+"""Wall time for a node to end after a failure of the run [s]."""
+_PACKAGE_ROOT = str(Path(__file__).resolve().parents[3])
+
+
+class NodeProcess:
+    """Process of a standalone node, and the thread that reads its report.
+
+    Parameters
+    ----------
+    role
+        Node in the process.
+    arguments
+        Options of the node.
+    domain
+        ROS domain.
+    log_folder
+        Folder of its standard error.
+    suffix
+        End of the name of this file.
+
+    Attributes
+    ----------
+    counts : dict
+        Integers that the node has printed, by name.
+    reported : float
+        Monotonic wall time of the last report [s].
+    lost : bool
+        True after the report of its failure to the plant.
+    remark : str
+        End of the text of its failure.
+    joined : bool
+        True after the notice to the new process of a node to join the run.
+    """
+
+    def __init__(self, role: Role, arguments: list[str], domain: int, log_folder: Path, suffix: str = "") -> None:
+        self.role = role
+        self.counts: dict[str, list[int]] = {}
+        self.reported = time.monotonic()
+        self.lost = False
+        self.remark = ""
+        self.joined = False
+        self._errors = log_folder / f"{role.value}{suffix}.stderr.txt"
+        environment = {**os.environ, **variables(domain, log_folder)}
+        paths = [_PACKAGE_ROOT, *filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))]
+        environment["PYTHONPATH"] = os.pathsep.join(paths)
+        command = [sys.executable, "-m", "train_ato.ros.standalone", role.value, *arguments, "--attached"]
+        with self._errors.open("wb") as errors:
+            # a separate session, so that Ctrl-C of the terminal reaches only this process
+            self.process = subprocess.Popen(
+                command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                env=environment,
+                start_new_session=True,
+                text=True,
+            )
+        self._reader = threading.Thread(target=self._read, name=f"report of {role.value}", daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            name, _, values = line.rpartition(":")
+            with contextlib.suppress(ValueError):  # a print of a law or a library
+                self.counts[name] = [int(value) for value in values.split()]
+                self.reported = time.monotonic()
+
+    @property
+    def tick(self) -> int:
+        """Number of complete ticks of the plant."""
+        return self.counts.get("tick", [0])[0]
+
+    @property
+    def last_error(self) -> str:
+        """Last line of standard error, the failure if there is one, without the name of the node before it."""
+        lines = [line.strip() for line in self._errors.read_text(errors="replace").splitlines() if line.strip()]
+        named = [line for line in lines if line.startswith("node ")]
+        return (named or lines or [""])[-1].removeprefix(f"{self.role.value}: ")
+
+    @property
+    def failure(self) -> str | None:
+        """Failure of the node with its reason; None while it runs and after a regular end."""
+        status = self.process.poll()
+        if not status:
+            return None
+        if status < 0:
+            text = f"its process was ended by {signal.Signals(-status).name}"
+        else:
+            text = self.last_error or f"its process ended with status {status}"
+        return f"{'' if text.startswith('node ') else f'node {self.role.value} failed: '}{text}{self.remark}"
+
+    @property
+    def crashed(self) -> bool:
+        """True if the process has ended by a signal or with a status other than 0, without the report of a failure."""
+        status = self.process.poll()
+        if not status or status == BAD_INPUT:
+            return False
+        return status < 0 or not self.last_error.startswith("node ")
+
+    def send(self, notice: Notice) -> None:
+        """Write a notice to the standard input of the node."""
+        assert self.process.stdin is not None
+        with contextlib.suppress(OSError):
+            self.process.stdin.write(f"{notice.line}\n")
+            self.process.stdin.flush()
+
+    def release(self) -> None:
+        """Close the standard input of the node; the node then ends the run."""
+        assert self.process.stdin is not None
+        with contextlib.suppress(OSError):
+            self.process.stdin.close()
+
+    def end(self, patience: float) -> None:
+        """Wait for the end of the process; after ``patience`` [s] end it by SIGKILL."""
+        try:
+            self.process.wait(timeout=patience)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+        self._reader.join(timeout=LEAVING_S)
+        assert self.process.stdout is not None
+        self.process.stdout.close()

@@ -1,0 +1,81 @@
+"""Notices of the process that started the nodes, as lines on their standard input.
+
+=======================  ==============================================================================
+``lost ROLE REASON``     the node has failed for good; the plant stops its train and fails the run
+``away ROLE N REASON``   the process of the node has ended and is started again for the Nth time
+``begin ROLE STAMP``     to this new process: the old one has left the graph at the stamp [ns]
+=======================  ==============================================================================
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import threading
+from dataclasses import dataclass
+from enum import Enum
+
+from train_ato.messages.topics import Role
+
+
+class NoticeKind(Enum):
+    """Kind of a notice."""
+
+    LOST = "lost"
+    AWAY = "away"
+    BEGIN = "begin"
+
+
+@dataclass(frozen=True)
+class Notice:
+    """One notice about a node; ``text`` is the end of its line."""
+
+    kind: NoticeKind
+    role: Role
+    text: str
+
+    @property
+    def line(self) -> str:
+        """Notice as one line."""
+        return f"{self.kind.value} {self.role.value} {self.text}"
+
+    @classmethod
+    def of(cls, line: str) -> Notice:
+        """Return the notice of a line.
+
+        Raises
+        ------
+        ValueError
+            If the line has another form.
+        """
+        kind, _, rest = line.partition(" ")
+        role, _, text = rest.partition(" ")
+        return cls(NoticeKind(kind), Role(role), text)
+
+
+Notices = queue.SimpleQueue[Notice]
+
+
+def read_notices(stopped: threading.Event, notices: Notices) -> None:
+    """Queue the notices on standard input; set the event when standard input is closed.
+
+    A read without a buffer does not block the exit of the process.
+    """
+    line = b""
+    while found := os.read(0, 4096):
+        *whole, line = (line + found).split(b"\n")
+        for text in whole:
+            notices.put(Notice.of(text.decode(errors="replace")))
+    stopped.set()
+
+
+def begin_stamp(stopped: threading.Event, notices: Notices) -> int | None:
+    """Wait for the notice ``begin`` and return its stamp [ns]; None if the run ends before it."""
+    while not stopped.is_set():
+        try:
+            notice = notices.get(timeout=0.05)
+        except queue.Empty:
+            continue
+        if notice.kind is NoticeKind.BEGIN:
+            return int(notice.text)
+    return None
