@@ -296,6 +296,18 @@ def test_the_reaction_to_missing_commands_rises_with_their_age() -> None:
     assert set(found) == set(Protection)
 
 
+def test_a_node_that_does_not_return_applies_the_service_brake_at_once() -> None:
+    """Breaks if a known loss waits for the age of the commands, or a new command ends its brake."""
+    setup = metro()
+    protection = TrainProtection(setup)
+    reactions(protection, 0, 20, setup.tick_ns)
+    protection.lose("node observer: its process was ended")
+    assert set(reactions(protection, 20, 60, setup.tick_ns)) == {Protection.SERVICE_BRAKE}
+    assert protection.reason == "node observer: its process was ended"
+    late = reactions(protection, 60, 300, setup.tick_ns, command=60)
+    assert late[-1] is Protection.EMERGENCY_BRAKE
+
+
 def test_a_missing_brake_release_applies_the_emergency_brake_until_standstill() -> None:
     """Breaks if the plant trusts an old release, or ends the brake of a moving train with the next one."""
     setup = metro()

@@ -72,12 +72,17 @@ class TrainProtection:
         self._release_age = allowed + round(release.longest * 1e9)
         self._release: BrakeRelease | None = None
         self._newest = 0
+        self._lost = ""
         self._silent = Protection.NONE
         self._unreleased = False
 
     def jump(self, change: DelayJump) -> None:
         """Add a change of the command delays."""
         self._stamps.jump(change)
+
+    def lose(self, reason: str) -> None:
+        """Apply the service brake from the next step on, because a node has ended and does not return."""
+        self._lost = reason
 
     def on_command(self, stamp: int, received: int | None = None) -> None:
         """Take the stamp of a command of the ATO and the time of its reception [ns], by default its stamp."""
@@ -106,6 +111,8 @@ class TrainProtection:
         if self._supervised:
             if separated:
                 demands.append((Protection.EMERGENCY_BRAKE, "train separation"))
+            if self._lost:
+                demands.append((Protection.SERVICE_BRAKE, self._lost))
             demands += [self._of_release(stamp, standstill), self._of_command(stamp, standstill)]
         self.level, self.reason = max(demands, key=lambda demand: demand[0])
         return self.level

@@ -190,7 +190,7 @@ class PlantNode:
         return time.monotonic() - heard
 
     def lose(self, role: Role, reason: str) -> None:
-        """Go on without a node until the fail-safe reactions have stopped the train, then fail the run.
+        """Stop the train with the service brake, or a stronger fail-safe reaction; then fail the run.
 
         A run without supervision, or without its recorder, fails at once.
         """
@@ -199,7 +199,8 @@ class PlantNode:
         elif self._lost is None:
             self._lost = (role.value, reason)
             self._recorded = self.blocked = False  # the recorder acknowledges complete ticks only
-            self.stage.lost = f"node {role.value}: {reason}"
+            self.stage.report_outage(f"node {role.value}: {reason}")
+            self.stage.protection.lose(self.stage.lost)
             if self._period is None or self._lockstep_pace is not None:
                 self._period = self.stage.setup.tick_ns / STOPPING_PACE
                 self._pace.change(0.0)
