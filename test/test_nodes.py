@@ -25,7 +25,8 @@ from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by
 from train_ato.messages.types import Command, DisturbanceEstimate, Reference, Tick, Trajectory
-from train_ato.ros.nodes.plant import CHECK_S, LEAD, SUSPENDED_S, PlantNode, silent_node
+from train_ato.ros.nodes.plant import CHECK_S, LEAD, SUSPENDED_S, PlantNode
+from train_ato.ros.nodes.silent_node import silent_node
 from train_ato.scenario.scenario import load_scenario
 
 TICK = 100_000_000

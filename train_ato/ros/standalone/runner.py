@@ -18,7 +18,8 @@ from train_ato.messages.topics import BY_NAME, Role
 from train_ato.ros.graph.environment import opened_by
 from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
 from train_ato.ros.nodes.endpoints import NodeEndpoints
-from train_ato.ros.nodes.plant import LEASE_S, silent_node
+from train_ato.ros.nodes.plant import LEASE_S
+from train_ato.ros.nodes.silent_node import silent_node
 from train_ato.ros.standalone.discovery import Discovery, answer_ready
 from train_ato.ros.standalone.notices import Notice, NoticeKind, Notices
 
