@@ -11,9 +11,7 @@ from typing import Any
 import rclpy
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from rosgraph_msgs.msg import Clock
 
 from plant_sim.train import compile_kernel
 from train_ato.errors import FirstFailure, of_own_code
@@ -26,7 +24,6 @@ from train_ato.loop.profile import ProfileStage
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.messages.topics import Role, topics_of
-from train_ato.ros.graph.date_watch import DateWatch
 from train_ato.ros.nodes.controller import ControllerNode
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.observer import ObserverNode
@@ -53,7 +50,6 @@ class _Executor(rclpy_implementation.EventsExecutor):  # type: ignore[misc]
     def __init__(self, context: Context, watch: FirstFailure | None) -> None:
         super().__init__(context)
         context.on_shutdown(self.wake)
-        self._context = context
         self._watch = watch
         self._refused = 0
 
@@ -71,20 +67,6 @@ class _Executor(rclpy_implementation.EventsExecutor):  # type: ignore[misc]
             else:
                 raise
 
-    def renew_waits(self) -> None:
-        """End the waits for events and timers, which begin again; a running timer begins a new period.
-
-        A new publisher ends the wait of the thread with the heartbeats of Fast DDS, of which there is one per context.
-        """
-        for node in self.get_nodes():
-            for timer in node.timers:
-                if not timer.is_canceled():
-                    timer.reset()
-        self.wake()
-        other = Node("date_step", context=self._context, enable_rosout=False, start_parameter_services=False)
-        other.create_publisher(Clock, "date_step", 1)
-        other.destroy_node()
-
 
 @contextmanager
 def executor_of(
@@ -94,11 +76,9 @@ def executor_of(
     context = Context()
     rclpy.init(context=context, args=arguments, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
     executor = _Executor(context, watch)
-    date_watch = DateWatch(executor.renew_waits)
     try:
         yield context, executor
     finally:
-        date_watch.stop()
         nodes = list(executor.get_nodes())
         for node in nodes:
             executor.remove_node(node)
