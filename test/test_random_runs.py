@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from msgs_docs.generate.random_runs import SCENARIOS, SPREAD, Draw, Figures, draws, figures_of, summary
+from msgs_docs.generate.random_runs import SCENARIOS, SPREAD, Draw, Figures, draws, drive_draw, summary
 from train_ato.control.registry import LAWS
 
 
@@ -42,7 +42,7 @@ def test_many_random_runs_stay_before_the_supervised_location(seed):
 
 
 def _judge(draw):
-    run = figures_of(draw)
+    run = drive_draw(draw)
     assert run.margin > 0.0, draw.command
     assert run.excess < 0.0, draw.command
 
@@ -52,9 +52,9 @@ def test_the_verdict_fails_without_supervision():
     name, *sets = SCENARIOS["metro"][1:3]
     frozen = "plant.sensors.freeze=[{begin: 10, end: 9999}]"
     draw = Draw(0, "metro", "pid", "frozen", name, (*sets[0], frozen, "duration=300"))
-    assert figures_of(draw).margin > 0.0
+    assert drive_draw(draw).margin > 0.0
     bare = replace(draw, sets=(*draw.sets, "supervision.enabled=false"))
-    assert figures_of(bare).margin < 0.0
+    assert drive_draw(bare).margin < 0.0
 
 
 def test_the_summary_counts_and_names_bad_runs():

@@ -72,8 +72,8 @@ OTHERS = """
 | gust, delay jump, emergency brake at a time | `interventions` |
 
 A full disk, a killed recorder and a second publisher of a topic fail the run with the name of the node; the log is kept
-([log.md](log.md)). No simulated time depends on the date of the machine. Some waits in the ROS wheels end at a date, so a
-step of the date backward can delay a paced run; such runs need a clock without steps. A suspended run in one process
+([log.md](log.md)). No simulated time depends on the date of the machine. Some waits in the ROS wheels end at a date, so
+a step of the date backward can delay a paced run; such runs need a clock without steps. A suspended run in one process
 goes on afterwards; with one process per node, a plant that was suspended for more than 3 s fails the run by its name.
 """
 TABLE = """

@@ -18,7 +18,7 @@ from msgs_docs.generate.random_runs import (
     SPREAD,
     digest,
     draws,
-    measure,
+    measure_draws,
 )
 
 PAGE = Path("msgs_docs", "random_runs.md")
@@ -67,7 +67,7 @@ differs more from its model than the law permits.
 """
 
 
-def read_summary(root: Path) -> dict[str, Any]:
+def read_random_runs(root: Path) -> dict[str, Any]:
     """Return the measured summary; empty without one."""
     path = root / MEASURED
     found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
@@ -76,20 +76,20 @@ def read_summary(root: Path) -> dict[str, Any]:
 
 def measure_random_runs(root: Path) -> None:
     """Make the runs of the page and write their summary."""
-    text = json.dumps(measure(COUNT, SEED, os.cpu_count() or 1), indent=1, ensure_ascii=False)
+    text = json.dumps(measure_draws(COUNT, SEED, os.cpu_count() or 1), indent=1, ensure_ascii=False)
     (root / MEASURED).write_text(text + "\n", encoding="utf-8")
 
 
 def unmeasured_random_runs(root: Path) -> list[str]:
     """Return one line if the summary is not that of the present runs."""
-    if read_summary(root).get("runs") == digest(draws(COUNT, SEED)):
+    if read_random_runs(root).get("runs") == digest(draws(COUNT, SEED)):
         return []
     return [f"{MEASURED}: other runs or none; run python -m msgs_docs.generate --measure {NAME}"]
 
 
 def page(root: Path) -> str:
     """Return the text of the page."""
-    found = read_summary(root)
+    found = read_random_runs(root)
     spread = {**SPREAD, "plant.adhesion (metro)": ADHESION, "links.command.delay, factor": DELAY}
     lines = [INTRODUCTION.format(count=COUNT, seed=SEED, share=100.0 * NO_FAULT).rstrip("\n")]
     lines += [f"| `{key}` | {low:g} | {high:g} |" for key, (low, high) in spread.items()]

@@ -29,7 +29,7 @@ from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 
-__all__ = ["COUNT", "MEASURED", "SEED", "Draw", "Figures", "draws", "figures_of", "measure", "summary"]
+__all__ = ["COUNT", "MEASURED", "SEED", "Draw", "Figures", "draws", "drive_draw", "measure_draws", "summary"]
 
 COUNT, SEED = 1000, 1
 """Number and seed of the runs of the page."""
@@ -140,7 +140,7 @@ def draws(count: int, seed: int) -> Iterator[Draw]:
 
 
 def _fits(row: FaultRow, base: str) -> bool:
-    """Return whether a fault can be drawn: none of the spread, on heavy trains also the messages and nodes."""
+    """Return True for a fault that can be drawn: none of the spread, on heavy trains also of messages and nodes."""
     if any(text.startswith((*SPREAD, "plant.adhesion")) for text in row.sets):
         return False
     same = (row.base == "metro") == base.startswith("metro")
@@ -160,7 +160,7 @@ def _moved(text: str, at: str) -> str:
     return text
 
 
-def figures_of(draw: Draw) -> Figures:
+def drive_draw(draw: Draw) -> Figures:
     """Drive a random run in the engine and return its figures."""
     setup = prepare(*load_scenario(draw.scenario, draw.sets))
     result = run_engine(setup)
@@ -175,12 +175,12 @@ def figures_of(draw: Draw) -> Figures:
     )
 
 
-def measure(count: int, seed: int, workers: int) -> dict[str, Any]:
+def measure_draws(count: int, seed: int, workers: int) -> dict[str, Any]:
     """Drive random runs in ``workers`` processes and return their summary."""
     chosen = list(draws(count, seed))
     found = []
     with share_bar("random runs") as report, ProcessPoolExecutor(workers) as pool:
-        for figures in pool.map(figures_of, chosen, chunksize=4):
+        for figures in pool.map(drive_draw, chosen, chunksize=4):
             found.append(figures)
             report(len(found) / count, "")
     return {"runs": digest(chosen), "count": count, "seed": seed, **summary(chosen, found)}
@@ -242,7 +242,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=SEED, help="seed of the draws")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
     options = parser.parse_args(arguments)
-    found = measure(options.count, options.seed, options.workers)
+    found = measure_draws(options.count, options.seed, options.workers)
     sys.stdout.write(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
     return 1 if found["bad"] else 0
 
