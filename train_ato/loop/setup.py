@@ -68,14 +68,19 @@ class RunSetup:
         """Period of the loop [s]."""
         return self.tick_ns * 1e-9
 
-    @property
+    @cached_property
     def supervision_ticks(self) -> int:
         """Number of ticks of a supervision period."""
         return max(1, -(-round(self.scenario.supervision.period * 1e9) // self.tick_ns))
 
+    @cached_property
+    def _supervision_ns(self) -> int:
+        """Period of the supervisor [ns]; 0 without one."""
+        return self.supervision_ticks * self.tick_ns if self.layout.supervised else 0
+
     def supervised_at(self, stamp: int) -> bool:
         """Return True if the supervisor takes a step at a stamp [ns]."""
-        return self.layout.supervised and stamp % (self.supervision_ticks * self.tick_ns) == 0
+        return self._supervision_ns != 0 and stamp % self._supervision_ns == 0
 
     @property
     def control_period(self) -> float:
