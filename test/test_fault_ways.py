@@ -14,6 +14,7 @@ pytest.importorskip("rclpy")
 
 import numpy as np
 from remains import check_nothing_left
+from waiting import LIMIT_S
 
 from msgs_docs.generate.fault_runs import STANDSTILL, FaultRun, setup_of
 from msgs_docs.generate.fault_table import ROWS
@@ -29,6 +30,8 @@ from train_ato.ros.graph.runner import run_graph
 
 REACTION_TIME = 1.5
 """Largest simulated time from the detection of a fault to a demand to coast or brake [s]."""
+SILENT_S = 10.0
+"""Wall time without an answer after which a stopped node is lost [s]."""
 KEPT = 1.0
 """Largest loss at the end of a log [s]."""
 WALL = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99")
@@ -57,11 +60,11 @@ def test_each_way_has_48_rows():
         assert {row.kind for row in rows} == {row.kind for row in ROWS if not row.slow}
 
 
-def graph_run(row, way, folder, pace=0.0):
+def graph_run(row, way, folder, pace=0.0, timeout=LIMIT_S):
     """Run a row as a graph in a folder and return it."""
     setup = setup_of(row)
     folder.mkdir()
-    return FaultRun(setup, run_graph(setup, folder, mode=way, pace=pace))
+    return FaultRun(setup, run_graph(setup, folder, mode=way, pace=pace, timeout=timeout))
 
 
 def stamps(folder, topic):
@@ -92,7 +95,7 @@ def failure_of(fault):
     """Return the pattern of the failure of a run whose node was killed, stopped or doubled."""
     return {
         "kill": rf"node {fault.node} failed: its process was ended by SIGKILL",
-        "stop": rf"node {fault.node} failed: no answer to stamp {fault.at:.3f} s within 10 s",
+        "stop": rf"node {fault.node} failed: no answer to stamp {fault.at:.3f} s within {SILENT_S:g} s",
         "duplicate": r"node \w+ failed: \S+ has more than one publisher",
     }[fault.do]
 
@@ -104,7 +107,8 @@ def test_a_lost_process_stops_the_train(row, tmp_path):
     A second node starts late: the demand counts from the last answer that the train used.
     """
     folder = tmp_path / "run"
-    run = graph_run(row, "processes", folder, pace=2.0 if "duplicate" in row.sets[0] else 0.0)
+    pace = 2.0 if "duplicate" in row.sets[0] else 0.0
+    run = graph_run(row, "processes", folder, pace, SILENT_S if "do: stop" in row.sets[0] else LIMIT_S)
     (fault,) = node_faults(run.setup.scenario.faults)
     assert re.match(failure_of(fault), run.result.failure)
     assert run.front < run.supervised_location
@@ -123,7 +127,7 @@ def test_a_lost_process_stops_the_train(row, tmp_path):
 def test_a_lost_recorder_keeps_the_log(row, tmp_path):
     """Breaks if the run goes on without a record, or more than the last second is lost."""
     folder = tmp_path / "run"
-    run = graph_run(row, "processes", folder, pace=SLOW_PACE)
+    run = graph_run(row, "processes", folder, SLOW_PACE, SILENT_S)
     (fault,) = node_faults(run.setup.scenario.faults)
     assert run.result.failure.startswith(row.reaction)
     recover(folder)
