@@ -100,8 +100,11 @@ def test_published_gains_swing_in_the_couplers(law: str, rms: float, draft: floa
 
 
 def test_the_printed_law_is_lost_with_lag_and_delay() -> None:
-    """Unstable above a total lag of 0.17 s. At 1.2 s it winds up: 4.95 and 14.7 km/h, 1549 kN, 763 m past the stop."""
-    result = summary("daqin_heavy_haul", *PRINTED, "compensation=none")
+    """Unstable above a total lag of 0.17 s. At 1.2 s it winds up: 4.95 and 14.7 km/h, 1549 kN, 763 m past the stop.
+
+    These are the figures of the law alone; with supervision the braking law stops the train ahead of the stop.
+    """
+    result = summary("daqin_heavy_haul", *PRINTED, "compensation=none", "supervision.enabled=false")
     assert result["speed_rmse_kmh"] > 0.9 * 4.95
     assert result["speed_error_max_kmh"] > 0.9 * 14.7
     assert result["coupler_draft_max_kn"] > 0.9 * 1549

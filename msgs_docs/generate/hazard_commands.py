@@ -160,8 +160,8 @@ DEMAND: tuple[HazardRow, ...] = (
         "Without a recent valid brake release the train applies the emergency brake.",
         (RELEASE_AGE, RECEIVER, VALIDITY),
         (
-            "supervisor killed", "supervisor killed, heavy train", "brake release lost", "brake release repeated",
-            "brake release NaN", "brake release with a wrong bit",
+            "supervisor killed", "supervisor stopped", "supervisor killed, heavy train", "brake release lost",
+            "brake release repeated", "brake release NaN", "brake release with a wrong bit",
         ),
         (SUPERVISOR_TEST + "test_only_the_exact_value_releases",
          "test/test_message_faults.py::test_no_flipped_bit_of_a_release_releases_a_brake"),
