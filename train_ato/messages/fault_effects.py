@@ -45,15 +45,17 @@ class FaultEffect:
         The fault.
     seed, name
         Seed and key of the random stream.
+    last
+        Last message before a fault that is added during the run.
     """
 
-    def __init__(self, spec: MessageFault, seed: int, name: str) -> None:
+    def __init__(self, spec: MessageFault, seed: int, name: str, last: Any = None) -> None:
         self.spec = spec
         self._begin = round(spec.begin * SECOND)
         self._end = NEVER if spec.end is None else round(spec.end * SECOND)
         drawn = isinstance(spec, (DropFault, CorruptFault))
         self._random = random_stream(seed, f"fault/{name}") if drawn else None
-        self._kept: Any = None
+        self._kept = last
 
     def acts(self, stamp: int) -> bool:
         """Return True if a message sent at a stamp [ns] has the fault."""

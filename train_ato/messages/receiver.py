@@ -90,7 +90,7 @@ class Receiver:
         """Add a fault; one of another topic or reader has no effect."""
         if fault.topic == self._topic.name and fault.reader in (None, self._reader.value):
             name = f"{self._topic.name}/{self._reader.value}/{self._numbers}"
-            self._effects.append(FaultEffect(fault, self._seed, name))
+            self._effects.append(FaultEffect(fault, self._seed, name, self._newest))
             self._acting.append(False)
         self._numbers += 1
 

@@ -29,6 +29,7 @@ _REPORTING_S = 20.0
 _CLOSING_S = 30.0
 """Wall time for a node to end after the plant, and for the recorder to close the log [s]."""
 _TURN_S = 0.1
+_PLANT_FAILED = f"node {Role.PLANT.value} failed: "
 
 
 def run_processes(
@@ -174,9 +175,10 @@ def _supervise(
 
 
 def _stops_train(nodes: dict[Role, NodeProcess]) -> bool:
-    """Return True if the plant goes on without the failed nodes until its train is at standstill."""
+    """Return True if the plant has begun and goes on without the failed nodes until its train is at standstill."""
     needed = (nodes[Role.PLANT], nodes[Role.RECORDER])
-    return Role.SUPERVISOR in nodes and not any(node.failure for node in needed)
+    begun = bool(nodes[Role.PLANT].counts)
+    return begun and Role.SUPERVISOR in nodes and not any(node.failure for node in needed)
 
 
 def _report_lost(nodes: dict[Role, NodeProcess]) -> None:
@@ -189,8 +191,15 @@ def _report_lost(nodes: dict[Role, NodeProcess]) -> None:
 
 
 def _failure(nodes: dict[Role, NodeProcess]) -> str | None:
-    """Return the failure of a node, that of the plant last: it may follow from another one."""
-    return next(filter(None, (nodes[role].failure for role in ROLES if role in nodes)), None)
+    """Return the failure of a node, that of the plant last: it may follow from another one.
+
+    A plant that the other nodes have lost has a reason of its own, or it hangs; theirs counts after its regular end.
+    """
+    failures = [text for role in ROLES if role in nodes and (text := nodes[role].failure)]
+    plant = nodes[Role.PLANT]
+    missed = [text for text in failures if text.startswith(_PLANT_FAILED) and text != plant.failure]
+    own = [text for text in failures if text not in missed]
+    return next(iter(own if plant.process.poll() is None else own + missed), None)
 
 
 def _end_all(nodes: dict[Role, NodeProcess], failed: bool) -> None:
