@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import socket
@@ -74,7 +75,7 @@ def run(tmp_path_factory):
     done = (GustNow(acceleration=-0.03, duration=10.0), EmergencyBrakeNow())
     planned = tuple(planned_for(at * 1_000_000_000, entry) for at, entry in zip((40, 70), done, strict=True))
     scenario = setup.scenario.model_copy(update={"interventions": planned})
-    setup = type(setup)(**{**setup.__dict__, "scenario": scenario})
+    setup = dataclasses.replace(setup, scenario=scenario)
     return record_run(setup, tmp_path_factory.mktemp("view") / "run")
 
 
