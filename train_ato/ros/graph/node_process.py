@@ -130,6 +130,12 @@ class NodeProcess:
         with contextlib.suppress(OSError):
             self.process.stdin.close()
 
+    def ends_within(self, patience: float) -> bool:
+        """Wait for the end of the process for ``patience`` [s]; return True if it has ended."""
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(timeout=patience)
+        return self.process.poll() is not None
+
     def end(self, patience: float) -> None:
         """Wait for the end of the process; after ``patience`` [s] end it by SIGKILL."""
         try:

@@ -209,8 +209,10 @@ def _end_all(nodes: dict[Role, NodeProcess], failed: bool) -> None:
             node.release()
     for role in reversed(ROLES):
         if role in nodes:
-            if role is Role.RECORDER:
-                nodes[role].release()  # every message has been delivered; other programs may publish /diagnostics on
+            # every message has been delivered; other programs may publish /diagnostics on, and a node on a busy machine
+            # can miss the end of the plant
+            if role is Role.RECORDER or not (failed or nodes[role].ends_within(LEAVING_S)):
+                nodes[role].release()
             nodes[role].end(LEAVING_S if failed and role is not Role.RECORDER else _CLOSING_S)
             nodes[role].release()
 
