@@ -25,8 +25,8 @@ from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by
 from train_ato.messages.types import Command, DisturbanceEstimate, Reference, Tick, Trajectory
-from train_ato.ros.nodes.plant import CHECK_S, LEAD, SUSPENDED_S, PlantNode
-from train_ato.ros.nodes.silent_node import silent_node
+from train_ato.ros.nodes.answer_watch import CHECK_S, SUSPENDED_S, silent_node
+from train_ato.ros.nodes.plant import LEAD, PlantNode
 from train_ato.scenario.scenario import load_scenario
 
 TICK = 100_000_000
@@ -324,7 +324,7 @@ def test_a_suspension_of_the_plant_is_no_silence_of_the_others(seconds, plant):
     time.sleep(seconds)  # as after SIGSTOP: no check for a while
     assert not node.check_overdue()
     wait_for(node.check_overdue)
-    assert node.suspended > SUSPENDED_S
+    assert node.answer_watch.suspended > SUSPENDED_S
 
 
 def test_stages_publish_what_their_topics_carry(setup):

@@ -220,13 +220,7 @@ def drive(
     except OSError as error:
         if folder is None or folder.recorded:
             raise
-        removed = folder.begun and not (folder.path / SCENARIO).exists()
-        folder.discard()
-        if removed:
-            raise RunFailed(f"{option} {folder.path}: was removed during the run; nothing is recorded") from None
-        raise ValueError(
-            f"{option} {folder.path}: cannot be written ({error.strerror or error}); give a writable folder"
-        ) from None
+        raise _unwritten(folder, option, error) from None
     except KeyboardInterrupt:
         if folder is None or not folder.recorded:
             _discard(folder)
@@ -237,6 +231,15 @@ def drive(
     if outcome.interrupted:
         raise RunInterrupted(f"interrupted; recorded data: {folder.path if folder else 'run of this error'}", result)
     return result
+
+
+def _unwritten(folder: RunFolder, option: str, error: OSError) -> RunFailed | ValueError:
+    """Discard a folder without a record; return the error of its removal during the run, or of a failed write."""
+    removed = folder.begun and not (folder.path / SCENARIO).exists()
+    folder.discard()
+    if removed:
+        return RunFailed(f"{option} {folder.path}: was removed during the run; nothing is recorded")
+    return ValueError(f"{option} {folder.path}: cannot be written ({error.strerror or error}); give a writable folder")
 
 
 def finish(run: Run, outcome: RunResult) -> None:

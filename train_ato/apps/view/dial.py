@@ -31,8 +31,7 @@ DIAL_END = DIAL_BEGIN - DIAL_SWEEP
 def dial(now: ColumnDataSource, ticks: ColumnDataSource, *, supervised: bool = False) -> Any:
     """Return the speed dial, bound to the row of the snapshot and to the ticks of its scale.
 
-    ``supervised`` adds a ring outside with the limits of the supervisor: from the permitted speed to the warning, to
-    the service brake and to the emergency brake.
+    ``supervised`` adds a ring outside with the limits of the supervisor.
     """
     plot = figure(
         frame_width=SIZE,
@@ -66,12 +65,7 @@ def dial(now: ColumnDataSource, ticks: ColumnDataSource, *, supervised: bool = F
         x=0, y=0, length=1.07, angle="limit_angle", source=now, line_color=LIMIT, line_width=5, line_alpha="limited",
     )  # fmt: skip
     if supervised:
-        begins = zip(LIMIT_NAMES, LIMIT_NAMES[1:], (WARNING, SERVICE, EMERGENCY), strict=False)
-        for low, high, colour in begins:
-            plot.annular_wedge(
-                inner_radius=1.015, outer_radius=1.075, start_angle=f"{high}_angle", end_angle=f"{low}_angle",
-                fill_color=colour, **ring,
-            )  # fmt: skip
+        _add_limits_of_supervisor(plot, ring)
     plot.circle(x=0, y=0, radius=0.86, fill_color=PANE, line_color=None)
     plot.segment("x0", "y0", "x1", "y1", source=ticks, line_color=SOFT, line_width="width")
     plot.text(
@@ -90,6 +84,15 @@ def dial(now: ColumnDataSource, ticks: ColumnDataSource, *, supervised: bool = F
         text_color=SOFT,
     )  # fmt: skip
     return plot
+
+
+def _add_limits_of_supervisor(plot: Any, ring: dict[str, Any]) -> None:
+    """Add a ring outside the dial from the permitted speed over warning and service brake to the emergency brake."""
+    for low, high, colour in zip(LIMIT_NAMES, LIMIT_NAMES[1:], (WARNING, SERVICE, EMERGENCY), strict=False):
+        plot.annular_wedge(
+            inner_radius=1.015, outer_radius=1.075, start_angle=f"{high}_angle", end_angle=f"{low}_angle",
+            fill_color=colour, **ring,
+        )  # fmt: skip
 
 
 def tick_columns(scale: float) -> dict[str, list[Any]]:

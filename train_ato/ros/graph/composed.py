@@ -16,9 +16,9 @@ from train_ato.messages.topics import Role
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.assembly import TURN_S, executor_of, make_node
 from train_ato.ros.graph.graph_result import ANSWERING, STOPPING_S, GraphOptions, GraphResult, Report
+from train_ato.ros.nodes.answer_watch import silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of
 from train_ato.ros.nodes.plant import PlantNode
-from train_ato.ros.nodes.silent_node import silent_node
 
 RECORD_EVERY = 50
 """Ticks after which the recorder empties its queues of 1000 messages."""

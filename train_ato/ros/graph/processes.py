@@ -17,7 +17,7 @@ from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult, Report
 from train_ato.ros.graph.node_process import LEAVING_S, NodeProcess
 from train_ato.ros.graph.restarts import Restarts
-from train_ato.ros.nodes.plant import SUSPENDED_S
+from train_ato.ros.nodes.answer_watch import SUSPENDED_S
 from train_ato.ros.standalone.notices import Notice, NoticeKind
 
 ROLES = (Role.RECORDER, Role.CONTROLLER, Role.OBSERVER, Role.PROFILE, Role.SUPERVISOR, Role.PLANT)

@@ -71,15 +71,20 @@ def run_graph(
             folder.rmdir()
         raise
     _tidy(folder / "log")
-    outcome = recorded_result(setup, folder, end)
+    return _with_notes(recorded_result(setup, folder, end), end)
+
+
+def _with_notes(outcome: RunResult, end: GraphResult) -> RunResult:
+    """Add restarts and ignored messages to the summary, and write a line about each."""
+    summary = dict(outcome.summary)
     if end.restarts:
         sys.stderr.write(f"train-ato: {_restarted(end.restarts)}\n")
-        outcome = replace(outcome, summary={**outcome.summary, "restarts": end.restarts})
-    if not end.ignored:
-        return outcome
-    listed = ", ".join(f"{node} {count}" for node, count in end.ignored.items())
-    sys.stderr.write(f"train-ato: {listed} {IGNORED}\n")
-    return replace(outcome, summary={**outcome.summary, "ignored": end.ignored})
+        summary["restarts"] = end.restarts
+    if end.ignored:
+        listed = ", ".join(f"{node} {count}" for node, count in end.ignored.items())
+        sys.stderr.write(f"train-ato: {listed} {IGNORED}\n")
+        summary["ignored"] = end.ignored
+    return replace(outcome, summary=summary)
 
 
 def _run(

@@ -7,7 +7,6 @@ counted.
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 from rclpy.clock import Clock, ClockType
@@ -17,21 +16,13 @@ from train_ato.loop.plant import PlantStage
 from train_ato.loop.stage_messages import Published
 from train_ato.messages.topics import BY_NAME, END_TOPIC, Role
 from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Tick
+from train_ato.ros.nodes.answer_watch import AnswerWatch
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.outage import OUTAGE_PACE, Outage
 from train_ato.ros.nodes.plant_requests import PlantRequests
 
 LEAD = 400
 """Maximum lead of the plant over the recorder [ticks]: less than half of the recorder's queues."""
-CHECK_S = 0.1
-"""Period of the checks for a due answer [s]."""
-SUSPENDED_S = 0.25
-"""Wall time between two of these checks above which the process was suspended [s].
-
-With the age of the last answer before it (0.4 s for the supervisor) it is shorter than the time-out of a paced run.
-"""
-LEASE_S = 3.0
-"""Suspension after which nodes of other processes drop this one [s]: ``leaseDuration`` of fastdds.xml."""
 SHORTEST_WAIT_S = 0.0005
 """Minimum wait before a tick [s]; shorter waits are omitted."""
 STOPPING_PACE = 10.0
@@ -68,8 +59,8 @@ class PlantNode:
         True while only single steps begin a tick.
     sent_stamp : int
         Stamp of the last measurement sent [ns], -1 before the first.
-    suspended : float
-        Longest suspension of the process [s].
+    answer_watch : AnswerWatch
+        Time without an answer.
     outage : Outage
         Nodes whose process is started again.
     ignored, late, held : int
@@ -101,13 +92,12 @@ class PlantNode:
         self._release: BrakeRelease | None = None
         self._answered = {"command": -1, "pipe": -1, "release": -1}
         self._acknowledged = 0
-        self._heard = self._heard_release = self._checked = time.monotonic()
+        self.answer_watch = AnswerWatch()
         self._lost: tuple[str, str] | None = None
         self._standing = 0
         self.outage = Outage(2 * stage.setup.supervision_ticks)
         self._lockstep_pace: float | None = None
         self._return_tick = 0
-        self.suspended = 0.0
         self._requests = PlantRequests(self, endpoints, realtime or 0.0, timeout, pace, scenario)
         given = self._requests.given
         self._period = stage.setup.tick_ns / given["realtime"] if given["realtime"] > 0 else None
@@ -151,7 +141,7 @@ class PlantNode:
     def begin(self) -> None:
         """Send the first measurement; all further ticks follow from messages and the timer."""
         self._begun = True
-        self._heard = self._heard_release = self._checked = time.monotonic()
+        self.answer_watch.begin()
         if self._period is not None:
             self._wake_every(self._period)
         self._next()
@@ -167,16 +157,8 @@ class PlantNode:
             self.endpoints.guard(self._next)
 
     def check_overdue(self) -> bool:
-        """Return True if an answer is due for longer than the time-out.
-
-        A suspension of this process counts as one period, so that the answers sent meanwhile can be read.
-        """
-        gap = time.monotonic() - self._checked
-        self._checked += gap
-        if gap > SUSPENDED_S:
-            self._heard += gap - CHECK_S
-            self._heard_release += gap - CHECK_S
-            self.suspended = max(self.suspended, gap)
+        """Return True if an answer is due for longer than the time-out."""
+        self.answer_watch.check()
         return self.silent_for() > self.timeout
 
     def silent_for(self) -> float:
@@ -184,10 +166,7 @@ class PlantNode:
         due = self._waiting or self.blocked
         if not due or self.finished or self._lost is not None or self.outage.away:
             return 0.0
-        heard = self._heard
-        if self._period is not None and self.stage.setup.layout.supervised:
-            heard = min(heard, self._heard_release)
-        return time.monotonic() - heard
+        return self.answer_watch.silent_for(released=self._period is not None and self.stage.setup.layout.supervised)
 
     def lose(self, role: Role, reason: str) -> None:
         """Stop the train with the service brake, or a stronger fail-safe reaction; then fail the run.
@@ -254,7 +233,7 @@ class PlantNode:
 
     def _on_command(self, command: Command) -> None:
         if self._due("command", command.stamp):
-            self._heard = time.monotonic()
+            self.answer_watch.hear()
             self._command = command
             if self._period is None:
                 self._act_if_complete()
@@ -267,7 +246,7 @@ class PlantNode:
 
     def _on_brake_release(self, release: BrakeRelease) -> None:
         if self._due("release", release.stamp):
-            self._heard_release = time.monotonic()
+            self.answer_watch.hear_release()
             self._release = release
             if self._period is None:
                 self._act_if_complete()
@@ -385,7 +364,7 @@ class PlantNode:
             return
         self._acknowledged = acknowledged
         if self.blocked:
-            self._heard = time.monotonic()
+            self.answer_watch.hear()
             self.blocked = False
             self._next()
 
@@ -434,5 +413,5 @@ class PlantNode:
         """Begin a tick unless one is running or the run is blocked, finished or failed."""
         busy = self._waiting or self.blocked or self.finished or self.endpoints.watch.failure is not None
         if self._begun and not busy:
-            self._heard = self._heard_release = time.monotonic()
+            self.answer_watch.restart()
             self.endpoints.guard(self._next)

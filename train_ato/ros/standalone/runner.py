@@ -17,9 +17,8 @@ from typing import Any
 from train_ato.messages.topics import BY_NAME, Role
 from train_ato.ros.graph.environment import opened_by
 from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
+from train_ato.ros.nodes.answer_watch import LEASE_S, silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints
-from train_ato.ros.nodes.plant import LEASE_S
-from train_ato.ros.nodes.silent_node import silent_node
 from train_ato.ros.standalone.discovery import Discovery, answer_ready
 from train_ato.ros.standalone.notices import Notice, NoticeKind, Notices
 
@@ -260,10 +259,10 @@ class StandaloneRunner:
     def _check_answers(self) -> None:
         """Fail the run by the name of the silent node if an answer is overdue, or of a plant that was suspended."""
         overdue = self.node.check_overdue()
-        if self._continued.is_set() and self.node.suspended > LEASE_S:
+        if self._continued.is_set() and self.node.answer_watch.suspended > LEASE_S:
             self.endpoints.watch.fail(
                 self.role.value,
-                f"its process was suspended for {self.node.suspended:.1f} s; "
+                f"its process was suspended for {self.node.answer_watch.suspended:.1f} s; "
                 f"after {LEASE_S:g} s the other nodes drop it and messages are lost",
             )
         elif overdue:
