@@ -7,6 +7,7 @@ of the first power unit act on the wheel odometer too.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -33,36 +34,36 @@ class Odometers:
 
     def __init__(self, spec: OdometrySpec, slips: Sequence[WheelSlip], front: float, seed: int) -> None:
         self._spacing = spec.balise_spacing
-        draws = random_stream(seed, "odometry").uniform(-1.0, 1.0, 2)
-        self._factors = 1.0 + draws * np.array([spec.wheel_error, spec.radar_error])
+        wheel, radar = random_stream(seed, "odometry").uniform(-1.0, 1.0, 2).tolist()
+        self._wheel, self._radar = 1.0 + wheel * spec.wheel_error, 1.0 + radar * spec.radar_error
         self._slips = tuple(slip for slip in slips if slip.unit == 0)
         self._front = self._origin = front
-        self._counted = np.zeros(2)
-        self._since = np.zeros(2)
+        self._counted = self._since = (0.0, 0.0)
 
-    def observe(self, stamp: int, front: float, speed: float) -> Odometry:
-        """Return the odometry for a true front position [m] and speed [m/s].
-
-        Parameters
-        ----------
-        stamp
-            Time [ns]; the slips at this time act on the distance since the last call.
-        front, speed
-            True front position [m] and speed [m/s].
-        """
-        factors = self._factors * np.array([1.0 + self._slip(stamp * 1e-9), 1.0])
+    def move(self, stamp: int, front: float) -> None:
+        """Count the distance to a true front position [m] with the slips at a time [ns]."""
+        wheel, radar = self._factors(stamp)
         moved = front - self._front
-        balise = self._spacing * np.floor(front / self._spacing)
+        balise = self._spacing * math.floor(front / self._spacing)
         if moved > 0.0 and balise > self._front:
-            self._origin = float(balise)
-            self._counted = (front - self._origin) * factors
-            self._since = self._counted.copy()
+            self._origin = balise
+            self._counted = self._since = (front - balise) * wheel, (front - balise) * radar
         else:
-            self._counted = self._counted + moved * factors
-            self._since = self._since + abs(moved) * factors
+            (counted, other), (since, since_other) = self._counted, self._since
+            self._counted = counted + moved * wheel, other + moved * radar
+            self._since = since + abs(moved) * wheel, since_other + abs(moved) * radar
         self._front = front
-        return Odometry(stamp, self._origin + self._counted, speed * factors, self._since.copy())
 
-    def _slip(self, time: float) -> float:
-        """Return the slip at a time [s]."""
-        return sum(slip.slip for slip in self._slips if slip.begin <= time < slip.end)
+    def observe(self, stamp: int, speed: float) -> Odometry:
+        """Return the odometry at the present front position for a true speed [m/s] at a time [ns]."""
+        wheel, radar = self._factors(stamp)
+        position = self._origin + self._counted[0], self._origin + self._counted[1]
+        return Odometry(stamp, np.array(position), np.array((speed * wheel, speed * radar)), np.array(self._since))
+
+    def _factors(self, stamp: int) -> tuple[float, float]:
+        """Return the ratios of counted to true distance at a time [ns]: wheel, with its slip, and radar."""
+        if not self._slips:
+            return self._wheel, self._radar
+        time = stamp * 1e-9
+        slip = sum(slip.slip for slip in self._slips if slip.begin <= time < slip.end)
+        return self._wheel * (1.0 + slip), self._radar

@@ -124,10 +124,10 @@ class PlantStage:
         """Return odometry and fail-safe state at a step of the supervisor, otherwise None."""
         if self._odometers is None:
             return None, None
-        front, speed = float(seen.vehicles.position[0]) + self._half, float(seen.vehicles.velocity[0])
-        odometry = self._odometers.observe(stamp, front, speed)
+        self._odometers.move(stamp, float(seen.vehicles.position[0]) + self._half)
         if not self.setup.supervised_at(stamp):
             return None, None
+        odometry = self._odometers.observe(stamp, float(seen.vehicles.velocity[0]))
         return odometry, ProtectionState(stamp, np.array(self.protection.level.active, dtype=np.float64))
 
     def request(self, intervention: Intervention) -> None:

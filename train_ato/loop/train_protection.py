@@ -105,17 +105,22 @@ class TrainProtection:
         separated
             True if the head of the train has the emergency brake because of a train separation.
         """
-        demands = [(Protection.NONE, "")]
+        self.level, self.reason = Protection.NONE, ""
         if self.requested:
-            demands.append((Protection.EMERGENCY_BRAKE, REQUESTED))
+            self._demand(Protection.EMERGENCY_BRAKE, REQUESTED)
         if self._supervised:
             if separated:
-                demands.append((Protection.EMERGENCY_BRAKE, "train separation"))
+                self._demand(Protection.EMERGENCY_BRAKE, "train separation")
             if self._lost:
-                demands.append((Protection.SERVICE_BRAKE, self._lost))
-            demands += [self._of_release(stamp, standstill), self._of_command(stamp, standstill)]
-        self.level, self.reason = max(demands, key=lambda demand: demand[0])
+                self._demand(Protection.SERVICE_BRAKE, self._lost)
+            self._demand(*self._of_release(stamp, standstill))
+            self._demand(*self._of_command(stamp, standstill))
         return self.level
+
+    def _demand(self, level: Protection, reason: str) -> None:
+        """Raise the reaction; one that is not above the present reaction has no effect."""
+        if level > self.level:
+            self.level, self.reason = level, reason
 
     def _of_release(self, stamp: int, standstill: bool) -> tuple[Protection, str]:
         """Return the reaction to the brake release of the supervisor or to its age.
@@ -130,20 +135,21 @@ class TrainProtection:
         self._unreleased = False
         if release is None:
             return Protection.NONE, ""
-        traction, service, emergency = (value == 1.0 for value in release.released.tolist())
-        if not emergency:
+        traction, service, emergency = release.released.tolist()
+        if emergency != 1.0:
             return Protection.EMERGENCY_BRAKE, SUPERVISOR
-        if not service:
+        if service != 1.0:
             return Protection.SERVICE_BRAKE, SUPERVISOR
-        return (Protection.NONE, "") if traction else (Protection.COAST, SUPERVISOR)
+        return (Protection.NONE, "") if traction == 1.0 else (Protection.COAST, SUPERVISOR)
 
     def _of_command(self, stamp: int, standstill: bool) -> tuple[Protection, str]:
         """Return the reaction to the age of the newest command; an emergency brake lasts until standstill."""
         self._newest = max(self._newest, int(self._stamps.pop(stamp)[0]))
         age = stamp - self._newest - self._nominal
-        found = Protection(sum(age > bound for bound in self._bounds))
-        if self._silent is Protection.EMERGENCY_BRAKE and not standstill:
-            found = Protection.EMERGENCY_BRAKE
-        self._silent = found
-        text = f"no command for {(age + self._nominal) * 1e-9:.1f} s"
-        return found, text if found else ""
+        emergency = self._silent is Protection.EMERGENCY_BRAKE and not standstill
+        if age <= min(self._bounds) and not emergency:
+            self._silent = Protection.NONE
+            return Protection.NONE, ""
+        late = Protection(sum(age > bound for bound in self._bounds))
+        self._silent = Protection.EMERGENCY_BRAKE if emergency else late
+        return self._silent, f"no command for {(age + self._nominal) * 1e-9:.1f} s"

@@ -176,7 +176,12 @@ class Link:
 
     def pop(self, now: int) -> Array:
         """Return the newest value that has arrived at ``now`` [ns], shape (width,)."""
-        return np.asarray(self.window(now, 1)[0])
+        if self.spec.varying is not None:
+            return np.asarray(self.window(now, 1)[0])
+        for unit, queue in enumerate(self._in_flight):
+            while queue and queue[0][0] <= now:
+                self._held[unit] = queue.popleft()[1]
+        return self._held.copy()
 
 
 class MessageLink:

@@ -147,7 +147,9 @@ class Receiver:
         if self._checked:
             if not self._last < message.stamp <= now:
                 problem = self._stamp_problem(now, message)
-            problem = problem or self._problem(message) or ("" if self.check is None else self.check(message))
+            problem = problem or self._problem(message)
+            if not problem and self.check is not None:
+                problem = self.check(message)
         if not problem:
             self._before, self._newest = self._newest, message
             self._last = message.stamp

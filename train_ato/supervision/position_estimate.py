@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
-
-import numpy as np
 
 from plant_sim.states import Odometry
 from train_ato.supervision.odometry import MotionEstimate, motion_estimate
@@ -36,20 +35,16 @@ class PositionEstimator:
 
     def step(self, odometry: Odometry) -> TrainMotion | None:
         """Return the estimate; None if the odometry is not finite."""
-        values = (odometry.position, odometry.speed, odometry.since_balise)
-        if not all(np.isfinite(value).all() for value in values):
+        positions, speeds = odometry.position.tolist(), odometry.speed.tolist()
+        distances = odometry.since_balise.tolist()
+        if not all(map(math.isfinite, (*positions, *speeds, *distances))):
             return None
-        speed = float(odometry.speed[int(np.argmax(np.abs(odometry.speed)))])
+        speed = max(speeds, key=abs)
         self._past.append((odometry.stamp, speed))
         while len(self._past) > 2 and odometry.stamp - self._past[1][0] >= ACCELERATION_TIME * 1e9:
             self._past.popleft()
         before, slower = self._past[0]
         span = (odometry.stamp - before) * 1e-9
         acceleration = (speed - slower) / span if span > 0.0 else 0.0
-        distance = float(odometry.since_balise.max())
-        return TrainMotion(
-            odometry.stamp,
-            float(odometry.position.max()),
-            speed,
-            motion_estimate(abs(speed), acceleration, distance),
-        )
+        estimate = motion_estimate(abs(speed), acceleration, max(distances))
+        return TrainMotion(odometry.stamp, max(positions), speed, estimate)
