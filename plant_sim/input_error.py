@@ -36,10 +36,11 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
     """
     errors = error.errors()
     first = min(errors, key=lambda entry: entry["type"] != "extra_forbidden")
-    place = ".".join(str(part) for part in first["loc"] if not _branch_of_union(part))
+    keys, models = _walk(model, first["loc"])
+    place = ".".join(keys)
     value = _SHORT.repr(first.get("input"))
     if first["type"] == "extra_forbidden":
-        known = _keys_at(model, first["loc"][:-1])
+        known = _keys_of(models)
         text = f"unknown key{close_match(str(first['loc'][-1]), known)}"
         if known:
             text += f" (known: {', '.join(sorted(known))})"
@@ -69,18 +70,38 @@ def _branch_of_union(part: Any) -> bool:
     )
 
 
-def _keys_at(model: type[BaseModel], path: tuple[Any, ...]) -> set[str]:
-    """Return the keys of a model at a location, including those with unit suffixes."""
-    current: set[type[BaseModel]] = {model}
+def _walk(model: type[BaseModel], path: tuple[int | str, ...]) -> tuple[list[str], set[type[BaseModel]]]:
+    """Return the keys of the file on a path of pydantic, and the models that the last key belongs to.
+
+    The path has also the name of the type in a union, or the value of its discriminator, for example ``kill``.
+    """
+    keys: list[str] = []
+    owners = current = {model}
     for part in path:
-        below: set[type[BaseModel]] = set()
-        for entry in current:
-            field = entry.model_fields.get(str(part))
-            if field is not None:
-                below |= _models_in(field.annotation)
-        current = below or current
+        below = {
+            found
+            for entry in current
+            if str(part) in entry.model_fields
+            for found in _models_in(entry.model_fields[str(part)].annotation)
+        }
+        chosen = {entry for entry in current if _has_value(entry, part)}
+        if chosen and not below:
+            current = chosen
+        elif not _branch_of_union(part):
+            keys.append(str(part))
+            owners, current = current, below or current
+    return keys, owners
+
+
+def _has_value(model: type[BaseModel], value: Any) -> bool:
+    """Return True if a key of the model has this value only, as a discriminator has."""
+    return any(get_args(field.annotation) == (value,) for field in model.model_fields.values())
+
+
+def _keys_of(models: set[type[BaseModel]]) -> set[str]:
+    """Return the keys of models, including those with unit suffixes."""
     keys: set[str] = set()
-    for entry in current:
+    for entry in models:
         keys |= {field.alias or name for name, field in entry.model_fields.items()}
         if issubclass(entry, SiModel):
             keys |= set(entry.suffixed_keys())

@@ -265,6 +265,8 @@ class NotKept(Gain):
         ({"controller": Gain, "mode": "processes", "set": {"plant": 1}}, r"plant = 1"),
         ({"mode": "thread"}, r"mode 'thread': choose from engine, composed, processes"),
         ({"realtime": 0}, r"^realtime 0: give a positive number"),
+        ({"restarts": 1}, r"^restart: only a node in a process of its own can be restarted"),
+        ({"mode": "processes", "restarts": -1}, r"^restarts -1: give 1 or more, or 0 for none"),
         ({"set": {"seed.a": 1}}, r"set seed\.a: 'seed' is a value, not a block of keys"),
         ({"set": {"controllers.pid.kpp": 1}}, r"pid\.kpp: no such parameter \(did you mean 'kp'\?\)"),
         ({"seed": -1}, r"seed = -1"),

@@ -52,6 +52,11 @@ CASES: list[tuple[str, list[str], str]] = [
     ("missing file", ["run", "no/such.yaml"], r"no/such\.yaml: no such file"),
     ("unknown key", ["run", "demo", "--set", "plant.lagg=0.4"], r"plant\.lagg: unknown key; did you mean 'lag'"),
     ("unknown top key", ["run", "demo", "--set", "durration=4"], r"durration: unknown key; did you mean 'duration'"),
+    (
+        "key of another fault",
+        ["run", "demo", "--set", "faults=[{do: kill, node: observer, begin: 4}]"],
+        r"faults\.0\.begin: unknown key \(known: at, at_min, at_ms, do, node\)",
+    ),
     ("unknown law", ["run", "demo", "--controller", "pidd"], r"unknown controller 'pidd'.*did you mean 'pid'"),
     ("unknown observer", ["run", "demo", "--observer", "x"], r"unknown observer 'x'.*known: .*ndo"),
     ("unknown compensation", ["run", "demo", "--compensation", "x"], r"unknown compensation 'x'.*known: .*preview"),

@@ -15,6 +15,7 @@ pytest.importorskip("rclpy")
 from test_processes import nothing_left, processes_of
 from waiting import LIMIT_S, wait_for
 
+import train_ato as ta
 from train_ato.apps.report.events import detect_events
 from train_ato.cli import main
 from train_ato.log.reading import iter_raw, read_log
@@ -156,7 +157,8 @@ def test_two_nodes_killed_one_after_the_other_return(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_node_that_ends_again_and_again_fails_the_run(tmp_path: Path) -> None:
     """Breaks if restarts are not bounded, or the train is not stopped after the last one."""
-    setup = metro("duration=200", "faults=[{node: observer, do: kill, at: 20}]")
+    kills = [{"node": "observer", "do": "kill", "at": at} for at in range(20, 200, 10)]
+    setup = metro("duration=200", f"faults={kills}")
     outcome = run_graph(setup, tmp_path, mode="processes", restarts=2, timeout=LIMIT_S, pace=PACE)
     expected = r"node observer failed: its process was ended by SIGKILL; it was restarted 2 times before"
     assert re.fullmatch(expected, outcome.failure or "")
@@ -164,6 +166,14 @@ def test_a_node_that_ends_again_and_again_fails_the_run(tmp_path: Path) -> None:
     last = messages(tmp_path, setup, "train/vehicles")[-1]
     assert abs(last.velocity).max() < 0.1
     assert nothing_left(tmp_path)
+
+
+@pytest.mark.slow
+def test_a_planned_kill_of_a_node_acts_once() -> None:
+    """Breaks if the new process repeats a fault of the past, or ``restarts`` of the Python interface has no effect."""
+    faults = [{"node": "controller", "do": "kill", "at": 20}]
+    run = ta.run("demo", mode="processes", restarts=2, set={"duration": 60, "faults": faults})
+    assert (run.metrics["status"], run.metrics["restarts"]) == ("done", {"controller": 1})
 
 
 @pytest.mark.parametrize(

@@ -37,6 +37,7 @@ def run(
     out: str | Path | None = None,
     progress: bool | None = None,
     realtime: float | None = None,
+    restarts: int = 0,
 ) -> Run:
     """Run a scenario and return the run.
 
@@ -63,6 +64,8 @@ def run(
         Show a progress bar; default: in a terminal and in a notebook.
     realtime
         Simulated seconds per second of wall time; default: as fast as possible. The graph is then not in lockstep.
+    restarts
+        With a process for each node: maximum number of restarts of each node; default: none, the run fails with a node.
 
     Returns
     -------
@@ -88,7 +91,7 @@ def run(
     >>> run["ato/command"].columns.tolist()
     ['unit_0_force_n']
     """
-    run_mode = RunMode(mode, realtime)
+    run_mode = RunMode(mode, realtime, restarts=restarts)
     run_mode.check()
     choice = choose_scenario(scenario).changed(set, seed)
     checked = put_components(
@@ -145,6 +148,8 @@ class RunMode:
             raise ValueError(
                 f"{dash}pace {self.pace}: give a positive number, 1 for real time; 0 is as fast as possible"
             )
+        if self.restarts < 0:
+            raise ValueError(f"restarts {self.restarts}: give 1 or more, or 0 for none")
         if self.restarts and self.mode != "processes":
             raise ValueError(
                 f"{dash}restart: only a node in a process of its own can be restarted; add {dash}processes"

@@ -102,12 +102,13 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
         return BAD_INPUT
 
 
-def _plan_end(role: Role, setup: RunSetup, endpoints: NodeEndpoints) -> None:
-    """Plan the SIGKILL or SIGSTOP of this process if the scenario has such a fault of its node."""
+def _plan_end(role: Role, setup: RunSetup, endpoints: NodeEndpoints, joined: int | None) -> None:
+    """Plan the first SIGKILL or SIGSTOP of this process by a fault of the scenario, after a restart the next one."""
     signals = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP}
-    for fault in node_faults(setup.scenario.faults):
-        if fault.role is role and fault.do in signals:
-            endpoints.end_process_at(round(fault.at * 1e9), signals[fault.do])
+    faults = [fault for fault in node_faults(setup.scenario.faults) if fault.role is role and fault.do in signals]
+    ends = [(round(fault.at * 1e9), signals[fault.do]) for fault in faults]
+    if waiting := [end for end in ends if joined is None or end[0] > joined]:
+        endpoints.end_process_at(*min(waiting))
 
 
 def _run(
@@ -142,7 +143,7 @@ def _run(
         pace = getattr(options, "pace", 0.0)
         compression = getattr(options, "compression", DEFAULT)
         node = make_node(role, setup, endpoints, folder, realtime, timeout, False, pace, compression)
-        _plan_end(role, setup, endpoints)
+        _plan_end(role, setup, endpoints, joined)
         recorded = getattr(options, "recorded", False)
         turner = StandaloneRunner(
             role,
