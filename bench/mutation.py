@@ -37,7 +37,7 @@ FILES = tuple(
     if path.name not in LEFT_OUT
 )
 TESTS = (
-    "supervisor", "curves_targets", "curves_trains", "curves_arcs", "curves_cases", "link_threats", "links",
+    "odometry", "supervisor", "curves_targets", "curves_trains", "curves_arcs", "curves_cases", "link_threats", "links",
     "curves_standard", "curves_files", "curves_plant",
 )  # fmt: skip
 """Test files in the order in which they run: the fast ones first."""

@@ -17,8 +17,6 @@ from train_ato.loop.train_protection import Protection, TrainProtection
 from train_ato.messages.types import AtoState, BrakeRelease, Measurement, Odometry, SupervisedSpeeds
 from train_ato.scenario.scenario import load_scenario
 from train_ato.supervision.ceiling import ceiling_speeds
-from train_ato.supervision.odometry import speed_measurement_error
-from train_ato.supervision.position_estimate import PositionEstimator
 from train_ato.supervision.settings import SupervisionSpec
 from train_ato.supervision.supervisor import SupervisionState, Supervisor
 
@@ -132,25 +130,6 @@ def test_the_brake_of_a_train_that_rolled_back_is_not_released(supervisor: Super
     assert rolling[-1] is SupervisionState.EMERGENCY_BRAKE
     stopped = [supervisor.step(odometry(index, 995.0, 0.0)) for index in range(9, 12)]
     assert all(decision.state is SupervisionState.EMERGENCY_BRAKE for decision in stopped)
-
-
-def test_the_larger_odometer_counts() -> None:
-    """Breaks if locked wheels hide the motion: the radar must count."""
-    estimator = PositionEstimator()
-    motion = estimator.step(Odometry(0, np.array([900.0, 1000.0]), np.array([0.0, 20.0]), np.array([10.0, 110.0])))
-    assert motion is not None
-    assert (motion.front, motion.speed) == (1000.0, 20.0)
-    assert motion.estimate.under_reading == pytest.approx(5.0 + 0.05 * 110.0)
-    assert motion.estimate.speed_error == speed_measurement_error(20.0)
-
-
-def test_the_acceleration_is_the_mean_of_the_last_periods() -> None:
-    """Breaks if the time base or the sign is wrong."""
-    estimator = PositionEstimator()
-    for index in range(6):
-        motion = estimator.step(odometry(index, 0.0, 10.0 + 0.2 * index))
-    assert motion is not None
-    assert motion.estimate.acceleration == pytest.approx(0.5)
 
 
 def measured(stamp: int, position: float, speed: float) -> Measurement:
