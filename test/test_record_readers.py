@@ -98,7 +98,9 @@ def test_the_file_is_laid_out_as_ros2_bag_does() -> None:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
         assert reader.get_header().profile == "ros2"
-        kept = [record.metadata["serialized_metadata"] for record in reader.iter_metadata()]
+        records = list(reader.iter_metadata())
+        kept = [record.metadata["serialized_metadata"] for record in records if record.name == "rosbag2"]
+        assert {record.name for record in records} == {"rosbag2", "wall_time"}
         attached = {entry.name: (entry.media_type, entry.data) for entry in reader.iter_attachments()}
     assert [yaml.safe_load(text)["message_count"] for text in kept] == [0, information["message_count"]]
     assert yaml.safe_load(kept[-1]) == information
