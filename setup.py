@@ -53,7 +53,6 @@ setup(
             "ros/graph/*.xml",
             "apps/report/page.*",
             "apps/view/page.*",
-            "apps/view/layouts/*",
         ],
     },
     data_files=[

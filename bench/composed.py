@@ -44,7 +44,14 @@ MOST_RATIO = 1.5
 LEAST_FACTOR = 150.0
 MOST_SUPERVISED = 1.08
 TICKED: dict[Role, tuple[str, ...]] = {
-    Role.PLANT: ("/clock", "train/vehicles", "train/brake_pipe", "train/brake_shoes", "train/measurement"),
+    Role.PLANT: (
+        "/clock",
+        "train/vehicles",
+        "train/brake_pipe",
+        "train/brake_pipe_tail",
+        "train/brake_shoes",
+        "train/measurement",
+    ),
     Role.PROFILE: ("ato/reference",),
     Role.OBSERVER: ("ato/estimate",),
     Role.CONTROLLER: ("ato/brake_pipe_command", "ato/command"),
@@ -73,6 +80,7 @@ def messages_of(layout: TrainLayout) -> dict[str, Any]:
         "train/vehicles": joints(layout.names(Owner.VEHICLE), *state),
         "train/measurement": joints(BY_NAME["train/measurement"].names(layout), *state),
         "train/brake_pipe": FluidPressure(),
+        "train/brake_pipe_tail": FluidPressure(),
         "train/brake_shoes": joints(layout.names(Owner.VEHICLE), "effort"),
         "ato/reference": JointTrajectory(joint_names=["train"], points=[point]),
         "ato/estimate": joints(layout.names(Owner.UNIT), "effort"),

@@ -31,6 +31,9 @@ class AirBrake(SiModel):
     release_wave: Speed = Field(36.0, gt=0, description="speed of the release wave along the train")
     apply_time: Time = Field(4.0, gt=0, description="time constant of the cylinders filling")
     release_time: Time = Field(6.0, gt=0, description="time constant of the cylinders emptying")
+    pipe_apply_time: Time = Field(2.0, gt=0, description="time constant of the pipe pressure falling; published only")
+    pipe_release_time: Time = Field(6.0, gt=0, description="time constant of the pipe pressure rising; published only")
+    pipe_vent_time: Time = Field(1.0, gt=0, description="time constant of an open pipe; published only")
     reduction: tuple[Pressure, ...] = Field(
         (0.0, 50e3), description="brake-pipe reductions of the table of the braking factor"
     )

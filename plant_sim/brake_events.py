@@ -12,6 +12,7 @@ from plant_sim import kernel as k
 from plant_sim.air_brake import MIN_PRESSURE_CHANGE, braking_factor
 from plant_sim.brake_data import AirBrake, EmergencyBrake
 from plant_sim.consist import Consist
+from plant_sim.pipe_pressure import PressureChange
 from plant_sim.states import Array
 
 ATMOSPHERE = 101_325.0
@@ -103,12 +104,15 @@ class PipeEvents(BrakeEvents):
     Attributes
     ----------
     pressure : float
-        Pressure at the head [Pa, absolute].
+        Pressure set at the power units [Pa, absolute].
+    changes : list of PressureChange
+        Changes since the reader of the pressure has cleared the list.
     """
 
     def __init__(self, brake: AirBrake, vehicles: int) -> None:
         super().__init__(vehicles, brake.apply_wave)
         self.pressure = brake.charged
+        self.changes: list[PressureChange] = []
         self._brake = brake
         self._demanded = brake.charged
         self._vented = False
@@ -129,7 +133,16 @@ class PipeEvents(BrakeEvents):
         self._vented = False
         self.demand(time, self._demanded)
 
+    def part(self, time: float) -> None:
+        """Open the pipe at parted couplers from a time [s] on; a release then has no effect."""
+        if not self._parted:
+            self.changes.append(PressureChange(time, ATMOSPHERE, self.apply_wave, AT_PARTED, vents=True))
+        super().part(time)
+
     def _set(self, time: float, pressure: float, level: float) -> None:
+        falls = pressure < self.pressure
+        wave = self.apply_wave if falls else self._brake.release_wave
+        self.changes.append(PressureChange(time, pressure, wave, AT_UNITS, vents=self._vented))
         self.pressure = pressure
         self._change(time, self.apply_wave if level > self._level else self._brake.release_wave, level)
 

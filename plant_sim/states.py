@@ -84,7 +84,11 @@ class Disturbance:
 
 @dataclass(frozen=True, slots=True)
 class Pipe:
-    """Pressure of the brake pipe at the head: true (``train/brake_pipe``) or demanded (``ato/brake_pipe_command``)."""
+    """Pressure of the brake pipe.
+
+    True at the head (``train/brake_pipe``) and at the tail (``train/brake_pipe_tail``), or demanded at the head
+    (``ato/brake_pipe_command``).
+    """
 
     stamp: int
     pressure: float = field(metadata=described("pressure", "Pa", "absolute; 600 kPa charged"))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant_sim import kernel as k
-from plant_sim.brake_events import ATMOSPHERE, PipeEvents, friction_brake_events
+from plant_sim.brake_events import PipeEvents, friction_brake_events
 from plant_sim.compiled import results_are_kept
 from plant_sim.consist import Consist
 from plant_sim.disturbances import Gust
@@ -16,6 +16,7 @@ from plant_sim.line import Line
 from plant_sim.outside_forces import OutsideForces
 from plant_sim.packing import pack
 from plant_sim.parted_couplers import PartedCouplers
+from plant_sim.pipe_pressure import PipePressure
 from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.sensors import SensorSet
 from plant_sim.states import Array, BrakeShoes, Measurement, Pipe, VehicleStates
@@ -25,11 +26,15 @@ from plant_sim.totals import Totals, kinetic_energy, totals_of
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """Messages of the plant at one stamp; those of the brake are None without an air brake."""
+    """Messages of the plant at one stamp; those of the brake are None without an air brake.
+
+    ``brake_pipe`` is the pressure at vehicle 0, ``brake_pipe_tail`` that at the last vehicle.
+    """
 
     vehicles: VehicleStates
     measurement: Measurement
     brake_pipe: Pipe | None
+    brake_pipe_tail: Pipe | None
     brake_shoes: BrakeShoes | None
 
 
@@ -82,6 +87,9 @@ class Train:
         self._unit_vehicles = np.array(self.units, dtype=np.int64)
         self._brake = friction_brake_events(consist)
         self._pipe = self._brake if isinstance(self._brake, PipeEvents) else None
+        self._pressure = (
+            None if consist.air_brake is None else PipePressure(consist.air_brake, self.arrays.vehicle, (0, self.n - 1))
+        )
         self._sensors = SensorSet(setup.sensors, len(self.units), self.n, tick_ns * 1e-9, seed)
         sources = [random_stream(seed, f"disturbance/{i}") for i in range(len(setup.disturbances))]
         masses = self.arrays.vehicle[k.MASS]
@@ -157,13 +165,19 @@ class Train:
             self.applied,
             (deflection, rate, coupler[i] if len(i) else np.zeros(0)),
         )
-        pipe = None if self._pipe is None else Pipe(self.stamp, self._head_pressure(self._pipe))
-        shoes = None if self._pipe is None else BrakeShoes(self.stamp, self.shoe_force)
-        return Observation(VehicleStates(self.stamp, x, v, coupler), measured, pipe, shoes)
+        vehicles = VehicleStates(self.stamp, x, v, coupler)
+        if self._pipe is None or self._pressure is None:
+            return Observation(vehicles, measured, None, None, None)
+        head, tail = self._pressures(self._pipe, self._pressure)
+        shoes = BrakeShoes(self.stamp, self.shoe_force)
+        return Observation(vehicles, measured, Pipe(self.stamp, head), Pipe(self.stamp, tail), shoes)
 
-    def _head_pressure(self, pipe: PipeEvents) -> float:
-        """Return the brake-pipe pressure at vehicle 0 [Pa]; that of the air if the wave of a gap has reached it."""
-        return ATMOSPHERE if self._parted.noticed(self.time) else pipe.pressure
+    def _pressures(self, pipe: PipeEvents, pressure: PipePressure) -> tuple[float, ...]:
+        """Return the brake-pipe pressure at the first and the last vehicle [Pa]."""
+        for change in pipe.changes:
+            pressure.add(change)
+        pipe.changes.clear()
+        return pressure.at(self.time)
 
     def advance(self, demand: Array, brake_pipe_pa: float | None = None) -> None:
         """Integrate one tick.

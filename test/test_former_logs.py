@@ -1,4 +1,4 @@
-"""Logs of version 0.1.0 with the former names of topics and vehicles, for example the golden run."""
+"""Logs of version 0.1.0 with the former names of topics and vehicles: the golden run of that version."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topic import SUPERVISED
 from train_ato.messages.topics import BY_NAME
 
-OLD = Path(__file__).resolve().parent / "golden" / "short_train" / "run.mcap"
+OLD = Path(__file__).resolve().parent / "golden" / "former" / "short_train" / "run.mcap"
 FORMER = {"train/vehicles": "train/cars", "train/brake_shoes": "train/brake_cylinders",
           "ato/brake_pipe_command": "ato/brake_pipe"}  # fmt: skip
 
@@ -74,7 +74,7 @@ def test_replay_publishes_under_the_present_names() -> None:
         chosen = chosen_topics(log.topics, ReplayOptions())
     names = {topic.published_as.lstrip("/") for topic in chosen.values()}
     known = {topic for topic in BY_NAME.values() if topic.recorded and topic.condition is not SUPERVISED}
-    assert names == {topic.name.lstrip("/") for topic in known}
+    assert names == {topic.name.lstrip("/") for topic in known} - {"train/brake_pipe_tail"}
 
 
 def test_an_old_run_has_no_supervision(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from train_ato.log.bag_layout import table_name
 from train_ato.log.reading import read_log
 from train_ato.log.run_folder import RunFolder
 from train_ato.log.run_log import RunLog
-from train_ato.log.tables.columns import column, suffix, unit_of
+from train_ato.log.tables.columns import column, diagnostic_column, unit_of
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
 from train_ato.messages.codec.byte_layout import layout_of
@@ -28,7 +28,7 @@ from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.layout import Owner
 from train_ato.messages.topic import SUPERVISED
-from train_ato.messages.topics import BY_NAME, DIAGNOSTIC_UNITS, EPOCH_NS, TOPICS
+from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS
 from train_ato.messages.types import Diagnostic, Trajectory
 from train_ato.scenario.scenario import load_scenario
 
@@ -39,6 +39,7 @@ BLOCKS = {
                           ("{unit}_speed_m_s", "velocity"), ("{coupler}_deflection_rate_m_s", "rate"),
                           ("{unit}_applied_force_n", "applied"), ("{coupler}_force_n", "force")],
     "train/brake_pipe": [("pressure_pa", "pressure")],
+    "train/brake_pipe_tail": [("pressure_pa", "pressure")],
     "train/brake_shoes": [("{vehicle}_shoe_force_n", "shoe_force")],
     "train/disturbance": [("{vehicle}_disturbance_force_n", "force")],
     "train/odometry": [("{odometer}_position_m", "position"), ("{odometer}_speed_m_s", "speed"),
@@ -114,7 +115,7 @@ def assert_diagnostics(table, messages) -> None:
     assert table["message"].tolist() == [m.message for m in messages]
     for (_, row), decoded in zip(table.iterrows(), messages, strict=True):
         said = {name: value for name, value in row.items() if name not in ("node", "level", "message")}
-        expected = {key + suffix(DIAGNOSTIC_UNITS.get(key, "")): value for key, value in decoded.values.items()}
+        expected = {diagnostic_column(key): value for key, value in decoded.values.items()}
         for name, value in said.items():
             if name not in expected:
                 assert pd.isna(value), name

@@ -108,7 +108,7 @@ def test_the_first_difference_is_named_in_one_short_line(
         message.velocity[4] += 1e-5
         return wire.encode("train/vehicles", message)
 
-    log = altered(tmp_path, "/train/cars", 123, push)
+    log = altered(tmp_path, "/train/vehicles", 123, push)
     assert main(["verify", str(log), f"--relative={ELSEWHERE / 100}"]) == 1
     *_, line = capsys.readouterr().err.splitlines()
     assert "1 of " in line

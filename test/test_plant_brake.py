@@ -95,18 +95,58 @@ def test_a_new_application_cancels_a_propagating_release() -> None:
 
 
 def test_factor_table_and_pressure() -> None:
-    """Half the reduction gives half the factor; constant beyond the table; the head has the demanded pressure."""
+    """Half the reduction gives half the factor; constant beyond the table."""
     brake = load_consist("hxd1_c80_105").air_brake
     assert brake is not None
     assert braking_factor(brake, 575e3) == pytest.approx(0.085)
     assert braking_factor(brake, 500e3) == 0.17
     plant = fine()
     plant.advance(np.zeros((1, 1)), 575e3)
-    seen = plant.observe()
-    assert seen.brake_pipe is not None
-    assert seen.brake_pipe.pressure == 575e3
     drive(plant, 60.0)
     np.testing.assert_allclose(plant.arrays.state[k.CYLINDER, :106], 0.085, rtol=1e-3)
+
+
+def pressures(plant: Train) -> tuple[float, float]:
+    """Return the brake-pipe pressure at head and tail [Pa]."""
+    seen = plant.observe()
+    assert seen.brake_pipe is not None and seen.brake_pipe_tail is not None
+    return seen.brake_pipe.pressure, seen.brake_pipe_tail.pressure
+
+
+def test_pipe_pressure_falls_and_rises_as_in_a_pipe() -> None:
+    """Breaks if the pressure steps within a tick, or the tail changes before the wave (6.36 s, 35.32 s) is there."""
+    plant = fine()
+    assert pressures(plant) == (CHARGED, CHARGED)
+    plant.advance(np.zeros((1, 1)), APPLIED)
+    drive(plant, 1.995)
+    head, tail = pressures(plant)
+    assert head == pytest.approx(APPLIED + 50e3 * np.exp(-2.0 / 2.0))
+    assert tail == CHARGED
+    drive(plant, 6.0)
+    assert pressures(plant)[1] == pytest.approx(APPLIED + 50e3 * np.exp(-(8.0 - 1271.611 / 200) / 2.0))
+    drive(plant, 60.0)
+    assert pressures(plant) == (APPLIED, APPLIED)
+    plant.advance(np.zeros((1, 1)), CHARGED)
+    drive(plant, 35.0)
+    head, tail = pressures(plant)
+    assert head == pytest.approx(CHARGED - 50e3 * np.exp(-35.005 / 6.0))
+    assert tail == APPLIED
+    drive(plant, 100.0)
+    assert pressures(plant) == (CHARGED, CHARGED)
+
+
+def test_tail_pressure_follows_the_newest_wave() -> None:
+    """Breaks if a release that a later application has overtaken charges the tail, while its brake stays applied."""
+    plant = fine()
+    plant.advance(np.zeros((1, 1)), APPLIED)
+    drive(plant, 60.0)
+    plant.advance(np.zeros((1, 1)), CHARGED)
+    drive(plant, 10.0)
+    plant.advance(np.zeros((1, 1)), APPLIED)
+    for _ in range(40):
+        drive(plant, 1.0)
+        assert pressures(plant)[1] == APPLIED
+    assert pressures(plant)[0] == APPLIED
 
 
 def test_second_locomotive_vents_the_pipe_too() -> None:

@@ -102,7 +102,7 @@ def test_nothing_releases_a_parted_train() -> None:
     assert plant.observe().brake_pipe.pressure == 600e3  # type: ignore[union-attr]
     drive(plant, 1.0, 0.0, 550e3)
     drive(plant, arrival - plant.time + 0.01, 0.0, 600e3)
-    assert plant.observe().brake_pipe.pressure == ATMOSPHERE  # type: ignore[union-attr]
+    assert ATMOSPHERE < plant.observe().brake_pipe.pressure < 600e3  # type: ignore[union-attr]
     plant.apply_emergency_brake()
     plant.release_emergency_brake()
     drive(plant, 60.0, 0.0, 600e3)

@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from train_ato.log import chunk_thread
+from train_ato.log import chunk_thread, wall_time
 from train_ato.log.bag_layout import table_name
 from train_ato.log.definitions import definition
 from train_ato.log.run_folder import RunFolder
@@ -98,7 +98,9 @@ def test_the_file_is_laid_out_as_ros2_bag_does() -> None:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
         assert reader.get_header().profile == "ros2"
-        kept = [record.metadata["serialized_metadata"] for record in reader.iter_metadata()]
+        records = list(reader.iter_metadata())
+        kept = [record.metadata["serialized_metadata"] for record in records if record.name == "rosbag2"]
+        assert {record.name for record in records} == {"rosbag2", "wall_time"}
         attached = {entry.name: (entry.media_type, entry.data) for entry in reader.iter_attachments()}
     assert [yaml.safe_load(text)["message_count"] for text in kept] == [0, information["message_count"]]
     assert yaml.safe_load(kept[-1]) == information
@@ -120,9 +122,11 @@ def test_the_file_is_laid_out_as_ros2_bag_does() -> None:
 def test_equal_runs_of_the_engine_give_equal_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if anything of the wall clock, of memory or of the order of a dictionary gets into the file.
 
-    Only the age at which a chunk is closed depends on the wall clock; the limit is not reached here.
+    Only the record of the wall time and the age at which a chunk is closed depend on the wall clock; the first is fixed
+    and the limit of the second is not reached here.
     """
     monkeypatch.setattr(chunk_thread, "CLOSE_AFTER_S", 60.0)
+    monkeypatch.setattr(wall_time, "clock_ns", lambda: 10**18)
     setup = prepare(
         *load_scenario("demo", ("duration=60", "observer=ndo", "controller_changes=[{at: 30, controller: smc}]"))
     )

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import socket
 import sys
-import xml.etree.ElementTree as ET
-from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -37,11 +34,9 @@ from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt
 from train_ato.loop.setup import prepare
 from train_ato.messages.layout import TrainLayout
-from train_ato.messages.topics import BY_NAME
 from train_ato.scenario.interventions import EmergencyBrakeNow, GustNow, planned_for
 from train_ato.scenario.scenario import load_scenario
 
-LAYOUTS = files("train_ato") / "apps" / "view" / "layouts"
 LINE = Facts(
     "two limits",
     TrainLayout(3, 1),
@@ -325,32 +320,3 @@ def test_a_port_in_use_is_refused_in_one_line(run, capfd):
         assert main(["view", str(run), "--port", str(port), "--no-browser"]) == 2
     said = capfd.readouterr().err
     assert said == f"train-ato: --port {port}: already in use; give another port, or 0 for a free one\n"
-
-
-def topics_named(text):
-    """Return the topics of paths such as /train/vehicles.velocity[0] or /train/vehicles/vehicle_0/effort."""
-    known = sorted(BY_NAME, key=len, reverse=True)
-    return {next((name for name in known if text.lstrip("/").startswith(name.lstrip("/"))), text)}
-
-
-def test_the_foxglove_layout_names_our_topics_and_arranges_every_panel():
-    """Breaks if the layout has the former name of a topic, or a configured panel is not shown."""
-    layout = json.loads((LAYOUTS / "foxglove.json").read_text(encoding="utf-8"))
-    series = [path["value"] for panel in layout["configById"].values() for path in panel.get("paths", ())]
-    assert {name for path in series for name in topics_named(path)} <= set(BY_NAME)
-
-    def panels(node):
-        return {node} if isinstance(node, str) else panels(node["first"]) | panels(node["second"])
-
-    assert panels(layout["layout"]) == set(layout["configById"])
-
-
-def test_the_plotjuggler_layout_names_our_topics():
-    """Breaks if the layout has the former name of a topic, or a curve has no equation."""
-    root = ET.fromstring((LAYOUTS / "plotjuggler.xml").read_text(encoding="utf-8"))
-    made = {snippet.get("name") for snippet in root.iter("snippet")}
-    curves = {curve.get("name") for curve in root.iter("curve")}
-    sources = {node.text for node in root.iter("linked_source")}
-    sources |= {node.text for more in root.iter("additional_sources") for node in more}
-    assert made <= curves
-    assert {name for path in (curves - made) | sources for name in topics_named(path)} <= set(BY_NAME)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire, stamp_of
+from train_ato.messages.codec.diagnostic_keys import program_values
 from train_ato.messages.codec.variable import _decode_knots, decode_trajectory, encode_trajectory
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.topic import SUPERVISED
@@ -47,6 +48,7 @@ def message(topic: str, layout: TrainLayout, stamp: int, seed: int = 1):
         "train/vehicles": lambda: VehicleStates(stamp, values(n), values(n), values(n)),
         "train/measurement": lambda: Measurement(stamp, *(values(k) for k in (u, u, u, s, s, s))),
         "train/brake_pipe": lambda: Pipe(stamp, 550e3),
+        "train/brake_pipe_tail": lambda: Pipe(stamp, 560e3),
         "train/brake_shoes": lambda: BrakeShoes(stamp, values(n)),
         "train/disturbance": lambda: Disturbance(stamp, values(n)),
         "ato/profile": lambda: Trajectory(stamp, "train", np.arange(40) * 100_000_000, *(values(40) for _ in range(3))),
@@ -131,6 +133,68 @@ def test_fields_carry_the_names_and_places_of_the_table():
     assert (knots.points[13].time_from_start.sec, knots.points[13].time_from_start.nanosec) == (1, 300_000_000)
 
 
+TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+
+
+@pytest.mark.parametrize("topic", ["ato/profile", "ato/reference"])
+def test_time_from_start_counts_from_the_stamp(topic):
+    """Breaks if durations count from the start of the run, as in 0.1.0, or logs of 0.1.0 are read as present ones."""
+    wire, stamp = Wire(LONG), 12_300_000_000
+    sent = message(topic, LONG, stamp)
+    read = typestore().deserialize_cdr(wire.encode(topic, sent), TRAJECTORY)
+    first = sent.time[0] if topic == "ato/profile" else sent.planned
+    since = read.points[0].time_from_start
+    assert since.sec * 10**9 + since.nanosec == first - stamp
+    assert read.header.frame_id == "line"
+    read.header.frame_id = ""
+    for point in read.points:
+        duration = point.time_from_start
+        duration.sec, duration.nanosec = divmod(duration.sec * 10**9 + duration.nanosec + stamp, 10**9)
+    former = bytes(typestore().serialize_cdr(read, TRAJECTORY))
+    assert same(wire.decode(topic, former), sent)
+
+
+def test_limits_have_no_times():
+    """Breaks if the steps of the speed limit get the negative time of their stamp."""
+    sent = message("ato/limits", LONG, 5_000_000_000)
+    read = typestore().deserialize_cdr(Wire(LONG).encode("ato/limits", sent), TRAJECTORY)
+    assert all(point.time_from_start.sec == point.time_from_start.nanosec == 0 for point in read.points)
+
+
+def test_frames_are_the_line_and_the_vehicles_of_the_pressures():
+    """Breaks if a tool cannot place a pressure on the train or takes a chainage for a coordinate."""
+    frames = {
+        topic.name: typestore()
+        .deserialize_cdr(Wire(LONG).encode(topic.name, message(topic.name, LONG, 0)), topic.type)
+        .header.frame_id
+        for topic in topics_of(LONG)
+        if "header" in typestore().types[topic.type].__dataclass_fields__
+    }
+    assert {name: frame for name, frame in frames.items() if frame} == {
+        "train/brake_pipe": "vehicle_0",
+        "train/brake_pipe_tail": "vehicle_105",
+        "ato/brake_pipe_command": "vehicle_0",
+        "ato/profile": "line",
+        "ato/limits": "line",
+        "ato/reference": "line",
+    }
+
+
+def test_diagnostics_are_plain_numbers_with_the_unit_in_the_key():
+    """Breaks if a tool gets a list, a key without unit or no hardware, or the program gets another key back."""
+    values = {"delay": "[0.8, 0.4]", "lag": "0.4", "delay_brake": "[]", "energy_traction": "1e3", "swaps": "2"}
+    sent = Diagnostic(0, "controller", 0, "engaged", values)
+    data = Wire(LONG).encode("/diagnostics", sent)
+    (status,) = typestore().deserialize_cdr(data, "diagnostic_msgs/msg/DiagnosticArray").status
+    assert status.hardware_id == "ato"
+    assert {pair.key: pair.value for pair in status.values} == {
+        "delay_0_s": "0.8", "delay_1_s": "0.4", "lag_s": "0.4", "energy_traction_j": "1e3", "swaps": "2",
+    }  # fmt: skip
+    del values["delay_brake"]
+    assert Wire(LONG).decode("/diagnostics", data) == sent
+    assert program_values(values.items()) == values, "keys of version 0.1.0"
+
+
 @settings(max_examples=60, deadline=None)
 @given(
     stamp=st.integers(0, 10**15),
@@ -213,6 +277,7 @@ def test_topics_exist_only_where_there_is_something_to_tell():
         plain.encode("ato/brake_pipe_command", Pipe(0, 6e5))
     assert {topic.name for topic in topics_of(LONG)} - {topic.name for topic in topics_of(LAYOUTS[1])} == {
         "train/brake_pipe",
+        "train/brake_pipe_tail",
         "train/brake_shoes",
         "train/disturbance",
         "train/odometry",

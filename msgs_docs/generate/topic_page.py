@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from train_ato.log.tables.columns import suffix
+from train_ato.messages.codec.diagnostic_keys import HARDWARE, LISTED, message_key, unit_suffix
 from train_ato.messages.layout import FIXED_NAMES, Owner
 from train_ato.messages.topics import DIAGNOSTIC_UNITS, TOPICS, Place, Topic
 from train_ato.messages.types import Diagnostic
@@ -49,11 +49,20 @@ def _fields(topic: Topic) -> list[str]:
     if topic.owners:
         names = "; ".join(f"{_names(owner)}: {owner.meaning}" for owner in topic.owners)
         rows.append(f"| `name` | - | - | {names} |")
+    if topic.frame != "":
+        rows.append(f"| `header.frame_id` | - | - | {_frame(topic)} |")
     rows += [
         f"| `{path}` | - | - | constant text {', '.join(f'`{text}`' for text in texts)} |"
         for path, texts in topic.texts
     ]
     return rows + [_field(topic, place) for place in topic.places]
+
+
+def _frame(topic: Topic) -> str:
+    """Return the frame of the header as text."""
+    if isinstance(topic.frame, str):
+        return f"`{topic.frame}`: positions are chainages"
+    return "the vehicle of the pressure: " + ("`vehicle_0`" if topic.frame == 0 else "the last one, `vehicle_I`")
 
 
 def _names(owner: Owner) -> str:
@@ -70,16 +79,28 @@ def _prefix(owner: Owner) -> str:
 def _field(topic: Topic, place: Place) -> str:
     found = topic.description(place)
     owner = f"{_prefix(place.owner)}_" if place.owner else ""
-    name = f"`{owner}{found.column}{suffix(found.unit)}`" if found.column else "one for each key"
+    name = f"`{owner}{found.column}{unit_suffix(found.unit)}`" if found.column else "one for each key"
     return f"| `{place.path}` | {name} | {found.unit or '-'} | {found.meaning or '-'} |"
 
 
 def _units() -> list[str]:
-    """Return the lines with the keys of the diagnostics by unit."""
+    """Return the lines with ``hardware_id`` and the keys of the diagnostics by unit."""
     by_unit: dict[str, list[str]] = {}
     for key, unit in DIAGNOSTIC_UNITS.items():
-        by_unit.setdefault(unit, []).append(f"`{key}`")
-    return ["", "Keys with a unit:", "", *(f"* {unit}: {', '.join(keys)}" for unit, keys in by_unit.items())]
+        listed = f"`{key}_I{unit_suffix(unit)}`"
+        by_unit.setdefault(unit, []).append(listed if key in LISTED else f"`{message_key(key)}`")
+    of_unit: dict[str, list[str]] = {}
+    for node, name in HARDWARE.items():
+        of_unit.setdefault(name, []).append(node)
+    hardware = ", ".join(f"`{name}` ({', '.join(nodes)})" for name, nodes in of_unit.items())
+    return [
+        "",
+        f"`status[].hardware_id` is the unit of the vehicle: {hardware}. A value with",
+        "a unit is a plain number, and its key ends with the unit (`I`: number of the power unit); version 0.1.0 wrote",
+        "keys without unit. Keys with a unit:",
+        "",
+        *(f"* {unit}: {', '.join(keys)}" for unit, keys in by_unit.items()),
+    ]
 
 
 def _condition(topic: Topic) -> str:

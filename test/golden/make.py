@@ -28,7 +28,7 @@ LARGEST = 300_000
 
 def record(setup: RunSetup, folder: Path) -> None:
     """Drive the scenario in the engine and leave log and metadata in a new folder."""
-    with RunFolder.make(folder, "golden").sink(setup) as sink:
+    with RunFolder.make(folder, "golden").sink(setup, compression="small") as sink:
         outcome = run_engine(setup, sink=sink)
     if outcome.failure:
         raise SystemExit(outcome.failure)

@@ -209,7 +209,7 @@ def _write_run(options: argparse.Namespace, setup: RunSetup, found: Measured, wi
     begin = time.perf_counter()
     try:
         folder.begin(setup)
-        with progress_bar(f"writing {folder.path}") as progress, folder.sink(setup, attached) as sink:
+        with progress_bar(f"writing {folder.path}") as progress, folder.sink(setup, attached, timed=False) as sink:
 
             def report(tick: int) -> None:
                 if tick % 1000 == 0:

@@ -67,6 +67,7 @@ def _as_json(found: Overview) -> dict[str, Any]:
         "messages": {topic.name: topic.messages for topic in found.topics},
         "topics": [dataclasses.asdict(topic) for topic in found.topics],
         "versions": found.versions,
+        "wall_time": None if found.wall_time is None else found.wall_time.listed(),
     }
 
 
@@ -87,6 +88,9 @@ def _print_overview(found: Overview, changes: list[dict[str, Any]]) -> None:
     if found.versions:
         versions = ", ".join(f"{name} {value}" for name, value in found.versions.items() if value != "absent")
         sys.stdout.write(f"recorded with {versions}\n")
+    if found.wall_time is not None:
+        lasted = "" if found.wall_time.duration_s is None else f", {found.wall_time.duration_s:.1f} s of wall time"
+        sys.stdout.write(f"recorded from {found.wall_time.begin}{lasted}\n")
 
 
 def _gaps(topic: TopicOverview) -> str:

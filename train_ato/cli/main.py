@@ -28,6 +28,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("check-observer", "test a disturbance observer against the interface of the control loop"),
     ("check-compensation", "test a delay compensation against the interface of the control loop"),
     ("export", "write the tables of a run as Parquet or CSV"),
+    ("layout", "write a layout of Foxglove or PlotJuggler for a run"),
     ("import", "convert a measured speed and force history to a run and a speed profile"),
     ("recover", "restore a readable log from an incomplete or damaged one"),
     ("param", "change a parameter of a running simulation, for example the control law"),

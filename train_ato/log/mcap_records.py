@@ -16,7 +16,7 @@ from typing import Any, BinaryIO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, ChunkIndex, Schema, Statistics
+from mcap.records import Attachment, Channel, ChunkIndex, Metadata, Schema, Statistics
 
 from train_ato.log.mcap_writer import MAGIC
 
@@ -128,6 +128,18 @@ def attachment_of(content: bytes) -> Attachment:
         raise Damage("an attachment cannot be read")
     _check(content[-_WORD.size :], zlib.crc32(content[: -_WORD.size]), "attachment")
     found: Attachment = _parsed(Attachment, content, "an attachment")
+    return found
+
+
+def metadata_of(content: bytes) -> Metadata:
+    """Return a metadata record.
+
+    Raises
+    ------
+    Damage
+        If the record is not one of metadata.
+    """
+    found: Metadata = _parsed(Metadata, content, "a metadata record")
     return found
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from train_ato.log.bag_layout import published_name, table_name
 from train_ato.log.reading import Progress, attachments, stream
 from train_ato.log.versions import VERSIONS, read_versions
+from train_ato.log.wall_time import WallTime, read_wall_time
 from train_ato.messages.codec.variable import decode_diagnostic
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, Rate
 from train_ato.scenario.changes import RunChanges
@@ -58,6 +59,8 @@ class Overview:
         Changes of laws and parameters, interventions and ATO requests.
     versions : dict
         Versions of the recorder; empty for a log of another recorder.
+    wall_time : WallTime or None
+        Wall time of the recording; None for a log of version 0.1.0 or of another recorder.
     """
 
     path: Path
@@ -65,6 +68,7 @@ class Overview:
     topics: tuple[TopicOverview, ...]
     changes: RunChanges
     versions: dict[str, str]
+    wall_time: WallTime | None
 
     @property
     def duration_s(self) -> float:
@@ -111,7 +115,14 @@ def log_overview(path: Path, *, broken: bool = False, progress: Progress | None 
         begin = EPOCH_NS
     topics = tuple(_topic(name, types[name], found, begin) for name, found in times.items())
     attached = attachments(path, broken=broken)
-    return Overview(path, path.stat().st_size, topics, changes, read_versions(attached.get(VERSIONS, b"")))
+    return Overview(
+        path,
+        path.stat().st_size,
+        topics,
+        changes,
+        read_versions(attached.get(VERSIONS, b"")),
+        read_wall_time(path, broken=broken),
+    )
 
 
 def _topic(name: str, kind: str, stamps: NDArray[np.int64], begin: int) -> TopicOverview:

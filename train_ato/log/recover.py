@@ -22,10 +22,11 @@ from mcap.records import Attachment
 from train_ato.log.bag_layout import LOG, METADATA, PARTIAL
 from train_ato.log.bag_metadata import belongs, rewritten
 from train_ato.log.mcap_chunk import chunk_content, chunk_head
-from train_ato.log.mcap_records import HEAD, Damage, Definitions, RawMessage, attachment_of, summary_of
+from train_ato.log.mcap_records import HEAD, Damage, Definitions, RawMessage, attachment_of, metadata_of, summary_of
 from train_ato.log.mcap_writer import MAGIC
 from train_ato.log.reading import Progress, being_written, stream
 from train_ato.log.run_log import LogFile
+from train_ato.log.wall_time import WALL_TIME, WallTime
 
 _CHUNK = re.compile(rb"\x06.{8}.{24}.{4}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4|\x00\x00\x00\x00)", re.DOTALL)
 """Begin of a chunk: code, length, three numbers, checksum, name of the compression."""
@@ -138,7 +139,8 @@ def _rewrite(source: Path, scratch: Path, name: str, progress: Progress | None) 
             damaged = DamagedLog(data, progress)
             for message in damaged.messages():
                 if log is None:
-                    log = LogFile(scratch, {entry.name: entry.data for entry in damaged.attachments()}, name)
+                    attached = {entry.name: entry.data for entry in damaged.attachments()}
+                    log = LogFile(scratch, attached, name, wall_time=damaged.wall_time())
                 number = message.channel.id
                 if number not in numbers:
                     numbers[number] = log.copy(message.channel, message.schema)
@@ -223,11 +225,26 @@ class DamagedLog:
 
     def attachments(self) -> Iterator[Attachment]:
         """Yield the attachments before the first damage with a correct checksum."""
+        for content in self._undamaged(Opcode.ATTACHMENT):
+            with suppress(Damage):
+                yield attachment_of(content)
+
+    def wall_time(self) -> WallTime | None:
+        """Return the begin of the recording in wall time; None without a consistent record before the damage."""
+        for content in self._undamaged(Opcode.METADATA):
+            with suppress(Damage):
+                record = metadata_of(content)
+                found = WallTime.of(record.metadata) if record.name == WALL_TIME else None
+                if found is not None:
+                    return WallTime(found.begin_ns)  # metadata has no checksum; only the begin is there twice
+        return None
+
+    def _undamaged(self, code: Opcode) -> Iterator[bytes]:
+        """Yield the content of the records of a kind before the first damage of a length."""
         place = len(MAGIC)
         while (content := self._content(place)) is not None:
-            if self._data[place] == Opcode.ATTACHMENT:
-                with suppress(Damage):
-                    yield attachment_of(content)
+            if self._data[place] == code:
+                yield content
             place += HEAD.size + len(content)
 
     def _take_summary(self, known: Definitions) -> None:

@@ -104,12 +104,20 @@ class RunFolder:
 
     @contextmanager
     def sink(
-        self, setup: RunSetup, more: Mapping[str, bytes] | None = None, compression: str = DEFAULT
+        self,
+        setup: RunSetup,
+        more: Mapping[str, bytes] | None = None,
+        compression: str = DEFAULT,
+        *,
+        timed: bool = True,
     ) -> Iterator[Encoder]:
-        """Open the log for the engine with attachments ``more``; it is closed and renamed on exit."""
+        """Open the log for the engine with attachments ``more``; it is closed and renamed on exit.
+
+        ``timed``: with the wall time of the recording.
+        """
         topics = [topic for topic in topics_of(setup.layout) if topic.recorded]
         attached = {**attachments_for(setup.resolved_yaml()), **(more or {})}
-        with RunLog(self.path, topics, attachments=attached, compression=compression) as log:
+        with RunLog(self.path, topics, attachments=attached, compression=compression, timed=timed) as log:
             yield Encoder(log, Wire(setup.layout))
 
     def begin(self, setup: RunSetup) -> None:

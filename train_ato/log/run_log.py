@@ -32,6 +32,7 @@ from train_ato.log.chunk_thread import ChunkThread, Entry
 from train_ato.log.compression import DEFAULT
 from train_ato.log.definitions import definition
 from train_ato.log.mcap_writer import McapWriter
+from train_ato.log.wall_time import WALL_TIME, WallTime
 from train_ato.log.whole_file import write_whole
 from train_ato.messages.topics import EPOCH_NS, TOPICS, Topic
 
@@ -57,6 +58,13 @@ class LogFile:
         Size at which a chunk is closed [bytes].
     compression
         ``none``, ``fast`` or ``small``.
+    wall_time
+        Wall time of the recording, for the metadata record.
+
+    Attributes
+    ----------
+    wall_time : WallTime or None
+        Wall time that :meth:`close` writes.
 
     Raises
     ------
@@ -71,8 +79,10 @@ class LogFile:
         name: str = LOG,
         chunk_size: int = CHUNK,
         compression: str = DEFAULT,
+        wall_time: WallTime | None = None,
     ) -> None:
         self.path = folder / name
+        self.wall_time = wall_time
         self._partial = folder / f"{name}.partial"
         for taken in (self.path, self._partial):
             if taken.exists():
@@ -105,9 +115,14 @@ class LogFile:
 
     def _begin(self, attachments: Mapping[str, bytes]) -> None:
         self._writer.metadata("rosbag2", metadata_record(bag_information(self.path.name, [], NEVER, NEVER)))
+        self._write_wall_time()
         for name, data in attachments.items():
             self._writer.attachment(name, YAML, data, EPOCH_NS)
         self._stream.flush()
+
+    def _write_wall_time(self) -> None:
+        if self.wall_time is not None:
+            self._writer.metadata(WALL_TIME, self.wall_time.record())
 
     def channel(self, name: str, type_name: str, text: str, type_hash: str, qos: str) -> int:
         """Add a topic; return its number for :meth:`write`."""
@@ -170,6 +185,7 @@ class LogFile:
         channels = [ChannelCount(*channel, count) for channel, count in pairs]
         span = self._writer.span if any(self._writer.counts) else (NEVER, NEVER)
         information = bag_information(self.path.name, channels, *span)
+        self._write_wall_time()
         self._writer.metadata("rosbag2", metadata_record(information))
         self._writer.finish()
         write_whole(self.path.parent / METADATA, metadata_yaml(information))
@@ -192,6 +208,8 @@ class RunLog:
         Texts to attach, by file name, for the reproduction of the run.
     compression
         ``none``, ``fast`` or ``small``.
+    timed
+        Write the wall time of the recording; False for a log that is converted from another file.
 
     Attributes
     ----------
@@ -206,8 +224,10 @@ class RunLog:
         namespace: str = "",
         attachments: Mapping[str, bytes] | None = None,
         compression: str = DEFAULT,
+        timed: bool = True,
     ) -> None:
-        self._file = LogFile(folder, attachments, compression=compression)
+        wall_time = WallTime.now() if timed else None
+        self._file = LogFile(folder, attachments, compression=compression, wall_time=wall_time)
         self.numbers: dict[str, int] = {}
         for topic in topics:
             if topic.recorded:
@@ -247,6 +267,8 @@ class RunLog:
 
     def close(self) -> None:
         """Finish the log and rename it to ``run.mcap``."""
+        if self._file.wall_time is not None and not self._file.closed:
+            self._file.wall_time = self._file.wall_time.ended()
         self._file.close()
 
     def __enter__(self) -> RunLog:

@@ -166,6 +166,7 @@ class PlantStage:
             Tick(stamp),
             seen.vehicles,
             seen.brake_pipe,
+            seen.brake_pipe_tail,
             seen.brake_shoes,
             Disturbance(stamp, self.train.outside_force) if self.setup.layout.disturbed else None,
             diagnostics,

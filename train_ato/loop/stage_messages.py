@@ -44,6 +44,7 @@ class PlantTruth:
     clock: Tick
     vehicles: VehicleStates
     brake_pipe: Pipe | None
+    brake_pipe_tail: Pipe | None
     brake_shoes: BrakeShoes | None
     disturbance: Disturbance | None
     diagnostics: Diagnostic | None
@@ -54,6 +55,7 @@ class PlantTruth:
             ("/clock", self.clock),
             ("train/vehicles", self.vehicles),
             ("train/brake_pipe", self.brake_pipe),
+            ("train/brake_pipe_tail", self.brake_pipe_tail),
             ("train/brake_shoes", self.brake_shoes),
             ("train/disturbance", self.disturbance),
             ("/diagnostics", self.diagnostics),

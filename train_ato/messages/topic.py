@@ -88,6 +88,8 @@ class Topic:
         Fields of the dataclass in the ROS message.  Several places of one path follow each other.
     texts
         Constant texts of the ROS message by path.
+    frame
+        Frame of the header: its name, or the number of the vehicle whose frame it is (-1: the last one).
     condition
         Condition for the existence of the topic.
     finite
@@ -112,6 +114,7 @@ class Topic:
     rate: Rate
     meaning: str
     texts: tuple[tuple[str, tuple[str, ...]], ...] = ()
+    frame: str | int = ""
     condition: Condition = ALWAYS
     recorded: bool = True
     latched: bool = False
@@ -129,6 +132,10 @@ class Topic:
     def exists(self, layout: TrainLayout) -> bool:
         """Return True if a run of this train has the topic."""
         return self.condition.holds(layout)
+
+    def frame_id(self, layout: TrainLayout) -> str:
+        """Return the frame of the header of the messages; empty for values of the parts of a train along the line."""
+        return self.frame if isinstance(self.frame, str) else layout.names(Owner.VEHICLE)[self.frame]
 
     @property
     def of_variable_length(self) -> bool:

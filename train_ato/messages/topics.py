@@ -32,6 +32,7 @@ __all__ = [
     "DIAGNOSTIC_UNITS",
     "END_TOPIC",
     "EPOCH_NS",
+    "LINE_FRAME",
     "TOPICS",
     "Place",
     "Rate",
@@ -47,6 +48,8 @@ __all__ = [
 EPOCH_NS = 1_767_225_600_000_000_000
 """Simulation time 0 in messages [ns]: 2026-01-01T00:00:00Z, because tools display stamps near 1970 badly."""
 
+LINE_FRAME = "line"
+"""Frame of positions along the line: chainages.  Messages of version 0.1.0 have no frame."""
 END_TOPIC = "train/end"
 """Notice of the end of the run."""
 _CLOCK = "rosgraph_msgs/msg/Clock"
@@ -99,6 +102,19 @@ _TABLE: tuple[Topic, ...] = (
         readers=(),
         rate=Rate.TICK,
         meaning="brake-pipe pressure at the head",
+        frame=0,
+        condition=AIR_BRAKE,
+    ),
+    Topic(
+        "train/brake_pipe_tail",
+        _PRESSURE,
+        Pipe,
+        (Place("fluid_pressure", "pressure"),),
+        publishers=(Role.PLANT,),
+        readers=(),
+        rate=Rate.TICK,
+        meaning="brake-pipe pressure at the tail",
+        frame=-1,
         condition=AIR_BRAKE,
     ),
     Topic(
@@ -186,11 +202,16 @@ _TABLE: tuple[Topic, ...] = (
         "ato/profile",
         _TRAJECTORY,
         Trajectory,
-        (*knots(""), Place("points[].time_from_start", "time"), Place("header.stamp", "stamp")),
+        (
+            *knots(""),
+            Place("points[].time_from_start", "time", meaning="time of the knot, in the message from `header.stamp`"),
+            Place("header.stamp", "stamp"),
+        ),
         publishers=(Role.PROFILE,),
         readers=(Role.CONTROLLER,),
         rate=Rate.ONCE,
         meaning="the whole operational speed profile; again after re-planning",
+        frame=LINE_FRAME,
         texts=(("joint_names", ("train",)),),
         latched=True,
         depth=10,
@@ -204,6 +225,7 @@ _TABLE: tuple[Topic, ...] = (
         readers=(),
         rate=Rate.ONCE,
         meaning="speed limit over the line, as steps",
+        frame=LINE_FRAME,
         texts=(("joint_names", ("limit",)),),
         latched=True,
         depth=1,
@@ -212,11 +234,19 @@ _TABLE: tuple[Topic, ...] = (
         "ato/reference",
         _TRAJECTORY,
         Reference,
-        (*knots("0"), Place("points[0].time_from_start", "planned")),
+        (
+            *knots("0"),
+            Place(
+                "points[0].time_from_start",
+                "planned",
+                meaning="time of the planning of its profile, in the message from `header.stamp`, <= 0",
+            ),
+        ),
         publishers=(Role.PROFILE,),
         readers=(Role.CONTROLLER,),
         rate=Rate.TICK,
         meaning="reference at the stamp, one point",
+        frame=LINE_FRAME,
         texts=(("joint_names", ("train",)),),
     ),
     Topic(
@@ -248,6 +278,7 @@ _TABLE: tuple[Topic, ...] = (
         readers=(Role.PLANT,),
         rate=Rate.TICK,
         meaning="brake-pipe pressure demanded at the head",
+        frame=0,
         condition=AIR_BRAKE,
         former_names=("ato/brake_pipe",),
     ),

@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 from plant_sim.input_error import close_match
 from plant_sim.units import Force, Length, Pressure, Speed, Time, Unit
-from train_ato.log.tables.columns import suffix
+from train_ato.messages.codec.diagnostic_keys import unit_suffix
 
 __all__ = ["QUANTITIES", "TIMESTAMP", "Column", "MeasuredQuantity", "column_of", "spellings"]
 
@@ -48,7 +48,7 @@ class MeasuredQuantity:
 def _units(kind: Any) -> dict[str, float]:
     unit = next(entry for entry in get_args(kind)[1:] if isinstance(entry, Unit))
     pairs = (*unit.suffixes, *_MORE.get(unit.si, ()))
-    return {suffix(unit.si)[1:]: 1.0, **{name: 1 / divisor for name, divisor in pairs}}
+    return {unit_suffix(unit.si)[1:]: 1.0, **{name: 1 / divisor for name, divisor in pairs}}
 
 
 QUANTITIES: tuple[MeasuredQuantity, ...] = (

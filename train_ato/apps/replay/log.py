@@ -1,8 +1,9 @@
 """Access to the messages of a log from any time on, by its index.
 
 Messages have the order and the times of their publish times, which are simulated times.  The index of an MCAP file has
-log times, which are wall times in a recorded graph.  A time is therefore found by bisection over the chunks: about ten
-chunks are read in the log of an hour.  A log without an index is read from its beginning.
+log times, which are wall times in a graph recorded by version 0.1.0 or another recorder.  A time is therefore found by
+bisection over the chunks: about ten chunks are read in the log of an hour.  A log without an index is read from its
+beginning.
 """
 
 from __future__ import annotations

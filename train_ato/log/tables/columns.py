@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from plant_sim.states import FieldDescription
+from train_ato.messages.codec.diagnostic_keys import message_key, unit_suffix
 from train_ato.messages.topics import BY_NAME, DIAGNOSTIC_UNITS, TOPICS
 
-__all__ = ["TIME", "column", "diagnostic_column", "has_column", "suffix", "unit_of"]
+__all__ = ["TIME", "column", "diagnostic_column", "has_column", "unit_of"]
 
 TIME = "time_s"
 """Name of every table's index: simulated time [s]; for a log of another tool, time since its first message."""
-
-
-def suffix(unit: str) -> str:
-    """Return a unit as suffix of a column name: ``m/s²`` becomes ``_m_s2``; "" without a unit."""
-    return "_" + unit.lower().replace("/", "_").replace("²", "2").replace("³", "3") if unit else ""
 
 
 def has_column(topic: str, path: str) -> bool:
@@ -37,7 +33,7 @@ def column(topic: str, path: str, owner: str = "") -> str:
         If the field has no column.
     """
     found = _description(topic, path, owner)
-    name = found.column + suffix(found.unit)
+    name = found.column + unit_suffix(found.unit)
     return f"{owner}_{name}" if owner else name
 
 
@@ -58,11 +54,11 @@ def _description(topic: str, path: str, owner: str) -> FieldDescription:
 
 def diagnostic_column(key: str) -> str:
     """Return the name of a column of ``/diagnostics``: the key with the suffix of its unit."""
-    return key + suffix(DIAGNOSTIC_UNITS.get(key, ""))
+    return message_key(key)
 
 
 def unit_of(name: str) -> str:
     """Return the unit of a column from its name; "" without a unit."""
     units = {topic.description(place).unit for topic in TOPICS for place in topic.places}
-    found = [unit for unit in {*units, *DIAGNOSTIC_UNITS.values()} if unit and name.endswith(suffix(unit))]
-    return max(found, key=lambda unit: len(suffix(unit)), default="")
+    found = [unit for unit in {*units, *DIAGNOSTIC_UNITS.values()} if unit and name.endswith(unit_suffix(unit))]
+    return max(found, key=lambda unit: len(unit_suffix(unit)), default="")

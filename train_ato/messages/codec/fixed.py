@@ -19,7 +19,17 @@ from typing import Any
 import numpy as np
 
 from train_ato.messages.codec.byte_layout import Layout, Leaf, layout_of, rows_of
-from train_ato.messages.codec.cdr import SECOND, TIME, blank, nanoseconds, packed_stamp, resize, stamp_of, typestore
+from train_ato.messages.codec.cdr import (
+    SECOND,
+    TIME,
+    blank,
+    counts_from_stamp,
+    nanoseconds,
+    packed_stamp,
+    resize,
+    stamp_of,
+    typestore,
+)
 from train_ato.messages.layout import TrainLayout, present_name
 from train_ato.messages.topic import Topic
 from train_ato.messages.types import Array
@@ -29,6 +39,8 @@ _SMALL = 16
 _FLOAT = struct.Struct("<d")
 _FLOAT64 = np.dtype("<f8")
 _STAMP_END = 12
+FRAME = "header.frame_id"
+"""Path of the frame."""
 
 
 class _Arrays:
@@ -107,7 +119,7 @@ class _Number:
 
 @dataclass(frozen=True)
 class _Time:
-    """Stamp or duration [ns]."""
+    """Duration from the stamp [ns]."""
 
     path: str
     start: int
@@ -174,6 +186,9 @@ class FixedCodec:
         by_place = [place.field for slot in self._slots for place in places if place.path == slot.path]
         self._values = _getter(by_place)
         self._order = [by_place.index(field) for field in order]
+        durations = {slot.path for slot in self._slots if isinstance(slot, _Time)}
+        self._durations = [by_place.index(place.field) for place in places if place.path in durations]
+        self._relative = counts_from_stamp(topic.frame_id(layout))
         self._other: Layout | None = None
 
     def encode(self, message: Any) -> bytes:
@@ -185,8 +200,11 @@ class FixedCodec:
             For an array of the wrong type or length, or a number that is not finite.
         """
         parts: list[Any] = [self._head, packed_stamp(message.stamp), self._first]
+        values = self._values(message)
+        if self._durations:
+            values = self._shifted(values, -message.stamp)
         try:
-            for (write, constant), value in zip(self._writers, self._values(message), strict=True):
+            for (write, constant), value in zip(self._writers, values, strict=True):
                 parts.append(write(value))
                 parts.append(constant)
         except ValueError as error:
@@ -206,11 +224,21 @@ class FixedCodec:
                 values: list[Any] = []
                 for read in self._readers:
                     values += read(data)
+                relative = self._relative
             else:
-                values = self._read_any(data)
+                values, relative = self._read_any(data)
         except ValueError as error:
             raise ValueError(f"{self.topic.name}: {error}") from None
+        if relative and self._durations:
+            values = self._shifted(values, stamp_of(data))
         return self.topic.message(stamp_of(data), *[values[place] for place in self._order])
+
+    def _shifted(self, values: Sequence[Any], by: int) -> list[Any]:
+        """Return the values with the durations shifted by a time [ns]."""
+        shifted = list(values)
+        for place in self._durations:
+            shifted[place] += by
+        return shifted
 
     def _fits(self, data: bytes) -> bool:
         """Return True if the constant bytes are those of the blank message."""
@@ -221,8 +249,11 @@ class FixedCodec:
                 return False
         return True
 
-    def _read_any(self, data: bytes) -> list[Any]:
-        """Decode a message with any padding, byte order and frame; names and lengths are checked."""
+    def _read_any(self, data: bytes) -> tuple[list[Any], bool]:
+        """Decode a message with any padding, byte order and frame; names and lengths are checked.
+
+        The second value is True if the durations count from the stamp.
+        """
         rows = rows_of([data], len(data))
         layout = self._other
         if layout is None or layout.length != len(data) or not layout.fits(rows).all():
@@ -236,7 +267,8 @@ class FixedCodec:
             if leaf is None or ("[0]" in slot.path and slot.path.replace("[0]", "[1]") in leaves):
                 raise ValueError(f"{slot.path.partition('[')[0]} does not hold one entry")
             values += slot.read_any(layout, rows, leaf)
-        return values
+        frame = leaves.get(FRAME)
+        return values, frame is not None and counts_from_stamp(frame.text)
 
     def _check_names(self, names: Sequence[str]) -> None:
         due = self._names
@@ -255,6 +287,8 @@ def _sample(topic: Topic, layout: TrainLayout) -> bytes:
     message = blank(topic.type)
     if topic.owners:
         message.name = list(topic.names(layout))
+    if frame := topic.frame_id(layout):
+        message.header.frame_id = frame
     for path, texts in topic.texts:
         setattr(message, path, list(texts))
     for path in dict.fromkeys(place.path for place in topic.places):

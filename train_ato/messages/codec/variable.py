@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.messages.codec.cdr import SECOND, header, packed_stamp, stamp_of, typestore
-from train_ato.messages.topics import BY_NAME
+from train_ato.messages.codec.cdr import SECOND, counts_from_stamp, header, packed_stamp, stamp_of, typestore
+from train_ato.messages.codec.diagnostic_keys import HARDWARE, message_values, program_values
+from train_ato.messages.topics import BY_NAME, LINE_FRAME
 from train_ato.messages.types import Array, Diagnostic, Trajectory
 
 _LENGTH = struct.Struct("<I")
@@ -27,8 +28,8 @@ _KNOT = np.dtype(
     ]
 )  # fmt: skip
 """Point with one position, speed and acceleration; it begins and ends 4 bytes behind a multiple of 8."""
-_NAME = 28
-"""Offset of the joint's name after an empty frame [bytes]."""
+_FRAME = 16
+"""Offset of the frame [bytes]."""
 
 
 def encode_trajectory(message: Trajectory) -> bytes:
@@ -46,8 +47,9 @@ def encode_trajectory(message: Trajectory) -> bytes:
     knots["positions"] = knots["velocities"] = knots["accelerations"] = 1
     knots["position"], knots["velocity"] = message.position, message.velocity
     knots["acceleration"] = message.acceleration
-    knots["second"], knots["nanosecond"] = message.time // SECOND, message.time % SECOND
-    start, points = _start_of_points(message), knots.tobytes()
+    since = message.time - message.stamp
+    knots["second"], knots["nanosecond"] = since // SECOND, since % SECOND
+    start, points = _start_of_points(message, LINE_FRAME), knots.tobytes()
     return start + points[:4] + bytes(_gap(start)) + points[4:]
 
 
@@ -74,10 +76,10 @@ def decode_trajectory(data: bytes) -> Trajectory:
     return result
 
 
-def _start_of_points(message: Trajectory) -> bytes:
+def _start_of_points(message: Trajectory, frame: str) -> bytes:
     """Return the begin of the message, including the number of points."""
     out = bytearray(_HEAD + packed_stamp(message.stamp))
-    for part in ("", 1, message.name, message.time.size):  # the frame, one joint, its name, the number of points
+    for part in (frame, 1, message.name, message.time.size):  # one joint, its name, the number of points
         _append(out, part)
     return bytes(out)
 
@@ -92,7 +94,8 @@ def _encode_any(message: Trajectory) -> bytes:
     point, duration = types["trajectory_msgs/msg/JointTrajectoryPoint"], types["builtin_interfaces/msg/Duration"]
     none = np.zeros(0)
     accelerations = message.acceleration.reshape(-1, 1) if message.acceleration.size else [none] * message.time.size
-    columns = (message.time.tolist(), message.position.reshape(-1, 1), message.velocity.reshape(-1, 1), accelerations)
+    since = (message.time - message.stamp if message.acceleration.size else message.time).tolist()
+    columns = (since, message.position.reshape(-1, 1), message.velocity.reshape(-1, 1), accelerations)
     points = [
         point(
             positions=position,
@@ -104,28 +107,30 @@ def _encode_any(message: Trajectory) -> bytes:
         for time, position, velocity, acceleration in zip(*columns, strict=True)
     ]
     kind = "trajectory_msgs/msg/JointTrajectory"
-    whole = types[kind](header=header(message.stamp), joint_names=[message.name], points=points)
+    whole = types[kind](header=header(message.stamp, LINE_FRAME), joint_names=[message.name], points=points)
     return bytes(typestore().serialize_cdr(whole, kind))
 
 
 def _decode_knots(data: bytes) -> Trajectory | None:
     """Decode a profile with the layout of :func:`encode_trajectory`; None for any other layout."""
     try:
-        (size,) = _LENGTH.unpack_from(data, _NAME - 4)
-        name = data[_NAME : _NAME + size - 1].decode()
+        (frame,), place = _texts(data, _FRAME - 4, 1)
+        place += -place % 4 + 4  # the number of joints
+        (name,), end = _texts(data, place, 1)
     except (struct.error, UnicodeDecodeError):
         return None
-    begin = _NAME + size + -size % 4 + 4
+    begin = end + -end % 4 + 4
     gap = _gap(data[:begin])
     count, rest = divmod(len(data) - begin - gap, _KNOT.itemsize)
-    if rest or count < 1 or not size:
+    if rest or count < 1:
         return None
     knots = np.frombuffer(data[begin : begin + 4] + data[begin + 4 + gap :], _KNOT, count)
     time = knots["second"].astype(np.int64) * SECOND + knots["nanosecond"]
     columns = (np.array(knots[field]) for field in ("position", "velocity", "acceleration"))
-    found = Trajectory(stamp_of(data), name, time, *columns)
+    stamp = stamp_of(data)
+    found = Trajectory(stamp, name, time + stamp if counts_from_stamp(frame) else time, *columns)
     ones = all((knots[field] == 1).all() for field in ("positions", "velocities", "accelerations"))
-    return found if ones and not knots["efforts"].any() and data[:begin] == _start_of_points(found) else None
+    return found if ones and not knots["efforts"].any() and data[:begin] == _start_of_points(found, frame) else None
 
 
 def _decode_any(data: bytes) -> Trajectory:
@@ -134,13 +139,15 @@ def _decode_any(data: bytes) -> Trajectory:
         raise ValueError(f"trajectory of {len(message.joint_names)} joints where one is due")
     points = message.points
     times = [point.time_from_start.sec * SECOND + point.time_from_start.nanosec for point in points]
+    stamp, acceleration = stamp_of(data), _column([point.accelerations for point in points])
+    relative = acceleration.size > 0 and counts_from_stamp(str(message.header.frame_id))
     return Trajectory(
-        stamp_of(data),
+        stamp,
         str(message.joint_names[0]),
-        np.array(times, dtype=np.int64),
+        np.array(times, dtype=np.int64) + (stamp if relative else 0),
         _column([point.positions for point in points]),
         _column([point.velocities for point in points]),
-        _column([point.accelerations for point in points]),
+        acceleration,
     )
 
 
@@ -164,10 +171,11 @@ def encode_diagnostic(message: Diagnostic) -> bytes:
     _append(out, "")  # the header's frame
     _append(out, 1)
     out += bytes((message.level,))
-    for text in (message.node, message.message, ""):
+    for text in (message.node, message.message, HARDWARE.get(message.node, "")):
         _append(out, text)
-    _append(out, len(message.values))
-    for key, value in message.values.items():
+    pairs = list(message_values(message.values))
+    _append(out, len(pairs))
+    for key, value in pairs:
         _append(out, key)
         _append(out, value)
     return bytes(out) + bytes(-len(out) % 4)
@@ -190,7 +198,8 @@ def decode_diagnostic(data: bytes) -> Diagnostic:
         pairs, _ = _texts(data, place + 4, 2 * count)
     except (struct.error, UnicodeDecodeError):
         return _decode_any_diagnostic(data)
-    return Diagnostic(stamp_of(data), node, data[24], message, dict(zip(pairs[::2], pairs[1::2], strict=True)))
+    values = program_values(zip(pairs[::2], pairs[1::2], strict=True))
+    return Diagnostic(stamp_of(data), node, data[24], message, values)
 
 
 def _decode_any_diagnostic(data: bytes) -> Diagnostic:
@@ -199,7 +208,7 @@ def _decode_any_diagnostic(data: bytes) -> Diagnostic:
     if len(message.status) != 1:  # from another program; nodes of the graph send one status
         return Diagnostic(stamp_of(data), "", 0, "", {})
     status = message.status[0]
-    values = {str(pair.key): str(pair.value) for pair in status.values}
+    values = program_values((str(pair.key), str(pair.value)) for pair in status.values)
     return Diagnostic(stamp_of(data), str(status.name), int(status.level), str(status.message), values)
 
 

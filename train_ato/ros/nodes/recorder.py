@@ -45,6 +45,8 @@ class RecorderNode:
     def poll(self) -> int:
         """Write the messages in the queues in the order of receipt; return their number.
 
+        Publish time and log time are the stamp, as in the log of the engine.
+
         Raises
         ------
         ValueError
@@ -71,7 +73,7 @@ class RecorderNode:
             except ValueError as error:
                 wrong = wrong or error
         waiting.sort(key=itemgetter(0))
-        self.log.extend((number, stamp, received, data) for received, number, stamp, data in waiting)
+        self.log.extend((number, stamp, stamp, data) for _, number, stamp, data in waiting)
         if wrong is not None and not self.endpoints.wire.layout.supervised:
             raise wrong
         self._wrong = self._wrong or wrong

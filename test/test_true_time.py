@@ -1,0 +1,115 @@
+"""Times of a log are simulated times in every mode of a run; the wall time is a metadata record."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from rosbags.rosbag2 import Reader
+
+from train_ato.cli import main
+from train_ato.log.reading import stream
+from train_ato.log.recover import recover
+from train_ato.log.run_log import LogFile
+from train_ato.log.wall_time import WallTime, read_wall_time
+from train_ato.messages.topics import EPOCH_NS
+
+SECONDS = 40
+"""Simulated duration of the runs [s]: many times their wall time, so that the two cannot be mistaken."""
+TICK_HZ = 10.0
+TICK_TOPICS = ("/clock", "/train/vehicles", "/train/measurement", "/ato/reference", "/ato/estimate", "/ato/command")
+MODES = {"engine": ["--engine"], "composed": [], "processes": ["--processes"]}
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Return the function that runs the scenario in a mode, once per mode."""
+    made: dict[str, Path] = {}
+
+    def folder(mode: str) -> Path:
+        if mode not in made:
+            if mode != "engine":
+                pytest.importorskip("rclpy")
+            out = tmp_path_factory.mktemp(mode) / "run"
+            assert main(["run", "demo", "--json", f"--set=duration={SECONDS}", f"--out={out}", *MODES[mode]]) == 0
+            made[mode] = out
+        return made[mode]
+
+    return folder
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_duration_and_rates_are_those_of_the_simulation(mode: str, run: Callable[[str], Path]) -> None:
+    """Breaks if log times are the wall times of receipt: a player then shows 10 Hz topics at hundreds of hertz."""
+    with Reader(run(mode)) as bag:
+        times: dict[str, list[int]] = {}
+        for connection, moment, _ in bag.messages():
+            times.setdefault(connection.topic, []).append(moment)
+        assert bag.start_time == EPOCH_NS
+        # rosbags counts to the nanosecond after the last message
+        assert bag.duration - 1 == pytest.approx(SECONDS * 10**9)
+    for topic in TICK_TOPICS:
+        found = times[topic]
+        assert (len(found) - 1) / (found[-1] - found[0]) * 1e9 == pytest.approx(TICK_HZ)
+        assert {late - early for early, late in itertools.pairwise(found)} == {10**8}, topic
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_log_time_is_the_stamp_of_every_message(mode: str, run: Callable[[str], Path]) -> None:
+    """Breaks if one topic keeps a time of its own, or the order in the file differs from that of the times."""
+    last = 0
+    for message in stream(run(mode) / "run.mcap"):
+        assert message.log_ns == message.publish_ns
+        assert message.log_ns >= last - 10**8, "more than a tick out of order"
+        last = max(last, message.log_ns)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_wall_time_is_a_metadata_record(mode: str, run: Callable[[str], Path], capsys) -> None:
+    """Breaks if the wall time of a run is lost, or is not that of the run."""
+    found = read_wall_time(run(mode) / "run.mcap")
+    summary = json.loads((run(mode) / "summary.json").read_text())
+    assert found is not None and found.duration_s is not None
+    # the log is opened before the first tick and closed after the last one; the clocks differ by rounding
+    assert found.duration_s >= summary["wall_s"] - 0.01
+    assert found.begin_ns * 1e-9 <= (run(mode) / "summary.json").stat().st_mtime
+    assert main(["info", str(run(mode)), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["wall_time"] == found.listed()
+    assert main(["info", str(run(mode))]) == 0
+    assert f"recorded from {found.begin}" in capsys.readouterr().out
+
+
+KILLED = """
+import sys
+from pathlib import Path
+from train_ato.log.run_log import RunLog
+log = RunLog(Path(sys.argv[1]))
+log.add("/clock", 1, 1, bytes(12))
+log._file.flush()
+import os
+os._exit(9)
+"""
+
+
+def test_recovery_keeps_the_begin_of_a_killed_run(tmp_path: Path) -> None:
+    """Breaks if the begin is written only at the end of a run, or is not copied."""
+    subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False)
+    began = read_wall_time(tmp_path / "run.mcap.partial", broken=True)
+    assert began is not None and began.duration_s is None
+    assert recover(tmp_path).messages == 1
+    assert read_wall_time(tmp_path / "run.mcap") == began
+
+
+def test_a_log_without_wall_time_is_read(tmp_path: Path) -> None:
+    """Breaks if logs of version 0.1.0, of other recorders or of measured runs are refused."""
+    log = LogFile(tmp_path)
+    log.close()
+    assert read_wall_time(tmp_path / "run.mcap") is None
+    assert WallTime.of({"begin": "yesterday", "begin_ns": "1"}) is None
+    assert WallTime.of({"begin_ns": "x"}) is None
+    assert WallTime.of({"begin": "", "begin_ns": "9" * 40}) is None

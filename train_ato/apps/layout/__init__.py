@@ -1,0 +1,1 @@
+"""Layouts of viewers for the run at hand."""

@@ -1,0 +1,45 @@
+"""``train-ato layout``: write a layout of a viewer for one run."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from train_ato.cli.screen import print_json
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``layout``."""
+    parser.add_argument("run", type=Path, metavar="RUN", help="run folder or MCAP file")
+    viewer = parser.add_mutually_exclusive_group(required=True)
+    viewer.add_argument("--foxglove", action="store_true", help="layout for Foxglove")
+    viewer.add_argument(
+        "--studio", action="store_true", help="layout for Foxglove Studio 1 (the last open version 1.87), in SI units"
+    )
+    viewer.add_argument("--plotjuggler", action="store_true", help="layout for PlotJuggler 3; it opens the log too")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="new file (default: beside the log)")
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Write the layout with the topics, names and sizes of the run."""
+    from train_ato.apps.layout.foxglove_layout import foxglove_layout
+    from train_ato.apps.layout.plotjuggler_layout import plotjuggler_layout
+    from train_ato.apps.layout.signals import read_signals
+    from train_ato.log.whole_file import write_whole
+
+    log = read_signals(options.run)
+    name = "plotjuggler.xml" if options.plotjuggler else "studio.json" if options.studio else "foxglove.json"
+    target: Path = options.out or log.path.with_name(name if options.run.is_dir() else f"{log.path.stem}-{name}")
+    if target.exists():
+        raise ValueError(f"{target}: exists already; give another file with --out")
+    text = plotjuggler_layout(log, target) if options.plotjuggler else foxglove_layout(log, studio_1=options.studio)
+    try:
+        write_whole(target, text)
+    except OSError as error:
+        raise ValueError(f"{target}: cannot be written ({error.strerror}); name a writable place") from None
+    if options.json:
+        print_json({"run": str(options.run), "layout": str(target), "topics": sorted(log.names.values())})
+        return 0
+    sys.stdout.write(f"{target}\n")
+    return 0
