@@ -6,11 +6,14 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from train_ato.apps.runs.compare import Comparison, compare
 from train_ato.apps.runs.progress import console
 from train_ato.apps.runs.protection_note import summary_events
+from train_ato.apps.runs.ranking import difference_from_best
 from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.apps.runs.summary_table import format_value
 from train_ato.cli.scenario_options import add_scenario_options
 from train_ato.cli.screen import note_compilation, print_json, print_table
 from train_ato.errors import RunFailed
@@ -25,6 +28,7 @@ COLUMNS: tuple[tuple[str, str], ...] = (
     ("coupler_buff_max_kn", "buff"),
     ("command_variation_kn_per_s", "kN/s"),
     ("saturated_s", "limit s"),
+    ("verdict", "verdict"),
 )
 
 
@@ -93,11 +97,31 @@ def print_comparison(result: Comparison, folder: Path, as_json: bool) -> None:
     first = summaries[0]
     print_table(
         (text for _, text in COLUMNS),
-        ([summary.get(key) for key, _ in COLUMNS] for summary in summaries),
+        ([_value(key, summary, summaries) for key, _ in COLUMNS] for summary in summaries),
         f"{first['scenario']}, observer {first['observer']}, compensation {first['compensation']}",
     )
+    if len(summaries) > 1:
+        print_table(
+            (text for _, text in COLUMNS[:-1]),
+            ([_difference(key, summary, summaries) for key, _ in COLUMNS[:-1]] for summary in summaries),
+            "difference from the best value (*)",
+        )
     for law in result.laws:
         if law.status == "refused":
             sys.stdout.write(f"omitted: {law.label}: {law.reason}\n")
     what = "table, figure and report" if result.drawable else "table"
     sys.stdout.write(f"{what} in {folder}\n")
+
+
+def _value(key: str, summary: dict[str, Any], summaries: list[dict[str, Any]]) -> str:
+    """Return a value as text, with ``*`` if it is the best of its column."""
+    best = difference_from_best(key, summary, summaries) == 0.0
+    return f"{format_value(summary.get(key))}{'*' if best else ''}"
+
+
+def _difference(key: str, summary: dict[str, Any], summaries: list[dict[str, Any]]) -> str:
+    """Return the difference of a value from the best of its column as text."""
+    if key == COLUMNS[0][0]:
+        return str(summary[key])
+    difference = difference_from_best(key, summary, summaries)
+    return "" if difference is None else "0" if difference == 0.0 else f"+{format_value(difference)}"

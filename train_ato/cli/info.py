@@ -13,6 +13,10 @@ from train_ato.cli.screen import print_json, print_table
 from train_ato.log.overview import Overview, TopicOverview, log_overview
 from train_ato.log.reading import log_file, partial_of, state_of
 from train_ato.log.versions import SCENARIO
+from train_ato.loop.verdict import verdict_line
+
+TABLES = ("criteria", "stops")
+"""Keys of the summary with a table each."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,7 +41,7 @@ def execute(options: argparse.Namespace) -> int:
         print_json({**summary, **_as_json(found), "changes": changes, "note": note})
         return 0
     if summary:
-        print_table(("quantity", "value"), summary.items(), str(run))
+        print_summary(summary, str(run))
     _print_overview(found, changes)
     if note:
         sys.stdout.write(f"{note}\n")
@@ -57,6 +61,19 @@ def _summary(run: Path) -> dict[str, Any]:
     from train_ato.log.run_folder import read_summary
 
     return read_summary(run) if partial_of(run) is None else {}
+
+
+def print_summary(summary: dict[str, Any], title: str) -> None:
+    """Print verdict, criteria, stops and metrics of a run."""
+    if line := verdict_line(summary):
+        sys.stdout.write(f"{line}\n")
+    ends = {True: "passed", False: "failed", None: "not evaluated"}
+    if rows := summary.get("criteria"):
+        cells = [(row["metric"], row["value"], row["limit"], ends[row["passed"]]) for row in rows]
+        print_table(("criterion", "value", "limit", ""), cells, "criteria of the scenario")
+    if stops := summary.get("stops"):
+        print_table(stops[0], ([stop[key] for key in stops[0]] for stop in stops), "stops")
+    print_table(("quantity", "value"), ((key, value) for key, value in summary.items() if key not in TABLES), title)
 
 
 def _as_json(found: Overview) -> dict[str, Any]:

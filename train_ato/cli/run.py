@@ -17,6 +17,7 @@ from train_ato.cli.screen import print_json, print_table
 from train_ato.errors import RunFailed
 from train_ato.log.compression import add_compression
 from train_ato.log.run_folder import check_free, next_free
+from train_ato.loop.verdict import verdict_line
 
 LIMIT = 3
 """Default of the restarts of each node."""
@@ -104,6 +105,8 @@ def print_run(run: Run, as_json: bool) -> None:
     if as_json:
         print_json(summary)
         return
+    if line := verdict_line(summary):
+        sys.stdout.write(f"{line}\n")
     head = f"{summary['scenario']}  {summary['controller']} / {summary['observer']} / {summary['compensation']}"
     print_table(("metric", "value"), result_rows(summary), head)
     if held := summary.get("held_steps"):

@@ -9,10 +9,9 @@ import numpy as np
 from plant_sim.line import Line
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup
+from train_ato.loop.stops import STANDSTILL_SPEED, StopResult, running_time, stops_of_run
 from train_ato.messages.types import Array
 
-MOVING = 0.01
-"""Minimum speed of a moving train [m/s]."""
 OF_THE_PLANT = ("energy_traction_kwh", "energy_regenerated_kwh", "saturated_s")
 """Metrics from every plant step."""
 JERK_SPAN = 0.1
@@ -24,11 +23,12 @@ def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
 
     Without diagnostics of the plant, energies and saturation are omitted and coupler forces are those at the ticks.
     Errors are v - v_d of the true state at the same stamp, at every tick from the first motion of train or reference to
-    the end of the evaluation: of vehicle 0, or with several power units the mean over units for rms and the maximum
-    over units for maxima.
+    the end of the evaluation, with ``run`` in the key to the end of the run: of vehicle 0, or with several power units
+    the mean over units for rms and the maximum over units for maxima.
     """
     part = evaluated_ticks(setup, recording)
-    velocity_error = recording.velocity[part] - recording.reference_velocity[part, None]
+    whole_error = recording.velocity[part.start :] - recording.reference_velocity[part.start :, None]
+    velocity_error = whole_error[: part.stop - part.start]
     position_error = (
         recording.position[part] + setup.model.offsets - recording.reference_position[part, None]
         if setup.layout.n_units
@@ -40,14 +40,18 @@ def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
     metrics = {
         "speed_rmse_kmh": 3.6 * _rms(velocity_error),
         "speed_error_max_kmh": 3.6 * _largest(velocity_error),
+        "speed_rmse_run_kmh": 3.6 * _rms(whole_error),
+        "speed_error_run_max_kmh": 3.6 * _largest(whole_error),
         "position_error_max_m": _largest(position_error),
         "position_rmse_m": _rms(position_error),
         "stop_error_m": stop_error(setup, recording),
+        **_stop_metrics(setup, recording),
         "overspeed_max_kmh": 3.6 * overspeed(setup, recording),
         "coupler_draft_max_kn": totals.get("coupler_draft_max", 0.0) / 1e3,
         "coupler_buff_max_kn": totals.get("coupler_buff_max", 0.0) / 1e3,
         "acceleration_max": _largest(acceleration),
         "jerk_max": _largest(jerk),
+        "jerk_1s_max": _largest(mean_jerk_1s(acceleration, setup.tick)),
         "command_variation_kn_per_s": float(np.abs(np.diff(recording.command, axis=0)).sum()) / duration / 1e3,
         "energy_traction_kwh": totals.get("energy_traction", 0.0) / 3.6e6,
         "energy_regenerated_kwh": totals.get("energy_regenerated", 0.0) / 3.6e6,
@@ -63,10 +67,24 @@ def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
     return metrics
 
 
+def _stop_metrics(setup: RunSetup, recording: Recording) -> dict[str, Any]:
+    """Return error, running time and delay at the stops; None without an arrival at every stop that was due."""
+    stops: list[StopResult] = stops_of_run(setup, recording)
+    errors = [stop.error for stop in stops if stop.error is not None]
+    delays = [stop.arrival - stop.planned for stop in stops if stop.arrival is not None]
+    complete = bool(stops) and len(errors) == len(stops)
+    return {
+        "stop_error_max_m": max(errors, key=abs) if complete else None,
+        "running_time_s": running_time(setup, recording, stops),
+        "arrival_delay_max_s": max(delays) if complete else None,
+        "stops": [stop.as_row() for stop in stops],
+    }
+
+
 def evaluated_ticks(setup: RunSetup, recording: Recording) -> slice:
     """Return the ticks from the first motion of train or reference to the end of the evaluation."""
     fastest = np.maximum(np.abs(recording.front_velocity), np.abs(recording.reference_velocity))
-    moving = np.flatnonzero(fastest > MOVING)
+    moving = np.flatnonzero(fastest > STANDSTILL_SPEED)
     first = int(moving[0]) if moving.size else 0
     last = recording.time.size
     evaluation = setup.scenario.evaluation
@@ -97,10 +115,29 @@ def differences(velocity: Array, tick: float) -> tuple[Array, Array]:
     return acceleration, np.diff(acceleration) / span
 
 
+def mean_jerk_1s(acceleration: Array, tick: float) -> Array:
+    """Return the change of the mean acceleration from one second to the next [m/s³].
+
+    The capture of the wheels at standstill lasts 0.1 s and hardly counts in it, as for a passenger.
+
+    Parameters
+    ----------
+    acceleration
+        From :func:`differences` [m/s²].
+    tick
+        Tick of the run [s].
+    """
+    span = max(1, round(JERK_SPAN / tick)) * tick
+    count = max(1, round(1.0 / span))
+    sums = np.cumsum(np.append(0.0, acceleration))
+    means = (sums[count:] - sums[:-count]) / count
+    return np.asarray(means[count:] - means[:-count]) / (count * span)
+
+
 def stop_error(setup: RunSetup, recording: Recording) -> float | None:
     """Return front minus target [m] if the train is at rest at the end (|v| < 0.01 m/s), else None."""
     position, velocity = recording.final
-    return None if abs(velocity) >= MOVING else position - float(setup.profile.position[-1])
+    return None if abs(velocity) >= STANDSTILL_SPEED else position - float(setup.profile.position[-1])
 
 
 def overspeed(setup: RunSetup, recording: Recording) -> float:

@@ -24,6 +24,7 @@ from train_ato.messages.faults import Fault
 from train_ato.messages.links import LinkSpec
 from train_ato.profile.planner.settings import ReplanSpec
 from train_ato.scenario.ato_requests import AtoRequest
+from train_ato.scenario.criteria import Criteria
 from train_ato.scenario.former_names import replace_former_keys
 from train_ato.scenario.interventions import Intervention
 from train_ato.scenario.overlays import assign, overlay
@@ -129,6 +130,7 @@ class Scenario(SiModel):
     supervision: SupervisionSpec = SupervisionSpec()
     ato_requests: tuple[AtoRequest, ...] = Field((), description="requests to the ATO during the run")
     evaluation: Evaluation = Evaluation()
+    criteria: Criteria = Field(Criteria(), description="requirements on the run, for its verdict")
 
     @model_validator(mode="after")
     def _grids(self) -> Scenario:

@@ -38,10 +38,10 @@ NOT_RECORDED = "not recorded; the force at the wheel in its place"
 """Entry of the summary for a file without command column."""
 NOT_MEASURED = (
     "position_error_max_m", "position_rmse_m", "stop_error_m", "coupler_draft_max_kn", "coupler_buff_max_kn",
-    "saturated_s", "replans", "held_steps", "unsound_measurements",
+    "saturated_s", "replans", "held_steps", "unsound_measurements", "stop_error_max_m", "arrival_delay_max_s", "stops",
 )  # fmt: skip
 """Figures that need more than speed and force."""
-NEED_REFERENCE = ("speed_rmse_kmh", "speed_error_max_kmh")
+NEED_REFERENCE = ("speed_rmse_kmh", "speed_error_max_kmh", "speed_rmse_run_kmh", "speed_error_run_max_kmh")
 NEED_COMMAND = ("command_variation_kn_per_s",)
 
 

@@ -38,7 +38,6 @@ FIGURES: tuple[tuple[str, str, tuple[Shared, ...]], ...] = (
         "tracking",
         "Tracking",
         (
-            Shared("speed", ("speed", "measured_speed"), "Speed", "Of vehicle 0's centre.", 280),
             Shared("speed_error", ("speed_error",), "Speed error", "Train minus reference{worst}.", 220),
             Shared(
                 "position_error",
@@ -94,6 +93,8 @@ FIGURES: tuple[tuple[str, str, tuple[Shared, ...]], ...] = (
     ),
 )
 """Sections: anchor, title, and their figures."""
+HERO = Shared("speed", ("speed", "measured_speed"), "Speed against profile", "Of vehicle 0's centre.", 330)
+"""Figure of the first screen."""
 
 
 def comparison_sections(pages: Sequence[PageData]) -> tuple[list[PageSection], Linked]:
@@ -103,7 +104,9 @@ def comparison_sections(pages: Sequence[PageData]) -> tuple[list[PageSection], L
     linked = Linked(begin, max((data.span[1] for data in drawn), default=1.0), common_events(drawn))
     colours = run_colours(len(pages))
     runs = [(data, colours[index]) for index, data in enumerate(pages) if data.curves]
-    sections = _over_distance(linked, runs)
+    hero = _overlaid(linked, runs, HERO)
+    sections = [] if hero is None else [PageSection("verdict", "Verdict", [Placed(hero, HERO.heading, HERO.caption)])]
+    sections += _over_distance(linked, runs)
     if any(data.events for data, _ in runs):
         caption = "One row per run. Events common to all runs are marked in every figure over time."
         named = [(data.label, data.events) for data, _ in runs]

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from train_ato.apps.report.style import Figure
+from train_ato.apps.report.verdict_rows import CriterionCells, VerdictText
 
 HERE = Path(__file__).parent
 
@@ -22,7 +23,7 @@ class Placed:
 
 @dataclass(frozen=True)
 class PageSection:
-    """Figures under one title; ``anchor`` is the target of the navigation."""
+    """Figures under one title; ``anchor`` is the target of the navigation; ``verdict``: on the first screen."""
 
     anchor: str
     title: str
@@ -49,6 +50,12 @@ class ReportPage:
         Per run: time as text, colour, kind, description.
     left_out
         Figures without data, and the reason.
+    verdicts, criteria, best
+        First screen: verdict of every run; criteria with one cell per run; the best run and the reason.
+    marks
+        Per key of the summary and run: True for the best value, and the difference from the best as text.
+    stops
+        Per run: rows of the stops as texts.
     """
 
     title: str
@@ -62,6 +69,20 @@ class ReportPage:
     readings: list[tuple[str, str]] = field(default_factory=list)
     hours: bool = False
     version: str = ""
+    verdicts: list[VerdictText] = field(default_factory=list)
+    criteria: list[CriterionCells] = field(default_factory=list)
+    best: str = ""
+    marks: dict[str, list[tuple[bool, str]]] = field(default_factory=dict)
+    stops: list[tuple[str, list[list[str]]]] = field(default_factory=list)
+
+    @property
+    def colours(self) -> dict[str, str]:
+        """Colour of every run by its name."""
+        return dict(self.runs)
+
+
+MARKS = {"passed": "✓ passed", "failed": "✗ failed", "incomplete": "not evaluated", "none": ""}
+"""Texts of the states of a criterion."""
 
 
 def render(page: ReportPage, sections: list[PageSection]) -> str:
@@ -74,6 +95,9 @@ def render(page: ReportPage, sections: list[PageSection]) -> str:
 
     figures = [placed.figure for section in sections for placed in section.placed]
     document = Document()
+    for figure in figures:
+        columns = next((part.ncols for part in figure.above if part.__class__.__name__ == "Legend"), 1)
+        figure.tags = [[figure.min_border_left, figure.min_border_right, figure.height, columns]]  # for page.js
     with document.models.freeze():  # otherwise Bokeh searches all figures again for every added one
         for figure in figures:
             document.add_root(figure)
@@ -81,11 +105,12 @@ def render(page: ReportPage, sections: list[PageSection]) -> str:
     library = Resources(mode="inline", components=["bokeh"]).render_js() if figures else ""
     divided, rest = [], iter(places)
     for section in sections:
-        blocks = [(placed.heading, placed.caption, Markup(next(rest))) for placed in section.placed]
+        blocks = [(placed.heading, placed.caption, placed.figure.id, Markup(next(rest))) for placed in section.placed]
         divided.append((section.anchor, section.title, blocks))
     files = Environment(loader=FileSystemLoader(HERE), autoescape=True, trim_blocks=True, lstrip_blocks=True)
     return files.get_template("page.html").render(
         page=page,
+        marks=MARKS,
         sections=divided,
         script=Markup(script),
         library=Markup(library),

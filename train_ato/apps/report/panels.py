@@ -6,20 +6,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from bokeh.models import (
-    ColumnDataSource,
-    HoverTool,
-    LegendItem,
-)
+from bokeh.models import ColumnDataSource, LegendItem
 
-from train_ato.apps.report.quantities import (
-    FILLED,
-    FROM_ZERO,
-    GREY,
-    QUANTITIES,
-    Trace,
-)
-from train_ato.apps.report.style import HEIGHT, Figure, Linked, add_page_legend, number
+from train_ato.apps.report.quantities import BOUNDS, FILLED, FROM_ZERO, GREY, QUANTITIES, SQUASH, Trace
+from train_ato.apps.report.readout import add_readout
+from train_ato.apps.report.style import HEIGHT, Figure, Linked, add_page_legend
 from train_ato.messages.types import Array
 
 
@@ -47,17 +38,47 @@ def line_figure(
         Tables with a column ``time`` [s], and the lines of each.
     """
     plot = linked.over_time(axis, height)
-    if axis in FROM_ZERO:
-        plot.y_range.start = 0.0
     items: list[Any] = []
+    lines: list[tuple[Trace, Array, Any]] = []
     for source, traces in tables:
-        items += _band(plot, source)
+        bands = _band(plot, source)
+        items += bands
         drawn = [_line(plot, source, trace, "time") for trace in traces]
         items += [LegendItem(label=t.look.words, renderers=[r]) for t, r in zip(traces, drawn, strict=True)]
-        if drawn:
-            plot.add_tools(_hover(linked, source, traces, drawn))
+        lines += [(t, np.asarray(source.data[t.column]), r) for t, r in zip(traces, drawn, strict=True)]
+        lines += [(Trace(side, QUANTITIES[side]), np.asarray(source.data[side]), bands[0].renderers[0])
+                  for side in ("envelope_low", "envelope_high") if bands]  # fmt: skip
+    add_readout(plot, tables)
+    _fit_range(plot, axis, lines, items)
     add_page_legend(plot, items)
     return plot
+
+
+def _fit_range(plot: Figure, axis: str, lines: Sequence[tuple[Trace, Array, Any]], items: list[Any]) -> None:
+    """Begin the axis at zero for quantities >= 0; a bound far beyond the other lines does not set the range.
+
+    The legend entry of such a bound has its least value, because it is outside of the frame.
+    """
+    main = [values for trace, values, _ in lines if trace.column.partition(":")[0] not in BOUNDS]
+    if not main:
+        return
+    low = min((float(np.nanmin(values)) for values in main if np.isfinite(values).any()), default=0.0)
+    reach = max((float(np.nanmax(np.abs(values))) for values in main if np.isfinite(values).any()), default=0.0)
+    if axis in FROM_ZERO and low > -0.02 * reach:
+        plot.y_range.start = 0.0
+    if not reach:
+        return
+    bounds = [(values, r) for trace, values, r in lines if trace.column in BOUNDS and np.isfinite(values).any()]
+    far = {
+        id(r): float(np.nanmin(np.abs(values))) for values, r in bounds if np.nanmax(np.abs(values)) > SQUASH * reach
+    }
+    if not far:
+        return
+    plot.y_range.renderers = list(dict.fromkeys(r for _, _, r in lines if id(r) not in far))
+    for item in items:
+        least = far.get(id(item.renderers[0]))
+        if least is not None and least > reach:
+            item.label = {"value": f"{item.label.value} (outside: {least:.0f} or more)"}
 
 
 def _line(plot: Figure, source: ColumnDataSource, trace: Trace, over: str) -> Any:
@@ -79,27 +100,6 @@ def _band(plot: Figure, source: ColumnDataSource) -> list[LegendItem]:
         level="underlay",
     )  # fmt: skip
     return [LegendItem(label="envelope (nominal)", renderers=[band])]
-
-
-def _hover(linked: Linked, source: ColumnDataSource, traces: Sequence[Trace], drawn: Sequence[Any]) -> HoverTool:
-    """Return a tooltip with all values of a table at the cursor."""
-    filled = [int(np.isfinite(np.asarray(source.data[trace.column])).sum()) for trace in traces]
-    tips = [("time", "@time{custom}")]
-    formatters: dict[str, Any] = {"@time": linked.clock()}
-    if "position_km" in source.data:
-        tips.append(("position", "@position_km{0.000} km"))
-    for trace in traces:
-        tips.append((trace.look.words, f"@{{{trace.column}}}{{custom}} {trace.look.unit}"))
-        formatters[f"@{{{trace.column}}}"] = number(trace.look.digits)
-    return HoverTool(
-        tooltips=tips,
-        formatters=formatters,
-        mode="vline",
-        line_policy="nearest",
-        renderers=[drawn[int(np.argmax(filled))]],
-        point_policy="follow_mouse",
-        attachment="horizontal",
-    )
 
 
 def distance_figure(
@@ -126,7 +126,7 @@ def distance_figure(
     for source, traces in tables:
         drawn_traces = [_line(plot, source, trace, "position_km") for trace in traces]
         items += [LegendItem(label=t.look.words, renderers=[r]) for t, r in zip(traces, drawn_traces, strict=True)]
-        if drawn_traces:
-            plot.add_tools(_hover(linked, source, traces, drawn_traces))
+    add_readout(plot, tables, "position_km")
+    plot.y_range.start = 0.0 if all(float(np.nanmin(speed)) > -1.0 for _, speed in profiles) else None
     add_page_legend(plot, items)
     return plot

@@ -67,7 +67,7 @@ QUANTITIES: dict[str, CurveStyle] = {
     "profile": CurveStyle("profile", "km/h", GREY, width=3.2, digits=2),
     "speed": CurveStyle("train", "km/h", BLUE, digits=2),
     "measured_speed": CurveStyle("train (measured)", "km/h", BLUE, digits=2),
-    "limit": CurveStyle("speed limit over the train length", "km/h", VERMILLION, "dashed"),
+    "limit": CurveStyle("speed limit", "km/h", VERMILLION, "dashed"),
     "line_limit": CurveStyle("speed limit of the line", "km/h", VERMILLION, "dashed"),
     "replanned": CurveStyle("re-planned profile", "km/h", GREEN, "dashed", 2.0, 2),
     "speed_error": CurveStyle("speed error", "km/h", BLUE, digits=3),
@@ -180,8 +180,15 @@ FILLED = ("draft", "buff")
 """Lines with a tinted area down to zero."""
 NO_LINES = ("position_km", "envelope_high", "envelope_low")
 """Columns not drawn as lines."""
-FROM_ZERO = ("delay",)
-"""Axes that begin at zero, so that small changes look small."""
+FROM_ZERO = ("delay", "speed", "shoe_force")
+"""Axes that begin at zero, so that small changes look small; not for a train that runs backwards."""
+BOUNDS = (
+    "limit", "line_limit", "emergency_brake_speed", "service_brake_speed", "warning_speed", "permitted_speed",
+    "envelope_low", "envelope_high",
+)  # fmt: skip
+"""Limits: they do not set the range of an axis if that would squash the other lines."""
+SQUASH = 1.6
+"""Largest bound over the largest other value of an axis with a range for both."""
 
 
 @dataclass(frozen=True)

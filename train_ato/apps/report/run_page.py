@@ -12,7 +12,7 @@ from train_ato.apps.report.heat_panel import heat_figure
 from train_ato.apps.report.page import PageSection, Placed
 from train_ato.apps.report.page_data import PageData
 from train_ato.apps.report.panels import distance_figure, line_figure, source_of
-from train_ato.apps.report.quantities import HEAT, PANELS, traces_of
+from train_ato.apps.report.quantities import BOUNDS, HEAT, PANELS, traces_of
 from train_ato.apps.report.style import HEIGHT, Figure, Linked
 from train_ato.apps.report.track_panel import track_figure
 
@@ -32,7 +32,6 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
         "tracking",
         "Tracking",
         (
-            FigureSpec("speed", "Speed", "Vehicle 0; the speed limit is that over the train length.", 280),
             FigureSpec("speed_error", "Speed error", "Train minus reference at the same stamp.", 200),
             FigureSpec(
                 "position_error",
@@ -108,6 +107,11 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
     ),
 )
 """Sections: anchor, title, and their figures."""
+HERO = FigureSpec("speed", "Speed against profile", "Vehicle 0; the speed limit is that over the train length.", 330)
+"""Figure of the first screen."""
+LIMITS = FigureSpec("speed", "Limits of the supervisor", "Speed of vehicle 0 and its ETCS limits.", 280)
+SUPERVISED = tuple(name for name in BOUNDS if name.endswith("_speed"))
+"""Curves of the supervisor; the first screen has the permitted speed only."""
 READINGS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("speed", ("position_km", "speed", "measured_speed", "profile", "limit", "permitted_speed")),
     ("speed_error", ("speed_error",)),
@@ -139,7 +143,7 @@ def run_sections(data: PageData) -> tuple[list[PageSection], Linked]:
     """Return the figures of a run and their shared axes; figures without data are omitted."""
     linked = Linked(*data.span, data.events)
     sources = {name: source_of(lines.time, lines.columns) for name, lines in data.curves.items()}
-    sections = [*_over_distance(linked, data, sources)]
+    sections = [*_speed_sections(linked, sources), *_over_distance(linked, data, sources)]
     if data.events:
         figure = event_figure(linked, data.events)
         caption = "Marked in every figure over time; click on a kind to hide its marks."
@@ -154,6 +158,24 @@ def run_sections(data: PageData) -> tuple[list[PageSection], Linked]:
             sections.append(PageSection(anchor, title, placed))
     follow_cursor(linked, _readings(sources))
     return sections, linked
+
+
+def _speed_sections(linked: Linked, sources: dict[str, ColumnDataSource]) -> list[PageSection]:
+    """Return the figure of the first screen, and that of the supervisor's limits if the run has them."""
+    source = sources.get("speed")
+    if source is None:
+        return []
+    sections = []
+    supervised = [name for name in SUPERVISED if name in source.data]
+    plain = [name for name in source.data if name not in supervised or name == "permitted_speed"]
+    for anchor, title, wanted, columns in (
+        ("verdict", "Verdict", HERO, plain),
+        ("supervision", "Supervision", LIMITS, [name for name in source.data if name != "profile"]),
+    ):
+        if anchor == "verdict" or supervised:
+            figure = line_figure(linked, PANELS["speed"][0], [(source, traces_of(columns))], wanted.height)
+            sections.append(PageSection(anchor, title, [Placed(figure, wanted.heading, wanted.caption)]))
+    return sections
 
 
 def _figure(linked: Linked, data: PageData, sources: dict[str, ColumnDataSource], wanted: FigureSpec) -> Figure | None:

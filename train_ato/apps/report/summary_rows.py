@@ -20,29 +20,34 @@ class Row:
 
 GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
     (
-        "Tracking",
+        "Stops and speed limit",
         (
-            Row("speed_rmse_kmh", "speed error, rms", "km/h", 3, "over the evaluation; mean of the power units"),
-            Row(
-                "speed_error_max_kmh",
-                "speed error, largest",
-                "km/h",
-                3,
-                "over the evaluation; largest of the power units",
-            ),
-            Row("position_rmse_m", "position error, rms", "m", 2, "over the evaluation"),
-            Row("position_error_max_m", "position error, largest", "m", 2, "over the evaluation"),
-            Row("stop_error_m", "stop error", "m", 3, "front minus target at standstill; > 0: overshoot"),
-            Row("overspeed_max_kmh", "overspeed, largest", "km/h", 2, "above the lowest limit under the train"),
+            Row("stop_error_m", "stopping error", "m", 3, "at the last stop: front minus target at standstill"),
+            Row("stop_error_max_m", "stopping error, worst of all stops", "m", 3, "front minus target at standstill"),
+            Row("overspeed_max_kmh", "overspeed, maximum", "km/h", 2, "above the lowest limit under the train"),
+            Row("running_time_s", "running time", "s", 1, "from the first motion to the arrival at the last stop"),
+            Row("arrival_delay_max_s", "delay of arrival, maximum", "s", 1, "at a stop, against the profile"),
         ),
     ),
     (
-        "Forces in the train",
+        "Tracking",
         (
-            Row("coupler_draft_max_kn", "coupler draft, largest", "kN", 0, "over all couplers and all plant steps"),
-            Row("coupler_buff_max_kn", "coupler buff, largest", "kN", 0, "over all couplers and all plant steps"),
-            Row("acceleration_max", "acceleration of vehicle 0, largest", "m/s²", 3, "differences over 0.1 s"),
-            Row("jerk_max", "jerk of vehicle 0, largest", "m/s³", 2, "differences over 0.1 s"),
+            Row("speed_rmse_kmh", "speed error, rms", "km/h", 3, "over the evaluation; mean of the power units"),
+            Row("speed_error_max_kmh", "speed error, maximum", "km/h", 3, "over the evaluation; of all power units"),
+            Row("speed_rmse_run_kmh", "speed error of the run, rms", "km/h", 3, "with the final braking"),
+            Row("speed_error_run_max_kmh", "speed error of the run, maximum", "km/h", 3, "with the final braking"),
+            Row("position_rmse_m", "position error, rms", "m", 2, "over the evaluation"),
+            Row("position_error_max_m", "position error, maximum", "m", 2, "over the evaluation"),
+        ),
+    ),
+    (
+        "Forces in the train and comfort",
+        (
+            Row("coupler_draft_max_kn", "coupler force, maximum draft", "kN", 0, "all couplers, all plant steps"),
+            Row("coupler_buff_max_kn", "coupler force, maximum buff", "kN", 0, "all couplers, all plant steps"),
+            Row("acceleration_max", "acceleration of vehicle 0, maximum", "m/s²", 3, "differences over 0.1 s"),
+            Row("jerk_max", "jerk of vehicle 0, maximum", "m/s³", 2, "over 0.1 s, with the capture at standstill"),
+            Row("jerk_1s_max", "jerk of vehicle 0 over 1 s, maximum", "m/s³", 3, "of the mean acceleration"),
         ),
     ),
     (
@@ -101,6 +106,11 @@ def shown(row: Row, summary: dict[str, Any]) -> str:
         digits = min(digits + FINER, 1 - math.floor(math.log10(abs(value))))
     text = f"{value:.{digits}f}"
     return text.replace("-", "−") if float(text) != 0 else f"{0:.{row.digits}f}"
+
+
+def difference_text(row: Row, difference: float | None) -> str:
+    """Return the difference of a value from the best one, "" without one."""
+    return "" if difference is None else f"+{shown(row, {row.key: difference})}"
 
 
 def filled_groups(summaries: list[dict[str, Any]]) -> list[tuple[str, list[tuple[Row, list[str]]]]]:

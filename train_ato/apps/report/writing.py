@@ -8,8 +8,10 @@ from typing import Any
 from train_ato.apps.report.page import ReportPage, render
 from train_ato.apps.report.page_data import PageData
 from train_ato.apps.report.quantities import KINDS, PANELS
-from train_ato.apps.report.summary_rows import filled_groups, run_groups
+from train_ato.apps.report.summary_rows import difference_text, filled_groups, run_groups
+from train_ato.apps.report.verdict_rows import best_text, criterion_cells, verdict_texts
 from train_ato.apps.runs.protection_note import summary_events
+from train_ato.apps.runs.ranking import difference_from_best
 from train_ato.version import VERSION
 
 
@@ -31,8 +33,23 @@ def write_run(data: PageData, path: Path) -> int:
         readings=linked.readings,
         hours=linked.hours,
         version=VERSION,
+        verdicts=verdict_texts([data]),
+        criteria=criterion_cells([data]),
+        stops=[("", stop_cells(data.summary))],
     )
     return write_atomically(render(page, sections), path)
+
+
+def stop_cells(summary: dict[str, Any]) -> list[list[str]]:
+    """Return number, place, planned and actual arrival, delay [s] and error [m] of every stop as texts."""
+    rows = []
+    for number, stop in enumerate(summary.get("stops") or (), start=1):
+        arrival = stop["arrival_s"]
+        times = [short_clock(stop["planned_s"]), "–" if arrival is None else short_clock(arrival)]
+        late = "–" if arrival is None else f"{stop['delay_s']:+.1f}".replace("-", "−")
+        error = "no stop" if stop["beyond_m"] is None else f"{stop['beyond_m']:+.3f}".replace("-", "−")
+        rows.append([str(number), f"{stop['km']:.3f}", *times, late, error])
+    return rows
 
 
 def _protection_warning(summary: dict[str, Any]) -> list[str]:
@@ -47,6 +64,7 @@ def write_comparison_page(pages: list[PageData], path: Path) -> int:
     from train_ato.apps.report.comparison_page import comparison_sections
 
     sections, linked = comparison_sections(pages)
+    summaries = [data.summary for data in pages]
     scenarios = {str(data.summary.get("scenario", "")) for data in pages} - {""}
     page = ReportPage(
         title=f"{scenarios.pop() if len(scenarios) == 1 else 'Several scenarios'}: {len(pages)} runs side by side",
@@ -54,14 +72,30 @@ def write_comparison_page(pages: list[PageData], path: Path) -> int:
         warnings=[warning for data in pages for warning in warnings_of(data, f"{data.label}: ")],
         runs=list(zip([data.label for data in pages], run_colours(len(pages)), strict=True)),
         facts=_facts_side_by_side(pages),
-        groups=filled_groups([data.summary for data in pages]),
+        groups=filled_groups(summaries),
         events=[(data.label, event_rows(data)) for data in pages if data.events],
         left_out=_missing_in_all(pages),
         readings=linked.readings,
         hours=linked.hours,
         version=VERSION,
+        verdicts=verdict_texts(pages),
+        criteria=criterion_cells(pages),
+        best=best_text(pages),
+        marks=_marks(summaries),
+        stops=[(data.label, stop_cells(data.summary)) for data in pages],
     )
     return write_atomically(render(page, sections), path)
+
+
+def _marks(summaries: list[dict[str, Any]]) -> dict[str, list[tuple[bool, str]]]:
+    """Return per metric and run: True for the best value, and the difference from it as text."""
+    marks = {}
+    for _, rows in filled_groups(summaries):
+        for row, _ in rows:
+            found = [difference_from_best(row.key, summary, summaries) for summary in summaries]
+            if any(difference is not None for difference in found):
+                marks[row.key] = [(difference == 0.0, difference_text(row, difference)) for difference in found]
+    return marks
 
 
 def _facts_side_by_side(pages: list[PageData]) -> list[tuple[str, list[str]]]:

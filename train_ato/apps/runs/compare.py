@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from train_ato.apps.runs.component_choice import ComponentChoice, choose_component, put_components
 from train_ato.apps.runs.drive import RunMode, drive
+from train_ato.apps.runs.ranking import rank_of
 from train_ato.apps.runs.run import Run
 from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice, choose_scenario
 from train_ato.apps.runs.summary_table import RESULT_ROWS, html_table
@@ -66,12 +67,12 @@ class Comparison:
     scenario : str
         Name of the scenario.
     laws : tuple of Compared
-        In the order of the arguments.
+        The best first: by end of the run, verdict, failed criteria and rms of the speed error.
     """
 
     def __init__(self, scenario: str, laws: Sequence[Compared]) -> None:
         self.scenario = scenario
-        self.laws = tuple(laws)
+        self.laws = tuple(sorted(laws, key=lambda law: rank_of(law.metrics)))
 
     @property
     def table(self) -> pd.DataFrame:

@@ -1,0 +1,149 @@
+"""Criteria of a scenario and verdict of a run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from recordings import recording_of, with_final
+
+from train_ato.cli import main
+from train_ato.loop.metrics import mean_jerk_1s, summarise
+from train_ato.loop.recording import Recording
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.loop.stops import planned_stops, stops_of_run
+from train_ato.loop.verdict import CRITERIA, judge_run, verdict_line
+from train_ato.scenario.criteria import Criteria
+from train_ato.scenario.scenario import load_scenario, shipped_scenarios
+
+STOP = [{"km": 3.7, "planned_s": 766.0, "arrival_s": 768.0, "delay_s": 2.0, "beyond_m": -0.23}]
+METRICS: dict[str, Any] = {
+    "stops": STOP, "stop_error_max_m": -0.23, "arrival_delay_max_s": 2.0, "overspeed_max_kmh": 0.4,
+    "speed_rmse_kmh": 0.1, "speed_error_run_max_kmh": 1.5, "position_error_max_m": 3.0, "coupler_draft_max_kn": 500.0,
+    "coupler_buff_max_kn": -400.0, "acceleration_max": 0.3, "jerk_1s_max": 0.2, "brake_interventions": 1,
+}  # fmt: skip
+SI = {
+    "stop_window": 0.23, "arrival_delay": 2.0, "overspeed": 0.4 / 3.6, "speed_error_rms": 0.1 / 3.6,
+    "speed_error": 1.5 / 3.6, "position_error": 3.0, "coupler_draft": 500e3, "coupler_buff": 400e3,
+    "acceleration": 0.3, "jerk": 0.2, "brake_interventions": 1,
+}  # fmt: skip
+"""Every criterion with the magnitude of its metric as limit [SI]."""
+
+
+def two_stops(*assignments: str) -> RunSetup:
+    """Return a run with a stop of 20 s on the way and one at the end."""
+    phases = "[{accelerate_to: 5}, {brake_to: 0}, {cruise_for: 20}, {accelerate_to: 5}, {brake_to: 0}]"
+    limits = "{jerk: 0.1, acceleration: 0.2, deceleration: 0.2}"
+    texts = (f"profile={{phases: {phases}, limits: {limits}}}", "duration=200", "supervision.enabled=false")
+    return prepare(*load_scenario("demo", (*texts, *assignments)))
+
+
+def on_profile(setup: RunSetup, late: float, beyond: float) -> Recording:
+    """Return a run on its profile ``late`` seconds later and, from the first stop on, ``beyond`` metres ahead."""
+    time = setup.tick * np.arange(setup.ticks)
+    states, on_time = (np.array([setup.profile.at(max(0.0, t - shift)) for t in time]) for shift in (late, 0.0))
+    position = states[:, 0] + np.where(states[:, 0] > 0.99 * planned_stops(setup.profile)[0].position, beyond, 0.0)
+    zeros = np.zeros((time.size, 1))
+    found = recording_of(
+        time, position=position[:, None], velocity=states[:, 1:2], front_position=position, front_velocity=states[:, 1],
+        coupler_draft_max=zeros[:, 0], coupler_buff_max=zeros[:, 0], applied=zeros, command=zeros, estimate=zeros,
+        disturbance=zeros, reference_position=on_time[:, 0], reference_velocity=on_time[:, 1],
+        reference_acceleration=on_time[:, 2],
+    )  # fmt: skip
+    return with_final(found, float(position[-1]), 0.0)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA, ids=lambda entry: entry.key)
+def test_a_metric_at_its_limit_passes_and_above_it_fails(criterion) -> None:
+    """Breaks if a criterion reads another metric, ignores the sign or compares in another unit."""
+    limit = SI[criterion.key]
+    below = limit - 1 if isinstance(limit, int) else 0.99 * limit
+    for value, verdict in ((limit, "passed"), (below, "failed")):
+        found = judge_run(Criteria.model_validate({criterion.key: value}), METRICS)
+        assert found["verdict"] == verdict
+        assert [row["metric"] for row in found["criteria"]] == [criterion.metric]
+
+
+def test_every_criterion_is_evaluated() -> None:
+    """Breaks if a key of the scenario has no evaluation."""
+    assert [entry.key for entry in CRITERIA] == list(Criteria.model_fields) == list(SI)
+
+
+def test_a_train_that_does_not_stop_fails_and_a_stop_beyond_the_run_is_not_evaluated() -> None:
+    """Breaks if a missing stop passes, or a shortened run fails for its stop."""
+    criteria = Criteria(stop_window=1.0)
+    moving = {"stops": [{**STOP[0], "beyond_m": None, "arrival_s": None}], "stop_error_max_m": None}
+    assert judge_run(criteria, moving)["verdict"] == "failed"
+    assert judge_run(criteria, {"stops": [], "stop_error_max_m": None})["verdict"] == "incomplete"
+    assert judge_run(criteria, {**METRICS, "status": "interrupted"})["verdict"] == "incomplete"
+    assert judge_run(criteria, {**METRICS, "status": "failed"})["verdict"] == "failed"
+    assert judge_run(Criteria(), METRICS) == {}
+    assert judge_run(Criteria(arrival_delay=0.0), {"stops": STOP, "arrival_delay_max_s": -3.0})["verdict"] == "passed"
+
+
+def test_the_line_has_stop_overspeed_couplers_and_every_failed_criterion() -> None:
+    """Breaks if the first line of a report leaves out an answer."""
+    judged = judge_run(Criteria(stop_window=0.5, coupler_draft=450e3, coupler_buff=450e3, jerk=0.1), METRICS)
+    assert verdict_line({**METRICS, **judged}) == (
+        "failed (2 of 4 criteria): stopped 0.23 m short of the target; overspeed 0.4 km/h; "
+        "couplers -400 ... +500 kN (limits -450 ... +450 kN); speed error 0.1 km/h rms; "
+        "coupler draft 500 kN (limit 450); jerk over 1 s 0.2 m/s³ (limit 0.1)"
+    )
+    assert verdict_line({}) == ""
+
+
+def test_stops_of_a_profile_are_its_rests_and_its_end() -> None:
+    """Breaks if the standstill before the start, or a change of direction, counts as a stop."""
+    stops = planned_stops(two_stops().profile)
+    assert [stop.departure - stop.arrival for stop in stops] == [pytest.approx(20.0, abs=1.0), np.inf]
+    turn = prepare(*load_scenario("freight_consensus:realistic"))
+    assert len(planned_stops(turn.profile)) == 1
+
+
+def test_every_stop_has_its_error_and_its_delay() -> None:
+    """Breaks if only the last stop is evaluated, or the delay is that of another event."""
+    setup = two_stops()
+    run = on_profile(setup, late=3.0, beyond=0.4)
+    first, second = stops_of_run(setup, run)
+    assert [first.error, second.error] == pytest.approx([0.4, 0.4], abs=1e-3)
+    assert [stop.as_row()["delay_s"] for stop in (first, second)] == pytest.approx([3.0, 3.0], abs=setup.tick)
+    figures = summarise(setup, run)
+    assert figures["stop_error_max_m"] == pytest.approx(0.4, abs=1e-3)
+    profile = setup.profile
+    planned = planned_stops(profile)[-1].arrival - float(profile.time[profile.velocity > 0.01][0])
+    assert figures["running_time_s"] == pytest.approx(planned, abs=2 * setup.tick)
+    assert figures["arrival_delay_max_s"] == pytest.approx(3.0, abs=setup.tick)
+
+
+def test_errors_of_the_run_include_the_braking_behind_the_evaluation() -> None:
+    """Breaks if the largest error of the whole run is that of the evaluated part."""
+    setup = two_stops("evaluation.until_time=2")
+    figures = summarise(setup, on_profile(setup, late=3.0, beyond=0.0))
+    assert figures["speed_error_run_max_kmh"] > figures["speed_error_max_kmh"] + 0.1
+
+
+def test_jerk_over_a_second_is_the_change_of_the_mean_acceleration() -> None:
+    """A ramp of 0.5 m/s³ has 0.5 m/s³; a step of the acceleration by 1 m/s² within 0.1 s has 1 m/s³."""
+    time = 0.1 * np.arange(60)
+    assert mean_jerk_1s(0.5 * time, 0.1) == pytest.approx(np.full(41, 0.5))
+    assert mean_jerk_1s(np.where(time < 3, 0.0, 1.0), 0.1).max() == pytest.approx(1.0)
+
+
+def test_a_criterion_is_checked_like_every_other_key(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a misspelt or impossible criterion is accepted."""
+    assert main(["run", "demo", "--engine", "--set", "criteria.stop_windw=1"]) == 2
+    assert "stop_windw" in capsys.readouterr().err
+    assert main(["run", "demo", "--engine", "--set", "criteria.coupler_draft_kn=-1"]) == 2
+    assert "coupler_draft" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", [name for name in shipped_scenarios() if name != "freight_consensus"])
+def test_a_shipped_scenario_states_criteria_with_their_reasons(name: str) -> None:
+    """Breaks if a shipped scenario has no stop window; its paper has none for freight_consensus."""
+    assert load_scenario(name)[0].criteria.stop_window is not None
+    if name != "crh380a_gpc":  # the criteria of its base
+        text = shipped_scenarios()[name].read_text()
+        assert yaml.safe_load(text)["criteria"]
+        assert text[: text.index("\ncriteria:")].rsplit("\n", 1)[1].startswith("#")

@@ -1,0 +1,84 @@
+"""First screen of a page: one line of verdict per run, and the criteria with their values."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from train_ato.apps.report.page_data import PageData
+from train_ato.apps.runs.ranking import rank_of
+from train_ato.loop.verdict import CRITERIA, three_digits, verdict_line
+
+STATES = {True: "passed", False: "failed", None: "incomplete"}
+
+
+@dataclass(frozen=True)
+class VerdictText:
+    """Verdict of a run: label of the run, ``passed``, ``failed``, ``incomplete`` or ``none``, and its line."""
+
+    label: str
+    state: str
+    text: str
+
+
+@dataclass(frozen=True)
+class CriterionCells:
+    """One criterion: name, limit with unit, and value with state for every run."""
+
+    words: str
+    limit: str
+    cells: list[tuple[str, str]]
+
+
+def verdict_texts(pages: Sequence[PageData]) -> list[VerdictText]:
+    """Return the verdicts of the runs with metrics."""
+    return [
+        VerdictText(data.label, str(data.summary.get("verdict") or "none"), typeset(line))
+        for data in pages
+        if (line := verdict_line(data.summary))
+    ]
+
+
+def best_text(pages: Sequence[PageData]) -> str:
+    """Return the best run and the reason as one line, "" without two runs of one scenario with metrics."""
+    judged = [data for data in pages if data.summary.get("speed_rmse_kmh") is not None]
+    if len(judged) < 2 or len({data.summary.get("scenario") for data in judged}) > 1:
+        return ""
+    first, second = sorted(judged, key=lambda data: rank_of(data.summary))[:2]
+    if rank_of(first.summary) == rank_of(second.summary):
+        return ""
+    verdict = first.summary.get("verdict")
+    words = f"{verdict}, " if verdict else ""
+    error = three_digits(first.summary["speed_rmse_kmh"])
+    return f"Best: {first.label} ({words}speed error {error} km/h rms). Order: verdict, failed criteria, rms."
+
+
+def criterion_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
+    """Return the criteria that any run has, in their common order; runs without one have a dash."""
+    found = []
+    for criterion in CRITERIA:
+        rows = [_row(data.summary, criterion.key) for data in pages]
+        limits = {row["limit"] for row in rows if row is not None}
+        if not limits:
+            continue
+        unit = f" {criterion.unit}" if criterion.unit else ""
+        limit = " / ".join(three_digits(value) for value in sorted(limits))
+        cells = [("–", "none") if row is None else (_value(row["value"], unit), STATES[row["passed"]]) for row in rows]
+        found.append(CriterionCells(criterion.words, f"{limit}{unit}", cells))
+    return found
+
+
+def _row(summary: dict[str, Any], key: str) -> dict[str, Any] | None:
+    return next((row for row in summary.get("criteria") or () if row["criterion"] == key), None)
+
+
+def _value(value: Any, unit: str) -> str:
+    return "–" if value is None else typeset(f"{three_digits(value)}{unit}")
+
+
+def typeset(text: str) -> str:
+    """Return a text with the signs of a page: minus and ellipsis."""
+    signed = re.sub(r"(?<![\w-])-(?=\d)", "−", text)
+    return signed.replace("...", "…")

@@ -1,0 +1,181 @@
+"""Verdict of a run: its metrics against the criteria of the scenario, and one line of text."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from train_ato.scenario.criteria import Criteria
+
+Metrics = Mapping[str, Any]
+CriterionRow = dict[str, Any]
+"""Row of ``criteria`` in ``summary.json``: criterion, metric, value, limit, passed."""
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """One criterion.
+
+    Attributes
+    ----------
+    key
+        Field of :class:`~train_ato.scenario.criteria.Criteria`.
+    metric
+        Key of the metric in ``summary.json``.
+    words, unit
+        Name of the criterion, unit of metric and limit.
+    factor
+        Limit in this unit over the SI value.
+    """
+
+    key: str
+    metric: str
+    words: str
+    unit: str
+    factor: float = 1.0
+
+
+CRITERIA: tuple[Criterion, ...] = (
+    Criterion("stop_window", "stop_error_max_m", "stop window", "m"),
+    Criterion("arrival_delay", "arrival_delay_max_s", "delay of arrival", "s"),
+    Criterion("overspeed", "overspeed_max_kmh", "overspeed", "km/h", 3.6),
+    Criterion("speed_error_rms", "speed_rmse_kmh", "speed error, rms", "km/h", 3.6),
+    Criterion("speed_error", "speed_error_run_max_kmh", "speed error, largest", "km/h", 3.6),
+    Criterion("position_error", "position_error_max_m", "position error, largest", "m"),
+    Criterion("coupler_draft", "coupler_draft_max_kn", "coupler draft", "kN", 1e-3),
+    Criterion("coupler_buff", "coupler_buff_max_kn", "coupler buff", "kN", 1e-3),
+    Criterion("acceleration", "acceleration_max", "acceleration", "m/s²"),
+    Criterion("jerk", "jerk_1s_max", "jerk over 1 s", "m/s³"),
+    Criterion("brake_interventions", "brake_interventions", "interventions of the supervisor", ""),
+)
+"""All criteria, in the order of the verdict."""
+AT_STOPS = ("stop_error_max_m", "arrival_delay_max_s")
+"""Metrics of the stops: without a value although a stop was due, the train did not stop."""
+ONE_SIDED = ("arrival_delay_max_s",)
+"""Metrics whose sign counts: an early arrival is no delay."""
+COUPLER_LIMITS = {"coupler_buff_max_kn": "-", "coupler_draft_max_kn": "+"}
+
+
+def judge_run(criteria: Criteria, metrics: Metrics) -> dict[str, Any]:
+    """Return ``verdict`` and ``criteria`` of ``summary.json``; {} for a scenario without criteria.
+
+    Parameters
+    ----------
+    criteria
+        Criteria of the scenario.
+    metrics
+        Metrics of the run by the keys of ``summary.json``, and ``status`` of a run that did not end regularly.
+
+    Returns
+    -------
+    dict
+        ``verdict``: ``passed``, ``failed``, or ``incomplete`` for a run that ended before a criterion could be
+        evaluated. ``criteria``: one row for each criterion; ``passed`` is None if it was not evaluated.
+    """
+    rows = [row for criterion in CRITERIA if (row := _judged(criterion, criteria, metrics)) is not None]
+    if not rows:
+        return {}
+    ends = {row["passed"] for row in rows}
+    status = metrics.get("status", "done")
+    if False in ends or status == "failed":
+        return {"verdict": "failed", "criteria": rows}
+    complete = None not in ends and status == "done"
+    return {"verdict": "passed" if complete else "incomplete", "criteria": rows}
+
+
+def _judged(criterion: Criterion, criteria: Criteria, metrics: Metrics) -> CriterionRow | None:
+    limit = getattr(criteria, criterion.key)
+    if limit is None:
+        return None
+    limit = float(f"{limit * criterion.factor:.12g}")
+    value = metrics.get(criterion.metric)
+    passed: bool | None
+    if value is None:
+        passed = False if criterion.metric in AT_STOPS and metrics.get("stops") else None
+    else:
+        passed = bool((value if criterion.metric in ONE_SIDED else abs(value)) <= limit)
+    return {"criterion": criterion.key, "metric": criterion.metric, "value": value, "limit": limit, "passed": passed}
+
+
+def verdict_line(summary: Metrics) -> str:
+    """Return the verdict of a run as one line of text, "" for a summary without metrics.
+
+    Parameters
+    ----------
+    summary
+        Content of ``summary.json``.
+    """
+    facts = [text for text in (_stop_text(summary), _overspeed_text(summary), _coupler_text(summary)) if text]
+    error = summary.get("speed_rmse_kmh")
+    if error is not None:
+        facts.append(f"speed error {three_digits(error)} km/h rms")
+    if not facts:
+        return ""
+    rows = summary.get("criteria") or []
+    failed = [row for row in rows if row["passed"] is False]
+    head = _head(summary, len(rows), failed)
+    more = [_failure_text(row) for row in failed if row["metric"] not in (*AT_STOPS[:1], "overspeed_max_kmh")]
+    return f"{head}: {'; '.join([*facts, *more])}"
+
+
+def _head(summary: Metrics, count: int, failed: list[CriterionRow]) -> str:
+    verdict = summary.get("verdict")
+    if verdict is None:
+        return "no criteria"
+    if verdict == "failed":
+        return f"failed ({len(failed)} of {count} criteria)" if failed else "failed (the run did not end)"
+    if verdict == "incomplete":
+        return "incomplete"
+    return f"passed ({count} criteria)"
+
+
+def _stop_text(summary: Metrics) -> str:
+    stops = summary.get("stops")
+    if stops is None:
+        error = summary.get("stop_error_m")
+        return "" if error is None else _stopped(error)
+    if not stops:
+        return "no stop was due"
+    if any(row["beyond_m"] is None for row in stops):
+        return "did not stop" if len(stops) == 1 else "did not stop at every stop"
+    if len(stops) == 1:
+        return _stopped(stops[0]["beyond_m"])
+    worst = max((row["beyond_m"] for row in stops), key=abs)
+    return f"{len(stops)} stops, the worst {_stopped(worst).removeprefix('stopped ')}"
+
+
+def _stopped(beyond: float) -> str:
+    return f"stopped {three_digits(abs(beyond))} m {'beyond' if beyond > 0 else 'short of'} the target"
+
+
+def _overspeed_text(summary: Metrics) -> str:
+    value = summary.get("overspeed_max_kmh")
+    return "" if value is None else f"overspeed {three_digits(value)} km/h"
+
+
+def _coupler_text(summary: Metrics) -> str:
+    draft, buff = summary.get("coupler_draft_max_kn"), summary.get("coupler_buff_max_kn")
+    if draft is None or buff is None or not (draft or buff):
+        return ""
+    limits = {row["metric"]: row["limit"] for row in summary.get("criteria") or []}
+    given = [f"{sign}{three_digits(limits[key])}" for key, sign in COUPLER_LIMITS.items() if key in limits]
+    within = f" (limits {' ... '.join(given)} kN)" if given else ""
+    return f"couplers {buff:.0f} ... +{draft:.0f} kN{within}"
+
+
+def _failure_text(row: CriterionRow) -> str:
+    criterion = next(entry for entry in CRITERIA if entry.key == row["criterion"])
+    value = "none" if row["value"] is None else three_digits(row["value"])
+    unit = f" {criterion.unit}" if criterion.unit else ""
+    return f"{criterion.words} {value}{unit} (limit {three_digits(row['limit'])})"
+
+
+def three_digits(value: float) -> str:
+    """Return a number with three significant digits, never in exponential form."""
+    if value == 0 or abs(value) < 5e-4:
+        return "0"
+    if abs(value) >= 100:
+        return f"{value:.0f}"
+    text = f"{float(f'{value:.3g}'):.6f}".rstrip("0").rstrip(".")
+    return text or "0"
