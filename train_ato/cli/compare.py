@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from train_ato.apps.runs.compare import Comparison, compare
-from train_ato.apps.runs.progress import console
+from train_ato.apps.runs.progress import activity
 from train_ato.apps.runs.protection_note import summary_events
 from train_ato.apps.runs.scenario_choice import choose_scenario
 from train_ato.cli.scenario_options import add_scenario_options
@@ -76,7 +76,7 @@ def write_comparison_folder(result: Comparison, folder: Path) -> None:
     if result.drawable:
         from train_ato.apps.report.words import COMPARISON
 
-        with console().status("drawing the report"):
+        with activity("drawing the report"):
             result.plot(folder / "figure.png")
             result.report(folder / COMPARISON)
 
