@@ -77,6 +77,7 @@ setup(
         "pandas>=2.1",
         "pyarrow>=14",
         "pebble>=5.0.7",
+        "argcomplete>=3.1",
         *ros_wheels(),
     ],
     extras_require={

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 from pydantic import Field, model_validator
 
+from plant_sim.number_text import number_text
 from plant_sim.units import Acceleration, Force, Pressure, Ratio, SiModel, Speed, Time
 
 
@@ -55,7 +56,8 @@ class AirBrake(SiModel):
             )
         if self.reduction[-1] > self.charged:
             raise ValueError(
-                f"reduction {self.reduction[-1]:g} Pa exceeds charged {self.charged:g} Pa; write both absolute, in Pa "
+                f"reduction {number_text(self.reduction[-1])} Pa exceeds charged {number_text(self.charged)} Pa; "
+                "write both absolute, in Pa "
                 "or with the suffix _kpa"
             )
         return self

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 
 from plant_sim.brake_data import AirBrake, EmergencyBrake, Shoes
 from plant_sim.gears import DraftGear
+from plant_sim.number_text import number_text
 from plant_sim.units import GRAVITY, Force, Length, Mass, Power, SiModel, Speed
 
 SCHEMA = "train_ato/consist/1"
@@ -96,13 +97,21 @@ class VehicleType(SiModel):
     @model_validator(mode="after")
     def _plausible(self) -> VehicleType:
         if self.mass < MIN_VEHICLE_MASS:
-            raise ValueError(f"mass {self.mass:g} kg is below {MIN_VEHICLE_MASS:g} kg; write mass_t for tonnes")
+            raise ValueError(
+                f"mass {number_text(self.mass)} kg is below {number_text(MIN_VEHICLE_MASS)} kg; write mass_t for tonnes"
+            )
         if self.mass > MAX_VEHICLE_MASS:
-            raise ValueError(f"mass {self.mass:g} kg is above {MAX_VEHICLE_MASS:g} kg; correct it, mass is in kg")
+            raise ValueError(
+                f"mass {number_text(self.mass)} kg is above {number_text(MAX_VEHICLE_MASS)} kg; correct it, "
+                "mass is in kg"
+            )
         for name, segments in (("traction", self.traction), ("brake", self.brake)):
             _check_envelope(name, segments)
         if self.adhesive_mass is not None and self.adhesive_mass > self.mass:
-            raise ValueError(f"adhesive_mass {self.adhesive_mass:g} kg exceeds the mass of {self.mass:g} kg; lower it")
+            raise ValueError(
+                f"adhesive_mass {number_text(self.adhesive_mass)} kg exceeds the mass of "
+                f"{number_text(self.mass)} kg; lower it"
+            )
         return self
 
 
@@ -117,7 +126,9 @@ def _check_envelope(name: str, segments: tuple[EnvelopeSegment, ...]) -> None:
             )
         ends = (segment.at(max(begin, 1e-3)), segment.at(segment.to))
         if min(ends) < -1.0:
-            raise ValueError(f"{name}[{number}] falls to {min(ends):g} N; write forces of both envelopes above 0")
+            raise ValueError(
+                f"{name}[{number}] falls to {number_text(min(ends))} N; write forces of both envelopes above 0"
+            )
         begin, largest = segment.to, max(largest, *ends)
     if segments and largest <= 0.0:
         raise ValueError(f"{name} has no force at any speed; write force, slope_kn_per_kmh or power, or remove it")

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from plant_sim.number_text import number_text
 from plant_sim.units import Damping, Force, Length, SiModel, Speed, Stiffness
 
 
@@ -27,8 +28,8 @@ class GearCurve(SiModel):
     def _rises(self) -> GearCurve:
         if self.steepness(self.stroke) <= 0:
             raise ValueError(
-                f"force_at_stroke {self.force_at_stroke:g} N is too small, the loading curve falls before the stroke; "
-                f"raise it or lower stiffness ({self.stiffness:g} N/m)"
+                f"force_at_stroke {number_text(self.force_at_stroke)} N is too small, the loading curve falls "
+                f"before the stroke; raise it or lower stiffness ({number_text(self.stiffness)} N/m)"
             )
         return self
 
@@ -62,7 +63,8 @@ class ClipGear(GearCurve):
 def _check_transition(stiffness: float, steepest: float) -> None:
     if stiffness < steepest * (1 - 1e-9):
         raise ValueError(
-            f"transition_stiffness {stiffness:g} N/m is below the largest slope {steepest:g} N/m of the loading curve, "
+            f"transition_stiffness {number_text(stiffness)} N/m is below the largest slope "
+            f"{number_text(steepest)} N/m of the loading curve, "
             "which the force could not reach; raise it"
         )
 
@@ -112,8 +114,8 @@ class TableGear(SiModel):
             raise ValueError("unloading must be between 0 and loading, because a gear dissipates energy; correct it")
         if self.unloading[0] > 0:
             raise ValueError(
-                f"unloading begins at {self.unloading[0]:g} N, but a relaxed gear has no force; begin it at 0 (loading "
-                "may begin at the preload)"
+                f"unloading begins at {number_text(self.unloading[0])} N, but a relaxed gear has no force; begin "
+                "it at 0 (loading may begin at the preload)"
             )
         for name, force in (("loading", self.loading), ("unloading", self.unloading)):
             if any(b < a for a, b in pairwise(force)) or force[-1] <= 0:

@@ -7,6 +7,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from plant_sim.number_text import number_text
 from plant_sim.units import Length, SiModel, Slope, Speed
 
 SCHEMA = "train_ato/line/1"
@@ -81,7 +82,9 @@ class Line(SiModel):
     @model_validator(mode="after")
     def _order(self) -> Line:
         if self.end <= self.begin:
-            raise ValueError(f"end {self.end:g} m must be beyond begin {self.begin:g} m; correct it")
+            raise ValueError(
+                f"end {number_text(self.end)} m must be beyond begin {number_text(self.begin)} m; correct it"
+            )
         for name, places in (
             ("grades", [entry.at for entry in self.grades]),
             ("speed_limits", [entry.at for entry in self.speed_limits]),

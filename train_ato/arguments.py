@@ -32,11 +32,32 @@ def prepare_streams() -> None:
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Argument parser with one-line errors."""
+    """Argument parser with one-line errors that name the nearest known word."""
 
     def error(self, message: str) -> NoReturn:
         """Print the error in one line and exit with status 2."""
         self.exit(BAD_INPUT, f"{self.prog}: {message}; see `{self.prog} --help`\n")
+
+    def refuse_unknown(self, arguments: Sequence[str]) -> None:
+        """Refuse arguments that the parser has left over, if there are any."""
+        if not arguments:
+            return
+        from plant_sim.input_error import close_match  # help does not need pydantic
+
+        first = arguments[0].partition("=")[0]
+        options = [name for action in self._actions for name in action.option_strings]
+        hint = close_match(first, options) if first.startswith("-") else ""
+        self.error(f"unknown argument '{first}'{hint}")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a value that is none of the choices."""
+        if action.choices is not None and value not in action.choices:
+            from plant_sim.input_error import close_match
+
+            choices = [str(choice) for choice in action.choices]
+            raise argparse.ArgumentError(
+                action, f"'{value}' is none of {', '.join(choices)}{close_match(str(value), choices)}"
+            )
 
 
 def parse_yaml_value(text: str, option: str) -> Any:

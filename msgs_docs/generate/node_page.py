@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from plant_sim.number_text import number_text
 from train_ato.loop.setup import prepare
 from train_ato.loop.train_interventions import MAX_REQUESTS
 from train_ato.messages.topics import Role, published_by, read_by
@@ -110,7 +111,11 @@ def _row(node: Any, name: str) -> str:
     """Return the table row of a parameter from its descriptor."""
     descriptor, value = node.describe_parameter(name), node.get_parameter(name).value
     ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
-    allowed = f"{ranges[0].from_value:g} ... {ranges[0].to_value:g}" if ranges else descriptor.additional_constraints
+    allowed = (
+        f"{number_text(ranges[0].from_value)} ... {number_text(ranges[0].to_value)}"
+        if ranges
+        else descriptor.additional_constraints
+    )
     fixed = " (at the start only)" if descriptor.read_only else ""
     meaning = descriptor.description.replace("|", "\\|")
     return f"| `{name}` | {_shown(value)} | {allowed or '-'} | {meaning}{fixed} |"
@@ -119,4 +124,4 @@ def _row(node: Any, name: str) -> str:
 def _shown(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
-    return f"{value:g}" if isinstance(value, (int, float)) else str(value) or "-"
+    return number_text(value) if isinstance(value, (int, float)) else str(value) or "-"

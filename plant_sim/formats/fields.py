@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.data_text import parse_json, parse_yaml
+from plant_sim.number_text import number_text
 
 MAX_FILE_SIZE = 64 * 2**20
 """Largest accepted file [bytes]."""
@@ -97,7 +98,7 @@ def finite_number(value: Any, place: str, low: float = -math.inf, high: float = 
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) < 1e300:
         raise ValueError(f"{place} = {_shown(value)}: must be a finite number")
     if not low <= value <= high:
-        raise ValueError(f"{place} = {value:g}: must lie between {low:g} and {high:g}")
+        raise ValueError(f"{place} = {number_text(value)}: must lie between {number_text(low)} and {number_text(high)}")
     return float(value)
 
 

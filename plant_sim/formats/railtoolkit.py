@@ -23,6 +23,7 @@ from plant_sim.consist import Consist
 from plant_sim.formats.fields import Fields, finite_number
 from plant_sim.library import build_model
 from plant_sim.line import Line
+from plant_sim.number_text import number_text
 
 TRAIN_SCHEMA = "railtoolkit.org/schema/rolling-stock"
 PATH_SCHEMA = "railtoolkit.org/schema/running-path"
@@ -133,7 +134,7 @@ class _Vehicle:
             segments.append({"to": points[0][0] or self.speed, "force": points[0][1]})
         for k, ((v0, f0), (v1, f1)) in enumerate(pairwise(points)):
             if v1 <= v0:
-                raise ValueError(f"{place}[{k + 1}] = [{3.6 * v1:g}, {f1:g}]: speeds must rise")
+                raise ValueError(f"{place}[{k + 1}] = [{3.6 * v1:g}, {number_text(f1)}]: speeds must rise")
             slope = (f1 - f0) / (v1 - v0)
             segments.append({"to": v1, "force": f0 - slope * v0, "slope_kn_per_kmh": slope / 3600})
         return segments
@@ -209,7 +210,7 @@ def railtoolkit_line(data: dict[str, Any], place: str) -> Line:
     rows.sort(key=lambda row: row[0])
     for k, (before, after) in enumerate(pairwise(rows)):
         if after[0] <= before[0]:
-            raise ValueError(f"{key}: two sections begin at {before[0]:g} m (number {k + 1}); keep one")
+            raise ValueError(f"{key}: two sections begin at {number_text(before[0])} m (number {k + 1}); keep one")
     return build_model(
         Line,
         {

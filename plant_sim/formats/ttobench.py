@@ -15,6 +15,7 @@ from typing import Any
 from plant_sim.formats.fields import Fields, finite_number
 from plant_sim.library import build_model
 from plant_sim.line import Line
+from plant_sim.number_text import number_text
 
 LENGTHS = {"m": 1.0, "km": 1e3}
 SPEEDS = {"km/h": 1 / 3.6, "m/s": 1.0}
@@ -76,7 +77,9 @@ def _stops(fields: Fields) -> list[float]:
     stops = [finite_number(at, f"{fields.place}: values[{k}]", -1e8, 1e8) * unit for k, at in enumerate(values)]
     for k, (a, b) in enumerate(pairwise(stops)):
         if b <= a:
-            raise ValueError(f"{fields.place}: values[{k + 1}] = {b:g}: stops must be listed by rising distance")
+            raise ValueError(
+                f"{fields.place}: values[{k + 1}] = {number_text(b)}: stops must be listed by rising distance"
+            )
     return stops
 
 
@@ -90,7 +93,7 @@ def _steps(
         place = f"{fields.place}: values[{k}]"
         position = finite_number(at, f"{place}[0]", -1e8, 1e8) * length
         if steps and position < next(reversed(steps)):
-            raise ValueError(f"{place}[0] = {position:g}: entries must be listed by rising distance")
+            raise ValueError(f"{place}[0] = {number_text(position)}: entries must be listed by rising distance")
         steps[position] = finite_number(value, f"{place}[1]", low, high) * unit
     return list(steps.items())
 

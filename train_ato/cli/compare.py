@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from train_ato.apps.runs.compare import Comparison, compare
-from train_ato.apps.runs.progress import console
+from train_ato.apps.runs.progress import activity
 from train_ato.apps.runs.protection_note import summary_events
 from train_ato.apps.runs.ranking import difference_from_best
 from train_ato.apps.runs.scenario_choice import choose_scenario
@@ -80,7 +80,7 @@ def write_comparison_folder(result: Comparison, folder: Path) -> None:
     if result.drawable:
         from train_ato.apps.report.words import COMPARISON
 
-        with console().status("drawing the report"):
+        with activity("drawing the report"):
             result.plot(folder / "figure.png")
             result.report(folder / COMPARISON)
 

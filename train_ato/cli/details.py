@@ -7,6 +7,7 @@ from collections.abc import Callable
 from plant_sim.consist import Consist
 from plant_sim.library import consist_names, line_names, load_consist, load_line
 from plant_sim.line import Line
+from plant_sim.number_text import number_text
 from train_ato.control.contract import Parameter
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
 from train_ato.scenario.scenario import find, load_scenario, shipped_scenarios, variants_of
@@ -44,7 +45,8 @@ def _scenario(name: str) -> Facts:
     facts = {
         "summary": scenario.summary,
         "file": str(path),
-        "duration": f"{scenario.duration:g} s in ticks of {scenario.tick:g} s, plant step {scenario.step * 1e3:g} ms",
+        "duration": f"{number_text(scenario.duration)} s in ticks of {scenario.tick:g} s, plant step "
+        f"{scenario.step * 1e3:g} ms",
         "train": plant.consist if isinstance(plant.consist, str) else plant.consist.name,
         "line": plant.line if isinstance(plant.line, str) else plant.line.name,
         "controller": scenario.controller,
@@ -66,7 +68,7 @@ def _parameter(parameter: Parameter) -> str:
     elif isinstance(default, str):
         value = ", ".join(parameter.choices)
     else:
-        value = f"{parameter.low:g} ... {parameter.high:g}"
+        value = f"{number_text(parameter.low)} ... {number_text(parameter.high)}"
     shown = str(default).lower() if isinstance(default, bool) else default
     unit = "" if parameter.unit in ("", "1") else f" {parameter.unit}"
     return f"{shown}{unit} ({value}): {parameter.meaning}"
@@ -78,7 +80,7 @@ def _consist(consist: Consist) -> Facts:
     vehicles, units = len(consist.vehicles), len(consist.power_units)
     facts = {
         "summary": consist.summary,
-        "vehicles": f"{vehicles}, {units} of them driven; {consist.mass / 1e3:g} t, {consist.length:g} m",
+        "vehicles": f"{vehicles}, {units} of them driven; {number_text(consist.mass / 1e3)} t, {consist.length:g} m",
         "air brake": "yes" if consist.air_brake is not None else "no",
     }
     moving: dict[str, Callable[[], str]] = {

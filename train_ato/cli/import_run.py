@@ -17,7 +17,7 @@ from train_ato.apps.import_csv.recording import Measured, measured
 from train_ato.apps.import_csv.samples import LARGEST_GAP
 from train_ato.apps.import_csv.smoothing import MAX_WINDOW, measured_profile, window_of
 from train_ato.apps.import_csv.table import read_table
-from train_ato.apps.runs.progress import console, progress_bar
+from train_ato.apps.runs.progress import activity, progress_bar
 from train_ato.cli.screen import print_json, print_table
 from train_ato.loop.result import Progress
 from train_ato.profile.file import write_profile
@@ -119,7 +119,7 @@ def execute(options: argparse.Namespace) -> int:
     consist, line = load_consist(options.consist), load_line(options.line)
     if not consist.power_units:
         raise ValueError(f"--consist {options.consist}: has no power unit; name the measured train")
-    with console().status(f"reading {options.csv}"):
+    with activity(f"reading {options.csv}"):
         found_in = read_table(options.csv, _renames(options.rename), frozenset(options.ignore))
     half = consist.vehicles[0].length / 2
     offsets = np.array(consist.offsets)[list(consist.power_units)]

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from plant_sim.number_text import number_text
 from train_ato.apps.runs.progress import share_bar
 from train_ato.cli.screen import print_json, print_table
 from train_ato.log.overview import Overview, TopicOverview, log_overview
@@ -111,14 +112,14 @@ def _print_overview(found: Overview, changes: list[dict[str, Any]]) -> None:
 
 
 def _gaps(topic: TopicOverview) -> str:
-    if not topic.gaps:
+    if not topic.gaps or topic.longest_gap_s is None:
         return "none"
-    return f"{topic.gaps}, longest {topic.longest_gap_s:.3g} s after {topic.longest_gap_at_s:.3f} s"
+    return f"{topic.gaps}, longest {number_text(topic.longest_gap_s, 3)} s after {topic.longest_gap_at_s:.3f} s"
 
 
 def _value(value: Any) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{name} {part:g}" for name, part in value.items())
+        return ", ".join(f"{name} {number_text(part)}" for name, part in value.items())
     return str(value)
 
 

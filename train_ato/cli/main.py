@@ -38,6 +38,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("plan", "compute a speed profile from a line and a train"),
     ("curves", "compute the braking curves and supervision limits of ETCS for cases, or for a train on a line"),
     ("driver", "simulate a driver on a multi-mass train and write the run as a speed profile"),
+    ("completion", "print the code that completes commands, options and names in a shell"),
 )
 MODULES: dict[str, str] = {
     "import": "import_run",
@@ -46,8 +47,8 @@ MODULES: dict[str, str] = {
     "check-compensation": "check",
 }
 """Modules with another name than their command: ``import`` is a keyword of Python."""
-WITHOUT_JSON = ("train_ato.cli.view",)
-"""Modules of the commands without a result."""
+WITHOUT_JSON = ("train_ato.cli.completion",)
+"""Modules of the commands without data: a shell reads the result."""
 DONE, FAILED = 0, 1
 
 
@@ -56,18 +57,25 @@ class _Command(OneLineParser):
 
     module = ""
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Declare the options, then parse."""
+    def declare(self) -> None:
+        """Declare the options, once."""
         if self.get_default("execute") is None:
             module = importlib.import_module(self.module)
             module.add_arguments(self)
             if self.module not in WITHOUT_JSON:
                 self.add_argument("--json", action="store_true", help="print one JSON value and nothing else")
             self.set_defaults(execute=module.execute)
-        return super().parse_known_args(args, namespace)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Declare the options, then parse; an unknown argument is refused with the help of this command."""
+        self.declare()
+        known, unknown = super().parse_known_args(args, namespace)
+        self.refuse_unknown(unknown)
+        return known, unknown
 
 
-def _parser() -> argparse.ArgumentParser:
+def command_line() -> OneLineParser:
+    """Return the parser of the program, with a parser for each command."""
     parser = OneLineParser(
         prog="train-ato", description="Onboard automatic train operation (ATO) on ROS 2, with a simulated train."
     )
@@ -85,8 +93,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     interrupt = Interrupt()
     try:
         with ending_like_ctrl_c(interrupt):
-            options = _parser().parse_args(_with_present_command(sys.argv[1:] if arguments is None else arguments))
-            return _executed(options)
+            if "_ARGCOMPLETE" in os.environ:
+                from train_ato.cli.completion import print_completions
+
+                print_completions(command_line())
+            given = list(sys.argv[1:] if arguments is None else arguments)
+            if not given:
+                command_line().print_help()
+                return DONE
+            return _executed(command_line().parse_args(_with_present_command(given)))
     except RunFailed as error:
         return _print_error(error, FAILED)
     except KeyboardInterrupt:
@@ -108,14 +123,23 @@ def _executed(options: argparse.Namespace) -> int:
 
 
 def _with_present_command(arguments: Sequence[str]) -> list[str]:
-    """Return the command line with the present name of the command."""
-    if not arguments or arguments[0] in dict(COMMANDS):
+    """Return the command line with the present name of the command.
+
+    Raises
+    ------
+    ValueError
+        For an unknown command, with the nearest known one.
+    """
+    if arguments[0].startswith("-") or arguments[0] in dict(COMMANDS):
         return list(arguments)
     from train_ato.scenario.former_names import FORMER_COMMANDS, print_notice
 
     present = FORMER_COMMANDS.get(arguments[0])
     if present is None:
-        return list(arguments)
+        from plant_sim.input_error import close_match
+
+        near = close_match(arguments[0], dict(COMMANDS))
+        raise ValueError(f"unknown command '{arguments[0]}'{near}; see `train-ato --help`")
     print_notice("train-ato", "command", arguments[0], present)
     return [present, *arguments[1:]]
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.apps.runs.progress import console
+from train_ato.apps.runs.progress import console, text_column
 from train_ato.cli.main import RunFailed
 from train_ato.cli.screen import print_json, print_table
 
@@ -162,9 +162,9 @@ def _acknowledgement_s(milliseconds: int | None) -> float:
 @contextmanager
 def _bar(title: str) -> Iterator[Callable[[ReplayState], None]]:
     """Show a progress bar of the replay; yield its update function."""
-    from rich.progress import BarColumn, Progress, TextColumn
+    from rich.progress import BarColumn, Progress
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[state]}"))
+    columns = (text_column("description"), BarColumn(), text_column("fields[state]"))
     with Progress(*columns, console=console(), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task(title, total=1.0, state="")
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.runs.progress import console
+from train_ato.apps.runs.progress import activity
 from train_ato.cli.screen import print_json
 
 if TYPE_CHECKING:
@@ -37,11 +38,11 @@ def execute(options: argparse.Namespace) -> int:
     from train_ato.apps.report.requests import checked
 
     request = checked(options.runs, options.out, options.figures, options.format)
-    with console().status("reading") as status:
-        pages = read(request, status)
-        status.update("drawing the page")
+    with activity("reading") as show:
+        pages = read(request, show)
+        show("drawing the page")
         size = write_page(request, pages)
-        figures = write_figures(request, pages, status)
+        figures = write_figures(request, pages, show)
     result: dict[str, Any] = {
         "report": str(request.page),
         "bytes": size,
@@ -58,14 +59,14 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def read(request: Request, status: Any) -> list[PageData]:
+def read(request: Request, show: Callable[[str], None]) -> list[PageData]:
     """Return the data of the figures of every run; runs are read one after the other."""
     from train_ato.apps.report.page_data import page_data, share_of
     from train_ato.log.recorded import open_recording
 
     pages = []
     for run, label in zip(request.runs, request.labels, strict=True):
-        status.update(f"reading {label}")
+        show(f"reading {label}")
         pages.append(page_data(open_recording(run), label, share_of(len(request.runs))))
     return pages
 
@@ -77,7 +78,7 @@ def write_page(request: Request, pages: list[PageData]) -> int:
     return write_run(pages[0], request.page) if len(pages) == 1 else write_comparison_page(pages, request.page)
 
 
-def write_figures(request: Request, pages: list[PageData], status: Any) -> list[Path]:
+def write_figures(request: Request, pages: list[PageData], show: Callable[[str], None]) -> list[Path]:
     """Write the figures in print quality: of one run to the folder, of several to one subfolder each."""
     if request.figures is None:
         return []
@@ -85,7 +86,7 @@ def write_figures(request: Request, pages: list[PageData], status: Any) -> list[
 
     written = []
     for data in pages:
-        status.update(f"drawing the figures of {data.label}")
+        show(f"drawing the figures of {data.label}")
         folder = request.figures if len(pages) == 1 else request.figures / data.label.replace("/", "-")
         folder.mkdir(parents=True, exist_ok=True)
         written += write_print_figures(data, folder, request.kind)

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 from rich.table import Table as Grid
+from rich.text import Text
 
-from train_ato.apps.runs.progress import console
+from train_ato.apps.runs.progress import console, plain_console, text_column
 from train_ato.apps.runs.summary_table import format_value
 from train_ato.cli.screen import note_compilation
 from train_ato.log.run_folder import RunFolder
@@ -86,11 +86,11 @@ def execute(options: argparse.Namespace) -> int:
 def _bar() -> Iterator[Any]:
     """Show a progress bar of the cases; yield its update function."""
     bar = Bar(
-        TextColumn("{task.description}"),
+        text_column("description"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        TextColumn("{task.fields[state]}"),
+        text_column("fields[state]"),
         console=console(),
         transient=True,
         disable=not sys.stderr.isatty(),
@@ -114,9 +114,9 @@ def _bar() -> Iterator[Any]:
 def _report(judged: Judged, folder: Path, full: bool, quiet: bool) -> None:
     """Print the tables of a paper and write them beside its figures."""
     with (folder / f"paper{judged.paper.number}.txt").open("w", encoding="utf-8") as file:
-        screens = [Console(file=file, width=WIDTH, highlight=False)]
+        screens = [plain_console(file=file, width=WIDTH)]
         if not quiet:
-            screens.append(Console(highlight=False, width=None if sys.stdout.isatty() else WIDTH))
+            screens.append(plain_console(width=None if sys.stdout.isatty() else WIDTH))
         for screen in screens:
             _print(judged, full, screen)
     for complaint in judged.complaints:
@@ -129,8 +129,7 @@ def _print(judged: Judged, full: bool, screen: Console) -> None:
     for (_, share), head in zip(HEADS, ("claim", "paper", "here", "verdict", "reason"), strict=True):
         grid.add_column(head, ratio=share, overflow="fold")
     for row in judged.rows:
-        cells = [escape(row[key]) for key, _ in HEADS]
-        cells[3] = f"[{COLOURS[cells[3]]}]{cells[3]}[/]"
+        cells = [Text(row[key], style=COLOURS[row[key]] if key == "verdict" else "") for key, _ in HEADS]
         grid.add_row(*cells)
     screen.print(grid)
     left_out = len(paper.claims) - len(claims_of(paper, full))
@@ -145,5 +144,5 @@ def _grid(table: CaseTable, judged: Judged) -> Grid:
     for number, head in enumerate(table.columns):
         grid.add_column(head, justify="left" if number == 0 else "right", overflow="fold")
     for row in table_rows(table, judged.results):
-        grid.add_row(*(escape(format_value(entry)) for entry in row))
+        grid.add_row(*(format_value(entry) for entry in row))
     return grid

@@ -1,17 +1,24 @@
-"""Terminal output: tables, and one JSON value with ``--json``; progress bars are in ``apps/runs/progress``."""
+"""Terminal output: tables, and one JSON value with ``--json``; progress bars are in ``apps/runs/progress``.
+
+A text is printed as it is: names and headers of a user may contain brackets, which are markup for rich.
+"""
 
 from __future__ import annotations
 
+import io
 import json
 import sys
 from collections.abc import Iterable
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
-from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
+from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted, plain_console
 from train_ato.apps.runs.summary_table import format_value
+
+FILE_WIDTH = 100_000
+"""Width of a table in a pipe or a file: no cell is folded or cut [characters]."""
 
 
 def note_compilation() -> None:
@@ -30,25 +37,35 @@ def print_json(value: Any) -> None:
 
 def print_names(title: str, entries: Iterable[tuple[str, str]]) -> None:
     """Print names with their one-line summaries under a title."""
-    result = Table(title=title, title_justify="left", title_style="bold", box=None, show_header=False, pad_edge=False)
-    result.add_column(no_wrap=True)
+    result = Table(box=None, show_header=False, pad_edge=False)
+    result.add_column(overflow="fold")
     result.add_column(overflow="fold")
     for name, meaning in entries:
         result.add_row(f"  {name}", meaning)
-    Console(highlight=False).print(result)
+    _print(result, title)
 
 
 def print_table(columns: Iterable[str], rows: Iterable[Iterable[Any]], title: str = "") -> None:
-    """Print a table on standard output; a table of two columns folds long values."""
+    """Print a table on standard output; in a narrow terminal long cells are folded."""
     columns = list(columns)
-    result = Table(
-        title=title or None, title_justify="left", header_style="bold underline", box=None, padding=(0, 2, 0, 0)
-    )
+    result = Table(header_style="bold underline", box=None, padding=(0, 2, 0, 0))
     for number, column in enumerate(columns):
-        if number == 1 and len(columns) == 2:
-            result.add_column(column, justify="right", overflow="fold")
-        else:
-            result.add_column(column, justify="left" if number == 0 else "right", no_wrap=True)
+        result.add_column(column, justify="left" if number == 0 else "right", overflow="fold")
     for row in rows:
         result.add_row(*(format_value(entry) for entry in row))
-    Console(highlight=False).print(result)
+    _print(result, title)
+
+
+def _print(table: Table, title: str) -> None:
+    """Print a title and a table: as wide as the terminal, or as wide as the table off a terminal."""
+    if sys.stdout.isatty():
+        screen = plain_console()
+        if title:
+            screen.print(Text(title, style="bold"))
+        screen.print(table)
+        return
+    text = io.StringIO()
+    plain_console(file=text, width=FILE_WIDTH).print(table)
+    lines = [title] if title else []
+    lines += [line.rstrip() for line in text.getvalue().splitlines()]
+    sys.stdout.write("\n".join(lines) + "\n")

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from train_ato.apps.runs.progress import console
 from train_ato.apps.view.origins import LOCAL_NAMES
 from train_ato.arguments import BAD_INPUT
+from train_ato.cli.screen import print_json
 from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt, interruptible
 from train_ato.ros.graph.environment import applied, check_domain, claim_domain, held_domains, variables
@@ -97,16 +98,22 @@ def execute(options: argparse.Namespace) -> int:
 
             foxglove = stack.enter_context(serve_foxglove(feed, options.foxglove))
         _warn_of_network(options.address, feed.live)
-        sys.stdout.write(f"{server.url}\n")
-        if foxglove is not None:
-            sys.stdout.write(f"{foxglove.url}\n")
-        sys.stdout.flush()
+        _print_addresses([server.url] + ([] if foxglove is None else [foxglove.url]), options.json)
         if sys.stderr.isatty():
             console().print("Press Ctrl-C to end.")
         if not options.no_browser:
             webbrowser.open(server.url)
         server.run(lambda: interrupt.asked)
     return 0
+
+
+def _print_addresses(addresses: list[str], as_json: bool) -> None:
+    """Print the addresses of the page and of the Foxglove server."""
+    if as_json:
+        print_json(dict(zip(("page", "foxglove"), addresses, strict=False)))
+    else:
+        sys.stdout.write("".join(f"{address}\n" for address in addresses))
+    sys.stdout.flush()
 
 
 def _warn_of_network(address: str, live: bool) -> None:

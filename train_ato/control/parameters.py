@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from plant_sim.number_text import number_text
 from train_ato.control.contract import Parameter, parameters_of
 
 _LOG = logging.getLogger("train_ato")
@@ -90,12 +91,19 @@ def _checked(entry: Parameter, value: Any, key: str) -> Any:
 def _checked_number(entry: Parameter, value: Any, key: str) -> float | int:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise ValueError(
-            f"{key}: {value!r} is not a number; give {entry.low:g} ... {entry.high:g} {entry.unit}".rstrip()
+            f"{key}: {value!r} is not a number; give {number_text(entry.low)} ... {number_text(entry.high)} "
+            f"{entry.unit}".rstrip()
         )
     if not math.isfinite(value) or not entry.low <= value <= entry.high:
-        raise ValueError(f"{key}: {value:g} is outside {entry.low:g} ... {entry.high:g} {entry.unit}".rstrip())
+        raise ValueError(
+            f"{key}: {number_text(value)} is outside {number_text(entry.low)} ... {number_text(entry.high)} "
+            f"{entry.unit}".rstrip()
+        )
     if isinstance(entry.default, int):
         if value != int(value):
-            raise ValueError(f"{key}: {value:g} is not a whole number; give {entry.low:g} ... {entry.high:g}")
+            raise ValueError(
+                f"{key}: {number_text(value)} is not a whole number; give {number_text(entry.low)} ... "
+                f"{number_text(entry.high)}"
+            )
         return int(value)
     return float(value)

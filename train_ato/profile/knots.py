@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.number_text import number_text
 from train_ato.messages.types import Array
 
 STEP_ACCELERATION = 20.0
@@ -93,7 +94,9 @@ def knot_count(count: float) -> int:
         Above :data:`MAX_KNOTS`.
     """
     if not count <= MAX_KNOTS:
-        raise ValueError(f"a profile of {count:.3g} knots, at most {MAX_KNOTS}; shorten it or increase the tick")
+        raise ValueError(
+            f"a profile of {number_text(count, 3)} knots, at most {MAX_KNOTS}; shorten it or increase the tick"
+        )
     return int(count)
 
 
@@ -145,7 +148,9 @@ def even_grid(time: Array) -> tuple[int, int]:
         If they are not evenly spaced or exceed :data:`MAX_TIME`.
     """
     if np.abs(time).max() > MAX_TIME:
-        raise ValueError(f"a profile up to {np.abs(time).max():.3g} s; give at most {MAX_TIME:g} s")
+        raise ValueError(
+            f"a profile up to {number_text(np.abs(time).max(), 3)} s; give at most {number_text(MAX_TIME)} s"
+        )
     stamps = np.rint(time * 1e9)
     period = round((float(stamps[-1]) - float(stamps[0])) / (time.size - 1))
     uneven = np.flatnonzero(np.abs(stamps - (stamps[0] + period * np.arange(time.size))) > max(2.0, 1e-6 * period))

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter, ValidationError
 
+from plant_sim.number_text import number_text
 from plant_sim.units import Acceleration, SiModel, Time
 from train_ato.messages.faults import MAX_FAULT_TIME
 from train_ato.messages.links import MAX_DELAY
@@ -34,7 +35,7 @@ class _TimedIntervention(SiModel):
     def described(self) -> str:
         """Return a readable description with its values."""
         values = self.model_dump(exclude={"do", "at"})
-        texts = [f"{name} {value if isinstance(value, str) else f'{value:g}'}" for name, value in values.items()]
+        texts = [f"{name} {value if isinstance(value, str) else number_text(value)}" for name, value in values.items()]
         return f"{self.model_dump()['do']}: " + ", ".join(texts)
 
 

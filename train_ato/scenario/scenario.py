@@ -17,6 +17,7 @@ from plant_sim.consist import Consist
 from plant_sim.input_error import close_match, explain
 from plant_sim.library import read_yaml
 from plant_sim.line import Line
+from plant_sim.number_text import number_text
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.units import Length, SiModel, Time
 from train_ato.control.air_brake.policy import BrakeSpec
@@ -148,8 +149,8 @@ class Scenario(SiModel):
             raise ValueError("interventions: an entry has no 'at'; add its time")
         if round(self.duration * 1e9) > MAX_TICKS * tick:
             raise ValueError(
-                f"duration {self.duration} s has {self.duration / self.tick:.3g} ticks of {self.tick} s, at most "
-                f"{MAX_TICKS}; shorten it or increase tick"
+                f"duration {self.duration} s has {number_text(self.duration / self.tick, 3)} ticks of "
+                f"{self.tick} s, at most {MAX_TICKS}; shorten it or increase tick"
             )
         if round(self.duration * 1e9) < tick:
             raise ValueError(f"duration {self.duration} s is shorter than one tick of {self.tick} s; increase it")

@@ -10,6 +10,7 @@ from msgs_docs.generate.law_pages.compatibility import companions, conflicts, tr
 from msgs_docs.generate.law_pages.components import KIND, PLURAL, REGISTRIES, Component, components
 from msgs_docs.generate.law_pages.demo_runs import demo_of
 from msgs_docs.generate.law_pages.markup import sections
+from plant_sim.number_text import number_text
 from train_ato.apps.runs.summary_table import format_value
 from train_ato.control.contract import Parameter
 
@@ -76,7 +77,7 @@ def parameter_table(component: Component) -> str:
 def _default(entry: Parameter) -> str:
     if isinstance(entry.default, bool):
         return str(entry.default).lower()
-    return entry.default if isinstance(entry.default, str) else f"{entry.default:g}"
+    return entry.default if isinstance(entry.default, str) else number_text(entry.default)
 
 
 def _range(entry: Parameter) -> str:
@@ -84,7 +85,7 @@ def _range(entry: Parameter) -> str:
         return "true, false"
     if isinstance(entry.default, str):
         return ", ".join(entry.choices)
-    return f"{entry.low:g} ... {entry.high:g}"
+    return f"{number_text(entry.low)} ... {number_text(entry.high)}"
 
 
 def measured_table(rows: list[Mapping[str, Any]]) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.number_text import number_text
 from train_ato.apps.check_component.common import (
     HOSTILE,
     Make,
@@ -92,7 +93,8 @@ def _convergence(make: Make, rig: ObserverRig) -> tuple[bool | None, str]:
     """Compare the estimate at the end with the disturbance; fail only if no estimate is better."""
     found = float(rig.estimates(make(), rig.recorded)[-LAST:].sum(axis=1).mean())
     error = abs(found - rig.disturbance) / abs(rig.disturbance)
-    detail = f"estimate {found / 1e3:.3g} kN of {rig.disturbance / 1e3:.3g} kN after {len(rig.recorded) * PERIOD:g} s"
+    stated = f"{number_text(found / 1e3, 3)} kN of {number_text(rig.disturbance / 1e3, 3)} kN"
+    detail = f"estimate {stated} after {len(rig.recorded) * PERIOD:g} s"
     if error <= TOLERANCE:
         return True, detail
     if error <= 1.0 + 1e-9:
@@ -106,7 +108,8 @@ def _recovery(make: Make, rig: ObserverRig) -> tuple[bool, str]:
     for step in range(200, 205):
         spoilt[step] = dataclasses.replace(spoilt[step], velocity=spoilt[step].velocity * math.nan)
     usual, after = (rig.estimates(make(), inputs)[-LAST:].sum(axis=1) for inputs in (rig.recorded, spoilt))
-    detail = f"estimate at the end {after.mean() / 1e3:.3g} kN, undisturbed {usual.mean() / 1e3:.3g} kN"
+    end, undisturbed = (number_text(entry.mean() / 1e3, 3) for entry in (after, usual))
+    detail = f"estimate at the end {end} kN, undisturbed {undisturbed} kN"
     return bool(abs(after.mean() - usual.mean()) <= TOLERANCE * abs(rig.disturbance)), detail
 
 

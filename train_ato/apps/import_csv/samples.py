@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.number_text import number_text
 from train_ato.apps.import_csv.columns import TIMESTAMP, Column
 from train_ato.apps.import_csv.table import CsvTable
 from train_ato.messages.types import Array
@@ -85,7 +86,7 @@ class Rows:
         wrong = np.flatnonzero(steps <= 0)
         if wrong.size:
             row = int(wrong[0]) + 1
-            order = "the same time as" if steps[row - 1] == 0 else f"{-steps[row - 1]:g} s before"
+            order = "the same time as" if steps[row - 1] == 0 else f"{number_text(-steps[row - 1])} s before"
             raise table.wrong(row, column, f"{order} the row above; sort the rows by time, without duplicates")
         wide = np.flatnonzero(steps > self._largest_gap * (1 + 1e-9))
         if wide.size:
@@ -95,8 +96,8 @@ class Rows:
 
     def _gap(self, seconds: float, since: str) -> str:
         return (
-            f"{seconds:g} s after {since}; gaps above {self._largest_gap:g} s are not bridged; split the run there, or "
-            f"give --largest-gap {np.ceil(seconds):g}"
+            f"{number_text(seconds)} s after {since}; gaps above {self._largest_gap:g} s are not bridged; split "
+            f"the run there, or give --largest-gap {number_text(np.ceil(seconds))}"
         )
 
     def find(self, quantity: str, unit: int | None = None) -> ColumnSamples | None:
@@ -125,7 +126,7 @@ class Rows:
             line = self.table.lines[int(np.flatnonzero(np.isnan(values))[0])]
             self.notes.append(
                 f"{column.title}: {values.size - rows.size} empty cells bridged, the first in line {line}, at most "
-                f"{gaps.max():.3g} s"
+                f"{number_text(gaps.max(), 3)} s"
             )
         return ColumnSamples(column, time, values[rows], rows)
 
@@ -135,4 +136,4 @@ class Rows:
         if places.size:
             place = int(places[0])
             value = samples.values[place] / samples.column.factor
-            raise self.table.wrong(int(samples.rows[place]), samples.column, text.format(f"{value:g}"))
+            raise self.table.wrong(int(samples.rows[place]), samples.column, text.format(number_text(value)))

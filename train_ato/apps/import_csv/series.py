@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plant_sim.number_text import number_text
 from train_ato.apps.import_csv.recording import Measured
 from train_ato.apps.import_csv.samples import ColumnSamples
 from train_ato.loop.setup import RunSetup
@@ -136,6 +137,6 @@ def _check_forces(found: Measured, setup: RunSetup) -> None:
                 raise found.table.wrong(
                     int(samples.rows[place]),
                     samples.column,
-                    f"{value / 1e3:g} kN is {abs(value) / bound * MAX_FORCE_RATIO:.1f} times the maximum "
+                    f"{number_text(value / 1e3)} kN is {abs(value) / bound * MAX_FORCE_RATIO:.1f} times the maximum "
                     f"of train '{setup.consist.name}'; check the unit in the column name",
                 )

@@ -11,6 +11,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bar
+from rich.text import Text
 
 from train_ato.loop.result import Progress
 
@@ -24,9 +25,26 @@ Report = Callable[[float, str], None]
 """Function of the finished fraction, 0 to 1, and a text."""
 
 
+def plain_console(**options: Any) -> Console:
+    """Return a console that prints every text as it is: without markup, emoji names or highlighting."""
+    return Console(highlight=False, markup=False, emoji=False, **options)
+
+
 def console() -> Console:
     """Return the console on standard error; standard output is only for results."""
-    return Console(stderr=True, highlight=False)
+    return plain_console(stderr=True)
+
+
+def text_column(field: str) -> TextColumn:
+    """Return a column of a progress bar with a field of the task as plain text."""
+    return TextColumn(f"{{task.{field}}}", markup=False)
+
+
+@contextmanager
+def activity(text: str) -> Iterator[Callable[[str], None]]:
+    """Show a text with a spinner in a terminal; yield the function that replaces the text."""
+    with console().status(Text(text)) as status:
+        yield lambda present: status.update(Text(present))
 
 
 @contextmanager
@@ -71,7 +89,7 @@ def share_bar(title: str, shown: bool | None = None) -> Iterator[Report]:
             yield update
         return
     shown = sys.stderr.isatty() if shown is None else shown
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[state]}"))
+    columns = (SpinnerColumn(), text_column("description"), BarColumn(), text_column("fields[state]"))
     with Bar(*columns, console=console(), transient=True, disable=not shown) as bar:
         task = bar.add_task(title, total=1.0, state="")
         yield lambda share, state: bar.update(task, completed=share, state=state)

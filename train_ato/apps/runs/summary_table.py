@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import html
-import math
 from collections.abc import Iterable, Mapping
 from typing import Any
+
+from plant_sim.number_text import number_text
 
 RESULT_ROWS: tuple[tuple[str, str], ...] = (
     ("speed_rmse_kmh", "speed error, rms in km/h"),
@@ -41,13 +42,11 @@ def result_rows(summary: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 
 def format_value(value: Any) -> str:
-    """Return a figure with three digits."""
+    """Return a figure with three digits, without an exponent for a large one."""
     if value is None:
         return "-"
     if isinstance(value, float):
-        if not math.isfinite(value):
-            return str(value)
-        return f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+        return number_text(value, 3)
     return str(value)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.resources import files
@@ -92,6 +93,12 @@ def claim_domain(wanted: int | None = None) -> Iterator[int]:
     if wanted is not None:
         raise ValueError(f"--domain {wanted}: another run holds it ({DomainLock(wanted).path}); leave --domain out")
     raise ValueError(f"all domains from {DOMAINS.start} to {DOMAINS.stop - 1} are held by other runs; end one of them")
+
+
+def print_domain(domain: int) -> None:
+    """Print the ROS domain of a run on stderr, for other terminals and programs."""
+    sys.stderr.write(f"ROS domain {domain}\n")
+    sys.stderr.flush()
 
 
 def held_domains() -> list[int]:

@@ -12,7 +12,7 @@ from pathlib import Path
 from train_ato.log.compression import DEFAULT
 from train_ato.loop.result import Progress, RunResult
 from train_ato.loop.setup import RunSetup
-from train_ato.ros.graph.environment import applied, claim_domain, variables
+from train_ato.ros.graph.environment import applied, claim_domain, print_domain, variables
 from train_ato.ros.graph.graph_result import IGNORED, GraphOptions, GraphResult
 from train_ato.ros.graph.recorded import recorded_result
 
@@ -65,6 +65,7 @@ def run_graph(
 
     try:
         with claim_domain(domain) as held:
+            print_domain(held)
             end = _run(mode, setup, folder, held, options, report)
     except ValueError:
         with suppress(OSError):

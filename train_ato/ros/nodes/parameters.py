@@ -15,6 +15,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 
+from plant_sim.number_text import number_text
 from train_ato.control.contract import Parameter
 from train_ato.control.parameters import closest, warn_former_name
 
@@ -83,7 +84,7 @@ def _reason(error: Exception) -> str:
 
 
 def _range(entry: Parameter) -> str:
-    return f"give {entry.low:g} ... {entry.high:g} {entry.unit}".rstrip()
+    return f"give {number_text(entry.low)} ... {number_text(entry.high)} {entry.unit}".rstrip()
 
 
 def descriptor(parameter: Declared) -> Any:

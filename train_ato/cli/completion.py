@@ -1,0 +1,161 @@
+"""``train-ato completion SHELL``: code that completes commands, options and names in a shell, with argcomplete."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from train_ato.arguments import OneLineParser
+
+SHELLS = ("bash", "zsh", "fish")
+PROGRAM = "train-ato"
+MISSING = "completion: the package argcomplete is not installed; install it with `pip install argcomplete`"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``completion``."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = (
+        f'bash, zsh:  eval "$({PROGRAM} completion bash)"    or completion zsh; in ~/.bashrc or ~/.zshrc\n'
+        f"fish:       {PROGRAM} completion fish | source      in ~/.config/fish/config.fish"
+    )
+    parser.add_argument("shell", choices=SHELLS, metavar="SHELL", help=f"one of {', '.join(SHELLS)}")
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Print the code for the shell."""
+    try:
+        import argcomplete
+    except ImportError:
+        raise ValueError(MISSING) from None
+    sys.stdout.write(argcomplete.shellcode([PROGRAM], shell=options.shell) + "\n")
+    return 0
+
+
+def print_completions(parser: OneLineParser) -> None:
+    """Answer the request of a shell in the environment, and end the process.
+
+    Parameters
+    ----------
+    parser
+        Parser of the program.  Only the command in the line declares its options: the others need not be imported.
+    """
+    try:
+        import argcomplete
+    except ImportError:
+        sys.exit(1)
+    words = _words(os.environ.get("COMP_LINE", ""))
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name in set(words) & set(action.choices):
+                command: Any = action.choices[name]
+                command.declare()
+                _add_names(command)
+    argcomplete.autocomplete(parser)
+
+
+def _words(line: str) -> list[str]:
+    """Return the words of a command line, also of one with an open quotation mark."""
+    try:
+        return shlex.split(line)
+    except ValueError:
+        return line.split()
+
+
+def _add_names(command: argparse.ArgumentParser) -> None:
+    """Give each argument the function that lists its known names."""
+    for action in command._actions:
+        names = NAMES.get(action.dest)
+        if names is not None and action.choices is None and not isinstance(action, argparse._StoreTrueAction):
+            action.completer = _completer(names, action.dest in WITH_FILES)  # type: ignore[attr-defined]
+
+
+def _completer(names: Callable[[], Iterable[str]], files: bool) -> Callable[..., list[str]]:
+    """Return the completer of a word: known names, then files."""
+
+    def complete(prefix: str, **_: Any) -> list[str]:
+        from argcomplete.completers import FilesCompleter
+
+        before, comma, last = prefix.rpartition(",")
+        found = [f"{before}{comma}{name}" for name in names() if name.startswith(last)]
+        return found + (list(FilesCompleter()(prefix)) if files else [])
+
+    return complete
+
+
+def _scenarios() -> Iterable[str]:
+    from train_ato.scenario.scenario import shipped_scenarios, variants_of
+
+    for name, path in shipped_scenarios().items():
+        yield name
+        yield from (f"{name}:{variant}" for variant in variants_of(path))
+
+
+def _laws() -> Iterable[str]:
+    from train_ato.control.registry import LAWS
+
+    return LAWS.names()
+
+
+def _observers() -> Iterable[str]:
+    from train_ato.control.registry import OBSERVERS
+
+    return OBSERVERS.names()
+
+
+def _compensations() -> Iterable[str]:
+    from train_ato.control.registry import COMPENSATIONS
+
+    return COMPENSATIONS.names()
+
+
+def _consists() -> Iterable[str]:
+    from plant_sim.library import consist_names
+
+    return consist_names()
+
+
+def _lines() -> Iterable[str]:
+    from plant_sim.library import line_names
+
+    return line_names()
+
+
+def _listed() -> Iterable[str]:
+    for names in (_scenarios, _laws, _observers, _compensations, _consists, _lines):
+        yield from names()
+
+
+def _runs() -> Iterable[str]:
+    """Return the run folders below ``runs``."""
+    return sorted(str(path.parent) for path in Path("runs").glob("*/scenario.yaml"))
+
+
+def _domains() -> Iterable[str]:
+    from train_ato.ros.graph.environment import held_domains
+
+    return map(str, held_domains())
+
+
+NAMES: dict[str, Callable[[], Iterable[str]]] = {
+    "scenario": _scenarios,
+    "case": _scenarios,
+    "controller": _laws,
+    "controllers": _laws,
+    "observer": _observers,
+    "compensation": _compensations,
+    "consist": _consists,
+    "line": _lines,
+    "run": _runs,
+    "runs": _runs,
+    "domain": _domains,
+    "name": _listed,
+}
+"""Known names of an argument, by its name in the parser."""
+WITH_FILES = ("scenario", "case", "consist", "line", "run", "runs", "name")
+"""Arguments that also accept a file or a folder."""
