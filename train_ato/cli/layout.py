@@ -31,6 +31,8 @@ def execute(options: argparse.Namespace) -> int:
     from train_ato.apps.layout.signals import read_signals
     from train_ato.log.whole_file import write_whole
 
+    if options.scene and options.plotjuggler:
+        raise ValueError("--scene: PlotJuggler shows curves only; remove it")
     log = read_signals(options.run)
     name = "plotjuggler.xml" if options.plotjuggler else "studio.json" if options.studio else "foxglove.json"
     target: Path = options.out or log.path.with_name(name if options.run.is_dir() else f"{log.path.stem}-{name}")
