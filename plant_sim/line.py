@@ -39,6 +39,7 @@ class Curve(SiModel):
     begin: Length
     end: Length
     radius: Length = Field(ge=5)
+    side: Literal["left", "right"] | None = Field(None, description="turn, for displays; default: in turn")
 
 
 class Tunnel(SiModel):
@@ -64,6 +65,14 @@ class Stop(SiModel):
     dwell: float = Field(0.0, ge=0, description="dwell time [s]")
 
 
+class Coordinate(SiModel):
+    """Coordinate of a place of the line (WGS 84), for displays."""
+
+    at: Length
+    latitude: float = Field(ge=-90, le=90, description="[deg], > 0 north")
+    longitude: float = Field(ge=-180, le=180, description="[deg], > 0 east")
+
+
 class Line(SiModel):
     """Line; before ``begin`` and beyond ``end`` it continues level and straight."""
 
@@ -78,6 +87,7 @@ class Line(SiModel):
     tunnels: tuple[Tunnel, ...] = ()
     speed_limits: tuple[SpeedLimit, ...] = ()
     stops: tuple[Stop, ...] = ()
+    coordinates: tuple[Coordinate, ...] = Field((), description="at least two, by rising distance; for displays")
 
     @model_validator(mode="after")
     def _order(self) -> Line:
@@ -89,10 +99,13 @@ class Line(SiModel):
             ("grades", [entry.at for entry in self.grades]),
             ("speed_limits", [entry.at for entry in self.speed_limits]),
             ("stops", [entry.at for entry in self.stops]),
+            ("coordinates", [entry.at for entry in self.coordinates]),
         ):
             if any(b <= a for a, b in pairwise(places)):
                 raise ValueError(f"{name} must be listed by rising distance; sort them")
         for stretches in (self.curves, self.tunnels):
             if any(stretch.end <= stretch.begin for stretch in stretches):
                 raise ValueError("a curve or tunnel must have its end beyond its begin; correct it")
+        if len(self.coordinates) == 1:
+            raise ValueError("coordinates has one entry; give at least two, or none")
         return self

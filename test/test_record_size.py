@@ -19,9 +19,13 @@ from train_ato.scenario.scenario import load_scenario
 
 BEGIN_S, END_S = 300, 400
 # 340 MB with the former names car_i; vehicle_i adds 424 bytes to each message of three topics, 36 000 times an hour.
-MEGABYTES_AN_HOUR = {"none": 340 + 3 * 424 * 36_000 / 1e6, "fast": 110, "small": 100}
-"""Largest sizes without the topics of the supervision."""
+# Units in the keys of the diagnostics, frames, and the planning time counted from every stamp add 0.4 MB to `small`.
+MEGABYTES_AN_HOUR = {"none": 340 + 3 * 424 * 36_000 / 1e6, "fast": 110, "small": 100 + 0.4}
+"""Largest sizes without the topics of the supervision and the pressure at the tail."""
 SUPERVISION = {f"/{topic.name}" for topic in TOPICS if topic.condition is SUPERVISED}
+TAIL = "/train/brake_pipe_tail"
+LARGEST_PRESSURE = 100
+"""Largest message of the pressure at the tail with its record [bytes]: stamp, frame, two numbers."""
 LARGEST_MESSAGE = 400
 """Largest message of the supervision with its record [bytes]: at most 10 names of 25 characters and 15 numbers."""
 
@@ -46,10 +50,18 @@ def test_the_supervision_has_five_small_messages_a_period(messages) -> None:
 
 
 @pytest.mark.slow
+def test_the_pressure_at_the_tail_is_one_small_message_a_tick(messages) -> None:
+    """Breaks if the message grows, or is recorded more often."""
+    found = [m for m in messages if m.channel.topic == TAIL]
+    assert len(found) == pytest.approx(10 * (END_S - BEGIN_S), abs=1)
+    assert max(len(m.data) + 31 for m in found) < LARGEST_PRESSURE
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("paced", [False, True])
 def test_an_hour_of_the_long_train_keeps_its_size(paced: bool, messages, tmp_path: Path) -> None:
     """Breaks if a topic grows or the packing degrades; a paced run closes a chunk by its age, every eight ticks."""
-    messages = [m for m in messages if m.channel.topic not in SUPERVISION]
+    messages = [m for m in messages if m.channel.topic not in SUPERVISION | {TAIL}]
     assert "/train/disturbance" in {m.channel.topic for m in messages}
     a_tick = sum(len(m.data) + 31 for m in messages) / (10 * (END_S - BEGIN_S))
     sizes = {}

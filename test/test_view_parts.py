@@ -227,6 +227,7 @@ def test_a_recorded_run_shows_any_moment(run):
     feed.seek(71.0)
     assert feed.frame.moment.law == "smc"
     assert feed.frame.moment.state == "emergency brake"
+    feed.seek(82.0)
     assert feed.frame.now["pipe_text"] == ["101"]
     feed.seek(1e9)
     assert feed.time == 90.0

@@ -1,4 +1,4 @@
-"""``train-ato export``: write the tables of a run as Parquet or CSV files."""
+"""``train-ato export``: write the tables of a run as Parquet or CSV files, or its log with the train on the line."""
 
 from __future__ import annotations
 
@@ -19,7 +19,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder or MCAP file")
     parser.add_argument("--parquet", action="store_true", help="write Parquet (the default)")
     parser.add_argument("--csv", action="store_true", help="write CSV; with --parquet both")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="new folder (default: export in the run folder)")
+    parser.add_argument("--scene", action="store_true", help="write a copy of the log with /tf, markers and track")
+    parser.add_argument("--figure", type=Path, metavar="FILE", help="with --scene: also a picture (PNG, SVG, PDF)")
+    parser.add_argument("--at", type=float, metavar="S", help="with --figure: time in s (default: the largest force)")
+    parser.add_argument("--rate", type=float, metavar="HZ", help="with --scene: messages per second (default: 5)")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="new folder (default: export or scene in the run folder)"
+    )
     parser.add_argument("--topics", nargs="+", metavar="TOPIC", help="only these topics (default: all)")
 
 
@@ -28,6 +34,11 @@ def execute(options: argparse.Namespace) -> int:
     from train_ato.log.tables.files import FORMATS, write_frames
     from train_ato.log.tables.loading import load
 
+    if options.scene:
+        return _write_scene(options)
+    for option in ("rate", "figure", "at"):
+        if getattr(options, option) is not None:
+            raise ValueError(f"--{option}: only with --scene; remove it")
     formats = [name for name in FORMATS if getattr(options, name)] or ["parquet"]
     folder = options.out or _beside(options.run)
     if folder.exists():
@@ -49,9 +60,36 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
-def _beside(run: Path) -> Path:
+def _write_scene(options: argparse.Namespace) -> int:
+    """Write a copy of the log with the messages of the scene."""
+    from train_ato.apps.scene.sampling import check_rate
+    from train_ato.apps.scene.scene_log import write_scene_log
+    from train_ato.apps.scene.scene_picture import draw_scene
+    from train_ato.apps.scene.train_scene import DEFAULT_RATE
+    from train_ato.log.bag_layout import LOG
+    from train_ato.log.run_folder import read_run_folder
+
+    if options.csv or options.parquet or options.topics:
+        raise ValueError("--scene: no effect on tables; remove --csv, --parquet and --topics")
+    rate = check_rate(DEFAULT_RATE if options.rate is None else options.rate)
+    folder = options.out or _beside(options.run, "scene")
+    if folder.exists():
+        raise ValueError(f"{folder}: exists already; give another folder with --out")
+    setup, _ = read_run_folder(options.run)
+    with _new_folder(folder), share_bar(f"writing {folder}") as progress:
+        written = write_scene_log(options.run, setup, folder, rate, lambda share: progress(share, ""))
+        if options.figure is not None:
+            draw_scene(folder / LOG, written.worst if options.at is None else options.at, written.force, options.figure)
+    if options.json:
+        print_json({"run": str(options.run), "folder": str(folder), "messages": written.messages, "rate": rate})
+        return 0
+    sys.stdout.write(f"{folder / LOG}: {written.messages} messages of the scene\n")
+    return 0
+
+
+def _beside(run: Path, name: str = "export") -> Path:
     """Return the default folder: in the run folder, or beside a single log."""
-    return run / "export" if run.is_dir() else run.with_name(f"{run.stem}-export")
+    return run / name if run.is_dir() else run.with_name(f"{run.stem}-{name}")
 
 
 def _reasons(left_out: dict[str, str]) -> str:

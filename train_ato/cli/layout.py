@@ -18,6 +18,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--studio", action="store_true", help="layout for Foxglove Studio 1 (the last open version 1.87), in SI units"
     )
     viewer.add_argument("--plotjuggler", action="store_true", help="layout for PlotJuggler 3; it opens the log too")
+    parser.add_argument(
+        "--scene", action="store_true", help="Foxglove: with the train on its line, as `view RUN --foxglove` sends it"
+    )
     parser.add_argument("--out", type=Path, metavar="FILE", help="new file (default: beside the log)")
 
 
@@ -28,12 +31,18 @@ def execute(options: argparse.Namespace) -> int:
     from train_ato.apps.layout.signals import read_signals
     from train_ato.log.whole_file import write_whole
 
+    if options.scene and options.plotjuggler:
+        raise ValueError("--scene: PlotJuggler shows curves only; remove it")
     log = read_signals(options.run)
     name = "plotjuggler.xml" if options.plotjuggler else "studio.json" if options.studio else "foxglove.json"
     target: Path = options.out or log.path.with_name(name if options.run.is_dir() else f"{log.path.stem}-{name}")
     if target.exists():
         raise ValueError(f"{target}: exists already; give another file with --out")
-    text = plotjuggler_layout(log, target) if options.plotjuggler else foxglove_layout(log, studio_1=options.studio)
+    text = (
+        plotjuggler_layout(log, target)
+        if options.plotjuggler
+        else foxglove_layout(log, studio_1=options.studio, scene=options.scene)
+    )
     try:
         write_whole(target, text)
     except OSError as error:

@@ -28,6 +28,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("check-observer", "test a disturbance observer against the interface of the control loop"),
     ("check-compensation", "test a delay compensation against the interface of the control loop"),
     ("export", "write the tables of a run as Parquet or CSV"),
+    ("scene", "publish the train on its line for 3D viewers, beside a running simulation or a replay"),
     ("layout", "write a layout of Foxglove or PlotJuggler for a run"),
     ("import", "convert a measured speed and force history to a run and a speed profile"),
     ("recover", "restore a readable log from an incomplete or damaged one"),

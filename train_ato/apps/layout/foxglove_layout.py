@@ -7,22 +7,26 @@ therefore has the units of the messages (SI).
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from typing import Any
 
 from train_ato.apps.layout.panels import KMH, LayoutCurve, LayoutPanel, panels_of
 from train_ato.apps.layout.signals import DIAGNOSTICS, LogSignals, Signal
+from train_ato.apps.scene.train_scene import BASE, MARKERS, POSES, TRACK
 
 LEFT = ("speed", "states", "force", "coupler", "pipe")
-RIGHT = ("along", "shoes", "nodes")
+RIGHT = ("scene", "along", "shoes", "nodes")
 STATUS_OF = ("supervisor", "controller")
 """Nodes with a panel of their own for the diagnostics."""
+GAUGE_MARGIN = 1.0
+"""Least distance of the end of the gauge from the top speed, in its unit."""
 
 Node = str | dict[str, Any]
 """Panel, or split of two parts."""
 
 
-def foxglove_layout(log: LogSignals, *, studio_1: bool = False) -> str:
+def foxglove_layout(log: LogSignals, *, studio_1: bool = False, scene: bool = False) -> str:
     """Return the layout of a log as JSON.
 
     Parameters
@@ -31,6 +35,8 @@ def foxglove_layout(log: LogSignals, *, studio_1: bool = False) -> str:
         Signals of the run.
     studio_1
         For Foxglove Studio 1.87 and its successors: SI units.
+    scene
+        With the train on its line, also for a log without it: ``view --foxglove`` sends it.
     """
     panels = panels_of(log)
     configured: dict[str, dict[str, Any]] = {}
@@ -48,6 +54,8 @@ def foxglove_layout(log: LogSignals, *, studio_1: bool = False) -> str:
         groups["states"] = _add(configured, "StateTransitions!protection", _titled("ATO and train protection", config))
     if DIAGNOSTICS in log.names:
         groups["nodes"] = _nodes(configured, log)
+    if log.scene or scene:
+        groups["scene"] = _add(configured, "3D!scene", _scene())
     columns = [_column([groups[key] for key in side if key in groups]) for side in (LEFT, RIGHT)]
     there = [column for column in columns if column is not None]
     layout = _split("row", there[0], there[1], 62) if len(there) == 2 else there[0]
@@ -120,18 +128,43 @@ def _transition(curve: LayoutCurve) -> dict[str, Any]:
 
 
 def _gauge(panel: LayoutPanel, log: LogSignals, studio_1: bool) -> dict[str, Any]:
-    """Return a gauge of the train's speed up to the next ten above the top speed of the run."""
+    """Return a gauge of the train's speed to a multiple of ten above the top speed of the run."""
     factor, unit = (1.0, "m/s") if studio_1 else (KMH, "km/h")
     config = {
         "path": message_path(panel.curves[-1].signal, factor),
         "minValue": 0,
-        "maxValue": 10 * (int(log.top_speed * factor / 10) + 1),
+        "maxValue": 10 * math.ceil((log.top_speed * factor + GAUGE_MARGIN) / 10),
         "colorMode": "colormap",
         "colorMap": "turbo",
         "gradient": ["#0072b2", "#d55e00"],
         "reverse": False,
     }
     return _titled(f"speed in {unit}", config)
+
+
+def _scene() -> dict[str, Any]:
+    """Return a 3D panel that follows the head of the train."""
+    config = {
+        "cameraState": {
+            "perspective": True,
+            "distance": 250.0,
+            "phi": 55.0,
+            "thetaOffset": 60.0,
+            "target": [0, 0, 0],
+            "targetOffset": [-60, 0, 0],
+            "targetOrientation": [0, 0, 0, 1],
+            "fovy": 45,
+            "near": 0.5,
+            "far": 50000,
+        },
+        "followMode": "follow-pose",
+        "followTf": BASE,
+        "scene": {},
+        "transforms": {},
+        "topics": {MARKERS.name: {"visible": True}, TRACK.name: {"visible": True}, POSES.name: {"visible": False}},
+        "layers": {},
+    }
+    return _titled("train on the line, red draft, blue buff", config)
 
 
 def _nodes(configured: dict[str, dict[str, Any]], log: LogSignals) -> Node:

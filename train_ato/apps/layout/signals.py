@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from train_ato.apps.scene.train_scene import MARKERS
 from train_ato.log.bag_layout import table_name
 from train_ato.log.mcap_records import MAX_TIME_NS, RawMessage
 from train_ato.log.reading import log_file, stream
@@ -64,6 +65,8 @@ class LogSignals:
         Keys with numbers in the diagnostics, by node; each with the path of its value for PlotJuggler.
     hardware : dict
         ``hardware_id`` in the diagnostics, by node.
+    scene : bool
+        True if the log has the train on its line.
     top_speed : float
         Largest speed of train and profile [m/s].
     """
@@ -75,6 +78,7 @@ class LogSignals:
     joints: dict[str, tuple[str, ...]]
     reports: dict[str, dict[str, str]]
     hardware: dict[str, str]
+    scene: bool
     top_speed: float
 
     @property
@@ -112,8 +116,9 @@ def read_signals(run: Path) -> LogSignals:
     joints: dict[str, tuple[str, ...]] = {}
     reports: dict[str, dict[str, str]] = {}
     hardware: dict[str, str] = {}
-    begin, end, speed = MAX_TIME_NS, 0, 0.0
+    begin, end, speed, scene = MAX_TIME_NS, 0, 0.0, False
     for number, message in enumerate(stream(path)):
+        scene = scene or message.channel.topic == MARKERS.name
         topic = table_name(message.channel.topic)
         if topic is None or BY_NAME[topic].type != message.schema.name:
             continue
@@ -130,7 +135,7 @@ def read_signals(run: Path) -> LogSignals:
             joints[topic] = tuple(_content(message).name)
     if not names:
         raise ValueError(f"{path}: has no message of a run; name the log of a run of train_ato")
-    return LogSignals(path, begin, end, names, joints, reports, hardware, speed)
+    return LogSignals(path, begin, end, names, joints, reports, hardware, scene, speed)
 
 
 def _content(message: RawMessage) -> Any:

@@ -58,6 +58,8 @@ class Facts:
         Table of the nominal envelope of all units: speed [m/s], largest traction and (negative) brake force [N].
     subtitle
         Train, line, observer and compensation in words.
+    setup
+        Scenario with train and line; None for a run without a scenario.
     """
 
     title: str
@@ -74,6 +76,7 @@ class Facts:
     most: Array = field(default_factory=lambda: np.zeros(0))
     least: Array = field(default_factory=lambda: np.zeros(0))
     subtitle: str = ""
+    setup: RunSetup | None = None
 
     def limit_now(self, front: float) -> float:
         """Return the lowest limit between the rear and the front of the train [m/s]; infinite without limits."""
@@ -132,4 +135,5 @@ def facts_of(setup: RunSetup) -> Facts:
         most=most,
         least=least,
         subtitle=f"{consist.name}, {consist.mass / 1e3:.0f} t, {consist.length:.0f} m, on {line.name}; {names}",
+        setup=setup,
     )

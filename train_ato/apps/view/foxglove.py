@@ -1,4 +1,4 @@
-"""Foxglove WebSocket: the ROS 2 messages of a run with their definitions.
+"""Foxglove WebSocket: the ROS 2 messages of a run with their definitions, and the train on its line.
 
 For a live run the newest messages of every topic are sent 20 times a second; for a recorded run all messages are sent
 in simulated time, and Foxglove's player also controls the time of the page.
@@ -17,6 +17,7 @@ from foxglove import Capability, Channel, Context, Schema
 from foxglove.websocket import PlaybackCommand, PlaybackControlRequest, PlaybackState, PlaybackStatus, ServerListener
 
 from train_ato.apps.replay.log import ReplayLog, message_time
+from train_ato.apps.scene.sampling import VEHICLES, SceneSampler
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed
 from train_ato.apps.view.live import LiveFeed
 from train_ato.apps.view.origin_gate import OriginGate, hidden_address
@@ -73,9 +74,16 @@ class FoxgloveServer:
         # Channels close with the last reference to their context.
         self._context = context = Context()
         topics = [topic for topic in topics_of(feed.facts.layout) if topic.recorded]
-        self._channels = {topic.name: _channel(topic.name, context) for topic in topics}
+        self._channels = {topic.name: _channel(log_name(topic), topic.type, context) for topic in topics}
         self._latched = {topic.name for topic in topics if topic.latched}
+        self._sampler = None if feed.facts.setup is None else SceneSampler(feed.facts.setup)
+        self._scene: dict[str, Channel] = {}
         self._kept: dict[str, tuple[bytes, int]] = {}
+        if self._sampler is not None:
+            self._scene = {
+                topic.name: _channel(topic.name, topic.type, context) for topic in self._sampler.scene.topics
+            }
+            self._kept = {topic.name: (data, EPOCH_NS) for topic, data in self._sampler.scene.begin()}
         self._stopping = threading.Event()
         capabilities = [Capability.Time]
         span = None
@@ -109,7 +117,8 @@ class FoxgloveServer:
     def _run(self) -> None:
         shown = -1
         while not self._stopping.wait(1.0 / FRAMES_PER_SECOND):
-            wanted = any(channel.has_sinks() for channel in self._channels.values())
+            channels = (*self._channels.values(), *self._scene.values())
+            wanted = any(channel.has_sinks() for channel in channels)
             now = self._source.poll(self._send if wanted else None)
             if now is not None and now != shown:
                 shown = now
@@ -119,13 +128,16 @@ class FoxgloveServer:
         if topic in self._latched:
             self._kept[topic] = (data, moment_ns)
         self._channels[topic].log(data, log_time=moment_ns)
+        if topic == VEHICLES and self._sampler is not None and any(c.has_sinks() for c in self._scene.values()):
+            for part, content in self._sampler.take(data):
+                self._scene[part.name].log(content, log_time=moment_ns)
 
     def greet(self, topic: str) -> None:
         """Send the latched message of a topic again for a late subscriber."""
-        name = table_name(topic)
+        name = topic if topic in self._scene else table_name(topic)
         if name in self._kept:
             data, moment_ns = self._kept[name]
-            self._channels[name].log(data, log_time=moment_ns)
+            (self._scene.get(name) or self._channels[name]).log(data, log_time=moment_ns)
 
     def close(self) -> None:
         """Stop the thread and the server."""
@@ -134,7 +146,7 @@ class FoxgloveServer:
         self._source.close()
         self._gate.close()
         self._server.stop()
-        for channel in self._channels.values():
+        for channel in (*self._channels.values(), *self._scene.values()):
             channel.close()
 
 
@@ -244,11 +256,9 @@ class _Played:
         self._log.close()
 
 
-def _channel(topic: str, context: Context) -> Channel:
-    known = BY_NAME[topic]
-    text = definition(known.type).text
-    schema = Schema(name=known.type, encoding="ros2msg", data=text.encode())
-    return Channel(log_name(known), schema=schema, message_encoding="cdr", context=context)
+def _channel(name: str, kind: str, context: Context) -> Channel:
+    schema = Schema(name=kind, encoding="ros2msg", data=definition(kind).text.encode())
+    return Channel(name, schema=schema, message_encoding="cdr", context=context)
 
 
 @contextlib.contextmanager

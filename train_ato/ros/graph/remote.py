@@ -79,6 +79,23 @@ class GraphClient:
         result = self._answer(change, node).results[0]
         return None if result.successful else str(result.reason)
 
+    def parameter(self, node: str, name: str) -> Any:
+        """Return the value of a parameter of a running node, None if it has no value.
+
+        Raises
+        ------
+        ValueError
+            If the node is missing or does not answer.
+        """
+        from rclpy.parameter import parameter_value_to_python
+        from rclpy.parameter_client import AsyncParameterClient
+
+        client = AsyncParameterClient(self._node, node)
+        if not client.wait_for_services(WAIT_S):
+            raise ValueError(f"node '{node}' is not on domain {self._domain}; is the run still going on?")
+        (value,) = self._answer(client.get_parameters([name]), node).values
+        return parameter_value_to_python(value)
+
     def call(self, service: str, data: bool | None = None) -> tuple[bool, str]:
         """Call a service of ``std_srvs``: ``Trigger``, or ``SetBool`` with ``data``.
 
@@ -127,6 +144,12 @@ def graph_client(domain: int) -> Iterator[GraphClient]:
             node.destroy_node()
         finally:
             context.try_shutdown()
+
+
+def read_parameter(domain: int, node: str, name: str) -> Any:
+    """Return the value of a parameter of a running node; errors as :meth:`GraphClient.parameter`."""
+    with graph_client(domain) as remote:
+        return remote.parameter(node, name)
 
 
 def set_parameter(domain: int, node: str, name: str, value: Any) -> str | None:

@@ -1,0 +1,242 @@
+"""The train on its line: bytes of the reference serialiser, in a log, for Foxglove and in a graph."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from report_runs import drive
+from rosbags.rosbag2 import Reader
+
+from plant_sim.alignment import Alignment
+from train_ato.apps.scene.sampling import SceneSampler
+from train_ato.apps.scene.train_scene import (
+    BUFF,
+    DRAFT,
+    FIX,
+    MARKERS,
+    POSES,
+    STATIC,
+    TRACK,
+    TRANSFORMS,
+    TrainScene,
+    force_color,
+    larger_coupler_force,
+)
+from train_ato.cli import main
+from train_ato.log.reading import iter_raw, stream
+from train_ato.log.run_folder import read_run_folder
+from train_ato.loop.setup import RunSetup, prepare
+from train_ato.messages.codec.cdr import typestore
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import EPOCH_NS
+from train_ato.messages.types import VehicleStates
+from train_ato.scenario.scenario import load_scenario
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Record 20 s of the 106-vehicle train."""
+    return drive(tmp_path_factory.mktemp("scene"), "run", "demo", "--set=duration=20")
+
+
+@pytest.fixture(scope="module")
+def setup(run: Path) -> RunSetup:
+    return read_run_folder(run)[0]
+
+
+def decoded(messages) -> dict:
+    """Return the messages by topic, decoded by rosbags, after a check that rosbags writes the same bytes."""
+    found = {}
+    for topic, data in messages:
+        found[topic.name] = typestore().deserialize_cdr(data, topic.type)
+        again = bytes(typestore().serialize_cdr(found[topic.name], topic.type))
+        assert data[: len(again)] == again and len(data) - len(again) < 4, topic.name
+    return found
+
+
+def states(setup: RunSetup, head: float, force: float = 0.0) -> VehicleStates:
+    offsets = np.array(setup.consist.offsets)
+    coupler = np.zeros(offsets.size)
+    coupler[:-1] = force
+    return VehicleStates(3_200_000_000, head - offsets, np.zeros(offsets.size), coupler)
+
+
+def rotated(rotation, vector) -> np.ndarray:
+    """Return a vector turned by a quaternion message."""
+    q = np.array([rotation.x, rotation.y, rotation.z])
+    v = np.array(vector, dtype=float)
+    return v + 2 * np.cross(q, np.cross(q, v) + rotation.w * v)
+
+
+def test_every_vehicle_is_on_the_track_and_looks_along_it(setup: RunSetup) -> None:
+    """Breaks if a vehicle is beside the track, turned to the wrong side, or nose down on a rising grade (REP 103)."""
+    head = setup.line.curves[3].end + 300.0  # the train, 1284 m long, is in the curve and behind it
+    found = decoded(TrainScene(setup).at(states(setup, head)))
+    ahead = Alignment(setup.line).at(states(setup, head + 1.0).position)
+    here = Alignment(setup.line).at(states(setup, head).position)
+    for number, transform in enumerate(found["/tf"].transforms):
+        assert (transform.header.frame_id, transform.child_frame_id) == ("map", f"vehicle_{number}")
+        assert transform.header.stamp.sec * 10**9 + transform.header.stamp.nanosec == EPOCH_NS + 3_200_000_000
+        place = transform.transform.translation
+        assert (place.x, place.y, place.z) == (here.x[number], here.y[number], here.z[number])
+        forward = rotated(transform.transform.rotation, (1, 0, 0))
+        step = np.array([ahead.x - here.x, ahead.y - here.y, ahead.z - here.z])[:, number]
+        np.testing.assert_allclose(forward, step / np.linalg.norm(step), atol=2e-3)
+        np.testing.assert_allclose(rotated(transform.transform.rotation, (0, 1, 0))[2], 0.0, atol=1e-12)
+    poses = found["/scene/vehicles"]
+    assert poses.header.frame_id == "map" and len(poses.poses) == 106
+    assert poses.poses[105].position.x == here.x[105]
+    boxes = found["/scene/markers"].markers
+    assert [box.id for box in boxes] == list(range(106))
+    assert {box.header.frame_id for box in boxes} == {"map"}
+    assert boxes[3].scale.x == pytest.approx(setup.consist.vehicles[3].length - 0.7)
+    assert np.ptp(here.heading) > 0.01, "the train is on a straight: the test finds nothing"
+
+
+def test_markers_have_the_colour_of_the_coupler_force(setup: RunSetup) -> None:
+    """Breaks if draft and buff are exchanged, or the colours are those of another coupler."""
+    for force, color in ((300e3, DRAFT), (-300e3, BUFF)):
+        boxes = decoded(TrainScene(setup, 300e3).at(states(setup, 11_000.0, force)))["/scene/markers"].markers
+        assert (boxes[0].color.r, boxes[0].color.g, boxes[0].color.b) == pytest.approx(color)
+        assert boxes[0].color.a == 1.0
+    assert larger_coupler_force(np.array([1.0, -3.0, 2.0, 0.0])).tolist() == [1.0, -3.0, -3.0, 2.0]
+    half = force_color(np.array([150e3, 0.0]), 300e3)
+    np.testing.assert_allclose(half[0], (np.array(DRAFT) + 0.85) / 2)
+    np.testing.assert_allclose(half[1], 0.85)
+
+
+def test_line_and_base_are_static_frames(setup: RunSetup) -> None:
+    """Breaks if a stop, an end of the line or the base of the train has no frame, or the track is no path."""
+    found = decoded(TrainScene(setup).begin())
+    frames = {entry.child_frame_id: entry for entry in found["/tf_static"].transforms}
+    assert {"line_begin", "line_end", "base_link"} <= set(frames)
+    assert sum(name.startswith("stop_") for name in frames) == len(setup.line.stops)
+    assert frames["base_link"].header.frame_id == "vehicle_0"
+    assert frames["base_link"].transform.rotation.w == 1.0
+    end = Alignment(setup.line).at(np.array([setup.line.end]))
+    assert frames["line_end"].transform.translation.y == end.y[0]
+    track = found["/scene/track"].poses
+    assert (track[-1].pose.position.x, track[-1].pose.position.y) == (end.x[0], end.y[0])
+
+
+def test_a_line_with_coordinates_gives_a_position_fix() -> None:
+    """Breaks if latitude and longitude are exchanged, or a line without coordinates has a fix."""
+    plain = prepare(*load_scenario("demo"))
+    assert FIX not in TrainScene(plain).topics
+    line = plain.line.model_dump(by_alias=True) | {
+        "coordinates": [{"at": 0, "latitude": 40, "longitude": 113}, {"at": 50_000, "latitude": 40, "longitude": 113.5}]
+    }
+    located = prepare(*load_scenario("demo", changes={"plant": {"line": line}}))
+    fix = decoded(TrainScene(located).at(states(located, 25_000.0)))["/scene/fix"]
+    assert (fix.latitude, fix.longitude) == pytest.approx((40.0, 113.25))
+    assert fix.header.frame_id == "vehicle_0" and np.isnan(fix.altitude)
+
+
+def test_the_rate_is_kept(run: Path, setup: RunSetup) -> None:
+    """Breaks if the scene has a message for every tick, or loses its first one."""
+    sampler = SceneSampler(setup, 2.0)
+    stamps = [stamp for _, stamp, data in iter_raw(run, ("train/vehicles",)) if sampler.take(data)]
+    assert stamps == [number * 500_000_000 for number in range(41)]
+
+
+def test_the_exported_log_has_all_of_the_run_and_the_scene(run: Path, setup: RunSetup, tmp_path: Path, capsys) -> None:
+    """Breaks if a message of the run is lost, the scene has other times, or the layout does not show it."""
+    out, figure = tmp_path / "scene", tmp_path / "scene.png"
+    assert main(["export", str(run), "--scene", f"--out={out}", f"--figure={figure}", "--at=12", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    with Reader(out) as bag:
+        counts = {connection.topic: connection.msgcount for connection in bag.connections}
+        assert bag.start_time == EPOCH_NS and bag.duration - 1 == 20 * 10**9
+    assert {name: counts[name] for name in (TRANSFORMS.name, POSES.name, MARKERS.name)} == {
+        "/tf": 101, "/scene/vehicles": 101, "/scene/markers": 101,
+    }  # fmt: skip
+    assert counts[STATIC.name] == counts[TRACK.name] == 1
+    assert told["messages"] == 3 * 101 + 2
+    scene = {TRANSFORMS.name, STATIC.name, POSES.name, MARKERS.name, TRACK.name}
+    kept = [(m.channel.topic, m.publish_ns, m.data) for m in stream(out / "run.mcap") if m.channel.topic not in scene]
+    assert kept == [(m.channel.topic, m.publish_ns, m.data) for m in stream(run / "run.mcap")]
+    assert figure.read_bytes()[:4] == b"\x89PNG"
+    layout = tmp_path / "layout.json"
+    assert main(["layout", str(out / "run.mcap"), "--foxglove", f"--out={layout}"]) == 0
+    panel = json.loads(layout.read_text())["configById"]["3D!scene"]
+    assert set(panel["topics"]) <= set(counts)
+    assert panel["followTf"] == "base_link"
+
+
+def test_foxglove_receives_the_scene_of_a_recorded_run(run: Path) -> None:
+    """Breaks if the WebSocket has no /tf with its definition, or a late subscriber gets no track."""
+    pytest.importorskip("rclpy")
+    from test_view_foxglove import Client
+
+    from train_ato.apps.view.foxglove import serve_foxglove
+    from train_ato.apps.view.recorded import RecordedFeed
+
+    feed = RecordedFeed(run)
+
+    async def look(server):
+        client = await Client.connect(server.url)
+        await client.until(lambda: "/tf" in client.channels)
+        assert client.channels["/tf"]["schemaName"] == "tf2_msgs/msg/TFMessage"
+        assert "MSG: geometry_msgs/TransformStamped" in client.channels["/tf"]["schema"]
+        await client.subscribe("/tf", "/scene/track", "/tf_static")
+        feed.speed = 20.0
+        feed.set_playing(True)
+        await client.until(
+            lambda: (
+                all(client.messages.get(name) for name in ("/scene/track", "/tf_static"))
+                and len(client.messages.get("/tf", ())) > 50
+            )
+        )
+        return client
+
+    with serve_foxglove(feed, 0) as server:
+        client = asyncio.run(look(server))
+    _, data = client.messages["/tf"][0]
+    assert len(typestore().deserialize_cdr(data, TRANSFORMS.type).transforms) == 106
+
+
+def test_wrong_options_are_refused(run: Path, tmp_path: Path, capsys) -> None:
+    cases = (
+        (["--scene", "--csv"], "no effect on tables"),
+        (["--scene", "--rate=0"], "rate 0: is not above 0"),
+        (["--figure=x.png"], "--figure: only with --scene; remove it"),
+    )
+    for options, says in cases:
+        assert main(["export", str(run), f"--out={tmp_path / 'no'}", *options]) == 2
+        assert says in capsys.readouterr().err
+        assert not (tmp_path / "no").exists()
+
+
+def test_a_live_graph_publishes_the_scene(run: Path, setup: RunSetup) -> None:
+    """Breaks if the node publishes nothing, or a missing tf2_msgs ends it."""
+    pytest.importorskip("rclpy")
+    from rclpy.node import Node
+    from sensor_msgs.msg import JointState
+    from waiting import wait_for
+
+    from train_ato.apps.scene.scene_node import SceneNode
+    from train_ato.ros.graph.assembly import executor_of
+    from train_ato.ros.graph.environment import claim_domain
+
+    with claim_domain(None) as domain, executor_of(domain, []) as (context, _):
+        node = Node("scene", context=context, enable_rosout=False)
+        plant = Node("plant", context=context, enable_rosout=False)
+        sent = plant.create_publisher(JointState, "train/vehicles", 10)
+        scene = SceneNode(node, SceneSampler(setup))
+        data = Wire(setup.layout).encode("train/vehicles", states(setup, 11_000.0))
+        wait_for(lambda: sent.get_subscription_count() > 0)
+
+        def published() -> bool:
+            sent.publish(data)
+            scene.poll()
+            return scene.counts["/scene/markers"] > 0
+
+        wait_for(published)
+        assert set(scene.left_out) <= {"/tf", "/tf_static"}
+        assert scene.counts["/scene/track"] == 1
+        node.destroy_node()
+        plant.destroy_node()

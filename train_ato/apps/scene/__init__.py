@@ -1,0 +1,1 @@
+"""The train on its line in three dimensions, from the recorded or published states of its vehicles."""

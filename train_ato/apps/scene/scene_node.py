@@ -1,0 +1,110 @@
+"""Node ``scene``: publishes the scene of a running graph or of a replay, outside of the lockstep.
+
+It reads the states of the vehicles as best effort from a short queue, so that no publisher waits for it, at most 20
+times a second of wall time.  A topic whose message package is not installed is left out; ``tf2_msgs`` is not among the
+wheels.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from train_ato.apps.scene.sampling import VEHICLES, SceneSampler
+from train_ato.apps.scene.train_scene import SceneMessages, SceneTopic
+from train_ato.apps.view.reader import taker
+from train_ato.ros.graph.assembly import executor_of
+from train_ato.ros.nodes.endpoints import message_class
+
+TURN_S = 0.05
+"""Period of reading the queue [s of wall time]."""
+DEPTH = 4
+LATCHED_DEPTH = 1
+
+
+class SceneNode:
+    """ROS node that publishes the scene.
+
+    Parameters
+    ----------
+    node
+        rclpy node without an executor.
+    sampler
+        Scene of the run.
+
+    Attributes
+    ----------
+    counts : dict
+        Number of published messages by topic.
+    left_out : tuple of str
+        Topics whose message package is not installed.
+    """
+
+    def __init__(self, node: Any, sampler: SceneSampler) -> None:
+        self._node, self._sampler = node, sampler
+        self._take = taker(node, VEHICLES, DEPTH, reliable=False)
+        self._publishers = {topic.name: _publisher(node, topic) for topic in sampler.scene.topics}
+        self.left_out = tuple(name for name, publisher in self._publishers.items() if publisher is None)
+        self.counts = dict.fromkeys((name for name in self._publishers if name not in self.left_out), 0)
+        self._met = False
+        self._publish(sampler.scene.begin())
+
+    def poll(self) -> None:
+        """Publish the scene for the newest state in the queue, if its period has none yet."""
+        newest = None
+        while (found := self._take()) is not None:
+            newest = found[0]
+        if newest is not None:
+            self._publish(self._sampler.take(newest))
+
+    def _publish(self, messages: SceneMessages) -> None:
+        for topic, data in messages:
+            publisher = self._publishers[topic.name]
+            if publisher is not None:
+                publisher.publish(data)
+                self.counts[topic.name] += 1
+
+    @property
+    def left(self) -> bool:
+        """True if the states of the vehicles had a publisher and have none any more."""
+        there = self._node.count_publishers(VEHICLES) > 0
+        self._met = self._met or there
+        return self._met and not there
+
+
+def _publisher(node: Any, topic: SceneTopic) -> Any:
+    """Return the publisher of a topic, None if its message package is not installed."""
+    try:
+        kind = message_class(topic.type)
+    except ImportError:
+        return None
+    latched = DurabilityPolicy.TRANSIENT_LOCAL if topic.latched else DurabilityPolicy.VOLATILE
+    profile = QoSProfile(depth=LATCHED_DEPTH, reliability=ReliabilityPolicy.RELIABLE, durability=latched)
+    return node.create_publisher(kind, topic.name, profile)
+
+
+def publish_scene(sampler: SceneSampler, domain: int, interrupted: Callable[[], bool]) -> dict[str, int]:
+    """Publish the scene until the publisher of the states leaves, or Ctrl-C.
+
+    Returns
+    -------
+    dict
+        Number of published messages by topic.
+    """
+    with executor_of(domain, []) as (context, _):
+        node = Node("scene", context=context, enable_rosout=False, start_parameter_services=False)
+        try:
+            scene = SceneNode(node, sampler)
+            if scene.left_out:
+                sys.stderr.write(f"scene: without {', '.join(scene.left_out)}: tf2_msgs is not installed\n")
+            while not interrupted() and not scene.left:
+                scene.poll()
+                time.sleep(TURN_S)
+            return scene.counts
+        finally:
+            node.destroy_node()

@@ -1,0 +1,74 @@
+"""``train-ato scene``: publish the train on its line for 3D viewers, beside a running simulation or a replay."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from pathlib import Path
+
+from train_ato.cli.screen import print_json
+from train_ato.loop.setup import RunSetup, prepare
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``scene``."""
+    parser.add_argument(
+        "run",
+        type=Path,
+        nargs="?",
+        metavar="RUN",
+        help="run or log of a replay (default: the running simulation)",
+    )
+    parser.add_argument("--domain", type=int, metavar="N", help="ROS domain (default: that of the only run)")
+    parser.add_argument(
+        "--rate", type=float, default=5.0, metavar="HZ", help="messages per simulated second (default: 5)"
+    )
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Publish /tf, /tf_static, poses, markers and track until the run ends."""
+    from train_ato.apps.scene.sampling import SceneSampler, check_rate
+    from train_ato.interrupt import interruptible
+    from train_ato.log.run_folder import read_run_folder
+    from train_ato.ros import require_ros
+    from train_ato.ros.graph.environment import applied, variables
+    from train_ato.ros.graph.remote import resolve_domain
+
+    check_rate(options.rate)
+    if options.run is not None and options.domain is None:
+        raise ValueError("--domain: missing; give the ROS domain of the replay")
+    setup = read_run_folder(options.run)[0] if options.run is not None else None
+    require_ros()
+    domain = options.domain if setup is not None else resolve_domain(options.domain)
+    sampler = SceneSampler(setup or _running(domain), options.rate)
+    with (
+        tempfile.TemporaryDirectory(prefix="train_ato_scene_", ignore_cleanup_errors=True) as scratch,
+        applied(variables(domain, Path(scratch))),
+        interruptible() as interrupt,
+    ):
+        from train_ato.apps.scene.scene_node import publish_scene
+
+        counts = publish_scene(sampler, domain, lambda: interrupt.asked)
+    if options.json:
+        print_json({"domain": domain, "rate": options.rate, "messages": counts})
+    else:
+        sys.stdout.write(f"domain {domain}: {', '.join(f'{count} {name}' for name, count in counts.items())}\n")
+    return 0
+
+
+def _running(domain: int) -> RunSetup:
+    """Return the scenario of the run on a domain, from the parameter of its plant.
+
+    Raises
+    ------
+    ValueError
+        If the plant names no scenario file.
+    """
+    from train_ato.ros.graph.remote import read_parameter
+    from train_ato.scenario.scenario import load_scenario
+
+    named = Path(str(read_parameter(domain, "plant", "scenario")))
+    if not named.is_file():
+        raise ValueError(f"domain {domain}: the plant names no scenario file; give RUN, the folder of the run")
+    return prepare(*load_scenario(str(named)))
