@@ -94,6 +94,11 @@ BY_HAND = {
     "replans": 2,
     "held_steps": 1,
     "unsound_measurements": 4,
+    # Counts that a run without faults does not have.
+    "commands_lost": 0,
+    "commands_missed": 0,
+    "commands_refused": 0,
+    "commands_late": 0,
 }
 
 

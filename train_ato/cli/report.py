@@ -83,6 +83,7 @@ def write_figures(request: Request, pages: list[PageData], show: Callable[[str],
     if request.figures is None:
         return []
     from train_ato.apps.report.print_figures import write_comparison_figure, write_print_figures
+    from train_ato.apps.report.writing import comparison_title
 
     written = []
     for data in pages:
@@ -91,6 +92,6 @@ def write_figures(request: Request, pages: list[PageData], show: Callable[[str],
         folder.mkdir(parents=True, exist_ok=True)
         written += write_print_figures(data, folder, request.kind)
     together = request.figures / f"comparison.{request.kind}"
-    if len(pages) > 1 and write_comparison_figure(pages, together, f"{len(pages)} runs side by side"):
+    if len(pages) > 1 and write_comparison_figure(pages, together, comparison_title(pages)):
         written.append(together)
     return written

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from train_ato.apps.report.words import driven_laws
 from train_ato.apps.runs.drive import RunMode, drive
 from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
 from train_ato.apps.runs.protection_note import protection_note
@@ -107,7 +108,7 @@ def print_run(run: Run, as_json: bool) -> None:
         return
     if line := verdict_line(summary):
         sys.stdout.write(f"{line}\n")
-    head = f"{summary['scenario']}  {summary['controller']} / {summary['observer']} / {summary['compensation']}"
+    head = f"{summary['scenario']}  {driven_laws(summary)} / {summary['observer']} / {summary['compensation']}"
     print_table(("metric", "value"), result_rows(summary), head)
     if held := summary.get("held_steps"):
         sys.stdout.write(f"in {held} ticks the last command was repeated: no valid command or measurement\n")

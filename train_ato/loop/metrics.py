@@ -7,13 +7,24 @@ from typing import Any
 import numpy as np
 
 from plant_sim.line import Line
+from train_ato.loop.force_limit import time_at_force_limit
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stops import STANDSTILL_SPEED, StopResult, running_time, stops_of_run
 from train_ato.messages.types import Array
 
-OF_THE_PLANT = ("energy_traction_kwh", "energy_regenerated_kwh", "saturated_s")
+OF_THE_PLANT = (
+    "energy_traction_kwh", "energy_regenerated_kwh", "saturated_s",
+    "commands_lost", "commands_missed", "commands_refused", "commands_late",
+)  # fmt: skip
 """Metrics from every plant step."""
+COMMAND_COUNTS = (
+    ("commands_lost", "commands_lost"),
+    ("commands_missed", "missed ato/command"),
+    ("commands_refused", "refused ato/command"),
+    ("commands_late", "wall_late"),
+)
+"""Metric, and key in the diagnostics of the plant."""
 JERK_SPAN = 0.1
 """Time difference for acceleration and jerk [s]."""
 
@@ -35,6 +46,7 @@ def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
         else np.zeros((0, 1))
     )
     totals = recording.totals
+    at_limit = time_at_force_limit(setup, recording)
     duration = recording.time.size * setup.tick
     acceleration, jerk = differences(recording.front_velocity, setup.tick)
     metrics = {
@@ -55,10 +67,11 @@ def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
         "command_variation_kn_per_s": float(np.abs(np.diff(recording.command, axis=0)).sum()) / duration / 1e3,
         "energy_traction_kwh": totals.get("energy_traction", 0.0) / 3.6e6,
         "energy_regenerated_kwh": totals.get("energy_regenerated", 0.0) / 3.6e6,
-        "saturated_s": totals.get("saturated", 0.0),
+        "saturated_s": 0.0 if at_limit is None else float(at_limit[1][-1]),
         "replans": int(totals.get("replans", 0)),
         "held_steps": int(totals.get("held_steps", 0)),
         "unsound_measurements": int(totals.get("unsound_measurements", 0)),
+        **{key: int(totals.get(name, 0)) for key, name in COMMAND_COUNTS},
     }
     if "plant" not in {report.node for report in recording.reports}:
         metrics = {key: value for key, value in metrics.items() if key not in OF_THE_PLANT}

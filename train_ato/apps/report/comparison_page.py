@@ -93,6 +93,8 @@ FIGURES: tuple[tuple[str, str, tuple[Shared, ...]], ...] = (
     ),
 )
 """Sections: anchor, title, and their figures."""
+ERRORS = ("speed_error", "position_error")
+"""Figures whose metrics may leave out a part of the run."""
 HERO = Shared("speed", ("speed", "measured_speed"), "Speed against profile", "Of vehicle 0's centre.", 330)
 """Figure of the first screen."""
 
@@ -127,7 +129,11 @@ def _caption(shared: Shared, runs: Sequence[tuple[PageData, str]]) -> str:
     """Return the caption; for several power units it names the value that is drawn."""
     lines = [data.curves[shared.name] for data, _ in runs if shared.name in data.curves]
     several = any(f"{shared.columns[0]}:1" in entry.columns for entry in lines)
-    return shared.caption.format(worst="; the value with the largest magnitude of all power units" if several else "")
+    notes = {data.evaluation for data, _ in runs if data.evaluation} if shared.name in ERRORS else set()
+    left_out = "".join(f" The {note}." for note in sorted(notes))
+    return (shared.caption + left_out).format(
+        worst="; the value with the largest magnitude of all power units" if several else ""
+    )
 
 
 def _overlaid(linked: Linked, runs: Sequence[tuple[PageData, str]], shared: Shared) -> Figure | None:

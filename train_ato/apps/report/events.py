@@ -15,6 +15,7 @@ from train_ato.apps.report.refusal_events import refusal_events
 from train_ato.apps.report.restart_events import restart_events
 from train_ato.apps.report.scenario_events import scenario_events
 from train_ato.apps.report.words import longer
+from train_ato.loop.force_limit import time_at_force_limit
 from train_ato.loop.profile import REJOINED
 from train_ato.loop.recording import BRAKE_PIPE_COMMAND, Recording
 from train_ato.messages.types import Array
@@ -137,15 +138,14 @@ def _goes_on(time: Array, pressure: Array, changes: NDArray[np.intp], last: int,
 
 
 def _limit(recording: Recording) -> Iterator[Event]:
-    for begin, end in _rising(recording, "plant", "saturated"):
-        time, total = recording.reported("plant", "saturated") or NOTHING
+    time, total = time_at_force_limit(recording.setup, recording) or NOTHING
+    for begin, end in _rising(recording, time, total):
         amount = np.interp(end, time, total) - np.interp(begin, time, total)
-        yield Event("limit", begin, f"force saturated for {amount:.1f} s", end)
+        yield Event("limit", begin, f"force at its limit for {amount:.1f} s", end)
 
 
-def _rising(recording: Recording, node: str, key: str) -> Iterator[tuple[float, float]]:
-    """Yield begin and end [s] of increases of a counter in the diagnostics; short pauses are ignored."""
-    time, values = recording.reported(node, key) or NOTHING
+def _rising(recording: Recording, time: Array, values: Array) -> Iterator[tuple[float, float]]:
+    """Yield begin and end [s] of increases of a counter; short pauses are ignored."""
     rows = np.flatnonzero(np.diff(values) > 0)
     if not rows.size:
         return
@@ -201,7 +201,7 @@ def _noticed(recording: Recording) -> Iterator[Event]:
         if report.level > 0 and new and interventions.KEY not in report.values:
             yield Event("fault", report.stamp * 1e-9, f"{report.node}: {report.message}")
         last[report.node] = state
-    for begin, end in _rising(recording, "controller", "unsound_measurements"):
+    for begin, end in _rising(recording, *(recording.reported("controller", "unsound_measurements") or NOTHING)):
         yield Event("fault", begin, "invalid measurements; the last command was held", end)
 
 

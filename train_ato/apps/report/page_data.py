@@ -14,7 +14,7 @@ from train_ato.apps.report.events import detect_events
 from train_ato.apps.report.maps import MAPS
 from train_ato.apps.report.quantities import NO_LINES
 from train_ato.apps.report.track_shape import TrackShape, track_shape
-from train_ato.apps.report.words import MODES
+from train_ato.apps.report.words import MODES, driven_laws, evaluation_note
 from train_ato.loop.recording import Recording
 from train_ato.loop.result import completed_summary
 from train_ato.loop.series import seconds
@@ -56,6 +56,8 @@ class PageData:
         Warnings on missing or measured data.
     left_out
         Figures without data, and the reason.
+    evaluation
+        Part of the run that the error metrics leave out, "" for none.
     """
 
     label: str
@@ -71,6 +73,7 @@ class PageData:
     subtitle: str = ""
     remarks: list[str] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
+    evaluation: str = ""
 
 
 def page_data(recording: Recording, label: str = "", share: float = 1.0) -> PageData:
@@ -109,6 +112,7 @@ def page_data(recording: Recording, label: str = "", share: float = 1.0) -> Page
         recording.setup.scenario.summary if recording.setup is not None else "",
         remarks_of(recording),
         left_out,
+        evaluation_note(recording.setup.scenario.evaluation) if recording.setup is not None else "",
     )
 
 
@@ -195,14 +199,16 @@ def fact_texts(recording: Recording) -> dict[str, str]:
         size = f"{vehicles}, {powered}, {consist.mass / 1e3:.0f} t, {consist.length:.0f} m"
         facts["train"] = f"{consist.name} ({size})"
         facts["line"] = setup.line.name
-        facts["law"] = setup.controller
+        facts["law"] = driven_laws(summary) or setup.controller
         facts["observer"] = setup.observer
         facts["compensation"] = setup.compensation
         facts["seed"] = str(setup.seed)
         facts["tick"] = f"{setup.tick:g} s"
-    for key in ("controller", "observer", "compensation", "seed"):
+    if "controller" in summary:
+        facts["law"] = driven_laws(summary)
+    for key in ("observer", "compensation", "seed"):
         if key in summary:
-            facts[{"controller": "law"}.get(key, key)] = str(summary[key])
+            facts[key] = str(summary[key])
     facts |= {key.replace("_", " "): str(summary[key]) for key in MEASURED if summary.get(key)}
     mode = "measured run" if "measured_file" in summary else str(summary.get("mode") or "not recorded")
     facts["mode"] = MODES.get(mode, mode)

@@ -127,6 +127,7 @@ def distance_figure(
         drawn_traces = [_line(plot, source, trace, "position_km") for trace in traces]
         items += [LegendItem(label=t.look.words, renderers=[r]) for t, r in zip(traces, drawn_traces, strict=True)]
     add_readout(plot, tables, "position_km")
-    plot.y_range.start = 0.0 if all(float(np.nanmin(speed)) > -1.0 for _, speed in profiles) else None
+    if all(float(np.nanmin(speed)) > -1.0 for _, speed in profiles):
+        plot.y_range.start = 0.0
     add_page_legend(plot, items)
     return plot

@@ -94,7 +94,8 @@ def write_print_figures(data: PageData, folder: Path, kind: str) -> list[Path]:
             else:
                 picture, panels, title = PRINT_FIGURES[name]
                 heat = (picture, data.maps[picture]) if picture in data.maps else None
-                figure = over_time(data.curves, panels, data.events, data.span[1], _title(data, title), heat)
+                note = f"\n{data.evaluation}" if name == "errors" and data.evaluation else ""
+                figure = over_time(data.curves, panels, data.events, data.span[1], _title(data, title) + note, heat)
             if figure is not None:
                 path = folder / f"{name}.{kind}"
                 save_figure(figure, path)

@@ -131,7 +131,7 @@ class Kind:
 KINDS: dict[str, Kind] = {
     "law": Kind("change of law or parameters", PURPLE),
     "air_brake": Kind("air brake applied or released", BROWN),
-    "limit": Kind("force saturated", ORANGE),
+    "limit": Kind("force at its limit", ORANGE),
     "disturbance": Kind("disturbance", SKY),
     "supervision": Kind("supervision limit exceeded", INDIGO),
     "protection": Kind("train protection: traction cut-off or brake", WINE),

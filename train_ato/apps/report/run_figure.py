@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from train_ato.apps.report.curves import curves_of
 from train_ato.apps.report.events import detect_events
 from train_ato.apps.report.print_parts import SCREEN_DPI, over_time, save_figure, styled
-from train_ato.apps.report.words import ENDS, MODES
+from train_ato.apps.report.words import ENDS, MODES, driven_laws, evaluation_note
 from train_ato.loop.recording import Recording
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup
@@ -44,13 +44,15 @@ def run_figure(recording: Recording) -> Figure | None:
     """Return the figure of one run with setup and summary; None without data."""
     curves, _ = curves_of(recording, PANELS)
     events = [event for event in detect_events(recording) if event.kind in MARKED]
-    return over_time(curves, PANELS, events, recording.span[1], "\n".join(titles(recording.summary)))
+    note = evaluation_note(recording.setup.scenario.evaluation) if recording.setup is not None else ""
+    lines = [*titles(recording.summary), *([note] if note else [])]
+    return over_time(curves, PANELS, events, recording.span[1], "\n".join(lines))
 
 
 def titles(summary: dict[str, Any]) -> list[str]:
     """Return the lines of the title: scenario and law; mode and early end of the run."""
     head = (
-        f"{summary['scenario']}: {summary['controller']}, observer {summary['observer']}, "
+        f"{summary['scenario']}: {driven_laws(summary)}, observer {summary['observer']}, "
         f"compensation {summary['compensation']}, seed {summary['seed']}"
     )
     mode = MODES.get(str(summary.get("mode")), "")

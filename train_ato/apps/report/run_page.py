@@ -107,6 +107,8 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
     ),
 )
 """Sections: anchor, title, and their figures."""
+ERRORS = ("speed_error", "position_error")
+"""Figures whose metrics may leave out a part of the run."""
 HERO = FigureSpec("speed", "Speed against profile", "Vehicle 0; the speed limit is that over the train length.", 330)
 """Figure of the first screen."""
 LIMITS = FigureSpec("speed", "Limits of the supervisor", "Speed of vehicle 0 and its ETCS limits.", 280)
@@ -153,7 +155,8 @@ def run_sections(data: PageData) -> tuple[list[PageSection], Linked]:
         for wanted in entries:
             figure = _figure(linked, data, sources, wanted)
             if figure is not None:
-                placed.append(Placed(figure, wanted.heading, wanted.caption))
+                left_out = f" The {data.evaluation}." if data.evaluation and wanted.name in ERRORS else ""
+                placed.append(Placed(figure, wanted.heading, wanted.caption + left_out))
         if placed:
             sections.append(PageSection(anchor, title, placed))
     follow_cursor(linked, _readings(sources))

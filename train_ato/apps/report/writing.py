@@ -22,7 +22,7 @@ def write_run(data: PageData, path: Path) -> int:
     sections, linked = run_sections(data)
     summary = data.summary
     page = ReportPage(
-        title=str(summary.get("scenario") or data.label),
+        title=_run_title(data),
         subtitle=data.subtitle,
         warnings=[*warnings_of(data), *_protection_warning(summary)],
         runs=[("value", "")],
@@ -38,6 +38,13 @@ def write_run(data: PageData, path: Path) -> int:
         stops=[("", stop_cells(data.summary))],
     )
     return write_atomically(render(page, sections), path)
+
+
+def _run_title(data: PageData) -> str:
+    """Return scenario and laws of a run."""
+    name = str(data.summary.get("scenario") or data.label)
+    laws = data.facts.get("law")
+    return f"{name}: {laws}" if laws else name
 
 
 def stop_cells(summary: dict[str, Any]) -> list[list[str]]:
@@ -65,9 +72,8 @@ def write_comparison_page(pages: list[PageData], path: Path) -> int:
 
     sections, linked = comparison_sections(pages)
     summaries = [data.summary for data in pages]
-    scenarios = {str(data.summary.get("scenario", "")) for data in pages} - {""}
     page = ReportPage(
-        title=f"{scenarios.pop() if len(scenarios) == 1 else 'Several scenarios'}: {len(pages)} runs side by side",
+        title=comparison_title(pages),
         subtitle=pages[0].subtitle if len({data.subtitle for data in pages}) == 1 else "",
         warnings=[warning for data in pages for warning in warnings_of(data, f"{data.label}: ")],
         runs=list(zip([data.label for data in pages], run_colours(len(pages)), strict=True)),
@@ -85,6 +91,14 @@ def write_comparison_page(pages: list[PageData], path: Path) -> int:
         stops=[(data.label, stop_cells(data.summary)) for data in pages],
     )
     return write_atomically(render(page, sections), path)
+
+
+def comparison_title(pages: list[PageData]) -> str:
+    """Return scenario and number of runs; runs with changed laws have all of them in the title."""
+    scenarios = {str(data.summary.get("scenario", "")) for data in pages} - {""}
+    changed = [f"{data.label}: {text}" for data in pages if "→" in (text := data.facts.get("law", ""))]
+    head = f"{scenarios.pop() if len(scenarios) == 1 else 'Several scenarios'}: {len(pages)} runs side by side"
+    return f"{head} ({'; '.join(changed)})" if changed else head
 
 
 def _marks(summaries: list[dict[str, Any]]) -> dict[str, list[tuple[bool, str]]]:

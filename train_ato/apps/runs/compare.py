@@ -114,8 +114,9 @@ class Comparison:
         """
         from train_ato.apps.report.print_figures import comparison_figure
         from train_ato.apps.report.print_parts import SCREEN_DPI, save_figure
+        from train_ato.apps.report.writing import comparison_title
 
-        figure = comparison_figure(self._pages, f"{self.scenario}: laws on the same train") if self._pages else None
+        figure = comparison_figure(self._pages, comparison_title(self._pages)) if self._pages else None
         if figure is None:
             raise ValueError(f"{self.scenario}: no law has a complete tick to draw")
         if path is not None:
