@@ -14,6 +14,7 @@ from plant_sim import kernel as k
 from plant_sim.air_brake import BrakeForecast, braking_factor
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist
+from plant_sim.pipe_pressure import PipePressure, PressureChange
 from plant_sim.states import Array
 from plant_sim.train import Train
 
@@ -147,6 +148,22 @@ def test_tail_pressure_follows_the_newest_wave() -> None:
         drive(plant, 1.0)
         assert pressures(plant)[1] == APPLIED
     assert pressures(plant)[0] == APPLIED
+
+
+def test_pressure_does_not_depend_on_the_reading_times() -> None:
+    """Breaks if waves between two readings are lost, or taken in the order of their numbers."""
+    brake = load_consist("hxd1_c80_105").air_brake
+    assert brake is not None
+    ways = np.full((k.PARTED_DISTANCE + 1, 1), 1200.0)
+    changes = [(0.0, APPLIED, 200.0), (60.0, CHARGED, 36.0), (70.0, 530e3, 200.0)]
+    often, once = (PipePressure(brake, ways, (0,)) for _ in range(2))
+    for pressure in (often, once):
+        for time, final, wave in changes:
+            pressure.add(PressureChange(time, final, wave, 0, vents=False))
+    for time in np.arange(0.0, 100.0, 0.1):
+        read = often.at(float(time))
+    assert read == pytest.approx(once.at(99.9), abs=2.0)
+    assert read == pytest.approx((530e3,), abs=2.0)
 
 
 def test_second_locomotive_vents_the_pipe_too() -> None:
