@@ -26,6 +26,8 @@ def line_figure(
     axis: str,
     tables: Sequence[tuple[ColumnDataSource, Sequence[Trace]]],
     height: int = HEIGHT,
+    *,
+    whole: bool = False,
 ) -> Figure:
     """Return a figure of lines.
 
@@ -37,6 +39,8 @@ def line_figure(
         Key of the y axis' title in ``quantities``, or the title.
     tables
         Tables with a column ``time`` [s], and the lines of each.
+    whole
+        True for a figure of limits: the axis holds all of them.
     """
     plot = linked.over_time(axis, height)
     items: list[Any] = []
@@ -50,7 +54,8 @@ def line_figure(
         sides = ("envelope_low", "envelope_high") if bands else ()
         lines += [(side, np.asarray(source.data[side]), bands[0].renderers[0]) for side in sides]
     add_readout(plot, tables)
-    _fit_range(plot, axis, lines, items)
+    if not whole:
+        _fit_range(plot, axis, lines, items)
     add_page_legend(plot, items)
     return plot
 

@@ -177,7 +177,8 @@ def _speed_sections(linked: Linked, sources: dict[str, ColumnDataSource]) -> lis
         ("supervision", "Supervision", LIMITS, [name for name in source.data if name != "profile"]),
     ):
         if anchor == "verdict" or supervised:
-            figure = line_figure(linked, PANELS["speed"][0], [(source, traces_of(columns))], wanted.height)
+            tables = [(source, traces_of(columns))]
+            figure = line_figure(linked, PANELS["speed"][0], tables, wanted.height, whole=wanted is LIMITS)
             sections.append(PageSection(anchor, title, [Placed(figure, wanted.heading, wanted.caption)]))
     return sections
 
