@@ -17,6 +17,7 @@ from train_ato.messages.types import Array, Diagnostic, Trajectory
 
 TRUTH, MEASUREMENT, DISTURBANCE = "train/vehicles", "train/measurement", "train/disturbance"
 BRAKE_PIPE, BRAKE_SHOES, BRAKE_PIPE_COMMAND = "train/brake_pipe", "train/brake_shoes", "ato/brake_pipe_command"
+BRAKE_PIPE_TAIL = "train/brake_pipe_tail"
 REFERENCE, ESTIMATE, COMMAND = "ato/reference", "ato/estimate", "ato/command"
 SUPERVISED_SPEEDS, ATO_STATE = "atp/speeds", "ato/state"
 PROFILE, LIMITS, DIAGNOSTICS = "ato/profile", "ato/limits", "/diagnostics"

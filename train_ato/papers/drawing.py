@@ -9,14 +9,14 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from train_ato.apps.report.run_figure import COLOURS, LONG_RUN_S
+from train_ato.apps.report.quantities import COLOURS, GREY
+from train_ato.apps.report.run_figure import LONG_RUN_S
 from train_ato.messages.types import Array
 
 __all__ = ["COLOURS", "Series", "blank_figure", "inset", "panels", "save_png", "trace"]
 
 Series = tuple[str, Array, Array]
 """Label, time [s], values."""
-GREY = "#4b4b4b"
 POINTS = 20_000
 """Number of points from which a curve is downsampled."""
 
@@ -47,7 +47,7 @@ def trace(
     if reference is not None:
         name, time, values = reference
         in_minutes = time[-1] > LONG_RUN_S if minutes is None else minutes
-        panel.plot(time / (60.0 if in_minutes else 1.0), values, label=name, color=GREY, lw=2.6, alpha=0.5)
+        panel.plot(time / (60.0 if in_minutes else 1.0), values, label=name, color=GREY, lw=2.6, alpha=0.65)
     for index, (name, time, values) in enumerate(series):
         stride = max(1, time.size // POINTS)
         in_minutes = time[-1] > LONG_RUN_S if minutes is None else minutes
@@ -58,7 +58,6 @@ def trace(
             **{"color": COLOURS[index % len(COLOURS)], "lw": 0.9, **style},
         )
     panel.set_ylabel(label)
-    panel.grid(alpha=0.3)
     panel.margins(x=0.01, y=0.15)
     panel.legend(loc="upper right", ncols=4, fontsize="small")
 
@@ -75,14 +74,13 @@ def inset(
     small = panel.inset_axes(place)
     if reference is not None:
         part = (reference[1] >= begin) & (reference[1] <= end)
-        small.plot(reference[1][part], reference[2][part], color=GREY, lw=2.6, alpha=0.5)
+        small.plot(reference[1][part], reference[2][part], color=GREY, lw=2.6, alpha=0.65)
     for index, (_, time, values) in enumerate(series):
         part = (time >= begin) & (time <= end)
         small.plot(time[part], values[part], color=COLOURS[index % len(COLOURS)], lw=0.9)
     small.set_xlim(begin, end)
     small.set_xlabel("time in s", fontsize="x-small")
     small.tick_params(labelsize="x-small")
-    small.grid(alpha=0.3)
 
 
 def save_png(figure: Figure, folder: Path, name: str) -> Path:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import train_ato.papers
+from train_ato.apps.report.print_parts import SHEET_SIZE, styled
 from train_ato.papers.claims import Calculation, Case, Paper, Result
 from train_ato.papers.judging import Row, cases_of, judge_paper
 from train_ato.papers.page import papers_overview, section
@@ -136,7 +137,8 @@ def _judge(entry: _Pending, folder: Path, full: bool) -> Judged:
     paper, results = entry.paper, {key: entry.results[key] for key in entry.wanted}
     rows = judge_paper(paper, results, full)
     try:
-        figures, complaints = paper.figures(results, folder), []
+        with styled(SHEET_SIZE):
+            figures, complaints = paper.figures(results, folder), []
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         figures, complaints = [], [f"paper {paper.number}: figures not drawn: {type(error).__name__}: {error}"]
     return Judged(paper, rows, results, figures, complaints)

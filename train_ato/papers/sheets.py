@@ -42,7 +42,6 @@ class Sheet:
         """Write the sheet with an axis label below and legends in the first rows (default: all); return the file."""
         for row, panels in enumerate(self.panels):
             for panel in panels:
-                panel.grid(alpha=0.3)
                 panel.margins(x=0.01)
                 if (legends is None or row < legends) and panel.get_legend_handles_labels()[0]:
                     panel.legend(loc="best", ncols=4 if len(panels) == 1 else 2, fontsize="small")

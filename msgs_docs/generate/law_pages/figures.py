@@ -14,7 +14,9 @@ from PIL import Image
 
 from msgs_docs.generate.law_pages.components import Component
 from msgs_docs.generate.law_pages.demo_runs import DemoRun
-from train_ato.apps.report.run_figure import COLOURS, LONG_RUN_S
+from train_ato.apps.report.print_parts import SHEET_SIZE, styled
+from train_ato.apps.report.quantities import COLOURS, GREY
+from train_ato.apps.report.run_figure import LONG_RUN_S
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.types import Array
@@ -24,9 +26,9 @@ from train_ato.papers.p002_freight.observer_trials import truth as paper_002
 POINTS = 3000
 """Beyond so many points a line is drawn as the band between its extremes."""
 COLOURS_OF_PNG = 64
-GREY = "#4b4b4b"
 
 
+@styled(SHEET_SIZE)
 def draw_demo(component: Component, demo: DemoRun, runs: Mapping[str, tuple[Case, Result]], path: Path) -> None:
     """Draw the first two runs of a page over each other."""
     figure = Figure(figsize=(8.4, 4.6), dpi=90, layout="constrained")
@@ -57,7 +59,6 @@ def draw_demo(component: Component, demo: DemoRun, runs: Mapping[str, tuple[Case
             frameon=False,
         )  # fmt: skip
     for panel in (upper, lower):
-        panel.grid(alpha=0.3)
         panel.margins(x=0.01)
     upper.set_title(drawn[0][1].scenario.name, loc="left", fontsize="small")
     save_small(figure, path)

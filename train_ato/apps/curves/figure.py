@@ -8,10 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from train_ato.apps.curves.table import CurveTable
+from train_ato.apps.report.print_parts import SHEET_SIZE, styled
+from train_ato.apps.report.quantities import BLACK, BLUE, BROWN, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 
-COLOURS = {
-    "EBD": "#4b4b4b", "SBD": "#9a9a9a", "EBI": "#d1495b", "SBI": "#e07a2f", "SBI1": "#c98a1b", "SBI2": "#e07a2f",
-    "Warning": "#c9b21b", "Permitted": "#2e8b57", "Indication": "#1b6ca8",
+CURVE_COLOURS = {
+    "EBD": BLACK, "SBD": GREY, "EBI": VERMILLION, "SBI": PURPLE, "SBI1": BROWN, "SBI2": PURPLE,
+    "Warning": ORANGE, "Permitted": GREEN, "Indication": BLUE,
 }  # fmt: skip
 DASHED = ("EBD", "SBD")
 """Curves of the braking train; the others are limits of a train at constant speed."""
@@ -21,6 +23,7 @@ PANEL_HEIGHT = 4.6
 """Height of the panel of one case [in]."""
 
 
+@styled(SHEET_SIZE)
 def draw_curves(tables: dict[str, CurveTable], path: Path) -> None:
     """Draw the curves of every case as PNG, PDF or SVG.
 
@@ -42,13 +45,14 @@ def draw_curves(tables: dict[str, CurveTable], path: Path) -> None:
 def _draw_table(panel: Axes, name: str, table: CurveTable) -> None:
     for curve, rows in table.items():
         style = "--" if curve in DASHED else "-"
-        panel.plot([row[1] for row in rows], [row[0] for row in rows], style, color=COLOURS[curve], lw=1.5, label=curve)
-    panel.axvline(0.0, color=COLOURS["EBD"], lw=0.8, ls=":")
+        panel.plot(
+            [row[1] for row in rows], [row[0] for row in rows], style, color=CURVE_COLOURS[curve], lw=1.5, label=curve
+        )
+    panel.axvline(0.0, color=CURVE_COLOURS["EBD"], lw=0.8, ls=":")
     panel.invert_xaxis()
     panel.set_xlabel("distance before the target in m")
     panel.set_ylabel("speed in km/h")
     panel.set_ylim(bottom=0)
-    panel.grid(alpha=0.3)
     panel.margins(x=0.01)
     panel.set_title(name, loc="left", fontsize="medium", pad=24.0)
     panel.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=len(table), frameon=False, fontsize="small")

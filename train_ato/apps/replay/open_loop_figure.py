@@ -9,13 +9,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from train_ato.apps.replay.open_loop import OpenLoop
-from train_ato.apps.report.run_figure import COLOURS, LONG_RUN_S
+from train_ato.apps.report.print_parts import SHEET_SIZE, styled
+from train_ato.apps.report.quantities import COLOURS, QUANTITIES
+from train_ato.apps.report.run_figure import LONG_RUN_S
 from train_ato.messages.types import Array
 
 _FEW = 4
 """Largest number of power units with a curve each."""
 
 
+@styled(SHEET_SIZE)
 def draw_open_loop(result: OpenLoop, title: str, recorded: str, replayed: str, path: Path) -> None:
     """Draw speed, both force demands, their difference and, with an air brake in use, both brake-pipe demands.
 
@@ -51,7 +54,6 @@ def draw_open_loop(result: OpenLoop, title: str, recorded: str, replayed: str, p
         _draw_pair(axes[3], time, (result.recorded_pipe / 1e3, recorded), (result.replayed_pipe / 1e3, replayed))
         axes[3].set_ylabel("brake pipe command in kPa")
     for panel in axes:
-        panel.grid(alpha=0.3)
         panel.margins(x=0.01)
     axes[-1].set_xlabel("time in min" if long else "time in s")
     figure.suptitle(title)
@@ -59,8 +61,8 @@ def draw_open_loop(result: OpenLoop, title: str, recorded: str, replayed: str, p
 
 
 def _draw_speed(panel: Axes, result: OpenLoop, time: Array) -> None:
-    panel.plot(time, 3.6 * result.reference, color=COLOURS[5], lw=2.2, alpha=0.5, label="profile")
-    panel.plot(time, 3.6 * result.velocity, color=COLOURS[0], lw=1.0, label="measured")
+    panel.plot(time, 3.6 * result.reference, color=QUANTITIES["profile"].colour, lw=2.2, alpha=0.65, label="profile")
+    panel.plot(time, 3.6 * result.velocity, color=QUANTITIES["measured_speed"].colour, lw=1.0, label="measured")
     panel.set_ylabel("speed in km/h\n(both as recorded)")
     _legend(panel, 2)
 

@@ -70,6 +70,7 @@ FIGURES: tuple[tuple[str, str, tuple[Shared, ...]], ...] = (
         "Air brake",
         (
             Shared("pipe", ("pipe",), "Brake pipe at the head", "Absolute pressure."),
+            Shared("pipe", ("pipe_tail",), "Brake pipe at the tail", "Absolute pressure."),
             Shared("shoes", (), "Shoe force along the train", "One scale for all runs."),
             Shared("shoe_force", ("shoe_force",), "Shoe force of the whole train"),
         ),

@@ -15,6 +15,7 @@ from train_ato.loop.metrics import limit_over_train
 from train_ato.loop.recording import (
     BRAKE_PIPE,
     BRAKE_PIPE_COMMAND,
+    BRAKE_PIPE_TAIL,
     BRAKE_SHOES,
     COMMAND,
     DISTURBANCE,
@@ -233,14 +234,15 @@ def delay_curves(recording: Recording) -> Curves:
 
 
 def pipe_curves(recording: Recording) -> Curves:
-    """Return demand and actual value of the brake-pipe pressure at the head [kPa]."""
+    """Return demand and actual value of the brake-pipe pressure at the head, and the value at the tail [kPa]."""
     demand, head = recording.of(BRAKE_PIPE_COMMAND, "pressure"), recording.of(BRAKE_PIPE, "pressure")
+    tail = recording.of(BRAKE_PIPE_TAIL, "pressure")
     if demand is None and head is None:
         raise NotAvailable(recording.without_brake)
     time = (head or demand or (np.empty(0), np.empty(0)))[0]
     columns = {
         name: aligned(time, *found)[:, 0] / KILO
-        for name, found in (("pipe_demand", demand), ("pipe", head))
+        for name, found in (("pipe_demand", demand), ("pipe", head), ("pipe_tail", tail))
         if found is not None
     }
     if all(np.nanmax(values) - np.nanmin(values) < 1.0 for values in columns.values()):

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from bokeh.models import ColumnDataSource, LegendItem
 
-from train_ato.apps.report.quantities import BOUNDS, FILLED, FROM_ZERO, GREY, QUANTITIES, SQUASH, Trace
+from train_ato.apps.report.axis_range import axis_range
+from train_ato.apps.report.quantities import FILLED, GREY, QUANTITIES, Trace
 from train_ato.apps.report.readout import add_readout
 from train_ato.apps.report.style import HEIGHT, Figure, Linked, add_page_legend
 from train_ato.messages.types import Array
@@ -25,6 +26,8 @@ def line_figure(
     axis: str,
     tables: Sequence[tuple[ColumnDataSource, Sequence[Trace]]],
     height: int = HEIGHT,
+    *,
+    whole: bool = False,
 ) -> Figure:
     """Return a figure of lines.
 
@@ -36,49 +39,40 @@ def line_figure(
         Key of the y axis' title in ``quantities``, or the title.
     tables
         Tables with a column ``time`` [s], and the lines of each.
+    whole
+        True for a figure of limits: the axis holds all of them.
     """
     plot = linked.over_time(axis, height)
     items: list[Any] = []
-    lines: list[tuple[Trace, Array, Any]] = []
+    lines: list[tuple[str, Array, Any]] = []
     for source, traces in tables:
         bands = _band(plot, source)
         items += bands
         drawn = [_line(plot, source, trace, "time") for trace in traces]
         items += [LegendItem(label=t.look.words, renderers=[r]) for t, r in zip(traces, drawn, strict=True)]
-        lines += [(t, np.asarray(source.data[t.column]), r) for t, r in zip(traces, drawn, strict=True)]
-        lines += [(Trace(side, QUANTITIES[side]), np.asarray(source.data[side]), bands[0].renderers[0])
-                  for side in ("envelope_low", "envelope_high") if bands]  # fmt: skip
+        lines += [(t.column, np.asarray(source.data[t.column]), r) for t, r in zip(traces, drawn, strict=True)]
+        sides = ("envelope_low", "envelope_high") if bands else ()
+        lines += [(side, np.asarray(source.data[side]), bands[0].renderers[0]) for side in sides]
     add_readout(plot, tables)
-    _fit_range(plot, axis, lines, items)
+    if not whole:
+        _fit_range(plot, axis, lines, items)
     add_page_legend(plot, items)
     return plot
 
 
-def _fit_range(plot: Figure, axis: str, lines: Sequence[tuple[Trace, Array, Any]], items: list[Any]) -> None:
-    """Begin the axis at zero for quantities >= 0; a bound far beyond the other lines does not set the range.
-
-    The legend entry of such a bound has its least value, because it is outside of the frame.
-    """
-    main = [values for trace, values, _ in lines if trace.column.partition(":")[0] not in BOUNDS]
-    if not main:
-        return
-    low = min((float(np.nanmin(values)) for values in main if np.isfinite(values).any()), default=0.0)
-    reach = max((float(np.nanmax(np.abs(values))) for values in main if np.isfinite(values).any()), default=0.0)
-    if axis in FROM_ZERO and low > -0.02 * reach:
+def _fit_range(plot: Figure, axis: str, lines: Sequence[tuple[str, Array, Any]], items: list[Any]) -> None:
+    """Set the begin of the axis and the lines that it follows; a bound outside of the frame has its value as label."""
+    found = axis_range(axis, [(column, values) for column, values, _ in lines])
+    if found.from_zero:
         plot.y_range.start = 0.0
-    if not reach:
+    if not found.far:
         return
-    bounds = [(values, r) for trace, values, r in lines if trace.column in BOUNDS and np.isfinite(values).any()]
-    far = {
-        id(r): float(np.nanmin(np.abs(values))) for values, r in bounds if np.nanmax(np.abs(values)) > SQUASH * reach
-    }
-    if not far:
-        return
-    plot.y_range.renderers = list(dict.fromkeys(r for _, _, r in lines if id(r) not in far))
+    far = {id(drawn) for column, _, drawn in lines if column in found.far}
+    plot.y_range.renderers = list({id(drawn): drawn for _, _, drawn in lines if id(drawn) not in far}.values())
+    remarks = {id(drawn): found.remark(column) for column, _, drawn in lines}
     for item in items:
-        least = far.get(id(item.renderers[0]))
-        if least is not None and least > reach:
-            item.label = {"value": f"{item.label.value} (outside: {least:.0f} or more)"}
+        if remark := remarks.get(id(item.renderers[0])):
+            item.label = {"value": f"{item.label.value}{remark}"}
 
 
 def _line(plot: Figure, source: ColumnDataSource, trace: Trace, over: str) -> Any:

@@ -9,17 +9,21 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from plant_sim.track import Track
+from train_ato.apps.report.print_parts import SHEET_SIZE, styled
+from train_ato.apps.report.quantities import GREY, INK, ORANGE, QUANTITIES
 from train_ato.messages.types import Array
 from train_ato.profile.planner.line_tables import LineForce
 from train_ato.profile.planner.planner import Plan
 
 __all__ = ["draw_plan"]
 
-LIMIT, PROFILE, FORCE, ENVELOPE, GRADE, DARK = "#d1495b", "#1b6ca8", "#2e8b57", "#9a9a9a", "#c98a1b", "#4b4b4b"
+LIMIT, PROFILE, FORCE = (QUANTITIES[name].colour for name in ("limit", "speed", "applied"))
+ENVELOPE, GRADE, DARK = GREY, ORANGE, INK
 SHORT_LINE_KM = 1.0
 """Below this length the axis is in metres."""
 
 
+@styled(SHEET_SIZE)
 def draw_plan(plan: Plan, path: Path) -> None:
     """Draw a plan as PNG, PDF or SVG.
 
@@ -38,7 +42,6 @@ def draw_plan(plan: Plan, path: Path) -> None:
     _draw_grade(grade, plan, scale)
     grade.set_xlabel(f"place of the front in {unit}")
     for panel in (speed, force, grade):
-        panel.grid(alpha=0.3)
         panel.margins(x=0.01)
     figure.suptitle(
         f"{plan.train.name} on {plan.line.name}: {plan.running_time:.1f} s, {span / 1e3:.3f} km, "

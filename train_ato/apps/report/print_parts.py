@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 
+from train_ato.apps.report.axis_range import axis_range
 from train_ato.apps.report.curves import Curves
 from train_ato.apps.report.downsample import NO_CODE, HeatMap
 from train_ato.apps.report.event import Event
@@ -24,7 +25,6 @@ from train_ato.apps.report.quantities import (
     AXES,
     FAINT,
     FILLED,
-    FROM_ZERO,
     GREY,
     HEAT,
     INK,
@@ -75,10 +75,16 @@ LOW = {"pipe": 0.6, "shoe_force": 0.6}
 DASHES = {"solid": "-", "dashed": (0, (5, 2)), "dotted": (0, (1.2, 1.4))}
 
 
+SHEET_SIZE = 10.0
+"""Size of text on a sheet of 11 inches, read on a screen [pt]."""
+
+
 @contextmanager
-def styled() -> Iterator[None]:
-    """Apply the common style."""
-    with mpl.rc_context(STYLE):
+def styled(size: float = 8.0) -> Iterator[None]:
+    """Apply the common style; ``size`` is that of the text [pt]."""
+    scale = size / STYLE["font.size"]
+    sizes = {key: scale * value for key, value in STYLE.items() if key.endswith("size")}
+    with mpl.rc_context({**STYLE, **sizes}):
         yield
 
 
@@ -217,16 +223,29 @@ def draw_lines(axes: Axes, lines: Curves, axis: str, events: Sequence[Event] = (
     if "envelope_high" in lines.columns:
         low, high = lines.columns["envelope_low"], lines.columns["envelope_high"]
         axes.fill_between(x, low, high, color=GREY, alpha=0.16, lw=0, label="envelope (nominal)")
+    drawn = [(column, values) for column, values in lines.columns.items() if column != "position_km"]
+    found = axis_range(axis, drawn)
     for trace in traces_of(lines.columns):
         look, values = trace.look, lines.columns[trace.column]
         if trace.column in FILLED:
             axes.fill_between(x, 0.0, values, color=look.colour, alpha=0.2, lw=0)
         dash, alpha = DASHES[look.dash], 0.65 if look.width > 2.5 else 1.0
-        axes.plot(x, values, color=look.colour, lw=0.62 * look.width, ls=dash, alpha=alpha, label=look.words)
+        axes.plot(
+            x,
+            values,
+            color=look.colour,
+            lw=0.62 * look.width,
+            ls=dash,
+            alpha=alpha,
+            label=look.words + found.remark(trace.column),
+        )
     axes.set_ylabel(_wrapped(AXES.get(axis, axis)))
     axes.margins(x=0.01, y=0.08)
-    if axis in FROM_ZERO:
-        axes.set_ylim(0.0, 1.15 * max(axes.dataLim.y1, 1e-3))
+    margin = 0.08 * max(found.high - found.low, 1e-3)
+    if found.far:
+        axes.set_ylim(found.low - margin, found.high + margin)
+    if found.from_zero:
+        axes.set_ylim(0.0, max(found.high, 1e-3) + 2 * margin)
 
 
 def _wrapped(title: str) -> str:

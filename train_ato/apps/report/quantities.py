@@ -18,6 +18,8 @@ WINE, INDIGO, OLIVE = "#882255", "#332288", "#999933"
 """Colours of the colour-blind safe palette of Tol, for events of the supervision."""
 RUN_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION, SKY, BLACK, BROWN)
 """Colours of runs, or of the power units of one run."""
+COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, GREY, SKY, BROWN)
+"""Colours of laws, settings and differences in figures with a title of their own; the sixth is that of a reference."""
 INK, FAINT, PAPER = "#1f2933", "#d9dee3", "#ffffff"
 """Colours of text and axes, of grid lines, of the background."""
 FONT = "Arial, Helvetica, 'Liberation Sans', 'DejaVu Sans', sans-serif"
@@ -89,6 +91,7 @@ QUANTITIES: dict[str, CurveStyle] = {
     "delay_assumed": CurveStyle("assumed by the law", "s", GREEN, "dashed", digits=2),
     "pipe_demand": CurveStyle("brake pipe, command", "kPa", ORANGE),
     "pipe": CurveStyle("brake pipe at the head", "kPa", BLUE),
+    "pipe_tail": CurveStyle("brake pipe at the tail", "kPa", PURPLE),
     "shoe_force": CurveStyle("shoe force, whole train", "kN", BROWN, digits=0),
     "traction": CurveStyle("traction", "kWh", VERMILLION),
     "regenerated": CurveStyle("electric brake, regenerated", "kWh", GREEN),

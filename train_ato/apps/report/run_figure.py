@@ -18,8 +18,6 @@ from train_ato.loop.setup import RunSetup
 
 LONG_RUN_S = 600.0
 """Minimum duration for a time axis in minutes [s]."""
-COLOURS = ("#1b6ca8", "#d1495b", "#2e8b57", "#8f5fb8", "#c98a1b", "#4b4b4b", "#17a2a2", "#a3785a")
-"""Colours of laws, settings and differences."""
 PANELS = ("speed", "speed_error", "forces", "coupler_extremes", "pipe", "shoe_force")
 """Panels of the figure; panels without data are omitted."""
 MARKED = ("law", "protection", "outside", "scored", "end")

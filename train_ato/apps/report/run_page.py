@@ -70,7 +70,7 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
         "air-brake",
         "Air brake",
         (
-            FigureSpec("pipe", "Brake pipe", "Absolute pressure at the head.", 200),
+            FigureSpec("pipe", "Brake pipe", "Absolute pressure, at the tail as far as it is in the log.", 200),
             FigureSpec("shoes", "Shoe force along the train", "Brake force of the air brake of every vehicle."),
             FigureSpec("shoe_force", "Shoe force of the whole train", "", 180),
         ),
@@ -120,7 +120,7 @@ READINGS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("position_error", ("position_error",)),
     ("forces", ("demand", "applied")),
     ("coupler_extremes", ("draft", "buff")),
-    ("pipe", ("pipe",)),
+    ("pipe", ("pipe", "pipe_tail")),
 )
 """Columns in the bar with the values at the cursor."""
 SHORT = {
@@ -136,7 +136,8 @@ SHORT = {
     "applied": ("applied force", "kN", 0),
     "draft": ("draft", "kN", 0),
     "buff": ("buff", "kN", 0),
-    "pipe": ("brake pipe", "kPa", 0),
+    "pipe": ("brake pipe, head", "kPa", 0),
+    "pipe_tail": ("tail", "kPa", 0),
 }
 """Labels, units and digits in the bar."""
 
@@ -176,7 +177,8 @@ def _speed_sections(linked: Linked, sources: dict[str, ColumnDataSource]) -> lis
         ("supervision", "Supervision", LIMITS, [name for name in source.data if name != "profile"]),
     ):
         if anchor == "verdict" or supervised:
-            figure = line_figure(linked, PANELS["speed"][0], [(source, traces_of(columns))], wanted.height)
+            tables = [(source, traces_of(columns))]
+            figure = line_figure(linked, PANELS["speed"][0], tables, wanted.height, whole=wanted is LIMITS)
             sections.append(PageSection(anchor, title, [Placed(figure, wanted.heading, wanted.caption)]))
     return sections
 

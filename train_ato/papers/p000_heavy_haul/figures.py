@@ -7,7 +7,7 @@ from pathlib import Path
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
 from train_ato.papers.checks import recording
 from train_ato.papers.claims import Results
-from train_ato.papers.drawing import Series, inset, panels, save_png, trace
+from train_ato.papers.drawing import COLOURS, Series, inset, panels, save_png, trace
 from train_ato.papers.p000_heavy_haul.cases import LAGGED_TRAINS, LIMIT_DELAYS, PERIOD, PRINTED_NETWORK
 from train_ato.papers.p000_heavy_haul.series import (
     LOCOMOTIVE,
@@ -71,7 +71,8 @@ def _network(results: Results, folder: Path) -> Path:
         truth = unexplained(run, PERIOD, 0.01)
         found = network_estimate(run, parameters, PERIOD)
         trace(axes[2 * row], [("truth", run.time, truth), (label, run.time, found)], "delta in m/s²")
-        trace(axes[2 * row + 1], [("error of the estimate", run.time, found - truth)], "error in m/s²", color="#d1495b")
+        miss = [("error of the estimate", run.time, found - truth)]
+        trace(axes[2 * row + 1], miss, "error in m/s²", color=COLOURS[1])
         axes[2 * row + 1].axhspan(-5e-5, 5e-5, color="0.3", alpha=0.5, lw=0)
     axes[-1].set_xlabel("time in min (dark band: +-5e-5 m/s²)")
     return save_png(figure, folder, "paper000_network.png")
