@@ -14,11 +14,22 @@ window.dmi = {
     if (distance <= first) return share * Math.max(distance, 0) / first;
     return share + (1 - share) * Math.log(Math.min(distance, range) / first) / Math.log(40);
   },
-  // Canvas with its size in CSS pixels; null while it is not in sight.
+  // Canvas with its size in CSS pixels; null while it is not in sight. The observer reports the size, because reading it
+  // at every frame computes the layout of the page again.
+  sizes: new Map(),
+  observer: new ResizeObserver(entries => {
+    for (const {target, contentRect} of entries) window.dmi.sizes.set(target, contentRect);
+    window.dmi.draw();
+  }),
   pane(name) {
     const canvas = document.getElementById(name);
-    if (!canvas || !canvas.clientWidth) return null;
-    const scale = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;
+    if (canvas && !this.sizes.has(canvas)) {
+      this.sizes.set(canvas, {width: 0, height: 0});
+      this.observer.observe(canvas);
+    }
+    const {width, height} = this.sizes.get(canvas) || {};
+    if (!width) return null;
+    const scale = window.devicePixelRatio || 1;
     if (canvas.width !== Math.round(width * scale) || canvas.height !== Math.round(height * scale)) {
       canvas.width = Math.round(width * scale);
       canvas.height = Math.round(height * scale);
@@ -51,6 +62,7 @@ window.dmi = {
   },
   draw() {
     if (!this.line || !this.row || !this.row.front_m) return;
+    this.drawTarget();
     this.drawPlanning();
     if (window.elevation) window.elevation.draw(this);
   },

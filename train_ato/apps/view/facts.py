@@ -47,6 +47,11 @@ class ProfileCurve:
         return np.asarray(np.diff(self.velocity) / np.where(span > 0.0, span, np.inf))
 
     @cached_property
+    def reached(self) -> Array:
+        """Largest position of vehicle 0's centre up to every knot [m]."""
+        return np.asarray(np.maximum.accumulate(self.position))
+
+    @cached_property
     def deceleration(self) -> float:
         """Largest deceleration of the plan [m/s²], without the short peaks of the last percent."""
         braking = -self.acceleration[self.acceleration < -BRAKING]

@@ -112,7 +112,7 @@ def delay_at(timetable: ProfileCurve, time: float, position: float) -> float:
     time, position
         Time [s] and position of vehicle 0's centre [m].
     """
-    reached = np.maximum.accumulate(timetable.position)
+    reached = timetable.reached
     arrival, departure = (float(timetable.time[_row(reached, position + shift)]) for shift in (-STOPPED, STOPPED))
     exact = float(np.interp(position, reached, timetable.time))
     if departure - arrival > 2.0 * AHEAD_S:  # at a stop of the timetable

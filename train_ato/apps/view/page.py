@@ -151,7 +151,7 @@ class ViewPage:
         self._window_choice = window
         roots = [
             dial(self._now, self._ticks, supervised=facts.layout.supervised), force_bar(self._now, most, least),
-            *self._ahead.figures,
+            *self._ahead.figures[: 1 if self._several else 2],
             *self._strips.figures, *(self._along.figures if self._several else ()),
             self._side.bar, self._side.column, view, window,
         ]  # fmt: skip
@@ -185,6 +185,8 @@ class ViewPage:
             document.js_on_event(DocumentReady, action)
         self._ending.js_on_change("data", end)
         self._line.js_on_change("data", line)
+        # The elevation profile has the places of the figure above it, which is laid out after a change of the window.
+        self._ahead.figures[0].js_on_change("inner_width", CustomJS(code="window.dmi.draw()"))
         self._messages.js_on_change("data", messages)
         self._beat.js_on_change("number", CustomJS(code="window.trainAto.beat()"))
         self._now.js_on_change("data", show)
@@ -206,6 +208,7 @@ class ViewPage:
             mark_path=MARK_PATH,
             style=_asset("page.css"),
             dmi=_asset("dmi.js"),
+            elevation=_asset("elevation.js") if self._several else "",
             several=self._several,
             air_brake=facts.layout.air_brake,
             supervised=facts.layout.supervised,

@@ -73,7 +73,11 @@ class Panel:
         stop.on_click(lambda: self._feed.controls.call("stop", self._say))
         self._again = Button(label="run again", width=84, name="again", button_type="success", visible=False, **sheets)
         self._again.on_click(feed.ask_again)
-        self.bar = Row(children=[self._pause, self._step, self._pace, stop, self._again], name="bar")
+        self.bar = Row(
+            children=[self._pause, self._step, self._pace, stop, self._again],
+            name="bar",
+            stylesheets=[":host { flex-wrap: wrap; }"],
+        )
         self._over = False
 
     def _requests(self) -> Any:

@@ -203,6 +203,8 @@ def _guided(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale:
     speed = abs(float(moment.velocity[0]))
     found = guidance(facts, profile, front, speed, moment.limits, moment.states.supervision)
     gauge, needle, above = GAUGE_COLOURS[found.state]
+    if found.state > SupervisionState.INDICATION and found.permitted >= facts.limit_now(front) - 0.1:
+        gauge = GAUGE_COLOURS[SupervisionState.NORMAL][0]  # ceiling supervision, no target
     if found.state == SupervisionState.INDICATION and speed < found.target_speed:
         needle = NEEDLE
     permitted = angle(KMH * found.permitted, scale)
