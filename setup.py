@@ -53,6 +53,7 @@ setup(
             "ros/graph/*.xml",
             "apps/report/page.*",
             "apps/view/page.*",
+            "apps/view/*.js",
         ],
     },
     data_files=[

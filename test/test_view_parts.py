@@ -12,8 +12,9 @@ import pytest
 from engine_runs import record_run
 from waiting import wait_for
 
+from train_ato.apps.view.ending import Ending, ending_of, verdict
 from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of
-from train_ato.apps.view.feed import Feed
+from train_ato.apps.view.feed import KEPT_S, Feed
 from train_ato.apps.view.recorded import MOST_POINTS, RecordedFeed
 from train_ato.apps.view.snapshot import (
     DIAL_BEGIN,
@@ -29,7 +30,7 @@ from train_ato.apps.view.snapshot import (
 from train_ato.apps.view.strip import Strip
 from train_ato.apps.view.tuning import Tunable, coerced, slider_scale
 from train_ato.cli import main
-from train_ato.cli.view import _Started, _Waiting
+from train_ato.cli.view import _next_beside, _Started, _Waiting
 from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt
 from train_ato.loop.setup import prepare
@@ -109,7 +110,7 @@ def test_what_the_driver_reads():
 
 def test_an_overspeed_changes_the_needle():
     """Breaks if a speed within the tolerance is shown as overspeed, or a higher one is not."""
-    needles = [now(moment(300.0, speed), LINE, PROFILE, 100.0)["needle"][0] for speed in (20.2, 20.4)]
+    needles = [now(moment(300.0, speed), LINE, None, 100.0)["needle"][0] for speed in (20.2, 20.4)]
     assert needles[0] != needles[1]
 
 
@@ -161,15 +162,58 @@ def test_a_strip_row_is_in_the_units_of_its_columns():
     assert math.isnan(row["most"])
 
 
-def test_axes_of_the_forces_only_grow():
-    """Breaks if the range of the force axes shrinks between frames, or clips a force."""
+def test_axes_of_the_forces_shrink_after_a_peak_and_never_clip():
+    """Breaks if an axis clips a force, shrinks between two frames, or keeps the end of an old peak."""
     feed = Feed(LINE)
-    feed.show(moment(300.0))
+    feed.show(moment(300.0, time=0.0))
     wide = feed.frame.now["coupler_reach"][0]
     assert wide > 340.0
-    feed.show(moment(301.0, coupler=np.zeros(3)))
+    feed.show(moment(301.0, time=1.0, coupler=np.full(3, 50e3)))
     assert feed.frame.now["coupler_reach"][0] == wide
-    assert feed.frame.number == 2
+    feed.show(moment(400.0, time=KEPT_S + 2.0, coupler=np.full(3, 120e3)))
+    assert 120.0 < feed.frame.now["coupler_reach"][0] < wide
+    feed.show(moment(301.0, time=1.0, coupler=np.full(3, 500e3)))
+    assert feed.frame.now["coupler_reach"][0] > 500.0
+    assert feed.frame.number == 4
+
+
+def test_the_verdict_of_a_run_is_one_line():
+    """Breaks if an overshoot is shown as a stop before the target, or an overspeed or a failure is left out."""
+    metrics = {"stop_error_m": -0.08, "overspeed_max_kmh": 0.0, "coupler_buff_max_kn": 0.0, "coupler_draft_max_kn": 0.0}
+    assert verdict(metrics) == "stopped 0.08 m short of the target; no overspeed"
+    worse = {
+        **metrics,
+        "stop_error_m": 1.2,
+        "overspeed_max_kmh": 3.456,
+        "coupler_buff_max_kn": -434.2,
+        "status": "failed",
+    }
+    assert verdict(worse) == "failed: stopped 1.20 m beyond the target; overspeed 3.46 km/h; couplers -434 to +0 kN"
+    assert verdict({**metrics, "stop_error_m": None}).startswith("no stop at the target")
+    assert verdict({"scenario": "demo"}) == ""
+
+
+def test_the_end_has_a_verdict_as_soon_as_the_summary_is_written(tmp_path):
+    """Breaks if an end without metrics has a link to a report, or half a summary is an error."""
+    assert ending_of("finished", None) == ending_of("finished", tmp_path) == Ending("finished")
+    (tmp_path / "summary.json").write_text('{"overspeed_max')
+    assert ending_of("run ended", tmp_path) == Ending("run ended")
+    (tmp_path / "summary.json").write_text('{"overspeed_max_kmh": 0.0}')
+    assert ending_of("finished", tmp_path).report == "/report"
+
+
+def test_a_tooltip_has_name_meaning_and_range():
+    """Breaks if the descriptor of a parameter is not shown, or an infinite end is."""
+    assert Tunable("pid.kp", 0.05, "gain [1/s]", low=0.0).explanation == "pid.kp: gain [1/s]; from 0"
+    assert Tunable("plant.paused", True, "only single steps", 0.0, 1.0).explanation == "plant.paused: only single steps"
+
+
+def test_another_run_has_a_free_folder_beside_the_first(tmp_path):
+    """Breaks if the next run of a page overwrites the last one, or its name grows with every run."""
+    assert _next_beside(tmp_path / "run") == tmp_path / "run-2"
+    (tmp_path / "run-2").mkdir()
+    assert _next_beside(tmp_path / "run") == tmp_path / "run-3"
+    assert _next_beside(tmp_path / "run-2") == tmp_path / "run-3"
 
 
 @pytest.mark.parametrize(

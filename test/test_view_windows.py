@@ -17,7 +17,7 @@ pytest.importorskip("rclpy")
 
 from chromium import browser
 from engine_runs import record_run
-from view_browser import answer, click, opened, said_wrong, text, viewing
+from view_browser import answer, opened, said_wrong, text, viewing
 from waiting import LIMIT_S, wait_for
 
 from train_ato.apps.view.facts import Facts
@@ -113,7 +113,8 @@ def test_a_killed_run_is_gone_and_the_next_one_is_not_taken_for_it(tmp_path):
             page.wait_for("document.body.dataset.state == 'run ended'")
             with _when_there(domain, second.out) as other:
                 assert other.process.poll() is None
-            click(page, "EMERGENCY BRAKE")
+            page.wait_for('deep(e => e.tagName == "BUTTON" && e.textContent.trim() == "EMERGENCY BRAKE").disabled')
+            page.evaluate("model('gust.duration').value_throttled = 7.0")
             assert "restart the view" in answer(page, "ended")
             assert text(page, "state") == "run ended"
             assert (text(page, "clock_text"), page.evaluate(profile)) == standing

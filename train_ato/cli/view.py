@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
 import math
 import signal
 import subprocess
@@ -84,27 +85,45 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C."""
+    """Serve the page until Ctrl-C; a run that is started again has the same address."""
     _check(options)
+    with interruptible() as interrupt:
+        first = True
+        while _serve(options, interrupt, first=first):
+            first = False
+            options.out = None if options.out is None else _next_beside(options.out)
+    return 0
+
+
+def _serve(options: argparse.Namespace, interrupt: Interrupt, *, first: bool) -> bool:
+    """Serve one run; return True if a page has started it again."""
     with contextlib.ExitStack() as stack:
-        interrupt = stack.enter_context(interruptible())
         feed = stack.enter_context(_feed(options, interrupt))
         from train_ato.apps.view.server import PageServer
 
         server = PageServer(feed, options.address, options.port)
+        options.port = server.port
         foxglove = None
         if options.foxglove is not None:
             from train_ato.apps.view.foxglove import serve_foxglove
 
             foxglove = stack.enter_context(serve_foxglove(feed, options.foxglove))
-        _warn_of_network(options.address, feed.live)
-        _print_addresses([server.url] + ([] if foxglove is None else [foxglove.url]), options.json)
-        if sys.stderr.isatty():
-            console().print("Press Ctrl-C to end.")
-        if not options.no_browser:
-            webbrowser.open(server.url)
-        server.run(lambda: interrupt.asked)
-    return 0
+        if first:
+            _warn_of_network(options.address, feed.live)
+            _print_addresses([server.url] + ([] if foxglove is None else [foxglove.url]), options.json)
+            if sys.stderr.isatty():
+                console().print("Press Ctrl-C to end.")
+            if not options.no_browser:
+                webbrowser.open(server.url)
+        server.run(lambda: interrupt.asked or feed.again)
+        return feed.again and not interrupt.asked
+
+
+def _next_beside(out: Path) -> Path:
+    """Return the first free folder of ``OUT-2``, ``OUT-3``, ... for the next run of the same scenario."""
+    stem, dash, number = out.name.rpartition("-")
+    begin, count = (stem, int(number)) if dash and number.isdigit() else (out.name, 1)
+    return next(found for i in itertools.count(count + 1) if not (found := out.with_name(f"{begin}-{i}")).exists())
 
 
 def _print_addresses(addresses: list[str], as_json: bool) -> None:
@@ -190,7 +209,7 @@ def _feed(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[Feed]:
     ):
         from train_ato.apps.view.live import LiveFeed
 
-        feed = LiveFeed(domain, wait)
+        feed = LiveFeed(domain, wait, options.pace if _waits(options) else None)
         try:
             yield feed
         finally:
@@ -223,9 +242,19 @@ def _check_held(domain: int) -> None:
         raise ValueError(f"--domain {domain}: the run has ended; give the domain of a running simulation")
 
 
+def _waits(options: argparse.Namespace) -> bool:
+    """Return True if the started run waits for its first page; a run for Foxglove, which may have none, does not."""
+    return options.scenario is not None and options.foxglove is None
+
+
 def _command(options: argparse.Namespace, domain: int) -> list[str]:
     command = [sys.executable, "-m", "train_ato", "run", options.scenario, "--domain", str(domain)]
-    command += ["--pace", repr(options.pace)] if options.pace else []
+    if _waits(options):
+        from train_ato.apps.view.live import WAITING_PACE
+
+        command += ["--pace", repr(WAITING_PACE)]
+    else:
+        command += ["--pace", repr(options.pace)] if options.pace else []
     command += ["--processes"] if options.processes else []
     command += ["--controller", options.controller] if options.controller else []
     command += ["--out", str(options.out)] if options.out else []

@@ -10,6 +10,7 @@ from bokeh.plotting import figure
 
 from train_ato.apps.report.downsample import after_jump
 from train_ato.apps.view.facts import KMH, Facts, ProfileCurve
+from train_ato.apps.view.hover import add_hover
 from train_ato.apps.view.style import DOWNHILL, LIMIT, PROFILE, SOFT, STOP, TEXT, TRAIN, UPHILL
 
 MOST_KNOTS = 4000
@@ -35,7 +36,8 @@ class Ahead:
         self.heights = Range1d(0.0, 100.0)
         speed = figure(x_range=self.span, y_range=self.heights, y_axis_label="km/h", name="ahead", **tools)
         speed.varea(x="place", y1=0, y2="speed", source=self._profile, fill_color=PROFILE, fill_alpha=0.10)
-        speed.line("place", "speed", source=self._profile, line_color=PROFILE, line_width=2.4)
+        profile = speed.line("place", "speed", source=self._profile, line_color=PROFILE, line_width=2.4)
+        add_hover(speed, profile, [("front", "@place{0.000} km"), ("profile", "@speed{0.0} km/h")])
         speed.step("place", "speed", source=self._limit, mode="after", line_color=LIMIT, line_width=2.2)
         speed.line("place", "speed", source=strip, line_color=TRAIN, line_width=1.6)
         speed.vspan(x="stop", source=now, line_color=STOP, line_width=3)
@@ -96,7 +98,10 @@ def _grade(span: Range1d, facts: Facts, now: ColumnDataSource, tools: dict[str, 
         **tools,
     )
     plot.yaxis.ticker.desired_num_ticks = 3
-    plot.quad(left="begin", right="end", bottom=0, top="grade", source=source, fill_color="colour", line_color=None)
+    steps = plot.quad(
+        left="begin", right="end", bottom=0, top="grade", source=source, fill_color="colour", line_color=None
+    )
+    add_hover(plot, steps, [("from", "@begin{0.000} km"), ("grade", "@grade{+0.0} ‰")], across=False)
     plot.text(
         x="middle", y=plot.y_range.end, text="text", source=source, y_offset=3, text_align="center",
         text_baseline="top", text_font_size="10px", text_color=TEXT,

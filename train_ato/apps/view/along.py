@@ -10,6 +10,7 @@ from bokeh.plotting import figure
 
 from train_ato.apps.view.facts import Facts
 from train_ato.apps.view.feed import LEAST_REACH, LEAST_SHOE
+from train_ato.apps.view.hover import add_hover
 from train_ato.apps.view.style import BUFF, DRAFT, SHOE, SOFT
 
 
@@ -36,10 +37,11 @@ class Along:
         self.shoe_reach = Range1d(0.0, LEAST_SHOE)
         coupler = figure(x_range=span, y_range=self.reach, y_axis_label="coupler kN", name="along", **tools)
         sign = LinearColorMapper(palette=[BUFF, DRAFT], low=-1e-6, high=1e-6)
-        coupler.vbar(
+        bars = coupler.vbar(
             x="vehicle", top="coupler", width=0.86, source=self.source, line_color=None,
             fill_color={"field": "coupler", "transform": sign},
         )  # fmt: skip
+        add_hover(coupler, bars, [("vehicle", "@vehicle"), ("coupler behind it", "@coupler{+0} kN")])
         coupler.hspan(y=0, line_color=SOFT, line_width=1)
         coupler.yaxis.formatter = BasicTickFormatter(use_scientific=False)
         coupler.yaxis.ticker.desired_num_ticks = 5
@@ -53,7 +55,8 @@ class Along:
 
     def _shoes(self, span: Range1d, tools: dict[str, Any]) -> Any:
         plot = figure(x_range=span, y_range=self.shoe_reach, y_axis_label="shoes kN", name="shoes", **tools)
-        plot.vbar(x="vehicle", top="shoe", width=0.86, source=self.source, fill_color=SHOE, line_color=None)
+        bars = plot.vbar(x="vehicle", top="shoe", width=0.86, source=self.source, fill_color=SHOE, line_color=None)
+        add_hover(plot, bars, [("vehicle", "@vehicle"), ("brake shoes", "@shoe{0} kN")])
         plot.yaxis.ticker.desired_num_ticks = 3
         plot.xgrid.visible = False
         return plot

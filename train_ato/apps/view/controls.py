@@ -93,9 +93,13 @@ class Controls:
         known = {} if self.over else self.tunables.get(event.node.rpartition("/")[2], {})
         for parameter in event.changed_parameters:
             if parameter.name in known:
-                value = parameter_value_to_python(parameter.value)
-                known[parameter.name] = replace(known[parameter.name], value=value)
-                self.number += 1
+                self._follow(event.node.rpartition("/")[2], parameter.name, parameter_value_to_python(parameter.value))
+
+    def _follow(self, node: str, name: str, value: Any) -> None:
+        """Take a new value of a parameter."""
+        tunable = self.tunables[node][name]
+        self.tunables[node][name] = replace(tunable, value=coerced(tunable, value))
+        self.number += 1
 
     def set_parameter(self, node: str, name: str, value: Any, answer: Answer) -> None:
         """Set a parameter, from any thread; a rejection has its reason as the message."""
@@ -110,6 +114,8 @@ class Controls:
             change.add_done_callback(lambda future: done(future.result().results[0]))
 
         def done(result: Any) -> None:
+            if result.successful:  # the event of the change may precede the subscription
+                self._follow(node, name, value)
             answer(bool(result.successful), f"{name} = {value}" if result.successful else str(result.reason))
 
         self.submit(request)

@@ -1,4 +1,4 @@
-"""Speed dial with needle, profile ring and limit mark; bar of the total force within its envelope."""
+"""Speed dial with needle, gauge of the supervision and profile arc; bar of the total force within its envelope."""
 
 from __future__ import annotations
 
@@ -25,13 +25,16 @@ from train_ato.apps.view.style import (
 )
 
 SIZE = 270
+_TARGET = "#4b535b"
+"""Gauge below the speed of the next target: dark grey of ERA_ERTMS_015560."""
 DIAL_END = DIAL_BEGIN - DIAL_SWEEP
 
 
 def dial(now: ColumnDataSource, ticks: ColumnDataSource, *, supervised: bool = False) -> Any:
     """Return the speed dial, bound to the row of the snapshot and to the ticks of its scale.
 
-    ``supervised`` adds a ring outside with the limits of the supervisor.
+    The rim has permitted, target and intervention speed in the colours of the state, the thin arc inside the profile;
+    ``supervised`` adds a ring outside with all limits of the supervisor.
     """
     plot = figure(
         frame_width=SIZE,
@@ -53,20 +56,27 @@ def dial(now: ColumnDataSource, ticks: ColumnDataSource, *, supervised: bool = F
         x=0, y=0, inner_radius=0.93, outer_radius=1.0, start_angle=DIAL_END, end_angle=DIAL_BEGIN,
         fill_color="#22384c", line_color=None,
     )  # fmt: skip
-    plot.annular_wedge(
-        inner_radius=0.93, outer_radius=1.0, start_angle=DIAL_END, end_angle="limit_angle", fill_color=LIMIT,
-        fill_alpha=0.30, **ring,
-    )  # fmt: skip
-    plot.annular_wedge(
-        inner_radius=0.93, outer_radius=1.0, start_angle="profile_angle", end_angle=DIAL_BEGIN, fill_color=PROFILE,
-        fill_alpha=0.85, **ring,
+    # after ERA_ERTMS_015560, 8.2.1: permitted speed with its hook, target, and the range up to the intervention
+    for begin, end, colour in (
+        ("above_angle", "gauge_angle", {"fill_color": "above_colour", "fill_alpha": "above_alpha"}),
+        ("target_angle", DIAL_BEGIN, {"fill_color": _TARGET}),
+        ("gauge_angle", "target_angle", {"fill_color": "gauge_colour"}),
+    ):
+        plot.annular_wedge(inner_radius=0.93, outer_radius=1.0, start_angle=begin, end_angle=end, **colour, **ring)
+    plot.ray(
+        x=0, y=0, length=1.0, angle="gauge_angle", source=now, line_color="gauge_colour", line_width=6,
+        line_alpha="hooked",
     )  # fmt: skip
     plot.ray(
-        x=0, y=0, length=1.07, angle="limit_angle", source=now, line_color=LIMIT, line_width=5, line_alpha="limited",
+        x=0, y=0, length=1.07, angle="limit_angle", source=now, line_color=LIMIT, line_width=3, line_alpha="limited",
     )  # fmt: skip
     if supervised:
         _add_limits_of_supervisor(plot, ring)
-    plot.circle(x=0, y=0, radius=0.86, fill_color=PANE, line_color=None)
+    plot.circle(x=0, y=0, radius=0.87, fill_color=PANE, line_color=None)
+    plot.annular_wedge(
+        inner_radius=0.835, outer_radius=0.855, start_angle="profile_angle", end_angle=DIAL_BEGIN, fill_color=PROFILE,
+        **ring,
+    )  # fmt: skip
     plot.segment("x0", "y0", "x1", "y1", source=ticks, line_color=SOFT, line_width="width")
     plot.text(
         "x", "y", "text", source=ticks, text_align="center", text_baseline="middle", text_font_size="13px",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +15,14 @@ from train_ato.messages.types import Array
 KMH = 3.6
 SCALES = (40, 60, 80, 100, 120, 160, 200, 250, 300, 350, 400, 500)
 """Ends of the speed dial [km/h]."""
+BRAKING = 0.02
+"""Deceleration of the plan from which it brakes [m/s²]."""
+SHORTEST_BRAKING_S = 3.0
+"""Duration below which a deceleration of the plan is no brake application [s]."""
+REST = 1e-3
+"""Speed below which the plan is at rest [m/s]."""
+STOP_WINDOW = 0.5
+"""Half width of the stop window [m]."""
 ROOM = 1.12
 """Ratio of the end of the dial to the highest profile speed, at least."""
 
@@ -30,6 +39,38 @@ class ProfileCurve:
     def end(self) -> float:
         """Last position of vehicle 0's centre [m]."""
         return float(self.position[-1])
+
+    @cached_property
+    def acceleration(self) -> Array:
+        """Mean acceleration between the knots [m/s²], shape (knots - 1,)."""
+        span = np.diff(self.time)
+        return np.asarray(np.diff(self.velocity) / np.where(span > 0.0, span, np.inf))
+
+    @cached_property
+    def reached(self) -> Array:
+        """Largest position of vehicle 0's centre up to every knot [m]."""
+        return np.asarray(np.maximum.accumulate(self.position))
+
+    @cached_property
+    def deceleration(self) -> float:
+        """Largest deceleration of the plan [m/s²], without the short peaks of the last percent."""
+        braking = -self.acceleration[self.acceleration < -BRAKING]
+        return max(float(np.percentile(braking, 99.0)), BRAKING) if braking.size else BRAKING
+
+    @cached_property
+    def stops(self) -> Array:
+        """Positions of vehicle 0's centre at the stops after the departure [m], by rising position."""
+        rest = np.abs(self.velocity) < REST
+        begins = np.flatnonzero(rest[1:] & ~rest[:-1]) + 1
+        return np.asarray(self.position[begins])
+
+    @cached_property
+    def brakings(self) -> Array:
+        """Positions of vehicle 0's centre at begin and end of the planned decelerations [m], shape (n, 2)."""
+        braking = np.concatenate(([False], self.acceleration < -BRAKING, [False]))
+        begins, ends = (np.flatnonzero(braking[1:] & ~braking[:-1]), np.flatnonzero(~braking[1:] & braking[:-1]))
+        long = self.time[ends] - self.time[begins] > SHORTEST_BRAKING_S
+        return np.column_stack((self.position[begins[long]], self.position[ends[long]]))
 
 
 @dataclass(frozen=True)
@@ -56,6 +97,8 @@ class Facts:
         Steps of the grade [m, ‰], > 0 uphill.
     speeds, most, least
         Table of the nominal envelope of all units: speed [m/s], largest traction and (negative) brake force [N].
+    stop_window
+        Half width of the stop window [m].
     subtitle
         Train, line, observer and compensation in words.
     setup
@@ -75,6 +118,7 @@ class Facts:
     speeds: Array = field(default_factory=lambda: np.zeros(0))
     most: Array = field(default_factory=lambda: np.zeros(0))
     least: Array = field(default_factory=lambda: np.zeros(0))
+    stop_window: float = STOP_WINDOW
     subtitle: str = ""
     setup: RunSetup | None = None
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import secrets
 import threading
+from collections import deque
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from train_ato.apps.view.ending import Ending
 from train_ato.apps.view.facts import Facts, ProfileCurve
-from train_ato.apps.view.snapshot import Snapshot, along, now, strip_row, where
+from train_ato.apps.view.snapshot import Snapshot, along, delay_text, now, strip_row, where
 from train_ato.apps.view.strip import Strip
 from train_ato.messages.types import Array
 
@@ -15,6 +19,10 @@ FRAMES_PER_SECOND = 20
 LEAST_REACH, LEAST_SHOE = 100.0, 10.0
 """Least ends of the force axes along the train [kN]: couplers, shoes."""
 ROOM = 1.25
+KEPT_S = 60.0
+"""Simulated time for which a force axis keeps a peak [s]."""
+TIGHT = 0.6
+"""Part of a force axis below which the peaks of that time let it shrink."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +46,41 @@ class Frame:
 
 @dataclass(frozen=True)
 class Mark:
-    """Event of a run: time [s], label of the strip charts, description."""
+    """Event of a run: time [s], label of the strip charts, description; the driver acknowledges an intervention."""
 
     time: float
     label: str
     text: str
+    acknowledge: bool = False
+
+
+class ForceAxis:
+    """End of a force axis: above every force at once, lower again after the peaks are old.
+
+    Parameters
+    ----------
+    least
+        Smallest end [kN].
+    """
+
+    def __init__(self, least: float) -> None:
+        self.end = self._least = least
+        self._peaks: deque[tuple[float, float]] = deque()
+
+    def fitted(self, time: float, force: float) -> float:
+        """Return the end of the axis [kN] for the force [kN] at a simulated time [s]."""
+        peaks = self._peaks
+        if peaks and time < peaks[-1][0]:
+            peaks.clear()
+        while peaks and peaks[-1][1] <= force:
+            peaks.pop()
+        peaks.append((time, force))
+        while peaks[0][0] < time - KEPT_S:
+            peaks.popleft()
+        largest = peaks[0][1]
+        if largest > self.end or (largest < TIGHT * self.end and self.end > self._least):
+            self.end = max(self._least, ROOM * largest)
+        return self.end
 
 
 class Feed:
@@ -66,6 +104,18 @@ class Feed:
         Rows of the strip charts; :attr:`lock` protects them.
     marks : list of Mark
         Events so far, or all events of a recorded run.
+    mark : str
+        Mark of this feed, different for every served run.
+    folder : Path or None
+        Folder of the run, if it is on this machine.
+    ending : Ending or None
+        End of the run; None before it.
+    timetable : ProfileCurve or None
+        First profile of the run.
+    acknowledged : frozenset of int
+        Numbers of the acknowledged events.
+    repeatable : bool
+        The run can be started again from the page.
     """
 
     live = False
@@ -79,11 +129,18 @@ class Feed:
         self.marks: list[Mark] = []
         self.lock = threading.Lock()
         self.scale = facts.scale(None)
-        self._reach = (LEAST_REACH, LEAST_SHOE)
+        self.mark = secrets.token_hex(8)
+        self.folder: Path | None = None
+        self.ending: Ending | None = None
+        self.timetable: ProfileCurve | None = None
+        self.acknowledged: frozenset[int] = frozenset()
+        self.repeatable = self.again = False
+        self._axes = {"coupler": ForceAxis(LEAST_REACH), "shoe": ForceAxis(LEAST_SHOE)}
 
     def take_profile(self, profile: ProfileCurve) -> None:
         """Replace the profile in force."""
         self.profile = profile
+        self.timetable = self.timetable or profile
         self.scale = self.facts.scale(profile)
         self.profile_number += 1
 
@@ -95,18 +152,21 @@ class Feed:
                 self.strip.add(strip_row(moment, self.facts))
         forces = along(moment)
         row = now(moment, self.facts, self.profile, self.scale)
-        self._widen(forces)
-        row["coupler_reach"], row["shoe_reach"] = [self._reach[0]], [self._reach[1]]
+        row["delay_text"] = [delay_text(self.timetable, moment)]
+        for name, axis in self._axes.items():
+            row[f"{name}_reach"] = [axis.fitted(moment.time, float(abs(forces[name]).max(initial=0.0)))]
         self.frame = Frame(number, moment, row, where(moment, self.facts, self.profile), forces)
 
-    def _widen(self, forces: dict[str, Array]) -> None:
-        """Widen the force axes to the largest force so far, with a margin."""
-        coupler, shoe = (float(abs(forces[name]).max(initial=0.0)) for name in ("coupler", "shoe"))
-        reach = (
-            ROOM * coupler if coupler > self._reach[0] else self._reach[0],
-            ROOM * shoe if shoe > self._reach[1] else self._reach[1],
-        )
-        self._reach = reach
+    def page_opened(self) -> None:
+        """Note an open page; a run that waits for the first one begins."""
+
+    def acknowledge(self, number: int) -> None:
+        """Acknowledge an event by its number; it is common to all browsers."""
+        self.acknowledged |= {number}
+
+    def ask_again(self) -> None:
+        """Ask for another run of the same scenario; the pages of this one are loaded again."""
+        self.again = self.repeatable
 
     def advance(self) -> None:
         """Advance the time of a recorded run."""

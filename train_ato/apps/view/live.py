@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from train_ato.apps.view.controls import Controls
+from train_ato.apps.view.ending import FINISHED, RUN_ENDED, ending_of
 from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed, Mark
 from train_ato.apps.view.presence import Presence
@@ -33,6 +34,12 @@ MOST_COPIED = 20_000
 """Largest number of messages in a tap; the oldest are dropped."""
 ENDING_S = 30.0
 """Maximum wall time for the thread of the feed to end [s]."""
+WAITING_PACE = 1e-6
+"""Pace of a run that waits for its first page: the second tick is due after a day."""
+FIRST_STEP_S = 0.3
+"""Wall time between the single ticks of a waiting run until a frame arrives."""
+SUMMARY_AGAIN_S = 0.5
+"""Wall time between two searches for the summary of an ended run."""
 STANDING_S = 1.0
 """Wall time without a new tick after which no pace is shown."""
 
@@ -47,11 +54,13 @@ class LiveFeed(Feed):
         (:func:`train_ato.ros.graph.environment.applied`).
     wait
         Called repeatedly with the name of the missing part; an exception ends the wait.
+    first_pace
+        Pace from the first page on, of a run that was started at :data:`WAITING_PACE`; None: the run does not wait.
     """
 
     live = True
 
-    def __init__(self, domain: int, wait: Callable[[str], None]) -> None:
+    def __init__(self, domain: int, wait: Callable[[str], None], first_pace: float | None = None) -> None:
         from rclpy.node import Node
 
         from train_ato.ros.graph.assembly import executor_of
@@ -73,12 +82,46 @@ class LiveFeed(Feed):
             self._end()
             raise
         super().__init__(facts)
+        self.folder = self._named.parent if self._named.is_file() else None
+        self.repeatable = first_pace is not None
+        self._summary_due = self._step_due = 0.0
+        self._held = self._page_opened = False
         self._reader = GraphReader(self._listening, facts.layout)
-        self._presence = Presence(self._listening)
+        self._presence = Presence(self._listening, domain)
         self._copier: Copier | None = None
         self._taps: list[deque[Copied]] = []
         self._thread = threading.Thread(target=self._run, name="graph", daemon=True)
         self._thread.start()
+        if first_pace is not None:
+            self._hold(first_pace)
+
+    def _hold(self, pace: float) -> None:
+        """Pause the run at its pace until the first page."""
+
+        def paused(done: bool, text: str) -> None:
+            self.controls.set_parameter("plant", "pace", pace, held)
+
+        def held(done: bool, text: str) -> None:
+            self._held = True
+            self._step_due = 0.0
+
+        self.controls.set_parameter("plant", "paused", True, paused)
+
+    def page_opened(self) -> None:
+        """Begin a run that waits for its first page."""
+        self._page_opened = True
+
+    def _begin_if_seen(self, now: float) -> None:
+        """Begin the run after its first frame and page; single ticks until the frame has arrived."""
+        if not self._held:
+            return
+        if self.frame is None:
+            if now >= self._step_due:
+                self._step_due = now + FIRST_STEP_S
+                self.controls.call("step", lambda done, text: None)
+        elif self._page_opened:
+            self._held = False
+            self.controls.call("pause", lambda done, text: None, data=False)
 
     @property
     def paused(self) -> bool:
@@ -99,7 +142,7 @@ class LiveFeed(Feed):
                 again = time.monotonic() + LEARN_AGAIN_S
                 self.controls.learn()
             self._executor.spin_once(timeout_sec=0.05)
-        named = Path(str(self.controls.value("plant", "scenario", "")))
+        self._named = named = Path(str(self.controls.value("plant", "scenario", "")))
         if named.is_file():
             from train_ato.loop.setup import prepare
             from train_ato.scenario.scenario import load_scenario
@@ -163,12 +206,14 @@ class LiveFeed(Feed):
     def _read_messages(self, now: float) -> None:
         """Read new messages; after a second without a new tick the frame shows no pace."""
         moment = self._reader.poll()
+        gone = self._presence.gone
         self._presence.look(now, news=moment is not None)
-        self.controls.over = self._presence.gone
-        if self._presence.gone:  # later messages belong to another run
+        if gone or self._presence.replaced:  # later messages belong to another run
             moment = None
             self._reader.clear()
         self._process_messages()
+        self._look_for_end(now)
+        self._begin_if_seen(now)
         self._copy()
         if moment is not None:
             factor, state = self._pace(now, moment.time), self._plant_state(now)
@@ -181,12 +226,19 @@ class LiveFeed(Feed):
             if changed or (math.isnan(factor) and not math.isnan(shown.factor)):
                 self.show(replace(shown, law=self.law, state=state, factor=factor, states=states), kept=False)
 
+    def _look_for_end(self, now: float) -> None:
+        """Note the end of the run; its verdict follows with the summary."""
+        if self._state != FINISHED and not self._presence.gone:
+            return
+        self.controls.over = True
+        if (self.ending is None or not self.ending.verdict) and now >= self._summary_due:
+            self._summary_due = now + SUMMARY_AGAIN_S
+            self.ending = ending_of(FINISHED if self._state == FINISHED else RUN_ENDED, self.folder)
+
     def _plant_state(self, now: float) -> str:
         """Return the last state of the plant, or ``run ended``, ``paused``, ``no data``."""
-        if self._state == "finished":
-            return self._state
-        if self._presence.gone:
-            return "run ended"
+        if self.ending is not None:
+            return self.ending.state
         if self.paused:
             return "paused" if self._state == "running" else self._state
         return "no data" if self._presence.silent(now) else self._state

@@ -7,7 +7,7 @@ import time
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, cast
 
-from bokeh.core.properties import Int
+from bokeh.core.properties import Bool, Int
 from bokeh.events import DocumentReady
 from bokeh.model import DataModel
 from bokeh.models import ColumnDataSource, CustomJS, RadioButtonGroup
@@ -17,10 +17,13 @@ from jinja2 import Template
 from train_ato.apps.view.ahead import Ahead
 from train_ato.apps.view.along import Along
 from train_ato.apps.view.dial import dial, force_bar, tick_columns
+from train_ato.apps.view.ending import Ending
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed
+from train_ato.apps.view.messages import message_rows
 from train_ato.apps.view.snapshot import LIMIT_NAMES
 from train_ato.apps.view.strips import Strips
 from train_ato.apps.view.style import THEME, WIDGETS
+from train_ato.apps.view.track_ahead import track_ahead
 
 if TYPE_CHECKING:
     from train_ato.apps.view.live import LiveFeed
@@ -31,6 +34,10 @@ WINDOWS_S = (60, 180, 600)
 """Choices of the length of line in view [km] and of the time span of the strip charts [s]."""
 UNDER_WAY = 2
 """Frames sent but not yet drawn; a slow or hidden browser receives fewer frames, never an old one."""
+MARK_PATH = "/mark"
+"""Path of the mark of the served run."""
+BEAT_MS = 500
+"""Wall time between two beats [ms]; the page misses four of them before it reports the loss."""
 _TOOLS: dict[str, Any] = {"tools": "", "toolbar_location": None, "sizing_mode": "stretch_both"}
 WHERE = ("place", "rear", "stop", "speed", "time")
 """Columns for the figures over time and place, which are drawn less often because they move slowly."""
@@ -40,16 +47,35 @@ _EMPTY = {
     **dict.fromkeys(("speed_angle", "profile_angle", "limit_angle"), 3.927),
     **{f"{name}_angle": -0.78 - 1e-3 * place for place, name in enumerate(LIMIT_NAMES)},
     **dict.fromkeys(("applied", "demand", "most", "least", "limited"), 0.0),
-    "needle": "#f2f5f7",
+    **dict.fromkeys(("gauge_angle", "above_angle"), 3.9),
+    "target_angle": 3.91,
+    "hooked": 0.0,
+    "above_alpha": 0.0,
+    "needle": "#c3c3c3",
+    "gauge_colour": "#22384c",
+    "above_colour": "#22384c",
     "speed_text": "–",
 }
 """Row of the display before the first frame."""
 
 
-class Drawn(DataModel):  # type: ignore[misc]
-    """Number of the newest frame drawn by the browser."""
+class Beat(DataModel):  # type: ignore[misc]
+    """Beat of the server, twice a second; without it the page reports the loss of its server."""
 
     number = Int(default=0)
+
+
+class Acknowledgement(DataModel):  # type: ignore[misc]
+    """Number of the event that the driver has acknowledged last."""
+
+    number = Int(default=-1)
+
+
+class Drawn(DataModel):  # type: ignore[misc]
+    """Number of the newest frame drawn by the browser; ``ready`` after the figures are there."""
+
+    number = Int(default=0)
+    ready = Bool(default=False)
 
 
 class ViewPage:
@@ -66,6 +92,7 @@ class ViewPage:
         self._feed = feed
         self.frames = 0
         self._drawn = Drawn()
+        self._beat = Beat()
         self._shown = self._profile_number = self._strip_number = -1
         self._marks = -1
         self._window = (0.0, 0.0)
@@ -74,6 +101,12 @@ class ViewPage:
         self._where_at = 0.0
         self._where_due = False
         self._answer = ColumnDataSource({"text": [""], "done": [1]}, name="answer")
+        self._ending = ColumnDataSource(_ending_columns(feed.ending), name="ending")
+        self._ended = feed.ending
+        self._line = ColumnDataSource(_one_row(track_ahead(feed.facts, feed.profile)), name="line")
+        self._messages = ColumnDataSource(self._message_rows(0.0), name="messages")
+        self._acknowledgement = Acknowledgement()
+        self._acknowledgement.on_change("number", lambda attr, old, new: feed.acknowledge(new))
         self._ticks = ColumnDataSource(tick_columns(feed.scale))
         self._scale = feed.scale
         self._several = feed.facts.layout.n_vehicles > 1
@@ -86,6 +119,11 @@ class ViewPage:
         self._fill()
         self.update()
         document.add_periodic_callback(self.update, 500 // FRAMES_PER_SECOND)
+        document.add_periodic_callback(self._send_beat, BEAT_MS)
+        self._drawn.on_change("ready", lambda attr, old, new: feed.page_opened())
+
+    def _send_beat(self) -> None:
+        self._beat.number += 1
 
     def _controls(self) -> Any:
         """Return the widgets of the panel and the bar; only the needed module is imported."""
@@ -113,7 +151,7 @@ class ViewPage:
         self._window_choice = window
         roots = [
             dial(self._now, self._ticks, supervised=facts.layout.supervised), force_bar(self._now, most, least),
-            *self._ahead.figures,
+            *self._ahead.figures[: 1 if self._several else 2],
             *self._strips.figures, *(self._along.figures if self._several else ()),
             self._side.bar, self._side.column, view, window,
         ]  # fmt: skip
@@ -123,16 +161,34 @@ class ViewPage:
             "where": self._where, "view": view, "window_": window, "views": VIEWS_KM, "windows": WINDOWS_S,
             "place_range": self._ahead.span, "span": self._strips.span, "live": self._feed.live,
         }  # fmt: skip
+        line = CustomJS(
+            args={"line": self._line, "forces": self._along.source},
+            code="const found = {}; for (const name in line.data) found[name] = line.data[name][0];"
+            "window.dmi.forces = forces; window.dmi.takeLine(found)",
+        )
+        messages = CustomJS(
+            args={"messages": self._messages, "acknowledgement": self._acknowledgement},
+            code="window.dmi.showMessages(messages.data, acknowledgement)",
+        )
         follow = CustomJS(args=arguments, code=_asset("page.js"))
         show = CustomJS(
             args={
                 "now": self._now, "reach": self._along.reach, "shoes": self._along.shoe_reach, "drawn": self._drawn,
-                "answer": self._answer,
+                "answer": self._answer, "ending": self._ending, "beat": self._beat, "line": self._line,
+                "messages": self._messages,
             },
             code="window.trainAto.take(now.data, reach, shoes, drawn)",
         )  # fmt: skip
-        for action in (follow, show):
+        end = CustomJS(args={"ending": self._ending}, code="window.trainAto.end(ending.data)")
+        ready = CustomJS(args={"drawn": self._drawn}, code="drawn.ready = true")
+        for action in (follow, show, line, messages, end, ready):
             document.js_on_event(DocumentReady, action)
+        self._ending.js_on_change("data", end)
+        self._line.js_on_change("data", line)
+        # The elevation profile has the places of the figure above it, which is laid out after a change of the window.
+        self._ahead.figures[0].js_on_change("inner_width", CustomJS(code="window.dmi.draw()"))
+        self._messages.js_on_change("data", messages)
+        self._beat.js_on_change("number", CustomJS(code="window.trainAto.beat()"))
         self._now.js_on_change("data", show)
         self._where.js_on_change("data", follow)
         view.js_on_change("active", follow)
@@ -148,7 +204,11 @@ class ViewPage:
             title=html.escape(facts.title),
             subtitle=html.escape(facts.subtitle),
             live=self._feed.live,
+            mark=self._feed.mark,
+            mark_path=MARK_PATH,
             style=_asset("page.css"),
+            dmi=_asset("dmi.js"),
+            elevation=_asset("elevation.js") if self._several else "",
             several=self._several,
             air_brake=facts.layout.air_brake,
             supervised=facts.layout.supervised,
@@ -177,6 +237,9 @@ class ViewPage:
             self._marks = len(feed.marks)
             self._strips.show_marks(feed.marks)
         self._side.update()
+        if self._ended != feed.ending:
+            self._ended = feed.ending
+            self._ending.data = _ending_columns(feed.ending)
         frame = feed.frame
         if frame is None or self.frames - self._drawn.number >= UNDER_WAY:
             return
@@ -190,7 +253,16 @@ class ViewPage:
             self._where_at = time.monotonic()
             self._where_due = False
             self._show_strip(frame.moment.time)
+            self._show_messages(frame.moment.time)
             self._where.data = frame.where
+
+    def _message_rows(self, time: float) -> dict[str, list[Any]]:
+        return message_rows(self._feed.marks, time, self._feed.acknowledged, live=self._feed.live)
+
+    def _show_messages(self, time: float) -> None:
+        rows = self._message_rows(time)
+        if rows != self._messages.data:
+            self._messages.data = rows
 
     def _show_profile(self) -> None:
         feed = self._feed
@@ -198,6 +270,7 @@ class ViewPage:
             self._scale = feed.scale
             self._ticks.data = tick_columns(feed.scale)
         self._ahead.show_limits(feed.facts)
+        self._line.data = _one_row(track_ahead(feed.facts, feed.profile))
         if feed.profile is not None:
             self._ahead.show_profile(feed.profile, feed.facts, feed.scale)
 
@@ -219,6 +292,17 @@ class ViewPage:
             self._strips.source.data = rows
         elif rows["time"].size:
             self._strips.source.stream(rows, rollover=feed.strip.rows)
+
+
+def _one_row(lists: dict[str, list[Any]]) -> dict[str, list[Any]]:
+    """Return lists of any length as the columns of one row."""
+    return {name: [values] for name, values in lists.items()}
+
+
+def _ending_columns(ending: Ending | None) -> dict[str, list[str]]:
+    """Return the texts of the end of a run; empty before it."""
+    found = Ending("") if ending is None else ending
+    return {"state": [found.state], "verdict": [found.verdict], "report": [found.report]}
 
 
 def _asset(name: str) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from bokeh.models import Button, Checkbox, Column, CustomJSTickFormatter, Div, Row, Select, Slider, Spinner
+from bokeh.models import Button, Checkbox, Column, CustomJSTickFormatter, Div, Row, Select, Slider, Spinner, Widget
 
 from train_ato.apps.view.live import LiveFeed
 from train_ato.apps.view.style import SOFT, WIDGETS
@@ -71,7 +71,14 @@ class Panel:
         self._pace.on_change("value", self._pace_chosen)
         stop = Button(label="end the run", width=96, name="stop", **sheets)
         stop.on_click(lambda: self._feed.controls.call("stop", self._say))
-        self.bar = Row(children=[self._pause, self._step, self._pace, stop], name="bar")
+        self._again = Button(label="run again", width=84, name="again", button_type="success", visible=False, **sheets)
+        self._again.on_click(feed.ask_again)
+        self.bar = Row(
+            children=[self._pause, self._step, self._pace, stop, self._again],
+            name="bar",
+            stylesheets=[":host { flex-wrap: wrap; }"],
+        )
+        self._over = False
 
     def _requests(self) -> Any:
         """Return the buttons of the requests to the ATO; a refusal is shown with its reason."""
@@ -127,7 +134,13 @@ class Panel:
             self._set("plant", "pace", PACES[name])
 
     def update(self) -> None:
-        """Update the widgets after a change in the nodes."""
+        """Update the widgets after a change in the nodes; after the end of the run they are disabled."""
+        if self._over:
+            return
+        if self._feed.ending is not None:
+            self._over = True
+            self._disable()
+            return
         applied = self._applied
         label = "release the emergency brake" if applied else "EMERGENCY BRAKE"
         if self._brake.label != label:
@@ -140,6 +153,14 @@ class Panel:
             self._follow()
         finally:
             self._following = False
+
+    def _disable(self) -> None:
+        """Disable all widgets except the button for another run, which appears."""
+        for root in (self.column, self.bar):
+            for widget in root.references():
+                if isinstance(widget, Widget) and widget is not self._again:
+                    widget.disabled = True
+        self._again.visible = self._feed.repeatable
 
     def _follow(self) -> None:
         tunables = self._feed.controls.tunables
@@ -155,6 +176,15 @@ class Panel:
             for name, tunable in node.items():
                 for widget in self._widgets.get(name, ()):
                     _follow_value(widget, tunable)
+                    _explain(widget, tunable)
+        fixed = (
+            (self._law, "controller", "controller"),
+            (self._pace, "plant", "pace"),
+            (self._pause, "plant", "paused"),
+        )
+        for widget, owner, name in fixed:
+            if name in tunables[owner]:
+                _explain(widget, tunables[owner][name])
         paused = bool(self._feed.paused)
         self._pause.label = "resume" if paused else "pause"
         self._step.disabled = not paused
@@ -172,13 +202,15 @@ class Panel:
         plants = self._feed.controls.tunables["plant"]
         self._widgets = {name: found for name, found in self._widgets.items() if name in plants}
         self._parameters.children = [self._widget(tunable) for tunable in mine]
+        for tunable in mine:
+            for widget in self._widgets[tunable.name]:
+                _explain(widget, tunable)
 
     def _widget(self, tunable: Tunable) -> Any:
         """Return the widget for a parameter."""
         name = tunable.name
         options: dict[str, Any] = {
             "stylesheets": [WIDGETS], "name": name, "disabled": tunable.read_only,
-            "html_attributes": {"title": tunable.meaning},
         }  # fmt: skip
         if tunable.choices:
             words = list(tunable.choices)
@@ -215,6 +247,13 @@ def _follow_value(widget: Any, tunable: Tunable) -> None:
         widget.update(start=scale.low, end=scale.high, step=scale.step)
     if widget.value != tunable.value:
         widget.value = tunable.value
+
+
+def _explain(widget: Any, tunable: Tunable) -> None:
+    """Show the descriptor of a parameter over its widget."""
+    text = tunable.explanation
+    if widget.html_attributes.get("title") != text:
+        widget.html_attributes = {"title": text}
 
 
 def _heading(text: str) -> Any:

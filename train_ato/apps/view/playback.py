@@ -38,7 +38,7 @@ class PlaybackControls:
         self._speed.on_change("value", lambda attr, old, name: setattr(feed, "speed", SPEEDS[name]))
         self._slider = Slider(
             start=begin, end=max(end, begin + 1e-3), value=begin, step=0.1, show_value=False, title=None,
-            sizing_mode="stretch_width", name="time", **sheets,
+            sizing_mode="stretch_width", min_width=200, name="time", **sheets,
         )  # fmt: skip
         self._slider.on_change("value", self._dragged)
         self._end = Div(text=f"of {full_clock(end)}", styles={"color": "#8da2b5", "padding-top": "6px"}, width=90)
@@ -46,6 +46,7 @@ class PlaybackControls:
             children=[self._play, back, on, self._speed, self._slider, self._end],
             sizing_mode="stretch_width",
             name="bar",
+            stylesheets=[":host { flex-wrap: wrap; }"],
         )
         self._events = MultiSelect(
             title=f"events ({len(feed.marks)}); select one to show it",

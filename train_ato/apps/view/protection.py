@@ -35,12 +35,15 @@ class ProtectionTracker:
         time, marks = message.stamp * 1e-9, []
         if now.supervision != before.supervision and now.supervision in EXCEEDED:
             label = now.supervision if now.supervision in INTERVENTIONS else ""
-            marks.append(Mark(time, label, _text(now.supervision, now.supervision_reason)))
+            text = _text(now.supervision, now.supervision_reason)
+            marks.append(Mark(time, label, text, acknowledge=now.supervision in INTERVENTIONS))
         if now.protection != before.protection and now.protection_reason not in ("", SUPERVISOR, REQUESTED):
-            marks.append(Mark(time, now.protection, _text(f"train: {now.protection}", now.protection_reason)))
+            text = _text(f"train: {now.protection}", now.protection_reason)
+            marks.append(Mark(time, now.protection, text, acknowledge=True))
         if before.ato and now.ato != before.ato:
             label = "" if now.ato in WAITING else now.ato.removeprefix(f"{AtoState.ENGAGED.text}, ")
-            marks.append(Mark(time, label, _text(f"ATO {now.ato}", now.ato_reason)))
+            failed = now.ato == AtoState.FAILURE.text
+            marks.append(Mark(time, label, _text(f"ATO {now.ato}", now.ato_reason), acknowledge=failed))
         return marks
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from train_ato.apps.report.event import Event
 from train_ato.apps.report.events import detect_events
+from train_ato.apps.view.ending import REPORT_PAGE, Ending, verdict
 from train_ato.apps.view.facts import KMH, Facts, ProfileCurve, facts_of
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed, Mark
 from train_ato.apps.view.protection import protection_history
@@ -30,6 +31,7 @@ from train_ato.loop.recording import (
     TRUTH,
     Recording,
 )
+from train_ato.loop.result import completed_summary
 from train_ato.loop.series import TopicSamples, seconds
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.types import Array
@@ -75,6 +77,8 @@ class RecordedFeed(Feed):
             raise ValueError(f"{run}: no ato/reference in the log; use `train-ato report` for the recorded topics")
         super().__init__(_facts(recording, cars))
         self._reference = recording.topics[REFERENCE]
+        self.folder = run if run.is_dir() else None
+        self.ending = Ending("", verdict(completed_summary(recording)), REPORT_PAGE if self.folder else "")
         self.span = (float(self._cars.time[0]), float(self._cars.time[-1]))
         self.tick = float(np.median(np.diff(self._cars.time))) if self._cars.time.size > 1 else 1.0
         self.playing, self.speed, self.time = False, 1.0, self.span[0]
@@ -84,6 +88,7 @@ class RecordedFeed(Feed):
         self._profiles = [
             ProfileCurve(seconds(found.time), found.position, found.velocity) for found in recording.profiles
         ]
+        self.timetable = self._profiles[0] if self._profiles else None
         self._planned = np.array([found.stamp * 1e-9 for found in recording.profiles])
         self._table = _table(recording, cars, self.facts)
         self._changed, self._states, marks = protection_history(recording.reports)

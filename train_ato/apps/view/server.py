@@ -20,9 +20,11 @@ from tornado.httputil import HTTPHeaders, HTTPServerRequest
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.web import OutputTransform, RequestHandler
 
+from train_ato.apps.view.ending import REPORT_PAGE
 from train_ato.apps.view.feed import Feed
 from train_ato.apps.view.origins import LOCAL_IPV6, LOOPBACK, host_of
-from train_ato.apps.view.page import ViewPage
+from train_ato.apps.view.page import MARK_PATH, ViewPage
+from train_ato.apps.view.report_link import ReportHandler
 
 ANYWHERE = ("0.0.0.0", "::", "")
 UNUSED_MS = 5_000
@@ -73,6 +75,7 @@ class PageServer:
         self.url = f"http://{f'[{host}]' if ':' in host else host}:{self.port}/"
         application = _Guarded(
             {"/": Application(FunctionHandler(self._fill))},
+            extra_patterns=[(REPORT_PAGE, ReportHandler, {"feed": feed}), (MARK_PATH, _Mark, {"feed": feed})],
             extra_websocket_origins=[f"{name}:{self.port}" for name in _names(address)],
             absolute_url=self.url,
             websocket_max_message_size_bytes=LARGEST_MESSAGE,
@@ -114,6 +117,19 @@ class PageServer:
         for task in others:
             task.cancel()
         await asyncio.gather(*others, return_exceptions=True)
+
+
+class _Mark(RequestHandler):
+    """Handler that returns the mark of the served run."""
+
+    def initialize(self, feed: Feed) -> None:
+        """Store the feed."""
+        self._feed = feed
+
+    def get(self) -> None:
+        """Answer with the mark as text."""
+        self.set_header("Content-Type", "text/plain")
+        self.finish(self._feed.mark)
 
 
 class _NoFrames(OutputTransform):

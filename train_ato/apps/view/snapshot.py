@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from train_ato.apps.view.facts import KMH, Facts, ProfileCurve
-from train_ato.apps.view.style import NEEDLE, OVERSPEED
+from train_ato.apps.view.guidance import delay_at, guidance
+from train_ato.apps.view.style import GAUGE_COLOURS, NEEDLE
 from train_ato.loop.train_protection import SUPERVISOR
 from train_ato.messages.types import Array
+from train_ato.supervision.supervisor import SupervisionState
 
 LEAST_ARC = 1e-3
 """Smallest angle between two limits on the dial [rad]: Bokeh draws a ring between equal angles as a full ring."""
-OVER = 1.0
-"""Speed above the limit from which the page shows an overspeed [km/h]."""
 DIAL_BEGIN, DIAL_SWEEP = math.radians(225.0), math.radians(270.0)
 """Angle of 0 km/h on the speed dial and its clockwise range [rad]."""
 
@@ -139,7 +139,6 @@ def now(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: flo
     front = float(moment.position[0]) + facts.nose
     limit = KMH * facts.limit_now(front)
     known = math.isfinite(limit)
-    over = known and moment.speed > limit + OVER
     least, most = facts.envelope(abs(float(moment.velocity[0])))
     stop = math.nan if profile is None else profile.end - float(moment.position[0])
     row = {
@@ -147,7 +146,6 @@ def now(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: flo
         "profile_angle": angle(abs(KMH * moment.reference[1]), scale),
         "limit_angle": angle(limit, scale),
         "limited": float(known),
-        "needle": OVERSPEED if over else NEEDLE,
         "applied": float(moment.applied.sum()) / 1e3,
         "demand": float(moment.command.sum()) / 1e3,
         "most": most / 1e3,
@@ -173,7 +171,7 @@ def now(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: flo
         "position_error_text": signed(float(moment.position[0]) - moment.reference[0], 1),
         "factor_text": f"× {moment.factor:.3g}" if math.isfinite(moment.factor) else "",
     }
-    row |= _supervised(moment, scale)
+    row |= _supervised(moment, scale) | _guided(moment, facts, profile, scale)
     return {name: [value] for name, value in row.items()}
 
 
@@ -197,6 +195,45 @@ def _supervised(moment: Snapshot, scale: float) -> dict[str, Any]:
         "ato_text": states.ato or "–",
         "reason_text": states.reasons,
     }
+
+
+def _guided(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: float) -> dict[str, Any]:
+    """Return the speeds on the rim of the dial, the next target and the nearest stop: rad, m, km/h and colours."""
+    front = float(moment.position[0]) + facts.nose
+    speed = abs(float(moment.velocity[0]))
+    found = guidance(facts, profile, front, speed, moment.limits, moment.states.supervision)
+    gauge, needle, above = GAUGE_COLOURS[found.state]
+    if found.state > SupervisionState.INDICATION and found.permitted >= facts.limit_now(front) - 0.1:
+        gauge = GAUGE_COLOURS[SupervisionState.NORMAL][0]  # ceiling supervision, no target
+    if found.state == SupervisionState.INDICATION and speed < found.target_speed:
+        needle = NEEDLE
+    permitted = angle(KMH * found.permitted, scale)
+    target = KMH * found.target_speed if math.isfinite(found.target_speed) else 0.0
+    limited = math.isfinite(found.permitted)
+    stops = np.zeros(0) if profile is None else profile.stops
+    offsets = float(moment.position[0]) - stops
+    return {
+        "needle": needle,
+        "gauge_colour": gauge if limited else "#22384c",
+        "above_colour": above,
+        "above_alpha": 0.3 if found.state <= SupervisionState.INDICATION else 1.0,
+        "gauge_angle": permitted if limited else DIAL_BEGIN - LEAST_ARC,
+        "target_angle": max(angle(target, scale), permitted + LEAST_ARC) if limited else DIAL_BEGIN - LEAST_ARC / 2,
+        "above_angle": min(angle(KMH * found.intervention, scale), permitted - LEAST_ARC),
+        "hooked": float(limited),
+        "guidance": found.state.text,
+        "target_m": found.target_distance,
+        "target_kmh": KMH * found.target_speed,
+        "front_m": front,
+        "stop_offset": float(offsets[np.abs(offsets).argmin()]) if offsets.size else math.nan,
+    }
+
+
+def delay_text(timetable: ProfileCurve | None, moment: Snapshot) -> str:
+    """Return the delay against the timetable as text."""
+    if timetable is None:
+        return "–"
+    return f"{signed(delay_at(timetable, moment.time, float(moment.position[0])), 0)} s"
 
 
 def where(moment: Snapshot, facts: Facts, profile: ProfileCurve | None) -> dict[str, list[float]]:

@@ -10,6 +10,7 @@ from bokeh.plotting import figure
 
 from train_ato.apps.report.style import time_formatter, time_ticker
 from train_ato.apps.view.feed import Mark
+from train_ato.apps.view.hover import add_hover
 from train_ato.apps.view.snapshot import STRIP
 from train_ato.apps.view.style import (
     APPLIED,
@@ -60,7 +61,7 @@ class Strips:
         if supervised:
             for name, colour in (("permitted", PERMITTED), ("emergency", EMERGENCY)):
                 speed.line("time", name, source=self.source, line_color=colour, line_width=1.2)
-        speed.line("time", "speed", source=self.source, line_color=TRAIN, line_width=1.6)
+        train = speed.line("time", "speed", source=self.source, line_color=TRAIN, line_width=1.6)
         # The labels have their own range: otherwise the range of the speed would include them.
         speed.extra_y_ranges = {"labels": Range1d(0.0, 1.0)}
         speed.text(
@@ -69,19 +70,26 @@ class Strips:
         )  # fmt: skip
         error = self._chart("error km/h", "strip_error")
         error.hspan(y=0, line_color=SOFT, line_width=1)
-        error.line("time", "error", source=self.source, line_color=TRAIN, line_width=1.4)
+        deviation = error.line("time", "error", source=self.source, line_color=TRAIN, line_width=1.4)
         force = self._chart("force kN", "strip_force")
         force.varea("time", "least", "most", source=self.source, fill_color=FAINT, fill_alpha=0.7)
         force.line("time", "demand", source=self.source, line_color=DEMAND, line_width=1.2)
-        force.line("time", "applied", source=self.source, line_color=APPLIED, line_width=1.5)
+        applied = force.line("time", "applied", source=self.source, line_color=APPLIED, line_width=1.5)
         self.figures = [speed, error, force]
+        limits = [("permitted", "@permitted{0.0} km/h"), ("EBI", "@emergency{0.0} km/h")] if supervised else []
+        place = ("front", "@place{0.000} km")
+        speeds = [("train", "@speed{0.0} km/h"), ("profile", "@profile{0.0} km/h"), ("limit", "@limit{0} km/h")]
+        add_hover(speed, train, [place, *speeds, *limits], clock="time")
+        add_hover(error, deviation, [place, ("error", "@error{+0.00} km/h")], clock="time")
+        add_hover(force, applied, [("command", "@demand{0} kN"), ("applied", "@applied{0} kN")], clock="time")
         if several:
             coupler = self._chart("couplers kN", "strip_coupler")
             coupler.varea("time", "buff", "draft", source=self.source, fill_color=SOFT, fill_alpha=0.10)
-            coupler.line("time", "draft", source=self.source, line_color=DRAFT, line_width=1.3)
+            draft = coupler.line("time", "draft", source=self.source, line_color=DRAFT, line_width=1.3)
             coupler.line("time", "buff", source=self.source, line_color=BUFF, line_width=1.3)
             coupler.hspan(y=0, line_color=SOFT, line_width=1)
             self.figures.append(coupler)
+            add_hover(coupler, draft, [("draft", "@draft{0} kN"), ("buff", "@buff{0} kN")], clock="time")
         for plot in self.figures[:-1]:
             plot.xaxis.visible = False
 

@@ -5,16 +5,27 @@ from __future__ import annotations
 from typing import Any
 
 from train_ato.apps.report.quantities import FONT, ORANGE, SKY
+from train_ato.supervision.supervisor import SupervisionState
 
 GROUND, PANE, EDGE = "#0a121c", "#101c29", "#24384b"
 TEXT, SOFT, FAINT = "#e6edf3", "#8da2b5", "#1b2b3b"
-NEEDLE, OVERSPEED = "#f2f5f7", "#ff3b30"
+NEEDLE = "#c3c3c3"
 TRAIN, PROFILE, LIMIT, STOP = SKY, "#aebccb", "#ff5f45", "#ffd24a"
 DEMAND, APPLIED = ORANGE, SKY
 DRAFT, BUFF, SHOE = "#ff7a59", "#4aa3ff", "#d2a15c"
 PERMITTED, WARNING, SERVICE, EMERGENCY = "#2dbd8e", "#ffd24a", "#e69f00", "#ff3b30"
 UPHILL, DOWNHILL = "#8a6d3b", "#2f7f6d"
 MARK = "#d79bd0"
+_YELLOW, _ORANGE, _RED, _GREY = "#dfdf00", "#ea9100", "#e8202a", "#7d8790"
+GAUGE_COLOURS: dict[SupervisionState, tuple[str, str, str]] = {
+    SupervisionState.NORMAL: (_GREY, NEEDLE, _ORANGE),
+    SupervisionState.INDICATION: (_YELLOW, _YELLOW, _ORANGE),
+    SupervisionState.OVERSPEED: (_YELLOW, _ORANGE, _ORANGE),
+    SupervisionState.WARNING: (_YELLOW, _ORANGE, _ORANGE),
+    SupervisionState.SERVICE_BRAKE: (_YELLOW, _RED, _RED),
+    SupervisionState.EMERGENCY_BRAKE: (_YELLOW, _RED, _RED),
+}
+"""Colours of gauge, needle and range above the permitted speed by state: ERA_ERTMS_015560, 8.2.1 (red lighter)."""
 
 THEME: dict[str, Any] = {
     "attrs": {
@@ -56,6 +67,7 @@ label, .bk-slider-title {{ color: {SOFT}; font-size: 12px; }}
 .bk-input {{ background-color: {GROUND}; color: {TEXT}; border: 1px solid {EDGE}; border-radius: 4px; min-height: 26px;
   padding: 0 8px; font-size: 12px; }}
 .bk-input:focus {{ border-color: {SKY}; box-shadow: none; }}
+.bk-input[disabled] {{ background-color: #142230; color: #5b6f82; border-color: #24384b; opacity: 1; }}
 select.bk-input {{ background-image: none; }}
 select.bk-input option {{ background: {GROUND}; color: {TEXT}; padding: 3px 2px; }}
 .bk-btn {{ background: #1a2c3d; color: {TEXT}; border: 1px solid #34506a; border-radius: 4px; font-size: 12px;

@@ -47,6 +47,16 @@ class Tunable:
         return f"{self.name.rpartition('.')[2]}{f' in {unit[:-1]}' if shown else ''}"
 
     @property
+    def explanation(self) -> str:
+        """Name, meaning and range, for a tooltip."""
+        ends = [f"{end:.6g}" if math.isfinite(end) else "" for end in (self.low, self.high)]
+        known = [f"from {ends[0]}" if ends[0] else "", f"to {ends[1]}" if ends[1] else ""]
+        bounds = " ".join(word for word in known if word)
+        shown = "" if self.choices or isinstance(self.value, bool) else bounds
+        fixed = "fixed during the run" if self.read_only else ""
+        return "; ".join(part for part in (f"{self.name}: {self.meaning}", shown, fixed) if part)
+
+    @property
     def whole(self) -> bool:
         """Type is a whole number."""
         return isinstance(self.value, int) and not isinstance(self.value, bool)
