@@ -13,7 +13,7 @@ import numpy as np
 
 from train_ato.apps.report.event import Event
 from train_ato.apps.report.events import detect_events
-from train_ato.apps.view.ending import REPORT_PAGE, Ending, verdict
+from train_ato.apps.view.ending import REPORT_PAGE, Ending
 from train_ato.apps.view.facts import KMH, Facts, ProfileCurve, facts_of
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed, Mark
 from train_ato.apps.view.protection import protection_history
@@ -33,6 +33,7 @@ from train_ato.loop.recording import (
 )
 from train_ato.loop.result import completed_summary
 from train_ato.loop.series import TopicSamples, seconds
+from train_ato.loop.verdict import verdict_line
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.types import Array
 
@@ -78,7 +79,7 @@ class RecordedFeed(Feed):
         super().__init__(_facts(recording, cars))
         self._reference = recording.topics[REFERENCE]
         self.folder = run if run.is_dir() else None
-        self.ending = Ending("", verdict(completed_summary(recording)), REPORT_PAGE if self.folder else "")
+        self.ending = Ending("", verdict_line(completed_summary(recording)), REPORT_PAGE if self.folder else "")
         self.span = (float(self._cars.time[0]), float(self._cars.time[-1]))
         self.tick = float(np.median(np.diff(self._cars.time))) if self._cars.time.size > 1 else 1.0
         self.playing, self.speed, self.time = False, 1.0, self.span[0]
