@@ -12,7 +12,7 @@ import pytest
 from engine_runs import record_run
 from waiting import wait_for
 
-from train_ato.apps.view.ending import Ending, ending_of, verdict
+from train_ato.apps.view.ending import Ending, ending_of
 from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of
 from train_ato.apps.view.feed import KEPT_S, Feed
 from train_ato.apps.view.recorded import MOST_POINTS, RecordedFeed
@@ -175,22 +175,6 @@ def test_axes_of_the_forces_shrink_after_a_peak_and_never_clip():
     feed.show(moment(301.0, time=1.0, coupler=np.full(3, 500e3)))
     assert feed.frame.now["coupler_reach"][0] > 500.0
     assert feed.frame.number == 4
-
-
-def test_the_verdict_of_a_run_is_one_line():
-    """Breaks if an overshoot is shown as a stop before the target, or an overspeed or a failure is left out."""
-    metrics = {"stop_error_m": -0.08, "overspeed_max_kmh": 0.0, "coupler_buff_max_kn": 0.0, "coupler_draft_max_kn": 0.0}
-    assert verdict(metrics) == "stopped 0.08 m short of the target; no overspeed"
-    worse = {
-        **metrics,
-        "stop_error_m": 1.2,
-        "overspeed_max_kmh": 3.456,
-        "coupler_buff_max_kn": -434.2,
-        "status": "failed",
-    }
-    assert verdict(worse) == "failed: stopped 1.20 m beyond the target; overspeed 3.46 km/h; couplers -434 to +0 kN"
-    assert verdict({**metrics, "stop_error_m": None}).startswith("no stop at the target")
-    assert verdict({"scenario": "demo"}) == ""
 
 
 def test_the_end_has_a_verdict_as_soon_as_the_summary_is_written(tmp_path):
