@@ -73,7 +73,7 @@ window.trainAto = (() => {
   const lighter = (hex) => {
     if (!isHex(hex)) return hex;
     const [h, s, l] = toHsl(hex);
-    return toHex([h, s, l < 0.3 && s < 0.4 ? 1 - 0.6 * l : Math.max(l, 0.6)]);
+    return toHex([h, Math.min(s, 0.75), l < 0.3 && s < 0.4 ? 1 - 0.6 * l : Math.max(l, 0.6)]);
   };
   const inverted = (hex) => { const [h, s, l] = toHsl(hex); return toHex([h, s, 0.1 + 0.85 * (1 - l)]); };
   const before = new Map();
@@ -87,7 +87,6 @@ window.trainAto = (() => {
   const colours = (plot) => {
     const style = getComputedStyle(document.documentElement), of = (name) => () => style.getPropertyValue(name).trim();
     for (const key of ["background_fill_color", "border_fill_color"]) paint(plot, key, of("--paper"));
-    paint(plot, "outline_line_color", of("--soft"));
     const parts = [...plot.left, ...plot.right, ...plot.above, ...plot.below, ...plot.center];
     for (const part of parts) {
       for (const key of ["axis_label_text_color", "major_label_text_color", "label_text_color", "title_text_color"])
