@@ -164,8 +164,8 @@ class Feed:
         """Acknowledge an event by its number; it is common to all browsers."""
         self.acknowledged |= {number}
 
-    def ask_again(self) -> None:
-        """Ask for another run of the same scenario; the pages of this one are loaded again."""
+    def request_again(self) -> None:
+        """Request another run of the same scenario; the pages of this one are loaded again."""
         self.again = self.repeatable
 
     def advance(self) -> None:

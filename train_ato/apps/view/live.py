@@ -29,7 +29,8 @@ from train_ato.scenario.interventions import interventions_from_json
 
 LEARN_AGAIN_S = 0.5
 FACTOR_SPAN_S = 1.0
-LABELS = {"emergency brake applied": "emergency", "emergency brake released": "released"}
+BRAKE_APPLIED = "emergency brake applied"
+LABELS = {BRAKE_APPLIED: "emergency", "emergency brake released": "released"}
 MOST_COPIED = 20_000
 """Largest number of messages in a tap; the oldest are dropped."""
 ENDING_S = 30.0
@@ -291,7 +292,8 @@ def marks_of(message: Diagnostic) -> list[Mark]:
             shown = str(value) if name == LAW else f"{name} = {value}"
             found.append(Mark(time_s, shown, f"law {value}" if name == LAW else shown))
     if message.node == "plant" and DONE in message.values:
-        done = interventions_from_json(message.values[DONE])
-        labels = [LABELS.get(entry.described(), entry.do.replace("_", " ")) for entry in done]
-        found += [Mark(time_s, label, entry.described()) for label, entry in zip(labels, done, strict=True)]
+        for entry in interventions_from_json(message.values[DONE]):
+            text = entry.described()
+            label = LABELS.get(text, entry.do.replace("_", " "))
+            found.append(Mark(time_s, label, text, acknowledge=text == BRAKE_APPLIED))
     return found

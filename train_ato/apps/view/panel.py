@@ -72,7 +72,7 @@ class Panel:
         stop = Button(label="end the run", width=96, name="stop", **sheets)
         stop.on_click(lambda: self._feed.controls.call("stop", self._say))
         self._again = Button(label="run again", width=84, name="again", button_type="success", visible=False, **sheets)
-        self._again.on_click(feed.ask_again)
+        self._again.on_click(feed.request_again)
         self.bar = Row(
             children=[self._pause, self._step, self._pace, stop, self._again],
             name="bar",
