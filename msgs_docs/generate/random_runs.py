@@ -173,7 +173,7 @@ def drive_draw(draw: Draw) -> Figures:
         setup = prepare(*load_scenario(draw.scenario, (*draw.sets, f"duration={factor * duration!r}")))
         result = run_engine(setup)
         run = FaultRun(setup, result)
-        if run.end_speed <= STANDSTILL or result.failure:
+        if run.end_speed <= STANDSTILL:
             break
     return Figures(
         margin=run.supervised_location - run.front,
