@@ -18,6 +18,8 @@ from train_ato.ros.standalone.notices import Notice
 
 LEAVING_S = 5.0
 """Wall time for a node to end after a failure of the run [s]."""
+LAST_COUNT = "ignored"
+"""Count that a node prints last: its work is done."""
 _PACKAGE_ROOT = str(Path(__file__).resolve().parents[3])
 
 
@@ -58,6 +60,7 @@ class NodeProcess:
         self.lost = False
         self.remark = ""
         self.joined = False
+        self._hung = False
         self._errors = log_folder / f"{role.value}{suffix}.stderr.txt"
         environment = {**os.environ, **variables(domain, log_folder)}
         paths = [_PACKAGE_ROOT, *filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))]
@@ -101,9 +104,12 @@ class NodeProcess:
     def failure(self) -> str | None:
         """Failure of the node with its reason; None while it runs and after a regular end."""
         status = self.process.poll()
-        if not status:
+        complete = LAST_COUNT in self.counts and not self.last_error.startswith("node ")
+        if not status or (self._hung and complete):
             return None
-        if status < 0:
+        if self._hung and not self.last_error:
+            text = "its process did not end with the run"
+        elif status < 0:
             text = f"its process was ended by {signal.Signals(-status).name}"
         else:
             text = self.last_error or f"its process ended with status {status}"
@@ -137,10 +143,14 @@ class NodeProcess:
         return self.process.poll() is not None
 
     def end(self, patience: float) -> None:
-        """Wait for the end of the process; after ``patience`` [s] end it by SIGKILL."""
+        """Wait for the end of the process; after ``patience`` [s] end it by SIGKILL.
+
+        A node that has sent its last count has done its work: then this is no failure.
+        """
         try:
             self.process.wait(timeout=patience)
         except subprocess.TimeoutExpired:
+            self._hung = True
             self.process.kill()
             self.process.wait()
         self._reader.join(timeout=LEAVING_S)
