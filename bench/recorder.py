@@ -90,13 +90,16 @@ class Ring:
         all_endpoints[Role.PROFILE].subscribe_raw("train/measurement", lambda _: self.send(Role.PROFILE))
         all_endpoints[Role.OBSERVER].subscribe_raw("train/measurement", lambda _: self.send(Role.OBSERVER))
         controller, plant = all_endpoints[Role.CONTROLLER], all_endpoints[Role.PLANT]
-        for name in ("train/measurement", "ato/profile"):
+        for name in ("train/measurement", "ato/profile", "train/protection", "atp/speeds"):
             controller.subscribe_raw(name, lambda _: None)
         for name in ("ato/reference", "ato/estimate"):
             controller.subscribe_raw(name, self.joined)
         plant.subscribe_raw("ato/command", self.commanded)
-        plant.subscribe_raw("ato/brake_pipe_command", lambda _: None)
+        for name in ("ato/brake_pipe_command", "atp/brake_release"):
+            plant.subscribe_raw(name, lambda _: None)
         plant.subscribe_raw("recorder/progress", self.written)
+        all_endpoints[Role.PROFILE].subscribe_raw("ato/state", lambda _: None)
+        all_endpoints[Role.SUPERVISOR].subscribe_raw("train/odometry", lambda _: self.send(Role.SUPERVISOR))
 
     def send(self, role: Role) -> None:
         """Send the messages of a node in the present tick with its stamp."""
@@ -162,7 +165,7 @@ def own_process(setup: RunSetup, domain: int, ticks: int, rate: float, scratch: 
     from train_ato.messages.codec.codec import Wire
     from train_ato.ros.graph.assembly import executor_of
     from train_ato.ros.graph.processes import NodeProcess
-    from train_ato.ros.nodes.endpoints import NodeEndpoints
+    from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of
 
     folder = scratch / "own"
     folder.mkdir()
@@ -174,7 +177,7 @@ def own_process(setup: RunSetup, domain: int, ticks: int, rate: float, scratch: 
         recorder = NodeProcess(Role.RECORDER, arguments, domain, scratch)
         stack.callback(recorder.end, 5.0)
         context, executor = stack.enter_context(executor_of(domain))
-        roles = (Role.PLANT, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER)
+        roles = (role for role in roles_of(setup.layout) if role is not Role.RECORDER)
         all_endpoints = {role: NodeEndpoints(role, Wire(setup.layout), context, FirstFailure()) for role in roles}
         ring = Ring(setup, all_endpoints, source)
         ring.connect()
@@ -194,7 +197,9 @@ def own_process(setup: RunSetup, domain: int, ticks: int, rate: float, scratch: 
         recorder.release()
         recorder.end(_WAIT_S)
         found = recorder.counts
-        recorded = {name.removeprefix("recorded "): values[0] for name, values in found.items() if " " in name}
+        recorded = {
+            name.removeprefix("recorded "): values[0] for name, values in found.items() if name.startswith("recorded ")
+        }
     sent = sum(ring.sent.values())
     return {
         "ticks_per_s": ticks / wall,

@@ -168,6 +168,30 @@ def test_a_node_that_cannot_start_is_named(role, setup, tmp_path, monkeypatch):
     wait_for(lambda: not shared_memory.abandoned())
 
 
+@pytest.mark.parametrize(
+    ("prints", "failure"),
+    [
+        ("ignored:0", None),
+        ("published train/vehicles:3", "node plant failed: its process did not end with the run"),
+        ("ignored:0; echo a warning >&2", None),
+        ("ignored:0; echo node observer failed: late >&2", "node observer failed: late"),
+    ],
+)
+def test_a_process_that_hangs_after_its_last_count_fails_no_run(prints, failure, tmp_path, monkeypatch):
+    """Breaks if a complete run fails for a middleware that does not shut down, or a node without counts passes."""
+    program = tmp_path / "hangs"
+    program.write_text(f"#!/bin/sh\necho {prints}\nexec sleep 600\n")
+    program.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(program))
+    node = NodeProcess(Role.PLANT, [], 1, tmp_path)
+    wait_for(lambda: node.counts)
+    assert node.failure is None
+    node.release()
+    node.end(0.1)
+    assert node.failure == failure
+    assert node.process.returncode == -signal.SIGKILL
+
+
 def _command_line(folder: Path, *options: str) -> subprocess.Popen[str]:
     code = "import sys; from train_ato.cli.main import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "run", "demo", "--set=duration=600", f"--out={folder}", *options]

@@ -14,7 +14,7 @@ from pathlib import Path
 from train_ato.arguments import BAD_INPUT
 from train_ato.messages.topics import Role
 from train_ato.ros.graph.environment import variables
-from train_ato.ros.standalone.notices import Notice
+from train_ato.ros.standalone.notices import LAST_COUNT, Notice
 
 LEAVING_S = 5.0
 """Wall time for a node to end after a failure of the run [s]."""
@@ -58,6 +58,7 @@ class NodeProcess:
         self.lost = False
         self.remark = ""
         self.joined = False
+        self._hung = False
         self._errors = log_folder / f"{role.value}{suffix}.stderr.txt"
         environment = {**os.environ, **variables(domain, log_folder)}
         paths = [_PACKAGE_ROOT, *filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))]
@@ -103,7 +104,12 @@ class NodeProcess:
         status = self.process.poll()
         if not status:
             return None
-        if status < 0:
+        if self._hung:
+            named = self.last_error if self.last_error.startswith("node ") else ""
+            if not named and LAST_COUNT in self.counts:
+                return None
+            text = named or "its process did not end with the run"
+        elif status < 0:
             text = f"its process was ended by {signal.Signals(-status).name}"
         else:
             text = self.last_error or f"its process ended with status {status}"
@@ -137,10 +143,14 @@ class NodeProcess:
         return self.process.poll() is not None
 
     def end(self, patience: float) -> None:
-        """Wait for the end of the process; after ``patience`` [s] end it by SIGKILL."""
+        """Wait for the end of the process; after ``patience`` [s] end it by SIGKILL.
+
+        A node that has sent its last count has done its work: then this is no failure.
+        """
         try:
             self.process.wait(timeout=patience)
         except subprocess.TimeoutExpired:
+            self._hung = True
             self.process.kill()
             self.process.wait()
         self._reader.join(timeout=LEAVING_S)
