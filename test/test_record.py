@@ -61,7 +61,8 @@ def test_other_tools_read_the_log(tmp_path):
         assert reader.get_header().profile == "ros2"
         assert summary.statistics.message_count == len(sent)
         assert sum(1 for _ in reader.iter_messages()) == len(sent)
-        assert [entry.name for entry in reader.iter_metadata()] == ["rosbag2"] * 2
+        names = [entry.name for entry in reader.iter_metadata()]
+        assert names == ["rosbag2", "wall_time", "wall_time", "rosbag2"]
         for channel in summary.channels.values():
             assert channel.message_encoding == "cdr"
             assert summary.schemas[channel.schema_id].encoding == "ros2msg"

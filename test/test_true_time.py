@@ -19,7 +19,7 @@ from train_ato.log.run_log import LogFile
 from train_ato.log.wall_time import WallTime, read_wall_time
 from train_ato.messages.topics import EPOCH_NS
 
-SECONDS = 40
+SECONDS = 20
 """Simulated duration of the runs [s]: many times their wall time, so that the two cannot be mistaken."""
 TICK_HZ = 10.0
 TICK_TOPICS = ("/clock", "/train/vehicles", "/train/measurement", "/ato/reference", "/ato/estimate", "/ato/command")
