@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from train_ato.scenario.criteria import Criteria
+if TYPE_CHECKING:
+    from train_ato.scenario.criteria import Criteria
 
 Metrics = Mapping[str, Any]
 CriterionRow = dict[str, Any]
