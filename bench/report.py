@@ -3,8 +3,8 @@
     python bench/report.py [RUN]
 
 Without RUN an hour of the heavy-haul train is simulated first (36 000 ticks, 106 vehicles, every topic).  The time of a
-report is that of the command in a new process with its imports; the best of several counts.  The goals: below 10 s and
-below 5 MB.  The exit status is 1 if one is missed widely (see goals.py).
+report is that of the command in a new process with its imports; the best of several counts.  The goals: below 6 s and
+below 3 MB.  The exit status is 1 if one is missed widely (see goals.py).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from frames import measured, run_of_an_hour
 from goals import Goal, judge
 
-MOST_S, MOST_MB = 10.0, 5.0
+MOST_S, MOST_MB = 6.0, 3.0
 REPEATS = 3
 STEPS = """
 import json, sys, time

@@ -92,6 +92,8 @@ def test_the_line_has_stop_overspeed_couplers_and_every_failed_criterion() -> No
         "coupler draft 500 kN (limit 450); jerk over 1 s 0.2 m/s³ (limit 0.1)"
     )
     assert verdict_line({}) == ""
+    cut = {"speed_rmse_kmh": 0.1, "speed_rmse_run_kmh": 0.25}
+    assert verdict_line(cut).endswith("speed error 0.1 km/h rms, with the braking behind the evaluation 0.25")
 
 
 def test_stops_of_a_profile_are_its_rests_and_its_end() -> None:

@@ -88,7 +88,7 @@ def test_the_page_opens_without_errors_and_asks_for_nothing(page: Page) -> None:
     assert [address for address in page.requests if not address.startswith(("file:", "data:", "blob:"))] == []
     assert len([address for address in page.requests if address.startswith("file:")]) == 1
     axes = page.evaluate(AXES)
-    assert len(axes) == 15
+    assert len(axes) == 16
     for axis in ("speed in km/h", "coupler behind vehicle", "pressure in kPa", "delay in s", "energy in kWh"):
         assert axis in axes
 
@@ -139,10 +139,10 @@ def test_a_drag_zooms_every_figure_over_time_and_a_double_click_ends_it(page: Pa
         page.mouse("mouseMoved", left + part * width, top + height / 2, 1)
     page.mouse("mouseReleased", left + 0.5 * width, top + height / 2, 1)
     over_time = [index for index, entry in enumerate(before) if entry == before[axes.index("delay in s")]]
-    assert len(over_time) == 13
+    assert len(over_time) == 14
     span = before[over_time[0]][1] - before[over_time[0]][0]
     shares = lambda ranges: [(ranges[index][1] - ranges[index][0]) / span for index in over_time]  # noqa: E731
-    wait_for(lambda: shares(page.evaluate(RANGE)) == pytest.approx([0.25] * 13, abs=0.01), "the zoom")
+    wait_for(lambda: shares(page.evaluate(RANGE)) == pytest.approx([0.25] * 14, abs=0.01), "the zoom")
     after = page.evaluate(RANGE)
     assert all(after[index] == before[index] for index in range(len(before)) if index not in over_time)
     for clicks in (1, 2):

@@ -136,7 +136,7 @@ def test_the_page_fits_the_screen_and_its_colours(run: Path, page: Page, width: 
     page.open((run / "report.html").as_uri(), width, 900)
     page.wait_for("Bokeh.documents.length > 0 && Bokeh.documents[0].is_idle")
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-    wanted = "#1a2027" if scheme == "dark" else "#fff"
+    wanted = "#1a2027" if scheme == "dark" else "#ffffff"
     page.wait_for(f"{PIXEL} === '{wanted}'")
     assert (page.evaluate(DARK) == "rgb(18, 23, 28)") == (scheme == "dark")
     left, top, wide, high = page.evaluate(

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from train_ato.scenario.criteria import Criteria
+if TYPE_CHECKING:
+    from train_ato.scenario.criteria import Criteria
 
 Metrics = Mapping[str, Any]
 CriterionRow = dict[str, Any]
@@ -107,9 +108,7 @@ def verdict_line(summary: Metrics) -> str:
         Content of ``summary.json``.
     """
     facts = [text for text in (_stop_text(summary), _overspeed_text(summary), _coupler_text(summary)) if text]
-    error = summary.get("speed_rmse_kmh")
-    if error is not None:
-        facts.append(f"speed error {three_digits(error)} km/h rms")
+    facts += _error_texts(summary)
     if not facts:
         return ""
     rows = summary.get("criteria") or []
@@ -117,6 +116,15 @@ def verdict_line(summary: Metrics) -> str:
     head = _head(summary, len(rows), failed)
     more = [_failure_text(row) for row in failed if row["metric"] not in (*AT_STOPS[:1], "overspeed_max_kmh")]
     return f"{head}: {'; '.join([*facts, *more])}"
+
+
+def _error_texts(summary: Metrics) -> list[str]:
+    """Return the rms of the speed error; if the evaluation ends before the run, also that with the rest."""
+    error, run = summary.get("speed_rmse_kmh"), summary.get("speed_rmse_run_kmh")
+    if error is None:
+        return []
+    rest = "" if run is None or run == error else f", with the braking behind the evaluation {three_digits(run)}"
+    return [f"speed error {three_digits(error)} km/h rms{rest}"]
 
 
 def _head(summary: Metrics, count: int, failed: list[CriterionRow]) -> str:

@@ -86,7 +86,7 @@ window.trainAto = (() => {
   const glyphColour = (spec) => isHex(spec) ? lighter(spec) : isHex(spec?.value) ? { ...spec, value: lighter(spec.value) } : spec;
   const colours = (plot) => {
     const style = getComputedStyle(document.documentElement), of = (name) => () => style.getPropertyValue(name).trim();
-    for (const key of ["background_fill_color", "border_fill_color"]) paint(plot, key, of("--paper"));
+    paint(plot, "background_fill_color", of("--paper"));
     const parts = [...plot.left, ...plot.right, ...plot.above, ...plot.below, ...plot.center];
     for (const part of parts) {
       for (const key of ["axis_label_text_color", "major_label_text_color", "label_text_color", "title_text_color"])

@@ -175,6 +175,7 @@ def _plain(axis: str, height: int, **options: Any) -> Figure:
         min_border_top=4,
         outline_line_color=INK,
         outline_line_alpha=0.35,
+        border_fill_color=None,
         output_backend="canvas",
         window_axis="x",
         **options,

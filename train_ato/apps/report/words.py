@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from train_ato.scenario.scenario import Evaluation
+if TYPE_CHECKING:
+    from train_ato.scenario.scenario import Evaluation
 
 MODES = {
     "engine": "Python loop without ROS",

@@ -187,8 +187,8 @@ def compare(
     --------
     >>> import train_ato as ta
     >>> both = ta.compare("demo", ["pid", "smc"], set={"duration": 20})
-    >>> both.table["status"].to_dict()
-    {'pid': 'done', 'smc': 'done'}
+    >>> sorted(both.table["status"].items())
+    [('pid', 'done'), ('smc', 'done')]
     """
     choice = choose_scenario(scenario).changed(set, seed)
     base = put_components(choice.checked, observer=observer, compensation=compensation, importable=False)

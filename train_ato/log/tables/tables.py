@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from train_ato.log.tables.columns import TIME, column, has_column
@@ -17,9 +18,6 @@ from train_ato.messages.codec.cdr import counts_from_stamp, nanoseconds
 from train_ato.messages.codec.fixed import FRAME
 from train_ato.messages.layout import present_name
 from train_ato.messages.topics import EPOCH_NS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 __all__ = ["LONGEST_ARRAY", "STAMPS", "check_foreign", "check_known", "foreign_table", "known_part", "known_table"]
 
@@ -77,8 +75,6 @@ def known_table(topic: str, series: TopicColumns) -> pd.DataFrame:
 
 def _part(topic: str, group: Group) -> pd.DataFrame:
     """Return the table of the messages of one layout, with contiguous columns."""
-    import pandas as pd  # late: readers of recordings make no table
-
     owners = [present_name(owner) for owner in _owners(group.layout)]
     leaves = {leaf.path: leaf for leaf in group.leaves if leaf.dtype is not None}
     stamps = next(nanoseconds(group.values(leaves[path])) for path in STAMPS if path in leaves) - EPOCH_NS
@@ -130,8 +126,6 @@ def _joined(parts: list[tuple[NDArray[np.int64], pd.DataFrame]]) -> pd.DataFrame
     """Join the parts of a topic in the order of the log."""
     if len(parts) == 1:
         return parts[0][1]
-    import pandas as pd  # late: readers of recordings make no table
-
     order = np.argsort(np.concatenate([numbers for numbers, _ in parts]), kind="stable")
     return pd.concat([part for _, part in parts]).iloc[order]
 
@@ -154,8 +148,6 @@ def foreign_table(series: TopicColumns, begin_ns: int) -> pd.DataFrame:
     begin_ns
         Time 0 of the table [ns since 1970].
     """
-    import pandas as pd  # late: readers of recordings make no table
-
     publish = series.publish_ns
     found: dict[str, NDArray[Any]] = {}
     for group in series.groups:
