@@ -21,7 +21,12 @@ BLOWN = ("duration=220", "interventions=[{at: 150, do: gust, acceleration: 0.5, 
 """A gust accelerates the demo train beyond its speed limit."""
 STOPPING = ("profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 10}, {brake_to: 0}]", "duration=400")
 COLOURS = """(name => {{
-  const canvas = document.getElementById(name), pen = canvas.getContext("2d");
+  const shown = document.getElementById(name), canvas = document.createElement("canvas");
+  canvas.width = shown.width;
+  canvas.height = shown.height;
+  if (!canvas.width || !canvas.height) return [];
+  const pen = canvas.getContext("2d", {{willReadFrequently: true}});
+  pen.drawImage(shown, 0, 0);
   const pixels = pen.getImageData(0, 0, canvas.width, canvas.height).data, found = new Set();
   for (let i = 0; i < pixels.length; i += 4) found.add([...pixels.slice(i, i + 3)].join());
   return [...found];
