@@ -81,7 +81,7 @@ def test_the_command_beside_a_figure_drives_its_run(line: str) -> None:
     options = parser.parse_args(arguments)
     case = CASES[line]
     measured = prepare(*load_scenario(case.scenario, changes=dict(case.changes)))
-    assert prepare_from(options, controller=options.controller).resolved_yaml() == measured.resolved_yaml()
+    assert prepare_from(options, controller=options.law).resolved_yaml() == measured.resolved_yaml()
 
 
 def test_docstrings_become_markdown() -> None:
@@ -129,7 +129,7 @@ def test_measuring_drives_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_a_run_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a figure of half a run is put on a page."""
     component = short(monkeypatch, controller="smcc")
-    with pytest.raises(OSError, match=r"train-ato run xuzhou_metro .*unknown controller 'smcc'"):
+    with pytest.raises(OSError, match=r"train-ato run xuzhou_metro .*unknown law 'smcc'"):
         measure([component], tmp_path, lambda *_: None)
     assert not list(tmp_path.iterdir())
 

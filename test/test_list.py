@@ -20,7 +20,7 @@ def listed(capsys: pytest.CaptureFixture[str], *arguments: str) -> dict[str, dic
 def test_every_name_has_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a shipped name is missing or has no summary."""
     found = listed(capsys)
-    assert list(found) == ["scenarios", "controllers", "observers", "compensations", "consists", "lines"]
+    assert list(found) == ["scenarios", "laws", "observers", "compensations", "consists", "lines"]
     assert all(summary and "\n" not in summary for entries in found.values() for summary in entries.values())
     assert main(["list"]) == 0
     table = capsys.readouterr().out
@@ -43,7 +43,7 @@ def test_figures_of_a_train_a_line_and_a_law(capsys: pytest.CaptureFixture[str])
     line = listed(capsys, "daqin_section")["line daqin_section"]
     assert line["grades"] == "-11.2 ... 2 per mille"
     assert line["extent"] == "from km 0 to km 52"
-    assert listed(capsys, "pid")["controller pid"]["filter_time"].startswith("0.0 s (0 ... 60): time constant")
+    assert listed(capsys, "pid")["law pid"]["filter_time"].startswith("0.0 s (0 ... 60): time constant")
     assert list(listed(capsys, "none")) == ["observer none", "compensation none"]
     assert listed(capsys, "daqin_heavy_haul:ideal")["scenario daqin_heavy_haul:ideal"]["compensation"] == "none"
 

@@ -36,8 +36,8 @@ def make(setup, domain):
 @pytest.mark.parametrize(
     ("name", "value", "says"),
     [
-        ("controller", "pidd", "did you mean 'pid'"),
-        ("controller", 3, ""),
+        ("law", "pidd", "did you mean 'pid'"),
+        ("law", 3, ""),
         ("pid.kp", float("nan"), ""),
         ("pid.kp", -1e30, ""),
         ("pid.kp", 5, ""),
@@ -47,7 +47,7 @@ def make(setup, domain):
 def test_wrong_parameters_are_refused_and_the_old_law_goes_on(make, name, value, says):
     bench = make(Role.CONTROLLER)
     node = bench.endpoints.node
-    before = {p: node.get_parameter(p).value for p in ("controller", "pid.kp")}
+    before = {p: node.get_parameter(p).value for p in ("law", "pid.kp")}
     try:
         result = set_parameter(node, name, value)
         refused, reason = not result.successful, result.reason
@@ -57,7 +57,7 @@ def test_wrong_parameters_are_refused_and_the_old_law_goes_on(make, name, value,
     assert says in reason
     assert reason
     assert {p: node.get_parameter(p).value for p in before} == before
-    assert bench.node.stage.controller == before["controller"]
+    assert bench.node.stage.controller == before["law"]
 
 
 def test_parameters_of_all_laws_have_ranges_and_meanings(make):

@@ -7,10 +7,11 @@ import json
 import sys
 from pathlib import Path
 
-from train_ato.apps.runs.compare import Comparison, compare
+from train_ato.apps.runs.compare import compare
+from train_ato.apps.runs.comparison import Comparison
 from train_ato.apps.runs.progress import activity
 from train_ato.apps.runs.protection_note import summary_events
-from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.apps.runs.scenario_choice import ScenarioChoice, choose_scenario
 from train_ato.cli.scenario_options import add_scenario_options
 from train_ato.cli.screen import note_compilation, print_json, print_table
 from train_ato.errors import RunFailed
@@ -25,6 +26,8 @@ COLUMNS: tuple[tuple[str, str], ...] = (
     ("coupler_buff_max_kn", "buff"),
     ("command_variation_kn_per_s", "kN/s"),
     ("saturated_s", "limit s"),
+    ("gains", "gains"),
+    ("status", "status"),
 )
 
 
@@ -32,8 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``compare``."""
     add_scenario_options(parser)
     parser.add_argument(
-        "--controllers", metavar="A,B,...", help="laws: names or MODULE:CLASS (default: all that fit the train)"
+        "--laws", metavar="A,B,...", help="laws: names or MODULE:CLASS (default: all that fit the train)"
     )
+    parser.add_argument("--engine", action="store_true", help="as in run; a comparison always uses the engine")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder to make (default: runs/compare-NAME-N)")
     parser.add_argument("--keep", action="store_true", help="keep every run with its log in DIR/LAW")
 
@@ -41,10 +45,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Run the scenario with every law in the engine, and compare."""
     laws = None
-    if options.controllers is not None:
-        laws = [name.strip() for name in options.controllers.split(",") if name.strip()]
+    if options.laws is not None:
+        laws = [name.strip() for name in options.laws.split(",") if name.strip()]
         if not laws:
-            raise ValueError(f"--controllers {options.controllers}: no law; add one or remove the option")
+            raise ValueError(f"--laws {options.laws}: no law; add one or remove the option")
     choice = choose_scenario(options.scenario).assigned(options.assignments)
     choice = choice.changed(None, options.seed)
     note_compilation()
@@ -62,6 +66,8 @@ def execute(options: argparse.Namespace) -> int:
         folder.discard()
         raise
     print_comparison(result, folder.path, options.json)
+    for line in gain_notes(choice, result):
+        sys.stderr.write(f"train-ato: {line}\n")
     ends = ("failed",) if laws is None else ("failed", "refused")
     failures = [f"{law.label}: {law.reason}" for law in result.laws if law.status in ends]
     if failures:
@@ -69,9 +75,21 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
+def gain_notes(choice: ScenarioChoice, result: Comparison) -> list[str]:
+    """Return a line for the laws with default values, and one for each law with values in a variant."""
+    default = [law.label for law in result.laws if law.gains == "default" and law.status != "refused"]
+    if not default:
+        return []
+    variants = {label: choice.variants_with_gains(label) for label in default}
+    return [
+        f"{', '.join(default)}: default gains, not chosen for this train; set laws.NAME.* before a comparison",
+        *(f"{label}: gains for this train are in {', '.join(names)}" for label, names in variants.items() if names),
+    ]
+
+
 def write_comparison_folder(result: Comparison, folder: Path) -> None:
     """Write summary, figure and page into the folder."""
-    text = json.dumps(list(result.metrics.values()), indent=2) + "\n"
+    text = json.dumps(result.rows, indent=2) + "\n"
     (folder / "summary.json").write_text(text, encoding="utf-8")
     if result.drawable:
         from train_ato.apps.report.words import COMPARISON
@@ -86,18 +104,17 @@ def print_comparison(result: Comparison, folder: Path, as_json: bool) -> None:
     for law in result.laws:
         if events := summary_events(law.metrics):
             sys.stderr.write(f"train-ato: {law.label}: {events}\n")
-    summaries = list(result.metrics.values())
     if as_json:
-        print_json(summaries)
+        print_json(result.rows)
         return
-    first = summaries[0]
+    first = next(iter(result.metrics.values()))
     print_table(
         (text for _, text in COLUMNS),
-        ([summary.get(key) for key, _ in COLUMNS] for summary in summaries),
-        f"{first['scenario']}, observer {first['observer']}, compensation {first['compensation']}",
+        ([row.get(key) for key, _ in COLUMNS] for row in result.rows),
+        f"{result.scenario}, observer {first.get('observer')}, compensation {first.get('compensation')}",
     )
     for law in result.laws:
-        if law.status == "refused":
-            sys.stdout.write(f"omitted: {law.label}: {law.reason}\n")
+        if law.reason:
+            sys.stdout.write(f"{law.status}: {law.label}: {law.reason}\n")
     what = "table, figure and report" if result.drawable else "table"
     sys.stdout.write(f"{what} in {folder}\n")

@@ -26,7 +26,7 @@ from train_ato.scenario.changes import LAW, changes_from_json
 from train_ato.scenario.interventions import KEY as DONE
 from train_ato.scenario.interventions import interventions_from_json
 
-LEARN_AGAIN_S = 0.5
+LEARN_AGAIN_S, LEARN_SLOWEST_S = 0.5, 16.0
 FACTOR_SPAN_S = 1.0
 LABELS = {"emergency brake applied": "emergency", "emergency brake released": "released"}
 MOST_COPIED = 20_000
@@ -34,7 +34,7 @@ MOST_COPIED = 20_000
 ENDING_S = 30.0
 """Maximum wall time for the thread of the feed to end [s]."""
 STANDING_S = 1.0
-"""Wall time without a new tick after which no pace is shown."""
+"""Wall time without a new tick after which no rate is shown."""
 
 
 class LiveFeed(Feed):
@@ -65,7 +65,7 @@ class LiveFeed(Feed):
         self.controls = Controls(self._asking, self._executor.wake)
         self._state, self._law = "running", ""
         self._tracker = ProtectionTracker()
-        self._paces: deque[tuple[float, float]] = deque()
+        self._rates: deque[tuple[float, float]] = deque()
         self._stopping = threading.Event()
         try:
             facts = self._learn(wait)
@@ -88,15 +88,16 @@ class LiveFeed(Feed):
     @property
     def law(self) -> str:
         """Active law: parameter ``controller`` of the controller."""
-        return str(self.controls.value("controller", "controller", self._law))
+        return str(self.controls.value("controller", "law", self._law))
 
     def _learn(self, wait: Callable[[str], None]) -> Facts:
         """Wait for the parameters of the nodes; read the scenario of the plant or, without one, the first messages."""
-        again = 0.0
+        again, interval = 0.0, LEARN_AGAIN_S
         while not self.controls.ready:
-            wait(f"a response of the nodes plant and controller on domain {self.domain}")
+            wait(f"{self.controls.missing} on domain {self.domain}")
             if time.monotonic() > again:
-                again = time.monotonic() + LEARN_AGAIN_S
+                # a node that is slow to answer must not receive requests faster than it answers
+                again, interval = time.monotonic() + interval, min(2.0 * interval, LEARN_SLOWEST_S)
                 self.controls.learn()
             self._executor.spin_once(timeout_sec=0.05)
         named = Path(str(self.controls.value("plant", "scenario", "")))
@@ -161,7 +162,7 @@ class LiveFeed(Feed):
         self._end()
 
     def _read_messages(self, now: float) -> None:
-        """Read new messages; after a second without a new tick the frame shows no pace."""
+        """Read new messages; after a second without a new tick the frame shows no rate."""
         moment = self._reader.poll()
         self._presence.look(now, news=moment is not None)
         self.controls.over = self._presence.gone
@@ -171,11 +172,11 @@ class LiveFeed(Feed):
         self._process_messages()
         self._copy()
         if moment is not None:
-            factor, state = self._pace(now, moment.time), self._plant_state(now)
+            factor, state = self._rate(now, moment.time), self._plant_state(now)
             self.show(replace(moment, law=self.law, state=state, factor=factor, states=self._tracker.states))
         elif self.frame is not None:
             shown = self.frame.moment
-            factor = shown.factor if self._paces and now - self._paces[-1][0] < STANDING_S else math.nan
+            factor = shown.factor if self._rates and now - self._rates[-1][0] < STANDING_S else math.nan
             state, states = self._plant_state(now), self._tracker.states
             changed = (state, self.law, states) != (shown.state, shown.law, shown.states)
             if changed or (math.isnan(factor) and not math.isnan(shown.factor)):
@@ -191,12 +192,12 @@ class LiveFeed(Feed):
             return "paused" if self._state == "running" else self._state
         return "no data" if self._presence.silent(now) else self._state
 
-    def _pace(self, now: float, simulated: float) -> float:
+    def _rate(self, now: float, simulated: float) -> float:
         """Return simulated seconds per second of wall time over the last second."""
-        self._paces.append((now, simulated))
-        while len(self._paces) > 2 and now - self._paces[0][0] > FACTOR_SPAN_S:
-            self._paces.popleft()
-        begin, first = self._paces[0]
+        self._rates.append((now, simulated))
+        while len(self._rates) > 2 and now - self._rates[0][0] > FACTOR_SPAN_S:
+            self._rates.popleft()
+        begin, first = self._rates[0]
         return (simulated - first) / (now - begin) if now > begin else math.nan
 
     def _process_messages(self) -> None:
