@@ -209,7 +209,10 @@ def test_former_options_are_the_present_ones(
     """Breaks if a former option is refused, read differently, stays silent, or is in the help."""
     former = command_line().parse_args([command, *arguments])
     notices = capsys.readouterr().err.splitlines()
-    assert vars(former) == vars(command_line().parse_args([command, *present]))
+    expected = command_line().parse_args([command, *present])
+    for options in (former, expected):
+        vars(options).pop("publishing", None)  # actions of the parser
+    assert vars(former) == vars(expected)
     assert capsys.readouterr().err == ""
     names = {word.partition("=")[0] for word in arguments if word.partition("=")[0] in FORMER_OPTIONS}
     assert len(notices) == len(names)
