@@ -329,7 +329,7 @@ def test_a_comparison_goes_on_after_a_refusal_and_a_failure(tmp_path):
     [
         (["pid", "pidd"], r"unknown law 'pidd' \(did you mean 'pid'\?\)"),
         (["smc"], r"demo: no law fits this train: smc: with compensation 'twin'"),
-        ("pid", r"controllers 'pid': give a list"),
+        ("pid", r"laws 'pid': give a list"),
         ([], r"laws: no law"),
     ],
 )
@@ -346,7 +346,7 @@ def test_the_command_compares_laws_of_modules(own_module, capsys):
     assert f"{own_module}:Own" in capsys.readouterr().out
     assert main(["compare", "demo", "--set=duration=5", "--compensation=twin", "--laws=pid,smc"]) == 1
     out, err = capsys.readouterr()
-    assert "omitted: smc: with compensation 'twin'" in " ".join(out.split())
+    assert "refused: smc: with compensation 'twin'" in " ".join(out.split())
     assert err.startswith("train-ato: smc: with compensation 'twin'")
 
 
