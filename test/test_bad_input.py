@@ -114,7 +114,7 @@ CASES: list[tuple[str, list[str], str]] = [
      ["driver", "level", "hxd1_c80_105", "--until-km", "1", "--out", "/proc/p.csv"], r"--out /proc/p\.csv: cannot be"),
     ("plan into a place that cannot be written", ["plan", "level", "xuzhou_metro_3", "--out", "/proc/p.png"],
      r"--out /proc/p\.png: cannot be written"),
-    ("plan backwards", ["plan", "level", "xuzhou_metro_3", "--from", "10", "--to", "5"],
+    ("plan backwards", ["plan", "level", "xuzhou_metro_3", "--from-km", "10", "--to-km", "5"],
      r"options of plan: end = 5000 m must lie beyond begin"),
     ("list of an unknown name", ["list", "daqin_secton"], r"unknown name.*did you mean 'daqin_section'"),
     ("param to a value that is no YAML", ["param", "pid.kp=["], r"pid\.kp=\[: '\[' is not valid YAML"),
