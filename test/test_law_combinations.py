@@ -141,7 +141,7 @@ def test_a_train_that_nothing_drives_is_refused(tmp_path: Path, capsys: pytest.C
     path.write_text(yaml.safe_dump(consist), encoding="utf-8")
     changes = [f"--set=plant.consist={path}", "--set=plant.sensors.couplers=[]", "--set=duration=5"]
     assert main(["run", "demo", "--engine", f"--out={tmp_path / 'run'}", *changes]) == 2
-    assert "controller 'pid': no vehicle of the train has traction or brake" in capsys.readouterr().err
+    assert "law 'pid': no vehicle of the train has traction or brake" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_a_swap_during_the_run_is_checked_like_a_start() -> None:
     setup = rolling("demo")
     scenario = setup.scenario.model_copy(update={"compensation": "twin"})
     role = ControllerStage(dataclasses.replace(setup, scenario=scenario))
-    with pytest.raises(ValueError, match="controller 'funnel' with compensation 'twin'"):
+    with pytest.raises(ValueError, match="law 'funnel' with compensation 'twin'"):
         role.validate("controller", "funnel")
     with pytest.raises(ValueError, match=r"set pid\.feedforward: true"):
         role.validate("pid.feedforward", False)
@@ -177,5 +177,5 @@ def test_compare_leaves_out_what_does_not_fit(tmp_path: Path, capsys: pytest.Cap
     arguments = ["compare", "demo", "--compensation=twin", "--set=duration=5", f"--out={tmp_path / 'run'}"]
     assert main(arguments) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "omitted: smc: with compensation 'twin': 'twin' gives only a feed-forward, and this law" in said
-    assert "omitted: pid" not in said
+    assert "refused: smc: with compensation 'twin': 'twin' gives only a feed-forward, and this law" in said
+    assert "refused: pid" not in said

@@ -110,7 +110,7 @@ class PlantNode:
         self.suspended = 0.0
         self._requests = PlantRequests(self, endpoints, lockstep, timeout, rate, scenario)
         given = self._requests.given
-        self._period = None if given["lockstep"] else stage.setup.tick_ns / (given["rate"] or 1.0)
+        self._period = None if given["lockstep"] else stage.setup.tick_ns / given["rate"]
         self._rate = SteadyRateLimit(stage.setup.tick, 0.0 if self._period is not None else given["rate"])
         self.paused = given["paused"]
         steady = Clock(clock_type=ClockType.STEADY_TIME)

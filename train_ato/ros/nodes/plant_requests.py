@@ -133,12 +133,15 @@ class PlantRequests:
             [
                 Declared("timeout", timeout, TIMEOUT),
                 Declared("lockstep", lockstep, LOCKSTEP, read_only=True),
-                Declared("rate", rate if lockstep else rate or 1.0, RATE),
+                Declared("rate", rate, RATE),
                 Declared("paused", False, PAUSED),
                 Declared("scenario", scenario, SCENARIO, read_only=True),
                 *(Declared(entry.name, entry.default, entry) for entry in STRENGTHS),
             ],
         )
+        if not self.given["lockstep"] and not self.given["rate"]:
+            self.given["rate"] = 1.0
+            self._node.set_parameters([RosParameter("rate", value=1.0)])
         self._node.add_on_set_parameters_callback(self._check)
         self._node.add_post_set_parameters_callback(self._apply)
         self._services()
