@@ -127,10 +127,17 @@ def test_a_planned_swap_is_shown_by_the_parameter_and_has_no_jump(setup, tmp_pat
     shown = []
     original = ControllerNode._sync_parameters
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ControllerNode, "_sync_parameters", lambda self, law: (original(self, law), shown.append(law)))
+        patch.setattr(
+            ControllerNode,
+            "_sync_parameters",
+            lambda self, law: (
+                original(self, law),
+                shown.append((law, self.endpoints.node.get_parameter("law").value)),
+            ),
+        )
         end = run_composed(swapping, tmp_path, domain, GraphOptions())
     assert end.failure is None
-    assert shown == [{"law": "smc"}]
+    assert shown == [({"controller": "smc"}, "smc")]
     commands = [m for _, _, m in read_log(tmp_path, Wire(setup.layout).decode, ("ato/command",))]
     force = np.array([m.force[0] for m in commands])
     assert abs(force[300] - force[299]) <= 1e-3 * np.abs(force).max()

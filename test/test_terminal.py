@@ -48,7 +48,7 @@ def test_no_arguments_print_the_help(capsys: pytest.CaptureFixture[str]) -> None
         (["rnu"], "unknown command 'rnu'; did you mean 'run'?; see `train-ato --help`"),
         (["reprot", "x"], "unknown command 'reprot'; did you mean 'report'?; see `train-ato --help`"),
         (["xyz"], "unknown command 'xyz'; see `train-ato --help`"),
-        (["run", "demo", "--controler=smc"], "unknown argument '--controler'; did you mean '--law'?"),
+        (["run", "demo", "--observr=ndo"], "unknown argument '--observr'; did you mean '--observer'?"),
         (["run", "demo", "again"], "unknown argument 'again'; see `train-ato run --help`"),
         (["inject", "gusst"], "did you mean 'gust'?; see `train-ato inject --help`"),
     ],
