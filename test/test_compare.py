@@ -22,7 +22,7 @@ def test_default_gains_are_named_with_the_variant_that_has_others(
 ) -> None:
     """Breaks if a law runs with gains of another train in silence, or a chosen gain is called a default."""
     assert compared(tmp_path, "daqin_heavy_haul", "--laws=pid,smc,fixed_time_smc", "--engine") == 0
-    notes = capsys.readouterr().err.splitlines()
+    notes = [line for line in capsys.readouterr().err.splitlines() if line.startswith("train-ato: ")]
     assert notes == [
         "train-ato: smc, fixed_time_smc: default gains, not chosen for this train; set laws.NAME.* before a comparison",
         "train-ato: smc: gains for this train are in daqin_heavy_haul:tuned",
@@ -41,7 +41,7 @@ def test_chosen_gains_have_no_note(
 ) -> None:
     """Breaks if gains of the scenario or of an option are called defaults."""
     assert compared(tmp_path, scenario, "--laws=pid,smc", *options) == 0
-    assert capsys.readouterr().err == ""
+    assert "gains" not in capsys.readouterr().err
 
 
 def test_a_refused_law_has_a_row_and_the_others_are_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -50,7 +50,7 @@ def test_a_refused_law_has_a_row_and_the_others_are_run(tmp_path: Path, capsys: 
     assert compared(tmp_path / "a", *laws) == 1
     shown = capsys.readouterr()
     assert "refused: smc: with compensation 'twin'" in shown.out
-    assert shown.err.startswith("train-ato: smc: with compensation 'twin'")
+    assert "train-ato: smc: with compensation 'twin'" in shown.err
     assert compared(tmp_path / "b", *laws, "--json") == 1
     rows = json.loads(capsys.readouterr().out)
     assert [(row["controller"], row["status"]) for row in rows] == [("smc", "refused"), ("pid", "done")]
