@@ -6,19 +6,15 @@ import argparse
 import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.runs.drive import RunMode, drive
-from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
-from train_ato.apps.runs.protection_note import protection_note
-from train_ato.apps.runs.run import Run
-from train_ato.apps.runs.summary_table import result_rows
 from train_ato.arguments import add_no_lockstep, add_rate, parse_limit
 from train_ato.cli.scenario_options import add_scenario_options, prepare_from
-from train_ato.cli.screen import print_json, print_table
 from train_ato.errors import RunFailed
 from train_ato.log.compression import add_compression
-from train_ato.log.run_folder import check_free, next_free
+
+if TYPE_CHECKING:
+    from train_ato.apps.runs.run import Run
 
 LIMIT = 3
 """Default of the restarts of each node."""
@@ -64,7 +60,11 @@ def restart_limit(wanted: bool, limit: int | None) -> int:
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Run one scenario."""
+    """Run one scenario; imports are late, so that help and completion are fast."""
+    from train_ato.apps.runs.drive import RunMode, drive
+    from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
+    from train_ato.log.run_folder import check_free, next_free
+
     mode = "engine" if options.engine else "processes" if options.processes else "composed"
     restarts = restart_limit(options.restart, options.restart_limit)
     rate = None if math.isinf(options.rate) else options.rate
@@ -93,6 +93,10 @@ def execute(options: argparse.Namespace) -> int:
 
 def print_run(run: Run, as_json: bool) -> None:
     """Print the result; a run with brake interventions, or a disengaged ATO, has a line on stderr."""
+    from train_ato.apps.runs.protection_note import protection_note
+    from train_ato.apps.runs.summary_table import result_rows
+    from train_ato.cli.screen import print_json, print_table
+
     summary: dict[str, Any] = {**run.metrics, "run": str(run.path)}
     if note := protection_note(summary, summary["run"]):
         sys.stderr.write(f"train-ato: {note}\n")
