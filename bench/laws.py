@@ -55,7 +55,7 @@ RIDES = (
     Ride("funnel", "crh380a_funnel:short", 10.0),
     Ride("gpc", "crh380a_gpc:short", 100.0, GPC, "three units, one loop on their mean, every step a sample"),
     Ride(
-        "gpc", "crh380a_gpc:short+free", 100.0, GPC | {"controllers": {"gpc": {"structure": "unit"}}},
+        "gpc", "crh380a_gpc:short+free", 100.0, GPC | {"laws": {"gpc": {"structure": "unit"}}},
         "three units, a loop each, every step a sample",
     ),
 )  # fmt: skip
@@ -89,10 +89,10 @@ def recorded(ride: Ride) -> tuple[Any, list[LawInput]]:
     LAWS.register(name := f"{ride.law}_recorded_{id(ride)}", Recording)
     scenario, path = load_scenario(ride.scenario, changes=ride.changes)
     period = scenario.control_period or scenario.tick
-    parameters = scenario.controllers.get(ride.law, {})
+    parameters = scenario.laws.get(ride.law, {})
     changes = {
-        "controller": name,
-        "controllers": {name: parameters},
+        "law": name,
+        "laws": {name: parameters},
         "duration": min(scenario.duration, STEPS * period),
     }
     setup = prepare(scenario.model_copy(update=changes), path)

@@ -2,7 +2,7 @@
 
     python bench/reactions.py [--rounds R] [--json]
 
-A graph with one process per node runs at the pace 1, so that simulated time is wall time.  A node is killed; the time
+A graph with one process per node runs at the rate 1, so that simulated time is wall time.  A node is killed; the time
 to the first brake of the train counts from the stamp of its first missing message.  The goal is 0.6 s at 10 and 50 Hz;
 the exit status is 1 if it is missed widely (see goals.py).  ``test/test_reaction_times.py`` has the reactions to lost
 messages in simulated time.
@@ -38,7 +38,7 @@ def reaction(node: str, tick: float) -> float:
     fault = f"faults=[{{at: {KILLED_S}, do: kill, node: {node}}}]"
     setup = prepare(*load_scenario(name, (*sets, "duration=30", f"tick={tick}", fault)))
     with tempfile.TemporaryDirectory() as folder:
-        result = run_graph(setup, Path(folder), mode="processes", realtime=1.0)
+        result = run_graph(setup, Path(folder), mode="processes", lockstep=False, rate=1.0)
     if result.recording is None:
         raise RuntimeError(result.failure)
     spans = state_spans(result.recording.reports, "plant")

@@ -1,8 +1,8 @@
 """Frame rate of the live page and its share of a core in the server and the browser.
 
-    python bench/view.py [--scenario NAME] [--pace F] [--seconds S] [--pages N] [--rounds R] [--json]
+    python bench/view.py [--scenario NAME] [--rate F] [--seconds S] [--pages N] [--rounds R] [--json]
 
-A paced run starts in a separate process; this process serves the page as ``train-ato view`` does, and a headless
+A run starts in a separate process; this process serves the page as ``train-ato view`` does, and a headless
 Chromium shows it.  Frames are counted after they are drawn.  The share of a core is the CPU time of this process over
 the wall time, for reading the graph and serving the page; the best round counts, because other load on the machine only
 adds time.  Without Chromium only the reading of the graph is measured.
@@ -124,7 +124,7 @@ def main() -> int:
     """Measure and print; return the exit status, 0 if the goals are met."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--scenario", default="demo")
-    parser.add_argument("--pace", type=float, default=10.0)
+    parser.add_argument("--rate", type=float, default=10.0)
     parser.add_argument("--seconds", type=float, default=8.0)
     parser.add_argument("--pages", type=int, default=1)
     parser.add_argument("--rounds", type=int, default=4)
@@ -135,7 +135,7 @@ def main() -> int:
     with claim_domain() as domain:
         pass
     with tempfile.TemporaryDirectory() as scratch:
-        command = [sys.executable, "-m", "train_ato", "run", options.scenario, "--pace", repr(options.pace)]
+        command = [sys.executable, "-m", "train_ato", "run", options.scenario, "--rate", repr(options.rate)]
         command += ["--domain", str(domain), "--out", f"{scratch}/run"]
         run = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
@@ -147,11 +147,11 @@ def main() -> int:
             run.send_signal(signal.SIGINT)
             run.wait()
     best = max(rounds, key=lambda entry: (round(entry["frames_per_s"]), -entry["share"]))
-    result = {"scenario": options.scenario, "pace": options.pace, "pages": options.pages, **best, "rounds": rounds}
+    result = {"scenario": options.scenario, "rate": options.rate, "pages": options.pages, **best, "rounds": rounds}
     if options.json:
         print(json.dumps(result, indent=2))
     else:
-        print(f"{options.scenario} at {options.pace:g} times real time, {options.pages} page(s)")
+        print(f"{options.scenario} at {options.rate:g} times real time, {options.pages} page(s)")
         for entry in rounds:
             print(
                 f"  {entry['frames_per_s']:5.1f} frames/s, {100 * entry['share']:5.1f} % of a core here, "

@@ -3,18 +3,18 @@
 The law adds two gains on the remaining error to the feed-forward of the nominal model. Test it with::
 
     train-ato check-law my_law:MyLaw
-    train-ato run demo --controller my_law:MyLaw --set controllers.my_law:MyLaw.gain=0.2
+    train-ato run demo --law my_law:MyLaw --set laws.my_law:MyLaw.gain=0.2
 
 or in Python, without registration::
 
-    train_ato.run("demo", controller=MyLaw(gain=0.2))
+    train_ato.run("demo", law=MyLaw(gain=0.2))
 
 A short name needs a registration in the package that holds the law (``pyproject.toml``) and ``pip install -e .``::
 
     [project.entry-points."train_ato.controllers"]
     my_law = "my_law:MyLaw"
 
-In the node graph the law is the ROS parameter ``controller``, and its parameters are ``my_law.gain``, ...
+In the node graph the law is the ROS parameter ``law``, and its parameters are ``my_law.gain``, ...
 """
 
 from __future__ import annotations

@@ -21,7 +21,9 @@ class Bench:
         self.wire = Wire(setup.layout)
         self.endpoints = NodeEndpoints(role, self.wire, self.context, self.watch, ROLES[:-1], arguments)
         recorded = options.pop("recorded", False)
-        self.node = make_node(role, setup, self.endpoints, None, options.get("realtime"), 10.0, recorded)
+        self.node = make_node(
+            role, setup, self.endpoints, None, not options.get("rate"), 10.0, recorded, options.get("rate") or 0.0
+        )
         self.other = Node("other", context=self.context, enable_rosout=False, start_parameter_services=False)
         self.executor.add_node(self.endpoints.node)
         self.executor.add_node(self.other)

@@ -15,7 +15,7 @@ EVENTFUL = [
     "--set=duration=70",
     "--set=plant.disturbances=[{kind: gust, begin: 12, end: 18, acceleration: -0.02}]",
     "--set=plant.sensors={couplers: [0], velocity_noise: 0.005, freeze: [{unit: 0, begin: 52, end: 53}]}",
-    "--set=controller_changes=[{at: 30, controller: smc}, {at: 40.5, controller: pid}]",
+    "--set=law_changes=[{at: 30, law: smc}, {at: 40.5, law: pid}]",
     "--set=brake={policy: planned, events: [{time: 45, reduction_kpa: 50}, {time: 60, reduction_kpa: 0}]}",
     "--set=links.command={delay: 0.8, jump: {at: 35, add: 0.4}}",
     "--set=interventions=[{do: gust, at: 48, acceleration: 0.01, duration: 3}, {do: emergency_brake, at: 66.2}]",

@@ -112,7 +112,7 @@ def same_tables(one, other):
 
 def test_a_run_is_measured_drawn_and_saved(tmp_path, capsys):
     """Breaks if a call of the example in the README fails, or a saved run is incomplete."""
-    run = ta.run("demo", controller="smc", set={"controllers.smc.ks": 0.0, **SHORT})
+    run = ta.run("demo", law="smc", set={"laws.smc.ks": 0.0, **SHORT})
     assert run.metrics["speed_rmse_kmh"] > 0 and run.metrics["controller"] == "smc"
     assert run.path is None and capsys.readouterr() == ("", "")
     assert len(run.plot().axes) >= 4 and run.plot()._repr_png_().startswith(b"\x89PNG")
@@ -149,9 +149,9 @@ def test_the_record_is_the_same_wherever_it_is_held(tmp_path, monkeypatch):
 @pytest.mark.parametrize("mode", ["composed", "processes"])
 def test_every_mode_gives_the_same_run(mode, own_module):
     """Breaks if other processes do not find a law by its module, or its parameters are lost."""
-    changes = {f"controllers.{own_module}:Own.gain": 0.3, **SHORT}
-    engine = ta.run("demo", controller=f"{own_module}:Own", set=changes)
-    graph = ta.run("demo", controller=f"{own_module}:Own", set=changes, mode=mode)
+    changes = {f"laws.{own_module}:Own.gain": 0.3, **SHORT}
+    engine = ta.run("demo", law=f"{own_module}:Own", set=changes)
+    graph = ta.run("demo", law=f"{own_module}:Own", set=changes, mode=mode)
     assert graph.path is None and graph.metrics["mode"] == mode
     pd.testing.assert_frame_equal(engine["train/vehicles"], graph["train/vehicles"], check_exact=True)
     assert graph.save("graph").is_dir()
@@ -159,16 +159,16 @@ def test_every_mode_gives_the_same_run(mode, own_module):
 
 def test_laws_need_no_registration(own_module, capsys):
     """Breaks if a law object, its class with the same parameters and the class name result in different runs."""
-    run = ta.run("demo", controller=Gain(gain=0.3), set=SHORT)
+    run = ta.run("demo", law=Gain(gain=0.3), set=SHORT)
     name = f"{__name__}:Gain"
     assert run.metrics["controller"] == name
-    by_name = ta.run("demo", controller=Gain, set={f"controllers.{name}.gain": 0.3, **SHORT})
+    by_name = ta.run("demo", law=Gain, set={f"laws.{name}.gain": 0.3, **SHORT})
     same = ("speed_rmse_kmh", "coupler_draft_max_kn", "energy_traction_kwh")
-    for other in (by_name, ta.run("demo", controller=Plain(np.float64(0.3)), set=SHORT)):
+    for other in (by_name, ta.run("demo", law=Plain(np.float64(0.3)), set=SHORT)):
         assert [other.metrics[key] for key in same] == [run.metrics[key] for key in same]
-    assert ta.run("demo", controller=Gain, set=SHORT).metrics["speed_rmse_kmh"] != run.metrics["speed_rmse_kmh"]
-    arguments = ["run", "demo", "--engine", "--controller", f"{own_module}:Own", "--set=duration=20", "--json"]
-    assert main([*arguments, "--set", f"controllers.{own_module}:Own.gain=0.3"]) == 0
+    assert ta.run("demo", law=Gain, set=SHORT).metrics["speed_rmse_kmh"] != run.metrics["speed_rmse_kmh"]
+    arguments = ["run", "demo", "--engine", "--law", f"{own_module}:Own", "--set=duration=20", "--json"]
+    assert main([*arguments, "--set", f"laws.{own_module}:Own.gain=0.3"]) == 0
     found = yaml.safe_load(capsys.readouterr().out)
     assert found["speed_rmse_kmh"] == run.metrics["speed_rmse_kmh"]
 
@@ -177,7 +177,7 @@ def test_the_template_takes_its_parameters_as_keywords(monkeypatch):
     """Breaks if examples/my_law.py does not run as described in it."""
     monkeypatch.syspath_prepend(str(ROOT / "examples"))
     my_law = importlib.import_module("my_law")
-    run = ta.run("demo", controller=my_law.MyLaw(gain=0.2), set=SHORT)
+    run = ta.run("demo", law=my_law.MyLaw(gain=0.2), set=SHORT)
     assert run.setup.controller_parameters["my_law:MyLaw"]["gain"] == 0.2
     assert ta.compare("demo", [my_law.MyLaw], set=SHORT).table["status"].tolist() == ["done"]
 
@@ -186,7 +186,7 @@ def test_a_class_of_a_registered_law_has_its_name():
     """Breaks if a law class does not use the parameters of the shipped scenario."""
     from train_ato.control.laws.smc import Smc
 
-    assert ta.run("demo", controller=Smc, set=SHORT).metrics["controller"] == "smc"
+    assert ta.run("demo", law=Smc, set=SHORT).metrics["controller"] == "smc"
 
 
 def test_a_class_that_is_defined_again_replaces_the_first():
@@ -199,7 +199,7 @@ def test_a_class_that_is_defined_again_replaces_the_first():
 
         return Same
 
-    strong, weak = ta.run("demo", controller=make(1.0), set=SHORT), ta.run("demo", controller=make(0.5), set=SHORT)
+    strong, weak = ta.run("demo", law=make(1.0), set=SHORT), ta.run("demo", law=make(0.5), set=SHORT)
     assert strong.metrics["controller"] == weak.metrics["controller"]
     assert weak.metrics["energy_traction_kwh"] < 0.9 * strong.metrics["energy_traction_kwh"]
     table = ta.compare("demo", [make(1.0), make(0.5)], set=SHORT).table
@@ -216,14 +216,14 @@ def in_a_new_process(*arguments, folder):
 
 def test_a_saved_run_with_a_law_of_its_own_is_verified_or_refused(own_module, tmp_path):
     """Breaks if verify uses another law, its refusal has no remedy, or the tables need the law."""
-    found = ta.run("demo", controller=f"{own_module}:Own", set={"duration": 5}).save("found")
+    found = ta.run("demo", law=f"{own_module}:Own", set={"duration": 5}).save("found")
     done = in_a_new_process("verify", str(found), folder=tmp_path)
     assert (done.returncode, done.stderr) == (0, "") and "are equal" in done.stdout
 
     class Local(Gain):
         pass
 
-    lost = ta.run("demo", controller=Local(0.2), set={"duration": 5}).save("lost")
+    lost = ta.run("demo", law=Local(0.2), set={"duration": 5}).save("lost")
     done = in_a_new_process("verify", str(lost), folder=tmp_path)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
     assert "Local was defined in a script, a notebook or a function; move the class into a module" in done.stderr
@@ -253,21 +253,21 @@ class NotKept(Gain):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"controller": "smcc"}, r"demo\.yaml: unknown controller 'smcc' \(did you mean 'smc'\?\)"),
-        ({"controller": 3}, r"controller 3: give a name, 'module:Class', a class or an object"),
-        ({"controller": NoReset}, r"class NoReset has no method reset\(\)"),
-        ({"controller": NoDefault}, r"parameter 'gain' needs a default"),
-        ({"controller": NotKept()}, r"NotKept does not keep its parameter 'more'; set self\.more"),
-        ({"controller": Gain(gain=11.0)}, r"Gain\.gain: 11 is outside 0 \.\.\. 10 1/s"),
-        ({"controller": "no_such_module:Law"}, r"module 'no_such_module' cannot be imported"),
-        ({"controller": "__main__:Law"}, r"Law was defined in a script.*my_law\.py"),
-        ({"controller": Gain, "mode": "processes", "set": {"plant": 1}}, r"plant = 1"),
+        ({"law": "smcc"}, r"demo\.yaml: unknown law 'smcc' \(did you mean 'smc'\?\)"),
+        ({"law": 3}, r"law 3: give a name, 'module:Class', a class or an object"),
+        ({"law": NoReset}, r"class NoReset has no method reset\(\)"),
+        ({"law": NoDefault}, r"parameter 'gain' needs a default"),
+        ({"law": NotKept()}, r"NotKept does not keep its parameter 'more'; set self\.more"),
+        ({"law": Gain(gain=11.0)}, r"Gain\.gain: 11 is outside 0 \.\.\. 10 1/s"),
+        ({"law": "no_such_module:Law"}, r"module 'no_such_module' cannot be imported"),
+        ({"law": "__main__:Law"}, r"Law was defined in a script.*my_law\.py"),
+        ({"law": Gain, "mode": "processes", "set": {"plant": 1}}, r"plant = 1"),
         ({"mode": "thread"}, r"mode 'thread': choose from engine, composed, processes"),
-        ({"realtime": 0}, r"^realtime 0: give a positive number"),
+        ({"rate": 0}, r"^rate 0: give a number above 0"),
         ({"restarts": 1}, r"^restart: only a node in a process of its own can be restarted"),
         ({"mode": "processes", "restarts": -1}, r"^restarts -1: give 1 or more, or 0 for none"),
         ({"set": {"seed.a": 1}}, r"set seed\.a: 'seed' is a value, not a block of keys"),
-        ({"set": {"controllers.pid.kpp": 1}}, r"pid\.kpp: no such parameter \(did you mean 'kp'\?\)"),
+        ({"set": {"laws.pid.kpp": 1}}, r"pid\.kpp: no such parameter \(did you mean 'kp'\?\)"),
         ({"seed": -1}, r"seed = -1"),
         ({"out": "."}, r"^out \.: exists already"),
     ],
@@ -287,9 +287,9 @@ def test_a_law_of_a_function_cannot_go_to_other_processes():
     class Local(Gain):
         pass
 
-    refusal = r"mode 'processes': another process cannot import the controller: .*my_law:MyLaw"
+    refusal = r"mode 'processes': another process cannot import the law: .*my_law:MyLaw"
     with pytest.raises(ValueError, match=refusal):
-        ta.run("demo", controller=Local(), mode="processes")
+        ta.run("demo", law=Local(), mode="processes")
 
 
 @pytest.mark.parametrize(("law", "error", "status"), [(Breaking, ta.RunFailed, "failed"),
@@ -298,7 +298,7 @@ def test_a_law_of_a_function_cannot_go_to_other_processes():
 def test_a_run_that_does_not_end_well_keeps_its_record(law, error, status, kept, tmp_path):
     """Breaks if recorded data are lost after a failure or Ctrl-C."""
     with pytest.raises(error) as caught:
-        ta.run("demo", controller=law, set=SHORT, out=tmp_path / "run" if kept else None)
+        ta.run("demo", law=law, set=SHORT, out=tmp_path / "run" if kept else None)
     assert isinstance(caught.value, ta.RunFailed) and "\n" not in str(caught.value)
     run = caught.value.run
     assert run.metrics["status"] == status
@@ -318,7 +318,7 @@ def test_a_comparison_goes_on_after_a_refusal_and_a_failure(tmp_path):
     assert sorted(table.index[3:]) == ["Breaking", "smc"], "runs to the end are first"
     assert "'twin' gives only a feed-forward" in table.loc["smc", "reason"]
     assert "ZeroDivisionError: late" in table.loc["Breaking", "reason"]
-    alone = ta.run("demo", controller=Gain(0.3), **options)
+    alone = ta.run("demo", law=Gain(0.3), **options)
     assert table.loc["Gain(gain=0.3)", "speed_rmse_kmh"] == alone.metrics["speed_rmse_kmh"]
     assert len(both.plot(tmp_path / "figure.png").axes) == 4 and (tmp_path / "figure.png").is_file()
     assert "Gain(gain=0.2)" in both.report(tmp_path / "page.html").read_text()
@@ -329,10 +329,10 @@ def test_a_comparison_goes_on_after_a_refusal_and_a_failure(tmp_path):
 @pytest.mark.parametrize(
     ("laws", "message"),
     [
-        (["pid", "pidd"], r"unknown controller 'pidd' \(did you mean 'pid'\?\)"),
+        (["pid", "pidd"], r"unknown law 'pidd' \(did you mean 'pid'\?\)"),
         (["smc"], r"demo: no law fits this train: smc: with compensation 'twin'"),
-        ("pid", r"controllers 'pid': give a list"),
-        ([], r"controllers: no law"),
+        ("pid", r"laws 'pid': give a list"),
+        ([], r"laws: no law"),
     ],
 )
 def test_a_comparison_of_no_law_is_refused(laws, message):
@@ -344,23 +344,23 @@ def test_a_comparison_of_no_law_is_refused(laws, message):
 def test_the_command_compares_laws_of_modules(own_module, capsys):
     """Breaks if `compare`, `run` and `check-law` find different laws, or a refused law ends with status 0."""
     arguments = ["compare", "demo", "--set=duration=10", "--out=out"]
-    assert main([*arguments, f"--controllers=pid,{own_module}:Own"]) == 0
+    assert main([*arguments, f"--laws=pid,{own_module}:Own"]) == 0
     assert f"{own_module}:Own" in capsys.readouterr().out
-    assert main(["compare", "demo", "--set=duration=5", "--compensation=twin", "--controllers=pid,smc"]) == 1
+    assert main(["compare", "demo", "--set=duration=5", "--compensation=twin", "--laws=pid,smc"]) == 1
     out, err = capsys.readouterr()
-    assert "omitted: smc: with compensation 'twin'" in " ".join(out.split())
+    assert "refused: smc: with compensation 'twin'" in " ".join(out.split())
     assert err.startswith("train-ato: smc: with compensation 'twin'")
 
 
 def test_a_scenario_is_changed_without_changing_it():
     """Breaks if a change modifies the original scenario, or is missing in the text."""
     demo = ta.scenario("demo")
-    other = demo.with_({"controllers.pid.kp": 0.03}, seed=7)
+    other = demo.with_({"laws.pid.kp": 0.03}, seed=7)
     assert (demo.checked.seed, other.checked.seed) == (1, 7)
-    assert repr(other) == "scenario('demo').with_({'controllers.pid.kp': 0.03, 'seed': 7})"
+    assert repr(other) == "scenario('demo').with_({'laws.pid.kp': 0.03, 'seed': 7})"
     data = yaml.safe_load(other.yaml)
-    assert check_scenario(data, demo.path) == other.checked and data["controllers"]["pid"]["kp"] == 0.03
-    assert "controllers" not in yaml.safe_load(demo.yaml)
+    assert check_scenario(data, demo.path) == other.checked and data["laws"]["pid"]["kp"] == 0.03
+    assert "laws" not in yaml.safe_load(demo.yaml)
     assert "ideal" in ta.scenario("daqin_heavy_haul").variants
     assert ta.scenario("daqin_heavy_haul:ideal").name == "daqin_heavy_haul:ideal"
     with pytest.raises(ValueError, match=r"demo\.yaml: seed = 'x'"):

@@ -93,7 +93,7 @@ def test_a_law_that_raises_stops_the_train_before_the_run_fails(monkeypatch: pyt
         return step(self, inputs)
 
     monkeypatch.setattr(Pid, "step", failing)
-    result, recording = driven(METRO, "controller=pid", "duration=120")
+    result, recording = driven(METRO, "law=pid", "duration=120")
     assert result.failure is not None
     assert result.failure.startswith("node controller failed: ZeroDivisionError: gain is 0")
     assert recording.front_velocity[-1] < 0.1
@@ -110,8 +110,8 @@ def test_the_braking_law_keeps_a_bad_law_below_the_warning_limit(monkeypatch: py
         return output
 
     monkeypatch.setattr(Pid, "step", eager)
-    _, bad = driven(METRO, "controller=pid", "duration=150", "supervision.assurance=false")
-    _, kept = driven(METRO, "controller=pid", "duration=150")
+    _, bad = driven(METRO, "law=pid", "duration=150", "supervision.assurance=false")
+    _, kept = driven(METRO, "law=pid", "duration=150")
 
     def interventions(recording: Recording) -> int:
         reports = [report for report in recording.reports if report.node == "supervisor"]

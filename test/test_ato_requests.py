@@ -96,7 +96,7 @@ def test_live_requests_are_recorded_and_verified(tmp_path: Path, monkeypatch: py
     with claim_domain() as domain:
         pass  # free a moment ago: the run claims it itself
     process = started(
-        "run", "demo", "--controller=late_law:LateLaw", "--set=duration=60", "--pace=1", "--json",
+        "run", "demo", "--law=late_law:LateLaw", "--set=duration=60", "--rate=1", "--json",
         f"--domain={domain}", f"--out={run}", stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     desk = Desk(domain)
@@ -111,7 +111,7 @@ def test_live_requests_are_recorded_and_verified(tmp_path: Path, monkeypatch: py
             assert done.returncode == 0, done.stderr
             assert f"controller on domain {domain}: {action}" in done.stdout
             desk.steps(8)
-        assert set_parameter(domain, "plant", "pace", 0.0) is None
+        assert set_parameter(domain, "plant", "rate", 0.0) is None
         desk.pause(False)
     finally:
         desk.close()

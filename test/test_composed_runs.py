@@ -123,14 +123,21 @@ def test_a_full_disk_fails_the_recorder_by_name(setup, tmp_path, monkeypatch):
 
 def test_a_planned_swap_is_shown_by_the_parameter_and_has_no_jump(setup, tmp_path, domain):
     """The first output after a swap equals the last command before it, up to the usual change of a tick."""
-    swapping = prepare(*load_scenario("demo", ("duration=40", "controller_changes=[{at: 30, controller: smc}]")))
+    swapping = prepare(*load_scenario("demo", ("duration=40", "law_changes=[{at: 30, law: smc}]")))
     shown = []
     original = ControllerNode._sync_parameters
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ControllerNode, "_sync_parameters", lambda self, law: (original(self, law), shown.append(law)))
+        patch.setattr(
+            ControllerNode,
+            "_sync_parameters",
+            lambda self, law: (
+                original(self, law),
+                shown.append((law, self.endpoints.node.get_parameter("law").value)),
+            ),
+        )
         end = run_composed(swapping, tmp_path, domain, GraphOptions())
     assert end.failure is None
-    assert shown == [{"controller": "smc"}]
+    assert shown == [({"controller": "smc"}, "smc")]
     commands = [m for _, _, m in read_log(tmp_path, Wire(setup.layout).decode, ("ato/command",))]
     force = np.array([m.force[0] for m in commands])
     assert abs(force[300] - force[299]) <= 1e-3 * np.abs(force).max()
@@ -146,7 +153,7 @@ def test_the_memory_of_a_killed_run_is_removed_by_the_next_one(setup, tmp_path):
     """Breaks if the files of a run that was ended by SIGKILL remain, or those of another running run are removed."""
     runs, files = [], []
     for name in ("killed", "running"):
-        words = ["-m", "train_ato", "run", "demo", "--set=duration=6000", "--pace=20", f"--out={tmp_path / name}"]
+        words = ["-m", "train_ato", "run", "demo", "--set=duration=6000", "--rate=20", f"--out={tmp_path / name}"]
         runs.append(subprocess.Popen([sys.executable, *words], cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}))
     try:
         for name, process in zip(("killed", "running"), runs, strict=True):

@@ -51,7 +51,7 @@ def scenario(grade_permille: float, **changes: Any) -> dict[str, Any]:
         "plant": plant,
         "links": {"command": {"delay": 0.4}},
         "profile": {"start": 0, "limits": limits, "phases": phases},
-        "controllers": {"pid": {"kp": 0.5, "ki": 0.05}},
+        "laws": {"pid": {"kp": 0.5, "ki": 0.05}},
         "compensation": "preview",
         **changes,
     }

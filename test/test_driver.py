@@ -50,3 +50,13 @@ def test_average_keeps_a_ramp_and_spreads_a_step_over_three_windows() -> None:
     moving = np.flatnonzero((smooth > 1e-9) & (smooth < 1 - 1e-9))
     assert 140 <= moving.size <= 153
     assert smooth[199] + smooth[200] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_train_without_an_air_brake_is_driven(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the driver needs an air brake, or names brake events of a train without one."""
+    out = tmp_path / "metro.csv"
+    assert main(["driver", "xuzhou_metro_test", "xuzhou_metro_3", "--until-km", "1", f"--out={out}"]) == 0
+    assert "brake" not in capsys.readouterr().out
+    made = np.loadtxt(out, delimiter=",", comments=("#", "time"))
+    assert made[0, 2] == 0 and made[-1, 1] == pytest.approx(1000, abs=20)
+    assert 3.6 * made[:, 2].max() < 75

@@ -49,7 +49,7 @@ def test_a_law_that_raises_fails_the_run_by_name(
     """Breaks if a foreign exception becomes a traceback, or recorded data are lost."""
     monkeypatch.setitem(LAWS._loaded, "breaks", Breaks)
     out = tmp_path / "run"
-    assert main(["run", "demo", "--engine", "--controller", "breaks", "--set=duration=20", f"--out={out}"]) == 1
+    assert main(["run", "demo", "--engine", "--law", "breaks", "--set=duration=20", f"--out={out}"]) == 1
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert said.startswith("train-ato: node controller failed: KeyError: 'boom'")
     assert message_counts(out)["/ato/command"] == 50
@@ -70,7 +70,7 @@ def test_a_broken_package_of_somebody_else_harms_nobody(monkeypatch: pytest.Monk
 def test_signals_end_a_run_with_a_readable_log(number: signal.Signals, tmp_path: Path) -> None:
     """Breaks if the engine dies in the middle of a tick, or leaves run.mcap.partial."""
     out = tmp_path / "run"
-    command = [sys.executable, "-m", "train_ato", "run", "demo", "--engine", "--realtime", "20", "--out", str(out)]
+    command = [sys.executable, "-m", "train_ato", "run", "demo", "--engine", "--rate", "20", "--out", str(out)]
     child = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ})
     wait_for(lambda: (out / "run.mcap.partial").exists() or child.poll() is not None)
     child.send_signal(number)
@@ -83,9 +83,9 @@ def test_signals_end_a_run_with_a_readable_log(number: signal.Signals, tmp_path:
     assert main(["info", str(out), "--json"]) == 0
 
 
-@pytest.mark.parametrize("option", ["--pace", "--realtime"])
-def test_both_options_pace_the_engine(option: str, tmp_path: Path) -> None:
-    """Breaks if the engine refuses a pace, or runs ahead of the wall clock."""
+@pytest.mark.parametrize("option", ["--rate", "--pace", "--realtime"])
+def test_the_rate_limits_the_engine(option: str, tmp_path: Path) -> None:
+    """Breaks if the engine refuses a rate or its former names, or runs ahead of the wall clock."""
     out = tmp_path / "run"
     assert main(["run", "demo", "--engine", option, "4", "--set", "duration=2", "--out", str(out)]) == 0
     assert json.loads((out / "summary.json").read_text())["wall_s"] > 0.45

@@ -35,8 +35,8 @@ SILENT_S = 10.0
 KEPT = 1.0
 """Largest loss at the end of a log [s]."""
 WALL = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99")
-SLOW_PACE = 0.5
-"""Pace of a run without its recorder: the last second of the log is one of wall time; here it has two."""
+SLOW_RATE = 0.5
+"""Rate of a run without its recorder: the last second of the log is one of wall time; here it has two."""
 
 pytestmark = pytest.mark.slow
 
@@ -60,11 +60,11 @@ def test_each_way_has_48_rows():
         assert {row.kind for row in rows} == {row.kind for row in ROWS if not row.slow}
 
 
-def graph_run(row, way, folder, pace=0.0, timeout=LIMIT_S):
+def graph_run(row, way, folder, rate=0.0, timeout=LIMIT_S):
     """Run a row as a graph in a folder and return it."""
     setup = setup_of(row)
     folder.mkdir()
-    return FaultRun(setup, run_graph(setup, folder, mode=way, pace=pace, timeout=timeout))
+    return FaultRun(setup, run_graph(setup, folder, mode=way, rate=rate, timeout=timeout))
 
 
 def stamps(folder, topic):
@@ -107,8 +107,8 @@ def test_a_lost_process_stops_the_train(row, tmp_path):
     A second node starts late: the demand counts from the last answer that the train used.
     """
     folder = tmp_path / "run"
-    pace = 2.0 if "duplicate" in row.sets[0] else 0.0
-    run = graph_run(row, "processes", folder, pace, SILENT_S if "do: stop" in row.sets[0] else LIMIT_S)
+    rate = 2.0 if "duplicate" in row.sets[0] else 0.0
+    run = graph_run(row, "processes", folder, rate, SILENT_S if "do: stop" in row.sets[0] else LIMIT_S)
     (fault,) = node_faults(run.setup.scenario.faults)
     assert re.match(failure_of(fault), run.result.failure)
     assert run.front < run.supervised_location
@@ -127,7 +127,7 @@ def test_a_lost_process_stops_the_train(row, tmp_path):
 def test_a_lost_recorder_keeps_the_log(row, tmp_path):
     """Breaks if the run goes on without a record, or more than the last second is lost."""
     folder = tmp_path / "run"
-    run = graph_run(row, "processes", folder, SLOW_PACE, SILENT_S)
+    run = graph_run(row, "processes", folder, SLOW_RATE, SILENT_S)
     (fault,) = node_faults(run.setup.scenario.faults)
     assert run.result.failure.startswith(row.reaction)
     recover(folder)

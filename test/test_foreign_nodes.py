@@ -41,7 +41,7 @@ ROOT = Path(__file__).resolve().parents[1]
 WAYS = pytest.mark.parametrize(
     "way", [[], pytest.param(["--processes"], marks=pytest.mark.slow)], ids=["composed", "processes"]
 )
-SLOW = "--pace=60"
+SLOW = "--rate=60"
 
 
 class Running:
@@ -150,7 +150,12 @@ TICK = 100_000_000
 TAKEOVERS = [
     pytest.param("ato/reference", lambda stamp: Reference(stamp, 0.0, 0.0, 0.0), [SLOW], id="reference"),
     pytest.param("ato/estimate", lambda stamp: DisturbanceEstimate(stamp, np.array([1e6])), [SLOW], id="estimate"),
-    pytest.param("ato/brake_pipe_command", lambda stamp: Pipe(stamp, 0.0), ["--realtime=20"], id="brake_pipe_realtime"),
+    pytest.param(
+        "ato/brake_pipe_command",
+        lambda stamp: Pipe(stamp, 0.0),
+        ["--no-lockstep", "--rate=20"],
+        id="brake_pipe_realtime",
+    ),
     pytest.param("recorder/progress", Tick, [SLOW], id="acknowledgement"),
     pytest.param("/clock", Tick, [SLOW], id="clock", marks=pytest.mark.slow),
     pytest.param(
@@ -216,7 +221,7 @@ def test_a_run_does_not_begin_beside_a_second_publisher(tmp_path):
     with claim_domain() as domain, applied(variables(domain, tmp_path / "log")), ForeignNode(domain) as foreign:
         foreign.publisher("ato/command")
         foreign.settle(0.1)
-        end = run_composed(setup, tmp_path, domain, GraphOptions(discovery_limit=1.0))
+        end = run_composed(setup, tmp_path, domain, GraphOptions(start_limit=1.0))
     before = "node plant failed: it waited 1 s for the end of node intruder"
     after = "node plant failed: ato/command has more than one publisher: node intruder too; end it"
     assert end.failure.startswith(before) or end.failure == after
@@ -243,7 +248,7 @@ def test_a_second_observer_started_alone_is_named(terminals):  # noqa: F811
     for role in ("supervisor", "profile", "observer", "controller"):
         terminals.start(role, "--scenario=demo")
     terminals.start("observer", "--scenario=demo")
-    plant = terminals.start("plant", "--scenario=demo", "--timeout=60", "--pace=1")
+    plant = terminals.start("plant", "--scenario=demo", "--timeout=60", "--rate=1")
     said = ""
     while "second" not in said:  # before the start, or in the run if the process of the second one is slow
         said = plant.stdout.readline()

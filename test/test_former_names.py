@@ -9,15 +9,19 @@ from typing import Any
 import pytest
 import yaml
 
+import train_ato as ta
 from train_ato.cli import main
-from train_ato.cli.main import COMMANDS
+from train_ato.cli.main import COMMANDS, command_line
 from train_ato.loop.setup import prepare
 from train_ato.scenario import former_names
-from train_ato.scenario.former_names import FORMER_COMMANDS, FORMER_KEYS
+from train_ato.scenario.former_names import FORMER_COMMANDS, FORMER_KEYS, FORMER_OPTIONS
 from train_ato.scenario.scenario import Scenario, load_scenario
 
 VALUES: dict[str, tuple[str, Any]] = {
-    "swaps": ("demo", [{"at": 30, "controller": "smc"}]),
+    "controller": ("demo", "smc"),
+    "controllers": ("demo", {"pid": {"kp": 0.04}}),
+    "controller_changes": ("demo", [{"at": 30, "law": "smc"}]),
+    "swaps": ("demo", [{"at": 30, "law": "smc"}]),
     "score": ("demo", {"until_km": 4}),
     "profile.then": ("demo", [{"cruise_for": 3}]),
     "plant.unlimited": ("demo", True),
@@ -144,11 +148,11 @@ def test_shipped_files_have_present_names_only(capsys: pytest.CaptureFixture[str
 def test_recorded_run_with_former_names_verifies(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if a run folder written before the change of names cannot be opened or does not repeat."""
     run = tmp_path / "run"
-    options = ["--engine", "--set=duration=8", "--set=controller_changes=[{at: 3, controller: smc}]", f"--out={run}"]
+    options = ["--engine", "--set=duration=8", "--set=law_changes=[{at: 3, law: smc}]", f"--out={run}"]
     assert main(["run", "demo", *options]) == 0
     for file in sorted(run.glob("scenario*.yaml")):
         before = file.read_text()
-        former = re.sub(r"^controller_changes:", "swaps:", before, flags=re.M)
+        former = re.sub(r"^law_changes:", "swaps:", before, flags=re.M)
         former = re.sub(r"^evaluation:", "score:", former, flags=re.M)
         former = re.sub(r"^  holding_brake_ratio:", "  holding:", former, flags=re.M)
         former = re.sub(r"^  ideal_actuator:", "  unlimited:", former, flags=re.M)
@@ -174,3 +178,57 @@ def test_former_command_runs_the_present_one(former: str, present: str, capsys: 
     with pytest.raises(SystemExit, match="0"):
         main(["--help"])
     assert not re.search(rf"^ +{former} ", capsys.readouterr().out, flags=re.M)
+
+
+def test_former_keys_in_the_entries_of_a_list() -> None:
+    """Breaks if an entry of ``law_changes`` with former keys is refused or read differently."""
+    former = load_scenario("demo", ("swaps=[{at: 30, controller: smc}, {at: 40, controllers: {smc: {ks: 0}}}]",))[0]
+    present = load_scenario("demo", ("law_changes=[{at: 30, law: smc}, {at: 40, laws: {smc: {ks: 0}}}]",))[0]
+    assert text(former) == text(present)
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments", "present"),
+    [
+        ("run", ["demo", "--controller", "smc", "--pace=5"], ["demo", "--law", "smc", "--rate=5"]),
+        ("run", ["demo", "--realtime", "2"], ["demo", "--no-lockstep", "--rate", "2"]),
+        ("run", ["demo", "--engine", "--realtime=2"], ["demo", "--engine", "--rate=2"]),
+        ("compare", ["demo", "--controllers=pid,smc"], ["demo", "--laws=pid,smc"]),
+        ("view", ["--scenario", "demo", "--pace", "2"], ["--scenario", "demo", "--rate", "2"]),
+        ("replay", ["run", "--controller", "smc"], ["run", "--law", "smc"]),
+        (
+            "plan",
+            ["level", "freight_five", "--from", "1", "--to=2", "--speed-max-kmh", "50"],
+            ["level", "freight_five", "--from-km", "1", "--to-km=2", "--max-speed-kmh", "50"],
+        ),
+    ],
+)
+def test_former_options_are_the_present_ones(
+    command: str, arguments: list[str], present: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a former option is refused, read differently, stays silent, or is in the help."""
+    former = command_line().parse_args([command, *arguments])
+    notices = capsys.readouterr().err.splitlines()
+    expected = command_line().parse_args([command, *present])
+    for options in (former, expected):
+        vars(options).pop("publishing", None)  # actions of the parser
+    assert vars(former) == vars(expected)
+    assert capsys.readouterr().err == ""
+    names = {word.partition("=")[0] for word in arguments if word.partition("=")[0] in FORMER_OPTIONS}
+    assert len(notices) == len(names)
+    assert all(any(f"option '{name}' is now" in line for line in notices) for name in names)
+    with pytest.raises(SystemExit, match="0"):
+        main([command, "--help"])
+    shown = capsys.readouterr().out
+    assert not [name for name in names if re.search(rf"{name}\b(?!-)", shown)]
+
+
+def test_former_arguments_of_the_python_interface(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if ``controller=`` or ``controllers=`` is refused, silent or without effect."""
+    short = {"duration": 2, "supervision.enabled": False}
+    assert ta.run("demo", controller="smc", set=short).metrics["controller"] == "smc"
+    assert [law.label for law in ta.compare("demo", controllers=["pid"], set=short).laws] == ["pid"]
+    notices = capsys.readouterr().err
+    assert "argument 'controller' is now 'law'" in notices and "argument 'controllers' is now 'laws'" in notices
+    with pytest.raises(TypeError, match="unexpected keyword argument 'colour'"):
+        ta.run("demo", colour="red")

@@ -144,7 +144,7 @@ def test_a_folder_removed_during_the_run_is_named(mode: str, tmp_path: Path) -> 
         pytest.importorskip("rclpy")
     options = [] if mode == "--composed" else [mode]
     process = subprocess.Popen(
-        [sys.executable, "-m", "train_ato", "run", "demo", *options, "--pace", "20", "--set", "duration=60",
+        [sys.executable, "-m", "train_ato", "run", "demo", *options, "--rate", "20", "--set", "duration=60",
          "--out", "out"],
         cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(Path(plant_sim.__file__).parents[1])},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

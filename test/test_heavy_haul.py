@@ -43,7 +43,7 @@ KEYS = (
 )  # fmt: skip
 NEAR, NEAR_STOP = 0.05, 0.05
 """Half width of the bounds, relative, and of those on the stop [m]."""
-PRINTED = ("controller=smc", "controllers.smc.ks=0", "controllers.smc.anti_windup=false")
+PRINTED = ("law=smc", "laws.smc.ks=0", "laws.smc.anti_windup=false")
 """The sliding mode of paper 000 without what repairs it: the linear reaching term, and the anti-windup."""
 HARD = "+disturbed+strong_mismatch"
 MEASURED: dict[tuple[str, tuple[str, ...]], Figures] = {
@@ -55,21 +55,21 @@ MEASURED: dict[tuple[str, tuple[str, ...]], Figures] = {
     (":mismatch", ()): Figures(0.1928, 1.057, 564.0, -439.8, 23.85, -0.5015),
     (":triggered", ()): Figures(0.2002, 1.113, 552.0, -515.0, 23.18, -0.07922),
     (f":tuned{HARD}", ()): Figures(0.2387, 1.052, 584.6, -455.0, 23.95, -1.163),
-    (":tuned", ("controller=smc",)): Figures(0.1348, 0.7486, 553.8, -458.3, 27.65, 0.2371),
-    (f":tuned{HARD}", ("controller=smc",)): Figures(0.1621, 0.6242, 587.8, -458.8, 26.89, 0.3473),
-    (":tuned", ("controller=rbf_smc",)): Figures(0.1260, 0.7128, 556.2, -487.0, 28.58, 0.01297),
-    (f":tuned{HARD}", ("controller=rbf_smc",)): Figures(0.1789, 1.288, 588.2, -507.9, 44.80, 0.04983),
-    (":tuned", ("controller=rbf_switching_smc",)): Figures(0.1534, 0.8695, 555.7, -430.7, 24.25, 0.2078),
-    (f":tuned{HARD}", ("controller=rbf_switching_smc",)): Figures(0.2057, 0.8849, 591.4, -453.7, 24.65, 0.1722),
-    (":tuned", ("controller=funnel",)): Figures(0.1401, 0.8928, 556.9, -467.6, 15.38, 0.1118),
-    (f":tuned{HARD}", ("controller=funnel",)): Figures(0.2218, 1.398, 590.9, -472.4, 28.80, -0.01897),
-    (":tuned", ("controller=gpc",)): Figures(0.2174, 1.275, 538.5, -497.2, 12.20, 0.4080),
-    (f":tuned{HARD}", ("controller=gpc",)): Figures(0.2517, 1.193, 570.4, -476.5, 12.38, 0.6756),
-    (":tuned", ("controller=lag_smc",)): Figures(0.1877, 0.8338, 566.7, -464.7, 5.351, 0.6395),
-    (f":tuned{HARD}", ("controller=lag_smc",)): Figures(0.2269, 0.8727, 601.9, -453.1, 5.621, 0.4824),
-    (":tuned+twin", ("controller=smc",)): Figures(0.01095, 0.1504, 545.6, -561.7, 9.467, 0.1834),
-    (":tuned+twin", ("controller=rbf_smc",)): Figures(0.01105, 0.1520, 545.5, -561.7, 9.486, 0.1644),
-    (":tuned+twin", ("controller=rbf_switching_smc",)): Figures(0.005501, 0.06896, 545.7, -561.9, 8.814, 0.1887),
+    (":tuned", ("law=smc",)): Figures(0.1348, 0.7486, 553.8, -458.3, 27.65, 0.2371),
+    (f":tuned{HARD}", ("law=smc",)): Figures(0.1621, 0.6242, 587.8, -458.8, 26.89, 0.3473),
+    (":tuned", ("law=rbf_smc",)): Figures(0.1260, 0.7128, 556.2, -487.0, 28.58, 0.01297),
+    (f":tuned{HARD}", ("law=rbf_smc",)): Figures(0.1789, 1.288, 588.2, -507.9, 44.80, 0.04983),
+    (":tuned", ("law=rbf_switching_smc",)): Figures(0.1534, 0.8695, 555.7, -430.7, 24.25, 0.2078),
+    (f":tuned{HARD}", ("law=rbf_switching_smc",)): Figures(0.2057, 0.8849, 591.4, -453.7, 24.65, 0.1722),
+    (":tuned", ("law=funnel",)): Figures(0.1401, 0.8928, 556.9, -467.6, 15.38, 0.1118),
+    (f":tuned{HARD}", ("law=funnel",)): Figures(0.2218, 1.398, 590.9, -472.4, 28.80, -0.01897),
+    (":tuned", ("law=gpc",)): Figures(0.2174, 1.275, 538.5, -497.2, 12.20, 0.4080),
+    (f":tuned{HARD}", ("law=gpc",)): Figures(0.2517, 1.193, 570.4, -476.5, 12.38, 0.6756),
+    (":tuned", ("law=lag_smc",)): Figures(0.1877, 0.8338, 566.7, -464.7, 5.351, 0.6395),
+    (f":tuned{HARD}", ("law=lag_smc",)): Figures(0.2269, 0.8727, 601.9, -453.1, 5.621, 0.4824),
+    (":tuned+twin", ("law=smc",)): Figures(0.01095, 0.1504, 545.6, -561.7, 9.467, 0.1834),
+    (":tuned+twin", ("law=rbf_smc",)): Figures(0.01105, 0.1520, 545.5, -561.7, 9.486, 0.1644),
+    (":tuned+twin", ("law=rbf_switching_smc",)): Figures(0.005501, 0.06896, 545.7, -561.9, 8.814, 0.1887),
 }
 
 
@@ -94,7 +94,7 @@ def test_published_gains_swing_in_the_couplers(law: str, rms: float, draft: floa
 
     The laws oscillate without end: a bound of 10 % below the measured figure permits another phase.
     """
-    result = summary("daqin_heavy_haul", f"controller={law}")
+    result = summary("daqin_heavy_haul", f"law={law}")
     assert result["speed_rmse_kmh"] > 0.9 * rms
     assert result["coupler_draft_max_kn"] > 0.9 * draft
 

@@ -117,7 +117,7 @@ def test_what_reads_runs_reads_a_measured_one(tmp_path, capsys):
     assert "train/vehicles" not in frames, "vehicles were not measured"
     assert np.allclose(frames["ato/command"]["unit_0_force_n"].iloc[::2], f[:-1] + 1000.0, atol=1e-6)
     assert np.allclose(frames["ato/reference"]["speed_m_s"].iloc[::2], v[:-1] + 0.1, atol=1e-9)
-    assert main(["replay", run, "--controller", "pid", "--json"]) == 0
+    assert main(["replay", run, "--law", "pid", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["ticks"] == len(frames["ato/command"])
     assert main(["report", run, "--json"]) == 0
     assert (tmp_path / "imported" / "report.html").stat().st_size > 10_000
@@ -125,7 +125,7 @@ def test_what_reads_runs_reads_a_measured_one(tmp_path, capsys):
     assert main(["verify", run]) == 2
     assert "a measured run cannot be repeated" in capsys.readouterr().err
     scenario = str(tmp_path / "imported" / "scenario.yaml")
-    assert main(["compare", scenario, "--controllers", "pid", "--json", "--out", str(tmp_path / "c")]) == 0
+    assert main(["compare", scenario, "--laws", "pid", "--json", "--out", str(tmp_path / "c")]) == 0
     assert main(["export", run, "--json"]) == 0
 
 
@@ -133,16 +133,16 @@ def test_a_law_beside_a_measured_run_is_not_compared_with_a_law(tmp_path, capsys
     """Breaks if the recorded output has the name of the law of the scenario."""
     take(tmp_path, capsys, recorded(0.2, 60.0))
     run = str(tmp_path / "imported")
-    assert main(["replay", run, "--controller", "pid"]) == 0
+    assert main(["replay", run, "--law", "pid"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "force at the wheel, measured" in said
     assert "pid, recorded" not in said
-    assert main(["replay", run, "--controller", "pid", "--json"]) == 0
+    assert main(["replay", run, "--law", "pid", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["recorded_controller"] == "measured"
     other = tmp_path / "demanded"
     other.mkdir()
     take(other, capsys, recorded(0.2, 60.0, command_force_kn=np.zeros(301)))
-    assert main(["replay", str(other / "imported"), "--controller", "pid"]) == 0
+    assert main(["replay", str(other / "imported"), "--law", "pid"]) == 0
     assert "demand, measured" in " ".join(capsys.readouterr().out.split())
 
 
@@ -152,7 +152,7 @@ def test_the_log_of_a_measured_run_alone_says_that_it_is_one(tmp_path, capsys):
     log = (tmp_path / "imported" / "run.mcap").rename(tmp_path / "alone.mcap")
     assert main(["verify", str(log)]) == 2
     assert "a measured run cannot be repeated" in capsys.readouterr().err
-    assert main(["replay", str(log), "--controller", "pid", "--json"]) == 0
+    assert main(["replay", str(log), "--law", "pid", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["recorded_controller"] == "measured"
     assert main(["report", str(log), "--json", "--out", str(tmp_path / "alone.html")]) == 0
     page = (tmp_path / "alone.html").read_text()

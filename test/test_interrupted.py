@@ -69,9 +69,9 @@ def descendants(folder: Path) -> list[str]:
     return found
 
 
-COMPARE = ["compare", "demo", "--controllers", "pid,smc", "--out", "out"]
+COMPARE = ["compare", "demo", "--laws", "pid,smc", "--out", "out"]
 REPRODUCE = ["reproduce", "002", "--out", "out"]
-RUN = ["run", "demo", "--engine", "--realtime", "20", "--out", "out"]
+RUN = ["run", "demo", "--engine", "--rate", "20", "--out", "out"]
 
 
 @pytest.mark.slow
@@ -217,7 +217,7 @@ def test_a_law_that_exits_fails_the_run(mode: str, tmp_path: Path) -> None:
         pytest.importorskip("rclpy")
     (tmp_path / "own_laws.py").write_text(LAWS.format(then="sys.exit(0)"))
     options = [] if mode == "--composed" else [mode]
-    with started(tmp_path, "run", "demo", *options, "--controller", "own_laws:Ends", "--out", "out") as process:
+    with started(tmp_path, "run", "demo", *options, "--law", "own_laws:Ends", "--out", "out") as process:
         _, err = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 1
     assert "node controller failed: law 'own_laws:Ends' called sys.exit(0)" in err
@@ -231,8 +231,8 @@ def test_a_module_that_exits_is_refused(
     """Breaks if ``sys.exit(0)`` at the import of a law ends the command with status 0."""
     (tmp_path / "exiting_law.py").write_text("import sys; sys.exit(0)")
     monkeypatch.syspath_prepend(str(tmp_path))
-    assert main(["run", "demo", "--engine", "--controller", "exiting_law:Law"]) == 2
-    assert "controller 'exiting_law:Law' cannot be loaded: SystemExit" in capsys.readouterr().err
+    assert main(["run", "demo", "--engine", "--law", "exiting_law:Law"]) == 2
+    assert "law 'exiting_law:Law' cannot be loaded: SystemExit" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("then", ["time.sleep(1000)", "pass"], ids=["sleeps", "loops"])
@@ -243,7 +243,7 @@ def test_ctrl_c_ends_a_law_that_does_not_return(mode: str, then: str, tmp_path: 
         pytest.importorskip("rclpy")
     (tmp_path / "own_laws.py").write_text(LAWS.format(then=f'Path("hangs").touch(); {then}'))
     options = [] if mode == "--composed" else [mode]
-    with started(tmp_path, "run", "demo", *options, "--controller", "own_laws:Ends", "--out", "out") as process:
+    with started(tmp_path, "run", "demo", *options, "--law", "own_laws:Ends", "--out", "out") as process:
         wait_for((tmp_path / "hangs").exists, "a law that does not return")
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=LIMIT_S)

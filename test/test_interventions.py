@@ -320,7 +320,7 @@ def do(domain, *arguments):
 def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
     """Breaks if an intervention acts on another tick than in the log, in one process or several."""
     domain = free_domain()
-    running = Running(tmp_path / "run", domain, "demo", *way, "--set", "duration=100", "--pace", "1")
+    running = Running(tmp_path / "run", domain, "demo", *way, "--set", "duration=100", "--rate", "1")
     wait_for(lambda: do(domain, "pause").returncode == 0, "the run")
     assert do(domain, "step").returncode == 0
     blown = do(domain, "gust", "acceleration=0.05", "duration=40", "--json")
@@ -331,7 +331,7 @@ def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
     assert "is none of" in do(domain, "freeze", "topic=ato/profile").stderr
     assert "adhesion, which is missing" in do(domain, "adhesion").stderr
     with graph_client(domain) as remote:
-        assert remote.set_parameter("plant", "pace", 0.0) is None
+        assert remote.set_parameter("plant", "rate", 0.0) is None
         assert remote.set_parameter("plant", "paused", False) is None
     running.end()
 
@@ -363,7 +363,7 @@ def test_refusals_name_their_reason(tmp_path):
         ends = []
         folder = tmp_path / "run"
         folder.mkdir()
-        options = GraphOptions(pace=2.0)
+        options = GraphOptions(rate=2.0)
         work = threading.Thread(
             target=lambda: ends.append(run_composed(demo("duration=3600"), folder, domain, options)), daemon=True
         )
@@ -384,8 +384,8 @@ def test_refusals_name_their_reason(tmp_path):
     assert "name=number" in do(domain, "gust", "duration=long").stderr
 
 
-def test_the_pace_holds_lockstep_back_and_lets_it_go(tmp_path):
-    """Breaks if a slow pace does not delay a tick, or a new pace has no effect within a tick."""
+def test_the_rate_holds_lockstep_back_and_lets_it_go(tmp_path):
+    """Breaks if a slow rate does not delay a tick, or a new rate has no effect within a tick."""
     domain = free_domain()
     with claim_domain(domain), applied(variables(domain, tmp_path)):
         from train_ato.ros.graph.composed import run_composed
@@ -396,14 +396,14 @@ def test_the_pace_holds_lockstep_back_and_lets_it_go(tmp_path):
         folder.mkdir()
         setup = demo()
         work = threading.Thread(
-            target=lambda: ends.append(run_composed(setup, folder, domain, GraphOptions(pace=1e-4), ticks.append)),
+            target=lambda: ends.append(run_composed(setup, folder, domain, GraphOptions(rate=1e-4), ticks.append)),
             daemon=True,
         )
         work.start()
         with graph_client(domain) as remote:
             assert remote.set_parameter("plant", "gust.duration", 5.0) is None
             held = max(ticks, default=0)
-            assert remote.set_parameter("plant", "pace", 0.0) is None
+            assert remote.set_parameter("plant", "rate", 0.0) is None
         work.join(timeout=LIMIT_S)
     assert held <= 1
     assert ends[0].failure is None

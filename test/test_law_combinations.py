@@ -59,7 +59,7 @@ def rolling(name: str) -> RunSetup:
 def combined(name: str, law: str, observer: str, compensation: str) -> RunSetup:
     """Return the run of one combination; raise the error of the command line for an incompatible one."""
     base = rolling(name)
-    choice = {"controller": law, "observer": observer, "compensation": compensation}
+    choice = {"law": law, "observer": observer, "compensation": compensation}
     setup = dataclasses.replace(base, scenario=base.scenario.model_copy(update=choice))
     setup.law(law)
     return setup
@@ -68,7 +68,7 @@ def combined(name: str, law: str, observer: str, compensation: str) -> RunSetup:
 def check_combination(name: str, law: str, observer: str, compensation: str) -> None:
     """Check a rejection if one is expected, otherwise finite forces inside the limits and a bounded speed error."""
     if (law, compensation) in REFUSED:
-        with pytest.raises(ValueError, match=f"^controller '{law}' with compensation '{compensation}': .*choose") as no:
+        with pytest.raises(ValueError, match=f"^law '{law}' with compensation '{compensation}': .*choose") as no:
             combined(name, law, observer, compensation)
         assert "\n" not in str(no.value)
         return
@@ -109,15 +109,15 @@ def test_every_combination(name: str, law: str) -> None:
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        (["--controller=smc", "--compensation=twin"], "set smc.equivalent: feedforward, or choose"),
-        (["--controller=funnel", "--compensation=pade"], "does not use it; choose controller pid"),
-        (["--controller=gpc", "--compensation=predictor"], "so does this law; set gpc.delay: none"),
-        (["--compensation=twin", "--set=controllers.pid.feedforward=false"], "set pid.feedforward: true"),
-        (["--controller=smc", "--set=plant.sensors.couplers=[]"], "coupler_0, or a unit of 184 t .*fit the sensors"),
-        (["--controller=fixed_time_smc", "--set=plant.sensors.couplers=[]"], "coupler_0 beside driven .*; drive every"),
+        (["--law=smc", "--compensation=twin"], "set smc.equivalent: feedforward, or choose"),
+        (["--law=funnel", "--compensation=pade"], "does not use it; choose law pid"),
+        (["--law=gpc", "--compensation=predictor"], "so does this law; set gpc.delay: none"),
+        (["--compensation=twin", "--set=laws.pid.feedforward=false"], "set pid.feedforward: true"),
+        (["--law=smc", "--set=plant.sensors.couplers=[]"], "coupler_0, or a unit of 184 t .*fit the sensors"),
+        (["--law=fixed_time_smc", "--set=plant.sensors.couplers=[]"], "coupler_0 beside driven .*; drive every"),
         (["--observer=ndo", "--set=observers.ndo.scope=vehicle", "--set=plant.sensors.couplers=[]"], "scope: train"),
         (["--compensation=predictor", "--set=compensations.predictor.train=chain"], "every vehicle driven, here 1"),
-        (["--set=controller_changes=[{at: 3, controller: smc}]", "--compensation=twin"],
+        (["--set=law_changes=[{at: 3, law: smc}]", "--compensation=twin"],
          "'smc' with compensation 'twin'"),
     ],
 )  # fmt: skip
@@ -141,7 +141,7 @@ def test_a_train_that_nothing_drives_is_refused(tmp_path: Path, capsys: pytest.C
     path.write_text(yaml.safe_dump(consist), encoding="utf-8")
     changes = [f"--set=plant.consist={path}", "--set=plant.sensors.couplers=[]", "--set=duration=5"]
     assert main(["run", "demo", "--engine", f"--out={tmp_path / 'run'}", *changes]) == 2
-    assert "controller 'pid': no vehicle of the train has traction or brake" in capsys.readouterr().err
+    assert "law 'pid': no vehicle of the train has traction or brake" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ def test_a_train_that_nothing_drives_is_refused(tmp_path: Path, capsys: pytest.C
 def test_the_remedy_is_accepted(law: str, compensation: str, values: dict[str, object]) -> None:
     """Breaks if the remedy of a rejection is rejected too."""
     setup = rolling("demo")
-    scenario = setup.scenario.model_copy(update={"compensation": compensation, "controllers": {law: values}})
+    scenario = setup.scenario.model_copy(update={"compensation": compensation, "laws": {law: values}})
     assert isinstance(dataclasses.replace(setup, scenario=scenario).law(law), LAWS.get(law))
 
 
@@ -165,7 +165,7 @@ def test_a_swap_during_the_run_is_checked_like_a_start() -> None:
     setup = rolling("demo")
     scenario = setup.scenario.model_copy(update={"compensation": "twin"})
     role = ControllerStage(dataclasses.replace(setup, scenario=scenario))
-    with pytest.raises(ValueError, match="controller 'funnel' with compensation 'twin'"):
+    with pytest.raises(ValueError, match="law 'funnel' with compensation 'twin'"):
         role.validate("controller", "funnel")
     with pytest.raises(ValueError, match=r"set pid\.feedforward: true"):
         role.validate("pid.feedforward", False)
@@ -177,5 +177,5 @@ def test_compare_leaves_out_what_does_not_fit(tmp_path: Path, capsys: pytest.Cap
     arguments = ["compare", "demo", "--compensation=twin", "--set=duration=5", f"--out={tmp_path / 'run'}"]
     assert main(arguments) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "omitted: smc: with compensation 'twin': 'twin' gives only a feed-forward, and this law" in said
-    assert "omitted: pid" not in said
+    assert "refused: smc: with compensation 'twin': 'twin' gives only a feed-forward, and this law" in said
+    assert "refused: pid" not in said

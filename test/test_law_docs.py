@@ -48,8 +48,8 @@ def test_a_new_law_is_documented_by_one_command(monkeypatch: pytest.MonkeyPatch)
     assert text.startswith("# lqi")
     remedy = "run python -m msgs_docs.generate --measure lqi"
     assert unmeasured(MEASURED) == [
-        f"controller/lqi: its demonstration runs are not measured; {remedy}",
-        f"controller/lqi: its figure is missing; {remedy}",
+        f"law/lqi: its demonstration runs are not measured; {remedy}",
+        f"law/lqi: its figure is missing; {remedy}",
     ]
     assert "msgs_docs/laws/lqi.md: is missing; run python -m msgs_docs.generate" in stale(law_pages(MEASURED))
 
@@ -81,7 +81,7 @@ def test_the_command_beside_a_figure_drives_its_run(line: str) -> None:
     options = parser.parse_args(arguments)
     case = CASES[line]
     measured = prepare(*load_scenario(case.scenario, changes=dict(case.changes)))
-    assert prepare_from(options, controller=options.controller).resolved_yaml() == measured.resolved_yaml()
+    assert prepare_from(options, law=options.law).resolved_yaml() == measured.resolved_yaml()
 
 
 def test_docstrings_become_markdown() -> None:
@@ -103,11 +103,11 @@ def test_parameter_table_by_hand() -> None:
     rows = parameter_table(COMPONENTS["observer/cascaded"]).splitlines()
     assert "| `method` | implicit | - | implicit, levant | implicit signs, or Levant's differentiators |" in rows
     assert "| `unmatched` | true | - | true, false | estimate the speed offset d1 as well |" in rows
-    assert "| `jerk_offset` | 100 | m/s³ | 1e-06 ... 1e+06 | bound of \\|d1''\\|, levant only |" in rows
+    assert "| `jerk_offset` | 100 | m/s³ | 1e-06 ... 1000000 | bound of \\|d1''\\|, levant only |" in rows
 
 
 def short(monkeypatch: pytest.MonkeyPatch, **changes: object) -> Component:
-    component = COMPONENTS["controller/pid"]
+    component = COMPONENTS["law/pid"]
     runs = {
         name: Case("xuzhou_metro", {"duration": 40, **changes, "seed": seed}) for seed, name in enumerate(("a", "b"))
     }
@@ -128,8 +128,8 @@ def test_measuring_drives_and_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 def test_a_run_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a figure of half a run is put on a page."""
-    component = short(monkeypatch, controller="smcc")
-    with pytest.raises(OSError, match=r"train-ato run xuzhou_metro .*unknown controller 'smcc'"):
+    component = short(monkeypatch, law="smcc")
+    with pytest.raises(OSError, match=r"train-ato run xuzhou_metro .*unknown law 'smcc'"):
         measure([component], tmp_path, lambda *_: None)
     assert not list(tmp_path.iterdir())
 

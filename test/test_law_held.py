@@ -155,7 +155,7 @@ LINE = "node controller failed: law 'silent' returned [nan] N in 10 consecutive 
 def test_the_run_fails_in_one_line_and_keeps_its_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if such a run ends with status 0, or log or summary lacks the failure."""
     out = tmp_path / "run"
-    assert main(["run", "demo", "--controller", "silent", "--set=duration=30", ALONE, f"--out={out}", "--engine"]) == 1
+    assert main(["run", "demo", "--law", "silent", "--set=duration=30", ALONE, f"--out={out}", "--engine"]) == 1
     assert capsys.readouterr().err.strip().splitlines()[-1] == f"train-ato: {LINE}"
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["status"], summary["held_steps"], summary["ticks"]) == ("failed", 10, 60)
@@ -168,7 +168,7 @@ def test_the_graph_ends_the_same_way(tmp_path: Path) -> None:
     """Breaks if the controller node ignores the failure, or reports another count than the engine."""
     from train_ato.ros.graph.runner import run_graph
 
-    setup = prepare(*load_scenario("demo", ("duration=30", ALONE.removeprefix("--set=")), {"controller": "silent"}))
+    setup = prepare(*load_scenario("demo", ("duration=30", ALONE.removeprefix("--set=")), {"law": "silent"}))
     outcome = run_graph(setup, tmp_path, mode="composed")
     assert outcome.failure == LINE
     assert outcome.summary["held_steps"] == 10
@@ -176,7 +176,7 @@ def test_the_graph_ends_the_same_way(tmp_path: Path) -> None:
 
 def test_the_limit_is_a_key_of_the_scenario(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if hold_limit is not used, not checked, or a short gap is not reported on the screen."""
-    run = ["run", "demo", "--controller", "silent", "--engine", "--set=duration=7"]
+    run = ["run", "demo", "--law", "silent", "--engine", "--set=duration=7"]
     assert main([*run, "--set=hold_limit=5", f"--out={tmp_path / 'run'}"]) == 0
     assert "in 20 ticks the last command was repeated" in capsys.readouterr().out
     assert main([*run, "--set=hold_limit=0", f"--out={tmp_path / 'none'}"]) == 2

@@ -95,11 +95,9 @@ def test_no_former_name_is_in_use(kind, name):
 
 def test_a_scenario_with_former_names_is_the_same_run():
     """Breaks if the run, its resolved scenario or a planned change of the law keeps a former name."""
-    swap = "swaps=[{at: 3, controller: funnel, controllers: {funnel: {%s: 0.1}}}]"
-    former = prepare(*load_scenario("daqin_heavy_haul:tuned", ("controllers.gpc.lam=0.5", swap % "gamma_eps")))
-    current = prepare(
-        *load_scenario("daqin_heavy_haul:tuned", ("controllers.gpc.command_weight=0.5", swap % "bias_rate"))
-    )
+    swap = "swaps=[{at: 3, law: funnel, laws: {funnel: {%s: 0.1}}}]"
+    former = prepare(*load_scenario("daqin_heavy_haul:tuned", ("laws.gpc.lam=0.5", swap % "gamma_eps")))
+    current = prepare(*load_scenario("daqin_heavy_haul:tuned", ("laws.gpc.command_weight=0.5", swap % "bias_rate")))
     assert former.controller_parameters["gpc"]["command_weight"] == 0.5
     assert former.resolved_yaml() == current.resolved_yaml()
 
@@ -126,7 +124,7 @@ def test_a_former_name_given_to_a_node_at_its_start():
 
 def test_unknown_names_get_a_hint():
     """Breaks if the message for a misspelt law lacks the nearest name or the list."""
-    with pytest.raises(ValueError, match=r"unknown controller 'smcc' \(did you mean 'smc'\?\); known: .*pid"):
+    with pytest.raises(ValueError, match=r"unknown law 'smcc' \(did you mean 'smc'\?\); known: .*pid"):
         LAWS.make("smcc", {}, None, 0.1)
     with pytest.raises(ValueError, match=r"smc\.kss: no such parameter.*'ks'"):
         LAWS.check_parameters("smc", {"kss": 1.0})
@@ -142,17 +140,17 @@ def test_other_packages_register_by_entry_point(monkeypatch):
         ]
     }
     monkeypatch.setattr(registry, "entry_points", lambda group: points.get(group, []))
-    laws = Registry("controller", "train_ato.controllers", {"smc": "train_ato.control.laws.smc:Smc"})
+    laws = Registry("law", "train_ato.controllers", {"smc": "train_ato.control.laws.smc:Smc"})
     assert laws.names() == ("broken", "smc", "theirs")
     assert laws.get("theirs") is Pid
     assert laws.get("smc").__name__ == "Smc"
-    with pytest.raises(ValueError, match="controller 'broken' cannot be loaded: ModuleNotFoundError"):
+    with pytest.raises(ValueError, match="law 'broken' cannot be loaded: ModuleNotFoundError"):
         laws.get("broken")
 
 
 def test_registration_by_class_and_only_once():
     """Breaks if a name can be registered twice."""
-    laws = Registry("controller", "none.such", {})
+    laws = Registry("law", "none.such", {})
     laws.register("mine", Pid)
     of = model(SINGLE)
     assert laws.make("mine", {"feedforward": False}, of, 0.1).step(inputs(of)).force[0] == 0.0
@@ -163,7 +161,7 @@ def test_registration_by_class_and_only_once():
 def test_a_law_rejects_an_unsuitable_train_with_the_reason():
     """Breaks if smc accepts a hauled train without the sensor of its first coupler, or rejects one with it."""
     with pytest.raises(
-        ValueError, match=r"controller 'smc': equivalent: measured needs the force of coupler_0, or a unit of 184 t"
+        ValueError, match=r"law 'smc': equivalent: measured needs the force of coupler_0, or a unit of 184 t"
     ):
         LAWS.make("smc", {}, model(HAULED), 0.1)
     LAWS.make("smc", {}, model(HAULED, sensors=(0,)), 0.1)
@@ -183,4 +181,4 @@ def test_an_unregistered_class_is_no_registered_name():
     name = LAWS.name_of(Unregistered)
     assert name == f"{__name__}:Unregistered" and LAWS.get(name) is Unregistered
     assert LAWS.names() == before and name not in LAWS.loadable()
-    assert name in prepare(*load_scenario("demo", ("duration=1",), {"controller": name})).laws
+    assert name in prepare(*load_scenario("demo", ("duration=1",), {"law": name})).laws

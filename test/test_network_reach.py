@@ -51,7 +51,7 @@ class Drive:
         with claim_domain() as self.domain:
             pass  # free a moment ago: the run claims it itself
         self.out = folder / "run"
-        words = ["run", "demo", "--set=duration=3600", "--pace=20", f"--domain={self.domain}", f"--out={self.out}"]
+        words = ["run", "demo", "--set=duration=3600", "--rate=20", f"--domain={self.domain}", f"--out={self.out}"]
         self.process = subprocess.Popen(
             [*host, sys.executable, "-m", "train_ato", *words, *options],
             env=environment(**variables),

@@ -36,8 +36,8 @@ def make(setup, domain):
 @pytest.mark.parametrize(
     ("name", "value", "says"),
     [
-        ("controller", "pidd", "did you mean 'pid'"),
-        ("controller", 3, ""),
+        ("law", "pidd", "did you mean 'pid'"),
+        ("law", 3, ""),
         ("pid.kp", float("nan"), ""),
         ("pid.kp", -1e30, ""),
         ("pid.kp", 5, ""),
@@ -47,7 +47,7 @@ def make(setup, domain):
 def test_wrong_parameters_are_refused_and_the_old_law_goes_on(make, name, value, says):
     bench = make(Role.CONTROLLER)
     node = bench.endpoints.node
-    before = {p: node.get_parameter(p).value for p in ("controller", "pid.kp")}
+    before = {p: node.get_parameter(p).value for p in ("law", "pid.kp")}
     try:
         result = set_parameter(node, name, value)
         refused, reason = not result.successful, result.reason
@@ -57,7 +57,7 @@ def test_wrong_parameters_are_refused_and_the_old_law_goes_on(make, name, value,
     assert says in reason
     assert reason
     assert {p: node.get_parameter(p).value for p in before} == before
-    assert bench.node.stage.controller == before["controller"]
+    assert bench.node.stage.controller == before["law"]
 
 
 def test_parameters_of_all_laws_have_ranges_and_meanings(make):
@@ -76,17 +76,17 @@ def test_parameters_of_all_laws_have_ranges_and_meanings(make):
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ("controler:=smc", "did you mean 'controller'"),
+        ("lawe:=smc", "did you mean 'law'"),
         ("pid.kpp:=1.0", "did you mean 'pid.kp'"),
         ("pid.kp:=-1.0e30", "pid.kp"),
         ("pid.kp:=.nan", "pid.kp"),
         ("pid.kp:=1", "pid.kp"),
-        ("controller:=nosuch", "nosuch"),
+        ("law:=nosuch", "nosuch"),
     ],
 )
 def test_wrong_parameters_at_the_start_are_refused(make, given, says):
     """Rclpy ignores a misspelt name; the run would continue with the default."""
-    with pytest.raises(ValueError, match=r"controller|pid") as caught:
+    with pytest.raises(ValueError, match=r"law|pid") as caught:
         make(Role.CONTROLLER, arguments=["--ros-args", "-p", given])
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -97,7 +97,7 @@ def test_a_node_refused_at_its_start_leaves_the_domain(setup, domain):
     gc.disable()
     try:
         with ExitStack() as stack, pytest.raises(ValueError, match="no_such") as caught:
-            Bench(stack, Role.CONTROLLER, setup, domain, arguments=["--ros-args", "-p", "controller:=no_such"])
+            Bench(stack, Role.CONTROLLER, setup, domain, arguments=["--ros-args", "-p", "law:=no_such"])
         with executor_of(domain) as (context, executor):
             watcher = Node("watcher", context=context, enable_rosout=False)
             executor.add_node(watcher)
@@ -110,10 +110,32 @@ def test_a_node_refused_at_its_start_leaves_the_domain(setup, domain):
     assert caught.value.__traceback__ is not None
 
 
-def test_parameters_at_the_start_are_taken(make):
-    bench = make(Role.CONTROLLER, arguments=["--ros-args", "-p", "controller:=smc", "-p", "pid.ki:=0.0"])
+@pytest.mark.parametrize("name", ["law", "controller"])
+def test_parameters_at_the_start_are_taken(make, name):
+    """Breaks if a start parameter, or the former name of one, has no effect."""
+    bench = make(Role.CONTROLLER, arguments=["--ros-args", "-p", f"{name}:=smc", "-p", "pid.ki:=0.0"])
     assert bench.node.stage.controller == "smc"
     assert bench.endpoints.node.get_parameter("pid.ki").value == 0.0
+
+
+@pytest.mark.parametrize(
+    ("given", "lockstep", "rate"),
+    [
+        (["rate:=5.0"], True, 5.0),
+        (["pace:=5.0"], True, 5.0),
+        (["lockstep:=false"], False, 1.0),
+        (["realtime:=4.0"], False, 4.0),
+        (["realtime:=0.0"], True, 0.0),
+    ],
+)
+def test_rate_and_lockstep_at_the_start(make, given, lockstep, rate):
+    """Breaks if a former start parameter is refused, or a run without lockstep gets no rate."""
+    bench = make(Role.PLANT, arguments=["--ros-args", *(word for entry in given for word in ("-p", entry))])
+    node = bench.endpoints.node
+    assert (node.get_parameter("lockstep").value, node.get_parameter("rate").value) == (lockstep, rate)
+    assert (bench.node._period is None) == lockstep
+    assert not set_parameter(node, "lockstep", not lockstep).successful
+    assert set_parameter(node, "rate", 0.0).successful == lockstep
 
 
 def test_the_observer_can_be_chosen_at_its_start_and_not_later(make):

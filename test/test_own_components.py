@@ -109,7 +109,7 @@ class Predicting(CompensationBase):
         ({"compensation": ("twin",)}, r"compensation \('twin',\): give a name"),
         ({"compensation": "my_compensation:Nothing"}, r"module 'my_compensation' has no class 'Nothing'"),
         ({"observer": type("Empty", (), {})}, r"observer: class Empty has no method reset\(\)"),
-        ({"compensation": Predicting, "controller": "gpc"}, r"'gpc' .*Predicting.* predicts the state"),
+        ({"compensation": Predicting, "law": "gpc"}, r"'gpc' .*Predicting.* predicts the state"),
         ({"compensation": Predicting, "set": {"compensations.pid.kp": 1}}, r"unknown compensation 'pid'"),
     ],
 )

@@ -27,7 +27,7 @@ METRO = ("xuzhou_metro_test", "xuzhou_metro_3")
 
 
 def test_json_has_the_promised_figures(capsys: pytest.CaptureFixture[str]) -> None:
-    assert execute(options(*METRO, "--from", "0.5", "--to", "3", "--json")) == 0
+    assert execute(options(*METRO, "--from-km", "0.5", "--to-km", "3", "--json")) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["distance_m"] == 2500.0
     assert 125 < result["running_time_s"] < 150 and 5 < result["energy_kwh"] < 40
@@ -35,13 +35,15 @@ def test_json_has_the_promised_figures(capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_the_table_names_them_too(capsys: pytest.CaptureFixture[str]) -> None:
-    assert execute(options(*METRO, "--to", "1")) == 0
+    assert execute(options(*METRO, "--to-km", "1")) == 0
     assert "running_time_s" in capsys.readouterr().out
 
 
 def test_files_hold_the_profile_and_a_figure(tmp_path: Path) -> None:
     names = [tmp_path / name for name in ("run.csv", "run.yaml", "run.png")]
-    result = plan_from_options(options(*METRO, "--to", "2", *(word for name in names for word in ("--out", str(name)))))
+    result = plan_from_options(
+        options(*METRO, "--to-km", "2", *(word for name in names for word in ("--out", str(name))))
+    )
     first, second = read_profile(names[0]), read_profile(names[1])
     assert first == second
     assert first.position[-1] + 59 == pytest.approx(2000)
@@ -50,12 +52,14 @@ def test_files_hold_the_profile_and_a_figure(tmp_path: Path) -> None:
 
 
 def test_options_reach_the_plan() -> None:
-    slow = plan_from_options(options(*METRO, "--to", "2", "--time", "150"))
+    slow = plan_from_options(options(*METRO, "--to-km", "2", "--time", "150"))
     assert slow["running_time_s"] == pytest.approx(150, abs=0.1)
-    free = plan_from_options(options(*METRO, "--to", "2", "--jerk", "none", "--margin", "0", "--acceleration", "none"))
-    usual = plan_from_options(options(*METRO, "--to", "2"))
+    free = plan_from_options(
+        options(*METRO, "--to-km", "2", "--jerk", "none", "--margin", "0", "--acceleration", "none")
+    )
+    usual = plan_from_options(options(*METRO, "--to-km", "2"))
     assert free["running_time_s"] < usual["running_time_s"] < slow["running_time_s"]
-    capped = plan_from_options(options(*METRO, "--to", "2", "--speed-max-kmh", "50"))
+    capped = plan_from_options(options(*METRO, "--to-km", "2", "--max-speed-kmh", "50"))
     assert capped["speed_max_kmh"] == pytest.approx(50, abs=0.1)
 
 
@@ -79,8 +83,8 @@ def test_a_scenario_can_ask_for_a_plan() -> None:
     [
         (("nowhere", "xuzhou_metro_3"), "line 'nowhere' is neither shipped nor a file"),
         ((METRO[0], "nobody"), "'nobody' is neither shipped nor a file"),
-        ((*METRO, "--to", "11"), r"km 11\.000 lies beyond line"),
-        ((*METRO, "--from", "3", "--to", "2"), "must lie beyond begin"),
+        ((*METRO, "--to-km", "11"), r"km 11\.000 lies beyond line"),
+        ((*METRO, "--from-km", "3", "--to-km", "2"), "must lie beyond begin"),
         ((*METRO, "--time", "60"), "timetable too tight"),
         ((*METRO, "--margin", "1.5"), "force_margin = 1.5"),
         ((*METRO, "--period", "0"), "--period 0"),
@@ -95,7 +99,7 @@ def test_bad_input_is_one_line(words: tuple[str, ...], message: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("words", [("--time", "soon"), ("--jerk", "nan"), ("--from", "inf"), ("--dwell", "-1")])
+@pytest.mark.parametrize("words", [("--time", "soon"), ("--jerk", "nan"), ("--from-km", "inf"), ("--dwell", "-1")])
 def test_numbers_are_checked_by_the_parser(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         options(*METRO, *words)

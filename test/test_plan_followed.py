@@ -39,7 +39,7 @@ def test_a_plan_is_followed_within_the_force_limits(case: str) -> None:
 
     No brake policy applies its air brake: a plan with the air brake would overrun the stop.
     """
-    data = {"schema": "train_ato/scenario/1", "name": "followed", "controller": "pid", "compensation": "preview"}
+    data = {"schema": "train_ato/scenario/1", "name": "followed", "law": "pid", "compensation": "preview"}
     path = Path("followed.yaml")
     setup = prepare(check_scenario(data | CASES[case], path), path)
     summary = run_engine(setup).summary

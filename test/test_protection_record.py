@@ -116,7 +116,7 @@ def test_a_run_without_events_has_no_line(tmp_path: Path, capsys: pytest.Capture
 
 def test_a_comparison_names_the_braked_law(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """Breaks if a law that the supervisor replaced is compared without a notice."""
-    options = ["compare", "demo", "--controllers=pid,smc", "--set=duration=6", "--out", str(tmp_path / "both")]
+    options = ["compare", "demo", "--laws=pid,smc", "--set=duration=6", "--out", str(tmp_path / "both")]
     assert main([*options, "--set=ato_requests=[{at: 2, do: disengage}]"]) == 0
     lines = [line for line in capsys.readouterr().err.splitlines() if "ATO was disengaged at 2.0 s (request)" in line]
     assert [line.split(": ")[1] for line in lines] == ["pid", "smc"]

@@ -21,7 +21,7 @@ from train_ato.loop.setup import prepare
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.types import Diagnostic
 from train_ato.scenario.changes import RunChanges, change_at, changes_from_json, values_of
-from train_ato.scenario.scenario import ControllerChange, load_scenario
+from train_ato.scenario.scenario import LawChange, load_scenario
 
 SECOND = 1_000_000_000
 
@@ -33,7 +33,7 @@ def drive(folder: Path, *assignments: str) -> Path:
 
 def test_a_planned_change_is_told_at_the_step_that_begins_to_use_it(tmp_path: Path) -> None:
     """Breaks if a parameter waits for the next report, or a change between two ticks has the wrong stamp."""
-    planned = "controller_changes=[{at: 12.34, controllers: {pid: {kp: 0.05}}}, {at: 30, controller: smc}]"
+    planned = "law_changes=[{at: 12.34, laws: {pid: {kp: 0.05}}}, {at: 30, law: smc}]"
     run = drive(tmp_path / "run", planned)
     assert read_changes(run).laws == [(12_400_000_000, {"pid.kp": 0.05}), (30 * SECOND, {"controller": "smc"})]
     assert json.loads((run / "summary.json").read_text())["changes"] == [
@@ -48,13 +48,13 @@ def test_a_planned_change_is_told_at_the_step_that_begins_to_use_it(tmp_path: Pa
 
 def test_what_took_effect_drives_the_run_again(tmp_path: Path) -> None:
     """Breaks if two changes of one step are exchanged, or rounding moves a swap between two ticks."""
-    both = "{at: 7.77, controllers: {pid: {kp: 0.05, ki: 0.001}}, controller: pid}"
-    planned = f"controller_changes=[{both}, {{at: 0, controller: smc}}]"
+    both = "{at: 7.77, laws: {pid: {kp: 0.05, ki: 0.001}}, law: pid}"
+    planned = f"law_changes=[{both}, {{at: 0, law: smc}}]"
     run = drive(tmp_path / "run", planned)
     setup, _ = read_run_folder(run)
     told = read_changes(run)
     again = told.driven(prepare(*load_scenario("demo", ("duration=40",))).scenario)
-    assert [swap.at for swap in again.controller_changes] == [0.0, 7.8]
+    assert [swap.at for swap in again.law_changes] == [0.0, 7.8]
     other = RunFolder.make(tmp_path / "again", "again")
     changed = dataclasses.replace(setup, scenario=again)
     with other.sink(changed) as sink:
@@ -64,8 +64,8 @@ def test_what_took_effect_drives_the_run_again(tmp_path: Path) -> None:
 
 def test_a_swap_at_the_start_is_the_law_of_the_start(tmp_path: Path) -> None:
     """Breaks if the initial law starts with the transition of a swap."""
-    swapped = drive(tmp_path / "a", "controller_changes=[{at: 0, controller: smc}]")
-    chosen = drive(tmp_path / "b", "controller=smc")
+    swapped = drive(tmp_path / "a", "law_changes=[{at: 0, law: smc}]")
+    chosen = drive(tmp_path / "b", "law=smc")
     setup, _ = read_run_folder(chosen)
     found = compare_logs(swapped, chosen, Wire(setup.layout))
     assert found.topics == {"/diagnostics": 1}
@@ -73,9 +73,9 @@ def test_a_swap_at_the_start_is_the_law_of_the_start(tmp_path: Path) -> None:
 
 
 def test_steps_that_were_not_reached_stay_planned() -> None:
-    scenario, _ = load_scenario("demo", ("controller_changes=[{at: 5, controller: smc}, {at: 700, controller: pid}]",))
+    scenario, _ = load_scenario("demo", ("law_changes=[{at: 5, law: smc}, {at: 700, law: pid}]",))
     told = RunChanges(laws=[(3 * SECOND, {"pid.kp": 0.5}), (5 * SECOND, {"controller": "smc"})])
-    assert [(swap.at, values_of(swap)) for swap in told.driven(scenario).controller_changes] == [
+    assert [(swap.at, values_of(swap)) for swap in told.driven(scenario).law_changes] == [
         (3.0, {"pid.kp": 0.5}),
         (5.0, {"controller": "smc"}),
         (700.0, {"controller": "pid"}),
@@ -87,7 +87,7 @@ def test_steps_that_were_not_reached_stay_planned() -> None:
 def test_stamps_survive_the_scenario_file(stamp: int) -> None:
     """Breaks if a stamp written in seconds returns a nanosecond off: the change would move by a tick."""
     swap = change_at(stamp, {"smc.k": 0.1, "controller": "smc"})
-    read = ControllerChange.model_validate(yaml.safe_load(yaml.safe_dump(swap.model_dump(mode="json"))))
+    read = LawChange.model_validate(yaml.safe_load(yaml.safe_dump(swap.model_dump(mode="json"))))
     assert round(read.at * SECOND) == stamp
     assert values_of(read) == {"smc.k": 0.1, "controller": "smc"}
 
@@ -96,15 +96,15 @@ def test_stamps_survive_the_scenario_file(stamp: int) -> None:
     ("swaps", "says"),
     [
         ("[{at: 5}]", "has no effect"),
-        ("[{at: 5, controllers: {pid: {kpp: 1}}}]", "did you mean 'kp'"),
-        ("[{at: 5, controllers: {pid: {kp: -1}}}]", "pid.kp"),
-        ("[{at: 5, controllers: {pidd: {kp: 1}}}]", "did you mean 'pid'"),
-        ("[{at: 5, controller: pidd}]", "did you mean 'pid'"),
+        ("[{at: 5, laws: {pid: {kpp: 1}}}]", "did you mean 'kp'"),
+        ("[{at: 5, laws: {pid: {kp: -1}}}]", "pid.kp"),
+        ("[{at: 5, laws: {pidd: {kp: 1}}}]", "did you mean 'pid'"),
+        ("[{at: 5, law: pidd}]", "did you mean 'pid'"),
     ],
 )
 def test_impossible_swaps_are_refused_before_the_start(swaps: str, says: str) -> None:
     with pytest.raises(ValueError, match=says):
-        prepare(*load_scenario("demo", (f"controller_changes={swaps}",)))
+        prepare(*load_scenario("demo", (f"law_changes={swaps}",)))
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"pid.kp": [1]}', "{'a': 1}"])
@@ -129,19 +129,19 @@ def test_a_law_set_from_another_process_is_recorded_and_verified(
     with claim_domain() as domain:
         pass  # free a moment ago: the run claims it itself
     process = started(
-        "run", "demo", "--set=duration=100", "--pace=1", "--json", f"--domain={domain}", f"--out={run}", *way,
+        "run", "demo", "--set=duration=100", "--rate=1", "--json", f"--domain={domain}", f"--out={run}", *way,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     desk = Desk(domain)
     try:
         desk.pause(True)
         assert desk.set("pid.kpp=1").returncode == 2
-        assert desk.set("controller=smc").returncode == 0
+        assert desk.set("law=smc").returncode == 0
         desk.steps(3)
         assert desk.set("pid.kp=0.05").returncode == 0
         desk.steps(2)
-        assert desk.set("controller=pid").returncode == 0
-        assert set_parameter(domain, "plant", "pace", 0.0) is None
+        assert desk.set("law=pid").returncode == 0
+        assert set_parameter(domain, "plant", "rate", 0.0) is None
         desk.pause(False)
     finally:
         desk.close()
@@ -156,8 +156,8 @@ def test_a_law_set_from_another_process_is_recorded_and_verified(
     assert not any(row["planned"] for row in changes)
     first = changes[0]["at_s"]
     assert [row["at_s"] - first for row in changes] == pytest.approx([0.0, 0.3, 0.5], abs=0.11)
-    assert yaml.safe_load((run / STARTED).read_text())["controller_changes"] == []
-    assert len(yaml.safe_load((run / "scenario.yaml").read_text())["controller_changes"]) == 3
+    assert yaml.safe_load((run / STARTED).read_text())["law_changes"] == []
+    assert len(yaml.safe_load((run / "scenario.yaml").read_text())["law_changes"]) == 3
     for name in (run, run / "run.mcap"):
         verified = command("verify", str(name), "--json")
         assert verified.returncode == 0, verified.stderr

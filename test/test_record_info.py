@@ -43,7 +43,7 @@ def test_a_log_alone_tells_all_but_the_summary(capsys: pytest.CaptureFixture[str
 
 def test_a_run_folder_tells_its_summary_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
-    swaps = "--set=controller_changes=[{at: 3, controller: smc}]"
+    swaps = "--set=law_changes=[{at: 3, law: smc}]"
     assert main(["run", "demo", "--engine", "--set=duration=5", swaps, f"--out={run}", "--json"]) == 0
     capsys.readouterr()
     found = info(capsys, run)

@@ -127,9 +127,7 @@ def test_equal_runs_of_the_engine_give_equal_bytes(tmp_path: Path, monkeypatch: 
     """
     monkeypatch.setattr(chunk_thread, "CLOSE_AFTER_S", 60.0)
     monkeypatch.setattr(wall_time, "clock_ns", lambda: 10**18)
-    setup = prepare(
-        *load_scenario("demo", ("duration=60", "observer=ndo", "controller_changes=[{at: 30, controller: smc}]"))
-    )
+    setup = prepare(*load_scenario("demo", ("duration=60", "observer=ndo", "law_changes=[{at: 30, law: smc}]")))
     for name in ("one", "other"):
         with RunFolder.make(tmp_path / name, "demo").sink(setup) as sink:
             run_engine(setup, sink=sink)

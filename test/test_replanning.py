@@ -26,7 +26,7 @@ from train_ato.scenario.scenario import check_scenario, load_scenario
 
 SLIPPERY = ("plant.adhesion={kind: constant, coefficient: 0.3}", "plant.jumps=[{at: 10, what: adhesion, factor: 0.2}]")
 """Adhesion of 6 % of the weight from 10 s on: 107 kN instead of 192 kN of traction and 231 kN of brake."""
-FAULT = ("plant.jumps=[{at: 10, what: gain, factor: 0.6}]", "controller=smc", "observer=eso")
+FAULT = ("plant.jumps=[{at: 10, what: gain, factor: 0.6}]", "law=smc", "observer=eso")
 WEAK_LOCOMOTIVE = (
     "plant.adhesion={kind: curtius_kniffler}",
     "plant.jumps=[{at: 50, what: adhesion, factor: 0.4}]",

@@ -58,7 +58,7 @@ def test_a_log_without_the_supervisor_is_replayed_as_driven(setup, run, tmp_path
 
 
 def test_another_gain_is_seen(run):
-    changed = prepare(*load_scenario("demo", (f"duration={SECONDS}", "controllers.pid={kp: 3.0e+5}")))
+    changed = prepare(*load_scenario("demo", (f"duration={SECONDS}", "laws.pid={kp: 3.0e+5}")))
     result = replay_open_loop(changed, run)
     summary = result.summary()
     assert summary["difference_max_kn"] > 0.01
@@ -70,7 +70,7 @@ def test_another_gain_is_seen(run):
 
 def test_the_command_shows_both_outputs_and_draws_them(run, capsys):
     """The figure is written beside the log; with another law its content differs."""
-    assert main(["replay", str(run), "--controller", "smc"]) == 0
+    assert main(["replay", str(run), "--law", "smc"]) == 0
     shown = capsys.readouterr().out
     for text in (
         "pid, recorded",
@@ -80,7 +80,7 @@ def test_the_command_shows_both_outputs_and_draws_them(run, capsys):
         "Open loop",
     ):
         assert text in shown
-    assert main(["replay", str(run), "--controller", "pid", "--json"]) == 0
+    assert main(["replay", str(run), "--law", "pid", "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
     assert (summary["difference_max_kn"], summary["equal_ticks"]) == (0, SECONDS * 10)
     assert summary["figure"] == str(run / "replay-pid.png")
@@ -93,11 +93,11 @@ def test_a_log_alone_is_enough(run, tmp_path, capsys):
     """The scenario is an attachment of the log."""
     shutil.copy(run / "run.mcap", tmp_path / "alone.mcap")
     figure = tmp_path / "both.svg"
-    arguments = ["replay", str(tmp_path / "alone.mcap"), "--controller", "smc", "--out", str(figure), "--json"]
+    arguments = ["replay", str(tmp_path / "alone.mcap"), "--law", "smc", "--out", str(figure), "--json"]
     assert main(arguments) == 0
     alone = json.loads(capsys.readouterr().out)
     assert figure.read_text().startswith("<?xml")
-    assert main(["replay", str(run), "--controller", "smc", "--json"]) == 0
+    assert main(["replay", str(run), "--law", "smc", "--json"]) == 0
     beside = json.loads(capsys.readouterr().out)
     for key in ("run", "figure"):
         assert alone.pop(key) != beside.pop(key)
@@ -107,16 +107,16 @@ def test_a_log_alone_is_enough(run, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("--controller", "pidd"), "did you mean 'pid'"),
-        (("--controller", "smc", "--set", "controllers.smc.gain=1"), "gain"),
-        (("--controller", "smc", "--set", "tick=0.2"), "--set: train, sensors and tick of a recording"),
-        (("--controller", "smc", "--out", "figure.bmp"), "use .png, .svg, .pdf"),
-        (("--controller", "smc", "--out", "nowhere/figure.png"), ": no folder "),
-        (("--controller", "smc", "--out", __file__ + ".png/../../conftest.png"), ": no folder "),
-        (("--controller", "smc", "--rate", "2"), "--rate: no effect with --controller"),
-        (("--controller", "smc", "--loop"), "--loop: no effect with --controller"),
-        (("--set", "seed=2"), "add --controller NAME"),
-        (("--out", "figure.png"), "add --controller NAME"),
+        (("--law", "pidd"), "did you mean 'pid'"),
+        (("--law", "smc", "--set", "laws.smc.gain=1"), "gain"),
+        (("--law", "smc", "--set", "tick=0.2"), "--set: train, sensors and tick of a recording"),
+        (("--law", "smc", "--out", "figure.bmp"), "use .png, .svg, .pdf"),
+        (("--law", "smc", "--out", "nowhere/figure.png"), ": no folder "),
+        (("--law", "smc", "--out", __file__ + ".png/../../conftest.png"), ": no folder "),
+        (("--law", "smc", "--rate", "2"), "--rate: no effect with --law"),
+        (("--law", "smc", "--loop"), "--loop: no effect with --law"),
+        (("--set", "seed=2"), "add --law NAME"),
+        (("--out", "figure.png"), "add --law NAME"),
     ],
 )
 def test_bad_input_is_one_line(run, capsys, arguments, says):
@@ -130,7 +130,7 @@ def test_bad_input_is_one_line(run, capsys, arguments, says):
 def test_an_existing_figure_is_not_overwritten_where_it_was_named(run, tmp_path, capsys):
     figure = tmp_path / "mine.png"
     figure.write_bytes(b"mine")
-    assert main(["replay", str(run), "--controller", "smc", "--out", str(figure)]) == 2
+    assert main(["replay", str(run), "--law", "smc", "--out", str(figure)]) == 2
     assert "exists already" in capsys.readouterr().err
     assert figure.read_bytes() == b"mine"
 
@@ -138,5 +138,5 @@ def test_an_existing_figure_is_not_overwritten_where_it_was_named(run, tmp_path,
 def test_a_log_without_a_scenario_is_refused(tmp_path, capsys):
     from test_replay_log import other
 
-    assert main(["replay", str(other(tmp_path / "other.mcap")), "--controller", "smc"]) == 2
+    assert main(["replay", str(other(tmp_path / "other.mcap")), "--law", "smc"]) == 2
     assert "no scenario.yaml is attached" in capsys.readouterr().err

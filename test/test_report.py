@@ -230,7 +230,7 @@ def test_a_failed_run_says_so_at_the_top(tmp_path: Path, monkeypatch: pytest.Mon
     """Breaks if the page of a failed run has no warning."""
     monkeypatch.setitem(LAWS._loaded, "breaks", Breaks)
     out = tmp_path / "run"
-    assert main(["run", "demo", "--engine", "--controller", "breaks", "--set=duration=20", f"--out={out}"]) == 1
+    assert main(["run", "demo", "--engine", "--law", "breaks", "--set=duration=20", f"--out={out}"]) == 1
     assert main(["report", str(out)]) == 0
     warning = re.search(r'class="warning">([^<]*)<', (out / "report.html").read_text())
     assert warning is not None
@@ -280,12 +280,12 @@ def test_equal_names_are_told_apart(eventful: Path, tmp_path: Path, capsys: pyte
 def test_compare_leaves_table_figure_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if compare writes no page, or keeps logs without --keep."""
     out = tmp_path / "compared"
-    assert main(["compare", "demo", "--controllers=pid,smc", "--set=duration=30", f"--out={out}", "--json"]) == 0
+    assert main(["compare", "demo", "--laws=pid,smc", "--set=duration=30", f"--out={out}", "--json"]) == 0
     errors = [entry["speed_rmse_kmh"] for entry in json.loads(capsys.readouterr().out)]
     assert len(errors) == 2 and errors == sorted(errors)
     assert {path.name for path in out.iterdir()} == {"summary.json", "figure.png", "comparison.html"}
     kept = tmp_path / "kept"
-    assert main(["compare", "demo", "--controllers=pid", "--set=duration=5", f"--out={kept}", "--keep"]) == 0
+    assert main(["compare", "demo", "--laws=pid", "--set=duration=5", f"--out={kept}", "--keep"]) == 0
     assert (kept / "pid" / "run.mcap").is_file()
     assert main(["report", str(kept / "pid")]) == 0
 
@@ -295,7 +295,7 @@ def test_compare_shows_a_law_that_failed(tmp_path: Path, monkeypatch: pytest.Mon
     """Breaks if one failed law stops the comparison of the others."""
     monkeypatch.setitem(LAWS._loaded, "breaks", Breaks)
     out = tmp_path / "compared"
-    assert main(["compare", "demo", "--controllers=pid,breaks", "--set=duration=20", f"--out={out}"]) == 1
+    assert main(["compare", "demo", "--laws=pid,breaks", "--set=duration=20", f"--out={out}"]) == 1
     assert "breaks: The run failed" in (out / "comparison.html").read_text()
 
 

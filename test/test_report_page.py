@@ -186,7 +186,7 @@ def test_hiding_a_kind_of_event_hides_its_marks_everywhere(page: Page) -> None:
 
 def test_runs_side_by_side_open_too(run: Path, tmp_path: Path) -> None:
     """Breaks if the page of several runs causes an error in the browser."""
-    other = drive(tmp_path, "other", "demo", *EVENTFUL, "--controller=smc", "--set=duration=40")
+    other = drive(tmp_path, "other", "demo", *EVENTFUL, "--law=smc", "--set=duration=40")
     file = tmp_path / "both.html"
     assert main(["report", str(run), str(other), f"--out={file}"]) == 0
     with browser() as page:

@@ -116,5 +116,5 @@ def test_the_table_of_many_runs_can_be_read(gusty: PageData, tmp_path: Path) -> 
 def test_compare_names_no_folder_that_is_gone(tmp_path: Path) -> None:
     """Breaks if the page of a comparison has the paths of temporary folders."""
     out = tmp_path / "compared"
-    assert main(["compare", "demo", "--controllers=pid,smc", "--set=duration=5", f"--out={out}", "--json"]) == 0
+    assert main(["compare", "demo", "--laws=pid,smc", "--set=duration=5", f"--out={out}", "--json"]) == 0
     assert "train_ato_compare_" not in (out / "comparison.html").read_text()

@@ -106,7 +106,7 @@ def test_an_engine_case_brings_summary_and_series() -> None:
     [
         pytest.param(Case("no_such_scenario"), "no_such_scenario", id="unknown scenario"),
         pytest.param(Case("demo", {"duration": -1}), "duration", id="refused value"),
-        pytest.param(Case("demo", {"controllers": {"pid": {"kq": 1}}}), "kq", id="unknown parameter"),
+        pytest.param(Case("demo", {"laws": {"pid": {"kq": 1}}}), "kq", id="unknown parameter"),
         pytest.param(Calculation(measure, {"wrong": 1}), "TypeError", id="wrong argument"),
         pytest.param(Calculation(die), "exit code 7", id="process that dies"),
     ],

@@ -32,7 +32,7 @@ from train_ato.scenario.scenario import load_scenario
 
 STRUCK_S, BRAKED_S = 30.0, 5.0
 """Simulated time of the kill, and time after the takeover in which the applied force is checked [s]."""
-PACE = 40.0
+RATE = 40.0
 COASTING = ("supervision.failsafe.coast=600", "supervision.failsafe.service=600")
 """A train that coasts until the node returns, however long its process takes to start on a loaded machine."""
 
@@ -51,7 +51,7 @@ def struck(setup: RunSetup, folder: Path, victims: tuple[str, ...], restarts: in
 
     home = RunFolder(folder)
     home.begin(setup)
-    outcome = run_graph(setup, folder, mode="processes", progress=strike, restarts=restarts, timeout=LIMIT_S, pace=PACE)
+    outcome = run_graph(setup, folder, mode="processes", progress=strike, restarts=restarts, timeout=LIMIT_S, rate=RATE)
     home.finish(setup, outcome)
     assert not waiting
     assert nothing_left(folder)
@@ -129,7 +129,7 @@ def test_a_killed_supervisor_releases_the_brakes_at_standstill(tmp_path: Path) -
     braked = [stamp for stamp, emergency in active.items() if emergency]
     released = min(stamp for stamp in active if stamp > max(braked))
     assert speeds[released] < 0.1
-    assert min(braked) * 1e-9 < STRUCK_S + PACE
+    assert min(braked) * 1e-9 < STRUCK_S + RATE
 
 
 @pytest.mark.slow
@@ -141,7 +141,7 @@ def test_the_ato_is_engaged_again_after_a_restart(tmp_path: Path) -> None:
     reports = messages(tmp_path, setup, "ato/state")
     engaged = [report.stamp * 1e-9 for report in reports if report.state[0] == AtoState.ENGAGED]
     assert any(time > 80 for time in engaged)
-    assert not [time for time in engaged if STRUCK_S + PACE < time < 80]
+    assert not [time for time in engaged if STRUCK_S + RATE < time < 80]
     speed = {truth.stamp * 1e-9: truth.velocity[0] for truth in messages(tmp_path, setup, "train/vehicles")}
     assert max(value for time, value in speed.items() if time > 90) > 1.0
 
@@ -159,7 +159,7 @@ def test_a_node_that_ends_again_and_again_fails_the_run(tmp_path: Path) -> None:
     """Breaks if restarts are not bounded, or the train is not stopped after the last one."""
     kills = [{"node": "observer", "do": "kill", "at": at} for at in range(20, 200, 10)]
     setup = metro("duration=200", f"faults={kills}")
-    outcome = run_graph(setup, tmp_path, mode="processes", restarts=2, timeout=LIMIT_S, pace=PACE)
+    outcome = run_graph(setup, tmp_path, mode="processes", restarts=2, timeout=LIMIT_S, rate=RATE)
     expected = r"node observer failed: its process was ended by SIGKILL; it was restarted 2 times before"
     assert re.fullmatch(expected, outcome.failure or "")
     assert (outcome.summary["status"], outcome.summary["restarts"]) == ("failed", {"observer": 2})

@@ -119,7 +119,7 @@ def test_nodes_started_alone_leave_the_folder_of_a_composed_run(
 def test_ros_parameters_and_a_namespace_reach_nodes_started_alone(terminals: Terminals, tmp_path: Path) -> None:
     """Law, observer and parameters by ``-p``, two trains by ``__ns``: the same as by the scenario."""
     given = {
-        "controller": ["-p", "controller:=smc", "-p", "smc.ks:=0.3"],
+        "controller": ["-p", "law:=smc", "-p", "smc.ks:=0.3"],
         "observer": ["-p", "observer:=ndo", "-p", "ndo.omega:=5.0"],
         "plant": ["-p", f"timeout:={LIMIT_S}"],
     }
@@ -128,8 +128,8 @@ def test_ros_parameters_and_a_namespace_reach_nodes_started_alone(terminals: Ter
         ros = ["--ros-args", "-r", "__ns:=/left", *given.get(role, [])]
         terminals.start(role, "--scenario=demo", DURATION, *extra, *ros)
     assert terminals.ends() == dict.fromkeys(ROLES, (0, ""))
-    changes = ["--set=controllers.smc.ks=0.3", "--set=observers.ndo.omega=5.0"]
-    one = composed(tmp_path, DURATION, "--controller=smc", "--observer=ndo", *changes)
+    changes = ["--set=laws.smc.ks=0.3", "--set=observers.ndo.omega=5.0"]
+    one = composed(tmp_path, DURATION, "--law=smc", "--observer=ndo", *changes)
     setup, _ = read_run_folder(one)
     assert compare_logs(one, tmp_path / "alone", Wire(setup.layout)).first is None
 
@@ -137,7 +137,7 @@ def test_ros_parameters_and_a_namespace_reach_nodes_started_alone(terminals: Ter
 def driving(terminals: Terminals, tmp_path: Path) -> Path:
     """Start all nodes; return their log, which has commands.  In lockstep no message is late on a busy machine."""
     for role in ROLES:
-        extra = {"recorder": ["--out=alone"], "plant": ["--recorded", "--pace=20", PATIENT]}.get(role, [])
+        extra = {"recorder": ["--out=alone"], "plant": ["--recorded", "--rate=20", PATIENT]}.get(role, [])
         terminals.start(role, "--scenario=demo", "--set=duration=600", *extra)
     partial = tmp_path / "alone" / "run.mcap.partial"
     wait_for(lambda: partial.exists() and any(m.channel.topic == "/ato/command" for m in stream(partial, broken=True)))
@@ -189,7 +189,7 @@ def test_a_plant_that_waits_says_for_whom(terminals: Terminals, tmp_path: Path) 
         ("controller", ["--scenario=demo", "--ros-args", "-p", "pid.kpp:=1.0"], "pid.kpp: node controller has none"),
         ("observer", ["--scenario=demmo"], "unknown scenario 'demmo'; did you mean 'demo'?"),
         ("recorder", ["--scenario=demo", "--out=/proc/nowhere"], "/proc/nowhere"),
-        ("plant", ["--scenario=demo", "--realtime=-1"], "parameter realtime: -1.0 is refused"),
+        ("plant", ["--scenario=demo", "--rate=-1"], "--rate: -1: not a rate"),
         ("profile", [], "--scenario"),
     ],
 )  # fmt: skip

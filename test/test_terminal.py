@@ -48,7 +48,7 @@ def test_no_arguments_print_the_help(capsys: pytest.CaptureFixture[str]) -> None
         (["rnu"], "unknown command 'rnu'; did you mean 'run'?; see `train-ato --help`"),
         (["reprot", "x"], "unknown command 'reprot'; did you mean 'report'?; see `train-ato --help`"),
         (["xyz"], "unknown command 'xyz'; see `train-ato --help`"),
-        (["run", "demo", "--controler=smc"], "unknown argument '--controler'; did you mean '--controller'?"),
+        (["run", "demo", "--observr=ndo"], "unknown argument '--observr'; did you mean '--observer'?"),
         (["run", "demo", "again"], "unknown argument 'again'; see `train-ato run --help`"),
         (["inject", "gusst"], "did you mean 'gust'?; see `train-ato inject --help`"),
     ],
@@ -113,7 +113,7 @@ def test_ranges_of_parameters_have_no_exponent(capsys: pytest.CaptureFixture[str
     assert number_text(1e9) == "1000000000"
     assert main(["list", "pid"]) == 0
     assert "(0 ... 1000000000)" in capsys.readouterr().out
-    assert main(["run", "demo", "--engine", "--set", "controllers.pid.kp=-1"]) == 2
+    assert main(["run", "demo", "--engine", "--set", "laws.pid.kp=-1"]) == 2
     assert "0 ... 1000000000" in capsys.readouterr().err
 
 
@@ -163,9 +163,9 @@ def completed(line: str, folder: Path) -> list[str]:
         ("train-ato co", {"compare", "completion"}),
         ("train-ato run de", {"demo"}),
         ("train-ato run daqin_heavy_haul:id", {"daqin_heavy_haul:ideal"}),
-        ("train-ato run demo --contr", {"--controller"}),
-        ("train-ato run demo --controller sm", {"smc"}),
-        ("train-ato compare demo --controllers pid,sm", {"pid,smc"}),
+        ("train-ato run demo --contr", {"--law"}),
+        ("train-ato run demo --law sm", {"smc"}),
+        ("train-ato compare demo --laws pid,sm", {"pid,smc"}),
         ("train-ato inject emer", {"emergency-brake"}),
         ("train-ato plan xu", {"xuzhou_metro_test"}),
         ("train-ato report runs/", {"runs/one"}),

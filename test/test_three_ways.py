@@ -17,7 +17,7 @@ ROUGH = [
     "--set=links.command={delay: 0.3, varying: {amplitude: 0.2}, jitter: 0.1, loss: 0.05}",
     "--set=plant.sensors={couplers: [0, 52], position_noise: 0.1, velocity_noise: 0.02, force_noise: 1000}",
     "--set=plant.disturbances=[{kind: eq40}]",
-    "--set=controller_changes=[{at: 30, controller: smc}, {at: 45, controller: pid}]",
+    "--set=law_changes=[{at: 30, law: smc}, {at: 45, law: pid}]",
     "--observer=ndo",
 ]
 """65 s of the 106-vehicle train with varying delay, jitter, loss, noise, a disturbance and two swaps of the law."""

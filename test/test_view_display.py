@@ -83,7 +83,7 @@ def test_the_stop_window_appears_before_the_stop(tmp_path: Path) -> None:
 
 def test_an_intervention_is_acknowledged_on_the_page(tmp_path: Path) -> None:
     """Breaks if an emergency brake leaves no message, or a click on it has no effect in the run's display."""
-    with browser() as page, viewing("--scenario", "demo", "--pace", "5", "--out", str(tmp_path / "run")) as view:
+    with browser() as page, viewing("--scenario", "demo", "--rate", "5", "--out", str(tmp_path / "run")) as view:
         opened(page, view.url)
         click(page, "EMERGENCY BRAKE")
         page.wait_for("[...document.querySelectorAll('#messages > *')].some(e => e.textContent.includes('emergency'))")

@@ -24,7 +24,7 @@ SAID = "document.getElementById('verdict').innerText"
 
 def test_a_run_waits_for_its_page_ends_with_a_verdict_and_is_run_again(tmp_path: Path) -> None:
     """Breaks if ticks pass before the page, the end has no verdict, report or locked controls, or no run follows."""
-    options = ("--scenario", "demo", "--pace", "20", "--out", str(tmp_path / "run"), *SHORT)
+    options = ("--scenario", "demo", "--rate", "20", "--out", str(tmp_path / "run"), *SHORT)
     with browser() as page, viewing(*options) as view:
         opened(page, view.url, frames=1)
         page.wait_for("document.body.dataset.state == 'finished'")

@@ -167,7 +167,7 @@ def test_a_live_run_goes_to_foxglove(tmp_path):
     """Breaks if a running graph does not reach Foxglove, with its time and its latched profile."""
     from view_browser import viewing
 
-    options = ("--scenario", "demo", "--pace", "10", "--out", str(tmp_path / "run"), "--foxglove", "0")
+    options = ("--scenario", "demo", "--rate", "10", "--out", str(tmp_path / "run"), "--foxglove", "0")
     with viewing(*options, lines=2) as view:
         assert view.lines[1].startswith("ws://127.0.0.1:")
 

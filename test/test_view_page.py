@@ -40,7 +40,7 @@ LONG = ("duration=4000", "profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 3
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory) -> Path:
     """Record the first three minutes of the demo."""
-    setup = prepare(*load_scenario("demo", ("duration=180", "controller_changes=[{at: 100, controller: smc}]")))
+    setup = prepare(*load_scenario("demo", ("duration=180", "law_changes=[{at: 100, law: smc}]")))
     return record_run(setup, tmp_path_factory.mktemp("recorded") / "run")
 
 
@@ -52,7 +52,7 @@ def clock_of(page) -> float:
 def test_a_train_is_watched_and_acted_on(tmp_path):
     """Breaks if the page does not draw or follow, a button has no effect on the node, or a rejection is not shown."""
     folder = tmp_path / "run"
-    options = ["--scenario", "demo", "--pace", "10", "--out", str(folder), *(f"--set={change}" for change in LONG)]
+    options = ["--scenario", "demo", "--rate", "10", "--out", str(folder), *(f"--set={change}" for change in LONG)]
     with browser() as page, viewing(*options) as view:
         opened(page, view.url)
         wait_for(lambda: clock_of(page) > 100.0, "a train that moves")
@@ -111,7 +111,7 @@ def test_a_train_is_watched_and_acted_on(tmp_path):
         assert view.end() == 0
     assert held_domains() == [] or (folder / "run.mcap").is_file()
     told = {row["name"]: row for row in json.loads((folder / "summary.json").read_text())["changes"]}
-    assert {"gust", "emergency_brake", "controller", "smc.l1"} <= set(told)
+    assert {"gust", "emergency_brake", "law", "smc.l1"} <= set(told)
     assert told["gust"]["value"]["acceleration"] == -0.04
 
 

@@ -30,11 +30,13 @@ from train_ato.apps.view.snapshot import (
 from train_ato.apps.view.strip import Strip
 from train_ato.apps.view.tuning import Tunable, coerced, slider_scale
 from train_ato.cli import main
-from train_ato.cli.view import _next_beside, _Started, _Waiting
+from train_ato.cli.main import command_line
+from train_ato.cli.view import _command, _next_beside, _Started, _Waiting
 from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt
 from train_ato.loop.setup import prepare
 from train_ato.messages.layout import TrainLayout
+from train_ato.ros.graph.environment import applied, variables
 from train_ato.scenario.interventions import EmergencyBrakeNow, GustNow, planned_for
 from train_ato.scenario.scenario import load_scenario
 
@@ -67,7 +69,7 @@ def moment(front, speed=15.0, **more):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """Record 90 s of the demo with a gust and an emergency brake."""
-    setup = prepare(*load_scenario("demo", ("duration=90", "controller_changes=[{at: 50, controller: smc}]")))
+    setup = prepare(*load_scenario("demo", ("duration=90", "law_changes=[{at: 50, law: smc}]")))
     done = (GustNow(acceleration=-0.03, duration=10.0), EmergencyBrakeNow())
     planned = tuple(planned_for(at * 1_000_000_000, entry) for at, entry in zip((40, 70), done, strict=True))
     scenario = setup.scenario.model_copy(update={"interventions": planned})
@@ -262,7 +264,7 @@ def test_a_recorded_run_shows_any_moment(run):
 
 
 def test_playing_goes_on_until_the_end_and_begins_again(run, monkeypatch):
-    """Breaks if the pace is wrong, time passes the end, or does not restart after the end."""
+    """Breaks if the rate is wrong, time passes the end, or does not restart after the end."""
     feed = RecordedFeed(run)
     clock_now = [1000.0]
     monkeypatch.setattr("train_ato.apps.view.recorded.time.monotonic", lambda: clock_now[0])
@@ -304,8 +306,7 @@ def test_a_run_without_the_truth_is_refused_in_one_line(tmp_path, capfd):
     ("arguments", "text"),
     [
         (("--port", "70000"), "--port 70000"),
-        (("--pace", "-1"), "--pace -1.0"),
-        (("--controller", "smc"), "--controller: only for a started run"),
+        (("--law", "smc"), "--law: only for a started run"),
         (("--domain", "555"), "--domain 555"),
         (("--scenario", "dmo", "--no-browser"), "unknown scenario 'dmo'"),
     ],
@@ -321,14 +322,19 @@ def test_bad_input_is_refused_before_anything_starts(arguments, text, capfd):
 def test_a_run_that_starts_slowly_is_waited_for_until_it_ends(tmp_path, monkeypatch, capfd):
     """Breaks if view does not wait for a starting run, prints no note, or waits for a run that has ended."""
     clock_now, interrupt, word = [0.0], Interrupt(), tmp_path / "word"
-    monkeypatch.setattr("train_ato.cli.view.time.monotonic", lambda: clock_now[0])
+    monkeypatch.setattr("train_ato.ros.graph.wait_note.time.monotonic", lambda: clock_now[0])
     code = f"import pathlib, sys\nwhile not pathlib.Path({str(word)!r}).exists(): pass\nsys.exit('train-ato: no room')"
     run = _Started([sys.executable, "-c", code])
     try:
         wait = _Waiting(run.check, interrupt)
-        for clock_now[0] in (0.0, 1.0, 3600.0, 7200.0):
+        for clock_now[0] in (0.0, 1.0, 3600.0, 5000.0, 7201.0):
             wait("the run to start")
-        assert capfd.readouterr().err == "waiting for the run to start\n"
+        for clock_now[0] in (7202.0, 7206.0):
+            wait("node plant to answer")
+        assert capfd.readouterr().err == (
+            "waiting for the run to start (3600 s)\nwaiting for the run to start (7201 s)\n"
+            "waiting for node plant to answer (4 s)\n"
+        )
         interrupt.asked = True
         with pytest.raises(KeyboardInterrupt):
             wait("the run to start")
@@ -338,6 +344,52 @@ def test_a_run_that_starts_slowly_is_waited_for_until_it_ends(tmp_path, monkeypa
             wait("the run to start")
     finally:
         run.end()
+
+
+def test_a_note_of_a_started_run_is_not_its_error(capfd):
+    """Breaks if view hides a note of the run, or takes it for the reason of the end."""
+    lines = ("train-ato: other hosts may join this run (X)", "ROS domain 7", "train-ato: no space")
+    run = _Started(
+        [sys.executable, "-c", f"import sys\nfor line in {lines}: print(line, file=sys.stderr)\nsys.exit(1)"]
+    )
+    wait_for(lambda: run._process.poll() is not None)
+    with pytest.raises(RunFailed, match=r"^no space$"):
+        run.check()
+    assert sorted(capfd.readouterr().err.splitlines()) == ["ROS domain 7", lines[0]]
+    done = _Started([sys.executable, "-c", "pass"])
+    wait_for(lambda: done._process.poll() is not None)
+    with pytest.raises(RunFailed, match="the run ended before the page was ready; show its record"):
+        done.check()
+
+
+def test_a_started_run_has_no_limit_of_its_start(capsys):
+    """Breaks if a run started by view fails after 30 s of discovery on a slow machine."""
+    parser = command_line()
+    options = parser.parse_args(["view", "--scenario", "demo", "--rate", "5", "--law", "smc"])
+    words = _command(options, 42)[3:]
+    run = parser.parse_args(words)
+    assert (run.start_limit, run.rate, run.law, run.domain) == (math.inf, 5.0, "smc", 42)
+    fastest = parser.parse_args(["view", "--scenario", "demo", "--rate", "max"])
+    assert parser.parse_args(_command(fastest, 42)[3:]).rate == math.inf
+
+
+class Enough(Exception):
+    """End of a wait in a test."""
+
+
+def test_the_awaited_nodes_are_named(domain, tmp_path):
+    """Breaks if the wait for a graph does not name the nodes that are missing."""
+    heard = []
+
+    def wait(awaited):
+        heard.append(awaited)
+        raise Enough
+
+    from train_ato.apps.view.live import LiveFeed
+
+    with applied(variables(domain, tmp_path)), pytest.raises(Enough):
+        LiveFeed(domain, wait)
+    assert heard == [f"node controller to start and node plant to start on domain {domain}"]
 
 
 def test_a_port_in_use_is_refused_in_one_line(run, capfd):

@@ -127,7 +127,7 @@ def test_the_page_of_a_braked_run(braked: Path, plain: Path, tmp_path: Path) -> 
 def test_the_ato_is_disengaged_and_engaged_by_buttons(tmp_path: Path) -> None:
     """Breaks if a button has no effect on the node, a refusal has no reason, or the state does not follow."""
     folder = tmp_path / "run"
-    options = ["--scenario", "demo", "--pace", "10", "--out", str(folder), *(f"--set={change}" for change in LONG)]
+    options = ["--scenario", "demo", "--rate", "10", "--out", str(folder), *(f"--set={change}" for change in LONG)]
     with browser() as page, viewing(*options) as view:
         opened(page, view.url)
         wait_for(lambda: text(page, "ato_text") == "engaged", "the state of the ATO")

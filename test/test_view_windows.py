@@ -35,7 +35,7 @@ BOX = """(() => {{ const r = {0}.getBoundingClientRect(); return [r.left, r.top,
 @pytest.fixture(scope="module")
 def short(tmp_path_factory) -> Path:
     """Record 70 s of the demo with a swap."""
-    setup = prepare(*load_scenario("demo", ("duration=70", "controller_changes=[{at: 60, controller: smc}]")))
+    setup = prepare(*load_scenario("demo", ("duration=70", "law_changes=[{at: 60, law: smc}]")))
     return record_run(setup, tmp_path_factory.mktemp("short") / "run")
 
 
@@ -50,7 +50,18 @@ class Started:
 @contextlib.contextmanager
 def running(domain: int, out: Path, scenario: str = "demo"):
     """Start a run on a domain in a new session, so that all its processes can be killed together."""
-    command = [sys.executable, "-m", "train_ato", "run", scenario, "--realtime", "5", "--domain", str(domain)]
+    command = [
+        sys.executable,
+        "-m",
+        "train_ato",
+        "run",
+        scenario,
+        "--no-lockstep",
+        "--rate",
+        "5",
+        "--domain",
+        str(domain),
+    ]
     process = subprocess.Popen([*command, f"--out={out}"], stderr=subprocess.DEVNULL, start_new_session=True)
     try:
         yield Started(process, out)
@@ -67,7 +78,7 @@ def resized(page, width: int, height: int) -> None:
 @pytest.mark.slow
 def test_the_emergency_brake_is_in_sight_and_nothing_covers_anything():
     """Breaks if a small window hides the emergency brake or covers the title, or a large one has empty space."""
-    with browser() as page, viewing("--scenario", "demo", "--pace", "5") as view:
+    with browser() as page, viewing("--scenario", "demo", "--rate", "5") as view:
         opened(page, view.url)
         brake = BOX.format('deep(e => e.tagName == "BUTTON" && e.textContent.trim() == "EMERGENCY BRAKE")')
         for width, height in ((900, 700), (1280, 720), (1720, 1000), (2560, 1440)):

@@ -67,12 +67,12 @@ def test_the_engine_runs_where_no_ros_package_is_installed(tmp_path):
     for arguments in (
         ["run", "demo", "--engine", "--set", "duration=20", "--out", "run"], ["--help"], ["list"], ["info", "run"],
         ["verify", "saved"], ["report", "run"], ["export", "run"],
-        ["compare", "demo", "--controllers", "pid,smc", "--set", "duration=10"],
+        ["compare", "demo", "--laws", "pid,smc", "--set", "duration=10"],
     ):  # fmt: skip
         done = command(*arguments)
         assert done.returncode == 0, (arguments, done.stderr)
     for arguments in (
-        ["run", "demo"], ["run", "demo", "--processes"], ["param", "controller=smc"], ["inject", "pause"],
+        ["run", "demo"], ["run", "demo", "--processes"], ["param", "law=smc"], ["inject", "pause"],
         ["replay", "run"], ["view"],
     ):  # fmt: skip
         done = command(*arguments)

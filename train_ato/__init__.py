@@ -1,7 +1,7 @@
 """Onboard automatic train operation as a ROS 2 node graph, with the train that it drives.
 
 >>> import train_ato as ta
->>> run = ta.run("demo", controller="smc", set={"duration": 20})
+>>> run = ta.run("demo", law="smc", set={"duration": 20})
 >>> run.metrics["controller"]
 'smc'
 
@@ -20,8 +20,8 @@ from train_ato.version import VERSION
 if TYPE_CHECKING:
     from train_ato.apps.runs.catalogue import laws as laws
     from train_ato.apps.runs.catalogue import scenarios as scenarios
-    from train_ato.apps.runs.compare import Comparison as Comparison
     from train_ato.apps.runs.compare import compare as compare
+    from train_ato.apps.runs.comparison import Comparison as Comparison
     from train_ato.apps.runs.drive import run as run
     from train_ato.apps.runs.run import Run as Run
     from train_ato.apps.runs.run import open_run as open_run
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from train_ato.log.tables.loading import load as load
 
 _PLACES = {
-    "Comparison": "train_ato.apps.runs.compare",
+    "Comparison": "train_ato.apps.runs.comparison",
     "Frames": "train_ato.log.tables.loading",
     "Run": "train_ato.apps.runs.run",
     "RunFailed": "train_ato.errors",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import math
 import os
 import sys
 from collections.abc import Sequence
@@ -12,6 +13,20 @@ from typing import Any, NoReturn
 
 BAD_INPUT = 2
 """Exit status of a command refused before its start."""
+
+
+class InputFaults(ValueError):
+    """Several faults of one input, one line each.
+
+    Parameters
+    ----------
+    lines
+        File, place, problem; fix.
+    """
+
+    def __init__(self, lines: Sequence[str]) -> None:
+        super().__init__("\n".join(lines))
+        self.lines = tuple(lines)
 
 
 def prepare_streams() -> None:
@@ -58,6 +73,63 @@ class OneLineParser(argparse.ArgumentParser):
             raise argparse.ArgumentError(
                 action, f"'{value}' is none of {', '.join(choices)}{close_match(str(value), choices)}"
             )
+
+
+def parse_rate(text: str) -> float:
+    """Return a rate [simulated seconds per second of wall time]; infinity for ``max``.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is neither ``max`` nor a finite number above 0.
+    """
+    try:
+        rate = math.inf if text == "max" else float(text)
+    except ValueError:
+        rate = 0.0
+    if text != "max" and not 0 < rate < math.inf:
+        raise argparse.ArgumentTypeError(f"{text}: not a rate; give a number above 0, 1 for real time, or max")
+    return rate
+
+
+def parse_limit(text: str) -> float:
+    """Return a limit of wall time [s]; infinity for ``none``.
+
+    Raises
+    ------
+    argparse.ArgumentTypeError
+        If it is neither ``none`` nor a finite number above 0.
+    """
+    try:
+        limit = math.inf if text == "none" else float(text)
+    except ValueError:
+        limit = 0.0
+    if text != "none" and not 0 < limit < math.inf:
+        raise argparse.ArgumentTypeError(f"{text}: not a time; give seconds above 0, or none")
+    return limit
+
+
+def add_rate(parser: argparse.ArgumentParser, default: float = math.inf) -> None:
+    """Declare ``--rate``, as of ``ros2 bag play``."""
+    shown = "max" if default == math.inf else f"{default:g}"
+    parser.add_argument(
+        "-r",
+        "--rate",
+        type=parse_rate,
+        default=default,
+        metavar="R",
+        help=f"simulated seconds per second of wall time, or max (default: {shown})",
+    )
+
+
+def add_no_lockstep(parser: argparse.ArgumentParser) -> None:
+    """Declare ``--no-lockstep``."""
+    parser.add_argument(
+        "--no-lockstep",
+        dest="lockstep",
+        action="store_false",
+        help="do not wait for late commands: hold the last one and count them; without --rate at the rate 1",
+    )
 
 
 def parse_yaml_value(text: str, option: str) -> Any:

@@ -40,7 +40,7 @@ it.
 """
 NODES = """
 With one process per node, `kill` and `stop` are SIGKILL and SIGSTOP of the process in place of its first message from
-`at` on, and `duplicate` starts a second process when the plant reaches `at` (the run needs a `--pace` that leaves
+`at` on, and `duplicate` starts a second process when the plant reaches `at` (the run needs a `--rate` that leaves
 time for its start). The plant goes on without the lost node until the train is at standstill; then the run fails with
 the name of the node. The recorder can be killed and stopped in this mode only.
 """
@@ -73,8 +73,9 @@ OTHERS = """
 
 A full disk, a killed recorder and a second publisher of a topic fail the run with the name of the node; the log is kept
 ([log.md](log.md)). No simulated time depends on the date of the machine. Some waits in the ROS wheels end at a date, so
-a step of the date backward can delay a paced run; such runs need a clock without steps. A suspended run in one process
-goes on afterwards; with one process per node, a plant that was suspended for more than 3 s fails the run by its name.
+a step of the date backward can delay a run with `--rate`; such runs need a clock without steps. A suspended run in one
+process goes on afterwards; with one process per node, a plant that was suspended for more than 3 s fails the run by its
+name.
 """
 TABLE = """
 ## Measured reactions

@@ -64,7 +64,7 @@ def _sections() -> list[str]:
                 for role in ROLES:
                     endpoints = NodeEndpoints(role, Wire(setup.layout), context, FirstFailure())
                     executor.add_node(endpoints.node)
-                    node = make_node(role, setup, endpoints, folder, None, 10.0)
+                    node = make_node(role, setup, endpoints, folder, True, 10.0)
                     if role not in (Role.PLANT, Role.RECORDER):
                         answer_ready(endpoints, setup.fingerprint())
                     lines += _section(role, endpoints.node)

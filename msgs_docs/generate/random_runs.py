@@ -89,7 +89,7 @@ class Draw:
     def command(self) -> str:
         """Command of the same run."""
         options = " ".join(f"--set '{text}'" for text in self.sets)
-        return f"train-ato run {self.scenario} --engine --controller {self.law} {options}"
+        return f"train-ato run {self.scenario} --engine --law {self.law} {options}"
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ def draws(count: int, seed: int) -> Iterator[Draw]:
         spread.append(f"seed={number}")
         at = f"{random.uniform(5.0, last):.1f}"
         more = () if row is None else tuple(_moved(text, at) for text in row.sets)
-        chosen = (*sets, f"controller={law}", *spread, *more)
+        chosen = (*sets, f"law={law}", *spread, *more)
         yield Draw(number, base, law, "" if row is None else row.name, scenario, chosen)
 
 

@@ -8,11 +8,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from train_ato.apps.runs.compare import Comparison, compare
+from train_ato.apps.runs.compare import compare
+from train_ato.apps.runs.comparison import Comparison
 from train_ato.apps.runs.progress import activity
 from train_ato.apps.runs.protection_note import summary_events
 from train_ato.apps.runs.ranking import difference_from_best
-from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.apps.runs.scenario_choice import ScenarioChoice, choose_scenario
 from train_ato.apps.runs.summary_table import format_value
 from train_ato.cli.scenario_options import add_scenario_options
 from train_ato.cli.screen import note_compilation, print_json, print_table
@@ -29,15 +30,20 @@ COLUMNS: tuple[tuple[str, str], ...] = (
     ("command_variation_kn_per_s", "kN/s"),
     ("saturated_s", "limit s"),
     ("verdict", "verdict"),
+    ("gains", "gains"),
+    ("status", "status"),
 )
+COMPARED = COLUMNS[:8]
+"""Law and the metrics with a best value."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``compare``."""
     add_scenario_options(parser)
     parser.add_argument(
-        "--controllers", metavar="A,B,...", help="laws: names or MODULE:CLASS (default: all that fit the train)"
+        "--laws", metavar="A,B,...", help="laws: names or MODULE:CLASS (default: all that fit the train)"
     )
+    parser.add_argument("--engine", action="store_true", help="as in run; a comparison always uses the engine")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder to make (default: runs/compare-NAME-N)")
     parser.add_argument("--keep", action="store_true", help="keep every run with its log in DIR/LAW")
 
@@ -45,10 +51,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Run the scenario with every law in the engine, and compare."""
     laws = None
-    if options.controllers is not None:
-        laws = [name.strip() for name in options.controllers.split(",") if name.strip()]
+    if options.laws is not None:
+        laws = [name.strip() for name in options.laws.split(",") if name.strip()]
         if not laws:
-            raise ValueError(f"--controllers {options.controllers}: no law; add one or remove the option")
+            raise ValueError(f"--laws {options.laws}: no law; add one or remove the option")
     choice = choose_scenario(options.scenario).assigned(options.assignments)
     choice = choice.changed(None, options.seed)
     note_compilation()
@@ -66,6 +72,8 @@ def execute(options: argparse.Namespace) -> int:
         folder.discard()
         raise
     print_comparison(result, folder.path, options.json)
+    for line in gain_notes(choice, result):
+        sys.stderr.write(f"train-ato: {line}\n")
     ends = ("failed",) if laws is None else ("failed", "refused")
     failures = [f"{law.label}: {law.reason}" for law in result.laws if law.status in ends]
     if failures:
@@ -73,9 +81,21 @@ def execute(options: argparse.Namespace) -> int:
     return 0
 
 
+def gain_notes(choice: ScenarioChoice, result: Comparison) -> list[str]:
+    """Return a line for the laws with default values, and one for each law with values in a variant."""
+    default = [law.label for law in result.laws if law.gains == "default" and law.status != "refused"]
+    if not default:
+        return []
+    variants = {label: choice.variants_with_gains(label) for label in default}
+    return [
+        f"{', '.join(default)}: default gains, not chosen for this train; set laws.NAME.* before a comparison",
+        *(f"{label}: gains for this train are in {', '.join(names)}" for label, names in variants.items() if names),
+    ]
+
+
 def write_comparison_folder(result: Comparison, folder: Path) -> None:
     """Write summary, figure and page into the folder."""
-    text = json.dumps(list(result.metrics.values()), indent=2) + "\n"
+    text = json.dumps(result.rows, indent=2) + "\n"
     (folder / "summary.json").write_text(text, encoding="utf-8")
     if result.drawable:
         from train_ato.apps.report.words import COMPARISON
@@ -90,38 +110,39 @@ def print_comparison(result: Comparison, folder: Path, as_json: bool) -> None:
     for law in result.laws:
         if events := summary_events(law.metrics):
             sys.stderr.write(f"train-ato: {law.label}: {events}\n")
-    summaries = list(result.metrics.values())
     if as_json:
-        print_json(summaries)
+        print_json(result.rows)
         return
-    first = summaries[0]
+    rows = result.rows
+    first = next(iter(result.metrics.values()))
     print_table(
         (text for _, text in COLUMNS),
-        ([_value(key, summary, summaries) for key, _ in COLUMNS] for summary in summaries),
-        f"{first['scenario']}, observer {first['observer']}, compensation {first['compensation']}",
+        ([_value(key, row, rows) for key, _ in COLUMNS] for row in rows),
+        f"{result.scenario}, observer {first.get('observer')}, compensation {first.get('compensation')}",
     )
-    if len(summaries) > 1:
+    driven = [row for row in rows if row["status"] != "refused"]
+    if len(driven) > 1:
         print_table(
-            (text for _, text in COLUMNS[:-1]),
-            ([_difference(key, summary, summaries) for key, _ in COLUMNS[:-1]] for summary in summaries),
+            (text for _, text in COMPARED),
+            ([_difference(key, row, driven) for key, _ in COMPARED] for row in driven),
             "difference from the best value (*)",
         )
     for law in result.laws:
-        if law.status == "refused":
-            sys.stdout.write(f"omitted: {law.label}: {law.reason}\n")
+        if law.reason:
+            sys.stdout.write(f"{law.status}: {law.label}: {law.reason}\n")
     what = "table, figure and report" if result.drawable else "table"
     sys.stdout.write(f"{what} in {folder}\n")
 
 
-def _value(key: str, summary: dict[str, Any], summaries: list[dict[str, Any]]) -> str:
+def _value(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
     """Return a value as text, with ``*`` if it is the best of its column."""
-    best = difference_from_best(key, summary, summaries) == 0.0
-    return f"{format_value(summary.get(key))}{'*' if best else ''}"
+    best = difference_from_best(key, row, rows) == 0.0
+    return f"{format_value(row.get(key))}{'*' if best else ''}"
 
 
-def _difference(key: str, summary: dict[str, Any], summaries: list[dict[str, Any]]) -> str:
+def _difference(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
     """Return the difference of a value from the best of its column as text."""
     if key == COLUMNS[0][0]:
-        return str(summary[key])
-    difference = difference_from_best(key, summary, summaries)
+        return str(row[key])
+    difference = difference_from_best(key, row, rows)
     return "" if difference is None else "0" if difference == 0.0 else f"+{format_value(difference)}"

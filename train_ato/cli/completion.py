@@ -145,8 +145,8 @@ def _domains() -> Iterable[str]:
 NAMES: dict[str, Callable[[], Iterable[str]]] = {
     "scenario": _scenarios,
     "case": _scenarios,
-    "controller": _laws,
-    "controllers": _laws,
+    "law": _laws,
+    "laws": _laws,
     "observer": _observers,
     "compensation": _compensations,
     "consist": _consists,

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 from plant_sim.consist import Consist
-from plant_sim.library import consist_names, line_names, load_consist, load_line
+from plant_sim.library import consist_names, line_names, load_consist, load_line, read_yaml
 from plant_sim.line import Line
 from plant_sim.number_text import number_text
 from train_ato.control.contract import Parameter
@@ -18,13 +19,15 @@ GRADES = (0.0, 0.002, 0.005, 0.010)
 
 
 def details(name: str) -> dict[str, Facts]:
-    """Return the details of a name by kind; one name may be an observer and a compensation.
+    """Return the details of a name by kind, or of a file; one name may be an observer and a compensation.
 
     Raises
     ------
     ValueError
-        If a scenario of that name cannot be read.
+        If a scenario of that name, or the file, cannot be read.
     """
+    if Path(name.partition(":")[0]).suffix in (".yaml", ".yml"):
+        return _file(name)
     found: dict[str, Facts] = {}
     if name.partition(":")[0] in shipped_scenarios():
         found["scenario"] = _scenario(name)
@@ -38,6 +41,22 @@ def details(name: str) -> dict[str, Facts]:
     return found
 
 
+def _file(name: str) -> dict[str, Facts]:
+    """Return the details of a scenario, consist or line file, by its schema."""
+    path = Path(name.partition(":")[0])
+    data = read_yaml(path)
+    schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
+    kind = schema.removeprefix("train_ato/").partition("/")[0]
+    if kind == "consist":
+        return {kind: _consist(load_consist(str(path)))}
+    if kind == "line":
+        return {kind: _line(load_line(str(path)))}
+    if kind != "scenario" and not (isinstance(data, dict) and "base" in data):
+        known = ", ".join(f"train_ato/{name}/1" for name in ("scenario", "consist", "line"))
+        raise ValueError(f"{path}: schema: {schema!r}: not known; write one of {known}")
+    return {"scenario": _scenario(name)}
+
+
 def _scenario(name: str) -> Facts:
     scenario, path = load_scenario(name)
     stem = name.partition(":")[0]
@@ -49,7 +68,7 @@ def _scenario(name: str) -> Facts:
         f"{scenario.step * 1e3:g} ms",
         "train": plant.consist if isinstance(plant.consist, str) else plant.consist.name,
         "line": plant.line if isinstance(plant.line, str) else plant.line.name,
-        "controller": scenario.controller,
+        "law": scenario.law,
         "observer": scenario.observer,
         "compensation": scenario.compensation,
     }

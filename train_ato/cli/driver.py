@@ -65,9 +65,11 @@ def execute(options: argparse.Namespace) -> int:
         return 0
     sys.stdout.write(
         f"{profile.end:.1f} s, {result['distance_m']:.0f} m, at most {result['speed_max_kmh']:.1f} km/h, written to "
-        f"{options.out}\nbrake:\n  policy: planned\n  events:\n"
+        f"{options.out}\n"
     )
-    sys.stdout.write("".join(f"    - {{time: {e['time']}, reduction_kpa: {e['reduction_kpa']:g}}}\n" for e in events))
+    if events:
+        sys.stdout.write("brake:\n  policy: planned\n  events:\n")
+    sys.stdout.writelines(f"    - {{time: {e['time']}, reduction_kpa: {e['reduction_kpa']:g}}}\n" for e in events)
     return 0
 
 

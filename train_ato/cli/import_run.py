@@ -14,7 +14,7 @@ import numpy as np
 from plant_sim.library import load_consist, load_line
 from train_ato.apps.import_csv.columns import QUANTITIES, TIMESTAMP
 from train_ato.apps.import_csv.recording import Measured, measured
-from train_ato.apps.import_csv.samples import LARGEST_GAP
+from train_ato.apps.import_csv.samples import LARGEST_GAP, sort_rows
 from train_ato.apps.import_csv.smoothing import MAX_WINDOW, measured_profile, window_of
 from train_ato.apps.import_csv.table import read_table
 from train_ato.apps.runs.progress import activity, progress_bar
@@ -53,8 +53,10 @@ def _columns_text() -> str:
         (
             "columns, named with their unit; time, speed and force are required:",
             *lines,
-            f"  {TIMESTAMP:{width}}  instead of time: date and time of day, 2026-03-01T08:15:30.5",
+            f"  {TIMESTAMP:{width}}  instead of time: 2026-03-01T08:15:30.5 or 01.03.2026 08:15:30,5",
             f"for every power unit from 0 on, as unit_0_force_kn: {of_unit}",
+            "",
+            "Names of recorders are read too: V [km/h], Speed (m/s), F in kN, or units in the row below the names.",
             "",
             "Separators are commas, semicolons (then also decimal commas) or tabs; lines with # are comments. Rows may",
             "be unevenly spaced: every quantity is interpolated linearly at the ticks. Empty cells are gaps and are",
@@ -62,7 +64,7 @@ def _columns_text() -> str:
             "the resolution of the speed. A total force is distributed equally over the power units.",
             "",
             "  train-ato import recorder.csv --consist hxd1_c80_105 --line daqin_section",
-            "  train-ato import kmc.csv --consist my_train.yaml --line my_line.yaml --rename 'V [km/h]:=speed_kmh' \\",
+            "  train-ato import kmc.csv --consist my_train.yaml --line my_line.yaml --rename 'v_ist:=speed_kmh' \\",
             "      --ignore Driver Door",
         )
     )
@@ -88,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--from-km",
         type=float,
         metavar="KM",
-        help="place of the front at the first row, for a file without a position column",
+        help="position of the front at the first row, for a file without a position column",
     )
     parser.add_argument("--tick", type=float, default=0.1, metavar="S", help="period of the run (default: 0.1 s)")
     parser.add_argument(
@@ -104,6 +106,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="averaging window of the profile, 0: none (default: from the resolution)",
     )
+    parser.add_argument("--sort", action="store_true", help="sort the rows by time and remove repeated rows")
     parser.add_argument("--profile-only", action="store_true", help="write only the profile; no force column is needed")
     parser.add_argument("--name", metavar="NAME", help="name of the run (default: name of the file)")
     parser.add_argument(
@@ -121,9 +124,11 @@ def execute(options: argparse.Namespace) -> int:
         raise ValueError(f"--consist {options.consist}: has no power unit; name the measured train")
     with activity(f"reading {options.csv}"):
         found_in = read_table(options.csv, _renames(options.rename), frozenset(options.ignore))
+    note = sort_rows(found_in) if options.sort else ""
     half = consist.vehicles[0].length / 2
     offsets = np.array(consist.offsets)[list(consist.power_units)]
     found = measured(found_in, len(consist.power_units), half, offsets, options.largest_gap)
+    found.notes += [note] if note else []
     window = window_of(found) if options.smooth is None else options.smooth
     profile = measured_profile(found, options.tick, _start(options, found, half, line), window)
     setup = measured_setup(found, profile, options.consist, options.line, options.name or _run_name(options.csv))

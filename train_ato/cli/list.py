@@ -1,4 +1,4 @@
-"""``train-ato list [NAME]``: all names for the command line with one line each, or the details of one name."""
+"""``train-ato list [NAME | FILE.yaml]``: all names with one line each, or the details of one name or file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,12 @@ from train_ato.scenario.scenario import raw_scenario, shipped_scenarios, variant
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``list``."""
-    parser.add_argument("name", nargs="?", metavar="NAME", help="print details of this name")
+    parser.add_argument(
+        "name",
+        nargs="?",
+        metavar="NAME | FILE.yaml",
+        help="print details of this name, or of a scenario, consist or line file",
+    )
 
 
 def catalogue() -> dict[str, dict[str, str]]:
@@ -25,7 +30,7 @@ def catalogue() -> dict[str, dict[str, str]]:
         scenarios |= {f"{name}:{variant}": summary for variant, summary in variants_of(path).items()}
     return {
         "scenarios": scenarios,
-        "controllers": {name: LAWS.summary(name) for name in LAWS.loadable()},
+        "laws": {name: LAWS.summary(name) for name in LAWS.loadable()},
         "observers": {name: OBSERVERS.summary(name) for name in OBSERVERS.loadable()},
         "compensations": {name: COMPENSATIONS.summary(name) for name in COMPENSATIONS.loadable()},
         "consists": {name: load_consist(name).summary for name in consist_names()},

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from train_ato.arguments import BAD_INPUT, OneLineParser, prepare_streams
+from train_ato.arguments import BAD_INPUT, InputFaults, OneLineParser, prepare_streams
 from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.version import VERSION
@@ -70,7 +70,9 @@ class _Command(OneLineParser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Declare the options, then parse; an unknown argument is refused with the help of this command."""
         self.declare()
-        known, unknown = super().parse_known_args(args, namespace)
+        from train_ato.scenario.former_names import present_options
+
+        known, unknown = super().parse_known_args(present_options(self, args), namespace)
         self.refuse_unknown(unknown)
         return known, unknown
 
@@ -164,10 +166,10 @@ def _status_of(error: Exception) -> int:
 def _print_error(error: object, status: int) -> int:
     if os.environ.get("TRAIN_ATO_DEBUG") and isinstance(error, Exception):
         raise error
-    text = " ".join(str(error).split())
+    lines = error.lines if isinstance(error, InputFaults) else (str(error),)
     if isinstance(error, OSError) and error.filename is not None:
-        text = f"{error.filename}: {error.strerror}"
-    sys.stderr.write(f"train-ato: {text}\n")
+        lines = (f"{error.filename}: {error.strerror}",)
+    sys.stderr.write("".join(f"train-ato: {' '.join(line.split())}\n" for line in lines))
     return status
 
 

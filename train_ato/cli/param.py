@@ -10,12 +10,13 @@ from train_ato.cli.screen import print_json
 from train_ato.control.parameters import current_names
 from train_ato.control.registry import LAWS
 from train_ato.ros.graph.remote import resolve_domain, set_parameter
+from train_ato.scenario.former_names import FORMER_PARAMETERS, print_notice
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``param``."""
     parser.add_argument(
-        "assignment", metavar="NAME=VALUE", help="parameter and value, for example controller=smc or pid.kp=0.04"
+        "assignment", metavar="NAME=VALUE", help="parameter and value, for example law=smc or pid.kp=0.04"
     )
     parser.add_argument(
         "--node", default="controller", metavar="NAME", help="node of the parameter (default: controller)"
@@ -27,8 +28,12 @@ def execute(options: argparse.Namespace) -> int:
     """Set the parameter; a refusal is bad input with the reason of the node."""
     name, equals, text = options.assignment.partition("=")
     if not equals or not name:
-        raise ValueError(f"{options.assignment}: not an assignment; write name=value, for example controller=smc")
+        raise ValueError(f"{options.assignment}: not an assignment; write name=value, for example law=smc")
     value = parse_yaml_value(text, options.assignment)
+    former = FORMER_PARAMETERS.get((options.node, name))
+    if former is not None:
+        print_notice("train-ato param", "parameter", name, former)
+        name = former
     owner, dot, parameter = name.partition(".")
     if dot and owner in LAWS.loadable():
         name = f"{owner}.{next(iter(current_names(LAWS.parameters(owner), {parameter: value}, owner)))}"

@@ -32,14 +32,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("consist", metavar="CONSIST", help="shipped train, or file (train_ato YAML, railtoolkit YAML)")
     parser.add_argument(
-        "--from",
+        "--from-km",
         dest="begin_km",
         type=_number(),
         metavar="KM",
         help="start position of the front [km] (default: first stop)",
     )
     parser.add_argument(
-        "--to",
+        "--to-km",
         dest="end_km",
         type=_number(),
         metavar="KM",
@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--margin", type=least, metavar="FRACTION", help="fraction of the maximum forces kept in reserve"
     )
-    parser.add_argument("--speed-max-kmh", type=least, metavar="V", help="speed limit of the train")
+    parser.add_argument("--max-speed-kmh", type=least, metavar="V", help="speed limit of the train")
     parser.add_argument("--no-air-brake", action="store_true", help="use electric brakes only")
     parser.add_argument("--point-mass", action="store_true", help="treat the train as a point mass at its front")
     parser.add_argument(
@@ -125,7 +125,7 @@ def _settings(options: argparse.Namespace, settings: PlanSettings) -> PlanSettin
         "time": options.time,
         "dwell": options.dwell,
         "force_margin": options.margin,
-        "speed_max": None if options.speed_max_kmh is None else options.speed_max_kmh / 3.6,
+        "speed_max": None if options.max_speed_kmh is None else options.max_speed_kmh / 3.6,
         "calling": False if options.through else None,
         "air_brake": False if options.no_air_brake else None,
         "point_mass": True if options.point_mass else None,

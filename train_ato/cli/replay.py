@@ -12,21 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from train_ato.apps.runs.progress import console, text_column
+from train_ato.arguments import parse_rate
 from train_ato.cli.main import RunFailed
 from train_ato.cli.screen import print_json, print_table
 
 if TYPE_CHECKING:
     from train_ato.apps.replay.playback import ReplayState
     from train_ato.apps.replay.publishing import Replayed
-
-
-def _rate(text: str) -> float:
-    try:
-        return math.inf if text == "max" else float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text}: not a rate; give a number above 0, 1 for real time, or max"
-        ) from None
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(publishing=publishing)
     law = parser.add_argument_group("evaluation of a law on the recorded inputs (no publishing)")
     law.add_argument(
-        "--controller",
+        "--law",
         metavar="NAME",
         help="law to evaluate; a single MCAP file needs the scenario as an attachment",
     )
@@ -55,11 +47,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_publishing(add: Callable[..., None]) -> None:
-    """Declare the options without effect with --controller."""
+    """Declare the options without effect with --law."""
     add(
         "-r",
         "--rate",
-        type=_rate,
+        type=parse_rate,
         default=1.0,
         metavar="R",
         help="simulated seconds per second (default: 1); max: limited only by the subscribers",
@@ -97,18 +89,18 @@ def _add_publishing(add: Callable[..., None]) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Publish a run, or compare the commands of a law with the recorded ones."""
-    if options.controller is not None:
+    if options.law is not None:
         for action in options.publishing:
             if getattr(options, action.dest) != action.default:
                 raise ValueError(
-                    f"{action.option_strings[-1]}: no effect with --controller, which does not publish; remove it"
+                    f"{action.option_strings[-1]}: no effect with --law, which does not publish; remove it"
                 )
         from train_ato.cli.replay_law import compare_laws
 
         return compare_laws(options)
     for given, spelling in ((options.set, "--set"), (options.out, "--out")):
         if given:
-            raise ValueError(f"{spelling}: only for the evaluation of a law; add --controller NAME")
+            raise ValueError(f"{spelling}: only for the evaluation of a law; add --law NAME")
     return _publish(options)
 
 

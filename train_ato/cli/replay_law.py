@@ -1,4 +1,4 @@
-"""``train-ato replay --controller``: evaluate a law on the recorded inputs; table and figure of both outputs."""
+"""``train-ato replay --law``: evaluate a law on the recorded inputs; table and figure of both outputs."""
 
 from __future__ import annotations
 
@@ -44,19 +44,19 @@ def compare_laws(options: argparse.Namespace) -> int:
     recorded, recorded_summary = read_run_folder(options.run)
     changed = _with_law(recorded, options)
     figure = _figure_path(options)
-    with progress_bar(f"{options.controller} on the inputs of {options.run.name}") as progress:
+    with progress_bar(f"{options.law} on the inputs of {options.run.name}") as progress:
         result = replay_open_loop(changed, options.run, progress)
     summary = {
         "run": str(options.run),
         "recorded_controller": MEASURED if recorded_summary.get("controller") == MEASURED else recorded.controller,
-        "controller": options.controller,
+        "controller": options.law,
         **result.summary(),
         "figure": str(figure),
     }
     from train_ato.apps.replay.open_loop_figure import draw_open_loop
 
-    title = f"{recorded.scenario.name}: {options.controller} on the recorded inputs, open loop"
-    names = (_recorded_name(recorded, recorded_summary), f"{options.controller}, replayed")
+    title = f"{recorded.scenario.name}: {options.law} on the recorded inputs, open loop"
+    names = (_recorded_name(recorded, recorded_summary), f"{options.law}, replayed")
     draw_open_loop(result, title, *names, figure)
     if options.json:
         print_json(summary)
@@ -77,8 +77,8 @@ def _with_law(recorded: RunSetup, options: argparse.Namespace) -> RunSetup:
     data: dict[str, Any] = yaml.safe_load(recorded.resolved_yaml())
     for text in options.set:
         assign(data, text)
-    if options.controller != recorded.controller:
-        data = overlay(data, {"controller": options.controller, "controller_changes": []})
+    if options.law != recorded.controller:
+        data = overlay(data, {"law": options.law, "law_changes": []})
     changed = prepare(check_scenario(data, options.run), options.run)
     if changed.layout != recorded.layout or changed.tick_ns != recorded.tick_ns:
         raise ValueError("--set: train, sensors and tick of a recording are fixed; change other keys")
@@ -97,7 +97,7 @@ def _figure_path(options: argparse.Namespace) -> Path:
             raise ValueError(f"--out {wanted}: no folder {wanted.parent}; create it")
     else:
         log = log_file(options.run)
-        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", options.controller)
+        name = re.sub(r"[^A-Za-z0-9_.-]+", "-", options.law)
         stem = "replay" if options.run.is_dir() else f"{log.stem}-replay"
         wanted = log.with_name(f"{stem}-{name}.png")
     if not os.access(wanted.parent, os.W_OK):

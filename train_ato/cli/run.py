@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.report.words import driven_laws
-from train_ato.apps.runs.drive import RunMode, drive
-from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
-from train_ato.apps.runs.protection_note import protection_note
-from train_ato.apps.runs.run import Run
-from train_ato.apps.runs.summary_table import result_rows
+from train_ato.arguments import add_no_lockstep, add_rate, parse_limit
 from train_ato.cli.scenario_options import add_scenario_options, prepare_from
-from train_ato.cli.screen import print_json, print_table
 from train_ato.errors import RunFailed
 from train_ato.log.compression import add_compression
-from train_ato.log.run_folder import check_free, next_free
-from train_ato.loop.verdict import verdict_line
+
+if TYPE_CHECKING:
+    from train_ato.apps.runs.run import Run
 
 LIMIT = 3
 """Default of the restarts of each node."""
@@ -27,9 +23,7 @@ LIMIT = 3
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``run``."""
     add_scenario_options(parser)
-    parser.add_argument(
-        "--controller", metavar="NAME", help="control law: a name, or MODULE:CLASS without registration"
-    )
+    parser.add_argument("--law", metavar="NAME", help="control law: a name, or MODULE:CLASS without registration")
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument("--engine", action="store_true", help="plain Python loop without ROS, same log")
     mode.add_argument("--processes", action="store_true", help="one process for each node (default: all nodes in one)")
@@ -37,22 +31,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--restart-limit", type=int, metavar="N", help=f"restarts of each node, then the run fails (default: {LIMIT})"
     )
-    clock = parser.add_mutually_exclusive_group()
-    clock.add_argument(
-        "--realtime",
-        type=float,
-        metavar="F",
-        help="F simulated seconds per second; in the graph without lockstep: late commands are counted",
-    )
-    clock.add_argument(
-        "--pace",
-        type=float,
-        default=0.0,
-        metavar="F",
-        help="in lockstep, at most F simulated seconds per second; the numbers do not change",
-    )
+    add_rate(parser)
+    add_no_lockstep(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/NAME-N)")
     add_compression(parser)
+    parser.add_argument(
+        "--start-limit",
+        type=parse_limit,
+        metavar="S",
+        help="wall time for the nodes to find each other, or none (default: 30, with --processes 180)",
+    )
     parser.add_argument("--domain", type=int, metavar="N", help="ROS domain, 1 to 101 (default: a free one)")
 
 
@@ -72,14 +60,19 @@ def restart_limit(wanted: bool, limit: int | None) -> int:
 
 
 def execute(options: argparse.Namespace) -> int:
-    """Run one scenario."""
+    """Run one scenario; imports are late, so that help and completion are fast."""
+    from train_ato.apps.runs.drive import RunMode, drive
+    from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
+    from train_ato.log.run_folder import check_free, next_free
+
     mode = "engine" if options.engine else "processes" if options.processes else "composed"
     restarts = restart_limit(options.restart, options.restart_limit)
-    run_mode = RunMode(mode, options.realtime, options.pace, options.domain, options.compression, restarts)
+    rate = None if math.isinf(options.rate) else options.rate
+    run_mode = RunMode(mode, rate, options.lockstep, options.domain, options.compression, restarts, options.start_limit)
     run_mode.check("--")
     if options.out is not None:
         check_free(options.out)
-    setup = prepare_from(options, controller=options.controller)
+    setup = prepare_from(options, law=options.law)
     run_mode.check_restart(setup, "--")
     if mode != "engine":
         from train_ato.ros.graph.environment import opened_by
@@ -100,6 +93,12 @@ def execute(options: argparse.Namespace) -> int:
 
 def print_run(run: Run, as_json: bool) -> None:
     """Print the result; a run with brake interventions, or a disengaged ATO, has a line on stderr."""
+    from train_ato.apps.report.words import driven_laws
+    from train_ato.apps.runs.protection_note import protection_note
+    from train_ato.apps.runs.summary_table import result_rows
+    from train_ato.cli.screen import print_json, print_table
+    from train_ato.loop.verdict import verdict_line
+
     summary: dict[str, Any] = {**run.metrics, "run": str(run.path)}
     if note := protection_note(summary, summary["run"]):
         sys.stderr.write(f"train-ato: {note}\n")

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.runs.progress import COMPILE_NOTE, PLANNER_NOTE, compilation_noted
-from train_ato.loop.setup import RunSetup, prepare
-from train_ato.scenario.scenario import load_scenario
+if TYPE_CHECKING:
+    from train_ato.loop.setup import RunSetup
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +37,10 @@ def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
     ValueError
         Bad input, in one line.
     """
+    from train_ato.apps.runs.progress import COMPILE_NOTE, PLANNER_NOTE, compilation_noted
+    from train_ato.loop.setup import prepare
+    from train_ato.scenario.scenario import load_scenario
+
     overlay = {
         "observer": options.observer,
         "compensation": options.compensation,

@@ -57,7 +57,7 @@ def execute(options: argparse.Namespace) -> int:
         sys.stdout.write(f"{options.run}: {found.messages} messages are equal, {how}\n")
     if not found.equal:
         late = late_commands(options.run)
-        paced = f"; paced on the wall clock, {late} commands were late or missing" if late else ""
+        paced = f"; without lockstep, {late} commands were late or missing" if late else ""
         raise RunFailed(
             f"{options.run}: {found.differing} of {found.messages} messages differ; first: {found.first}{paced}"
         )

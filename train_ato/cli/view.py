@@ -19,18 +19,17 @@ from typing import TYPE_CHECKING
 
 from train_ato.apps.runs.progress import console
 from train_ato.apps.view.origins import LOCAL_NAMES
-from train_ato.arguments import BAD_INPUT
+from train_ato.arguments import BAD_INPUT, add_rate
 from train_ato.cli.screen import print_json
 from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt, interruptible
 from train_ato.ros.graph.environment import applied, check_domain, claim_domain, held_domains, variables
 from train_ato.ros.graph.remote import resolve_domain
+from train_ato.ros.graph.wait_note import WaitNote
 
 if TYPE_CHECKING:
     from train_ato.apps.view.feed import Feed
 
-NOTE_AFTER_S = 3.0
-"""Wall time before a note on the wait is printed [s]."""
 ENDING_S = 120.0
 """Maximum wall time for a run to close its log; then it is killed [s]."""
 COMPLAINT = "train-ato"
@@ -45,15 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what.add_argument(
         "--domain", type=int, metavar="N", help="ROS domain of a running simulation (default: that of the only run)"
     )
-    parser.add_argument(
-        "--pace",
-        type=float,
-        default=1.0,
-        metavar="F",
-        help="simulated seconds per second of the started run (default: 1; 0: unlimited)",
-    )
+    add_rate(parser, 1.0)
     parser.add_argument("--processes", action="store_true", help="one process per node for the started run")
-    parser.add_argument("--controller", metavar="NAME", help="control law of the started run")
+    parser.add_argument("--law", metavar="NAME", help="control law of the started run")
     parser.add_argument(
         "--set",
         action="append",
@@ -146,25 +139,21 @@ def _check(options: argparse.Namespace) -> None:
     """Check the options before anything starts."""
     if not 0 <= options.port <= 65_535:
         raise ValueError(f"--port {options.port}: out of range; give 1 to 65535, or 0 for a free port")
-    if not 0 <= options.pace < float("inf"):
-        raise ValueError(
-            f"--pace {options.pace}: out of range; give a positive number, 1 for real time, 0 for unlimited"
-        )
     if options.scenario is None:
-        given = {"--controller": options.controller, "--set": options.set, "--out": options.out}
+        given = {"--law": options.law, "--set": options.set, "--out": options.out}
         for name, value in {**given, "--processes": options.processes}.items():
             if value:
                 raise ValueError(f"{name}: only for a started run; add --scenario")
     else:
         from train_ato.scenario.scenario import load_scenario
 
-        changes = {} if options.controller is None else {"controller": options.controller}
+        changes = {} if options.law is None else {"law": options.law}
         load_scenario(options.scenario, tuple(options.set), changes)
     check_domain(options.domain)
 
 
 class _Waiting:
-    """Check during a wait: failure of the run, Ctrl-C, and a note after some time.
+    """Check during a wait: failure of the run, Ctrl-C, and notes on the awaited part.
 
     Parameters
     ----------
@@ -177,20 +166,14 @@ class _Waiting:
     def __init__(self, check: Callable[[], None], interrupt: Interrupt) -> None:
         self._check = check
         self._interrupt = interrupt
-        self._for = ""
-        self._note_at = math.inf
+        self._note = WaitNote()
 
     def __call__(self, awaited: str) -> None:
         """Check the wait for ``awaited``."""
         self._check()
         if self._interrupt.asked:
             raise KeyboardInterrupt
-        now = time.monotonic()
-        if awaited != self._for:
-            self._for, self._note_at = awaited, now + NOTE_AFTER_S
-        if now > self._note_at:
-            self._note_at = math.inf
-            console().print(f"waiting for {awaited}", soft_wrap=True)
+        self._note(awaited)
 
 
 @contextlib.contextmanager
@@ -209,7 +192,7 @@ def _feed(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[Feed]:
     ):
         from train_ato.apps.view.live import LiveFeed
 
-        feed = LiveFeed(domain, wait, options.pace if _waits(options) else None)
+        feed = LiveFeed(domain, wait, options.rate if _waits(options) else None)
         try:
             yield feed
         finally:
@@ -229,7 +212,7 @@ def _run(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[tuple[in
     wait = _Waiting(run.check, interrupt)
     try:
         while domain not in held_domains():
-            wait("the run to start")
+            wait("the run to load its scenario and the kernels of the train")
             time.sleep(0.1)
         yield domain, wait
     finally:
@@ -249,14 +232,15 @@ def _waits(options: argparse.Namespace) -> bool:
 
 def _command(options: argparse.Namespace, domain: int) -> list[str]:
     command = [sys.executable, "-m", "train_ato", "run", options.scenario, "--domain", str(domain)]
+    command += ["--start-limit", "none"]
     if _waits(options):
-        from train_ato.apps.view.live import WAITING_PACE
+        from train_ato.apps.view.live import WAITING_RATE
 
-        command += ["--pace", repr(WAITING_PACE)]
+        command += ["--rate", repr(WAITING_RATE)]
     else:
-        command += ["--pace", repr(options.pace)] if options.pace else []
+        command += ["--rate", repr(options.rate)] if options.rate < math.inf else []
     command += ["--processes"] if options.processes else []
-    command += ["--controller", options.controller] if options.controller else []
+    command += ["--law", options.law] if options.law else []
     command += ["--out", str(options.out)] if options.out else []
     for assignment in options.set:
         command += ["--set", assignment]
@@ -279,6 +263,8 @@ class _Started:
         assert self._process.stderr is not None
         for line in self._process.stderr:
             if line.startswith(COMPLAINT):
+                if self._complaint:  # it was a note, not the reason of the end
+                    sys.stderr.write(f"{COMPLAINT}: {self._complaint}\n")
                 self._complaint = line.partition(": ")[2].strip()
             else:
                 sys.stderr.write(line)
@@ -290,6 +276,8 @@ class _Started:
         self._reader.join()
         if self._process.returncode == BAD_INPUT:
             raise ValueError(self._complaint)
+        if self._process.returncode == 0:
+            raise RunFailed("the run ended before the page was ready; show its record with `train-ato view RUN`")
         raise RunFailed(self._complaint or "the run ended before its start was complete")
 
     def end(self) -> None:

@@ -213,7 +213,7 @@ def _module(name: str) -> ModuleType:
 
 
 LAWS = Registry(
-    "controller",
+    "law",
     "train_ato.controllers",
     {
         "pid": "train_ato.control.laws.pid:Pid",

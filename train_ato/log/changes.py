@@ -25,7 +25,7 @@ def read_changes(run: Path) -> RunChanges:
 
 
 def late_commands(run: Path) -> int:
-    """Return the number of late and missing commands of a realtime run; they are not reproducible."""
+    """Return the number of late and missing commands of a run without lockstep; they are not reproducible."""
     plant = [message.values for message in read_reports(run) if message.node == "plant"]
     counts = [sum(int(values.get(key, "0")) for key in ("wall_late", "wall_held")) for values in plant]
     return max(counts, default=0)

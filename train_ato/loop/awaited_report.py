@@ -9,8 +9,8 @@ from train_ato.messages.types import AtoReport, Measurement
 class AwaitedReport:
     """Holds back a measurement until the report of the period before has arrived.
 
-    If the next measurement comes first, the held one is released with the newest report: in a paced run the plant does
-    not wait.
+    If the next measurement comes first, the held one is released with the newest report: without lockstep the plant
+    does not wait.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ class ControllerStage:
         }
         self._profile: Profile | None = None
         self._stack: ControlStack | None = None
-        self._planned = sorted(setup.controller_changes, key=lambda change: change.at)
+        self._planned = sorted(setup.law_changes, key=lambda change: change.at)
         self._fresh = True
         self._law_changed = False
         self._asked: Changes = {}
@@ -142,7 +142,7 @@ class ControllerStage:
         ValueError
             With the reason for the refusal.
         """
-        if name == "controller":
+        if name == LAW:
             self.setup.law(value, self._parameters.get(value, {}))
             return
         law, _, parameter = name.rpartition(".")

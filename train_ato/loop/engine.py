@@ -11,9 +11,9 @@ from train_ato.errors import FirstFailure
 from train_ato.interrupt import Interrupt, interruptible
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.observer import ObserverStage
-from train_ato.loop.pace import Pace
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
+from train_ato.loop.rate_limit import RateLimit
 from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.result import Progress, RunResult
 from train_ato.loop.setup import RunSetup
@@ -35,7 +35,7 @@ def run_engine(
     *,
     sink: Sink | None = None,
     progress: Callable[[Progress], None] | None = None,
-    pace: float = 0.0,
+    rate: float = 0.0,
     log_folder: Path | None = None,
     interrupt: Interrupt | None = None,
 ) -> RunResult:
@@ -49,7 +49,7 @@ def run_engine(
         Receiver of every message, for example a log; None keeps only the series.
     progress
         Called about ten times a second of wall time.
-    pace
+    rate
         Maximum simulated seconds per second of wall time; 0 is unlimited.
     log_folder
         Folder for the traceback of a failure.
@@ -63,10 +63,10 @@ def run_engine(
     """
     if interrupt is None:
         with interruptible() as asked:
-            return run_engine(setup, sink=sink, progress=progress, pace=pace, log_folder=log_folder, interrupt=asked)
+            return run_engine(setup, sink=sink, progress=progress, rate=rate, log_folder=log_folder, interrupt=asked)
     loop = _Loop(setup, sink)
     begin = time.perf_counter()
-    clock = Pace(pace, setup.tick)
+    clock = RateLimit(rate, setup.tick)
     watch = FirstFailure(log_folder)
     next_report = begin
     try:

@@ -177,7 +177,7 @@ class PlantStage:
         self._advance(self._receive(command, pipe, release))
 
     def hold(self, release: BrakeRelease | None = None) -> None:
-        """Integrate one tick without a new command (``realtime`` only)."""
+        """Integrate one tick without a new command (without lockstep only)."""
         self._advance(self._receive(None, None, release))
 
     def _receive(self, command: Command | None, pipe: Pipe | None, release: BrakeRelease | None) -> float | None:

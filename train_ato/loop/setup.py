@@ -26,7 +26,7 @@ from train_ato.messages.layout import TrainLayout
 from train_ato.messages.topics import BY_NAME
 from train_ato.profile.profile import Profile
 from train_ato.scenario.interventions import Intervention, TrainJumpNow
-from train_ato.scenario.scenario import ControllerChange, Links, PlantBlock, Scenario
+from train_ato.scenario.scenario import LawChange, Links, PlantBlock, Scenario
 from train_ato.supervision.plant_line import line_supervision
 from train_ato.supervision.supervisor import Supervisor
 
@@ -115,19 +115,19 @@ class RunSetup:
     @property
     def controller(self) -> str:
         """Name of the law at the start."""
-        return self.scenario.controller
+        return self.scenario.law
 
     @property
     def controller_parameters(self) -> dict[str, dict[str, Any]]:
         """Parameters of every law that differ from its defaults."""
-        return self.scenario.controllers
+        return self.scenario.laws
 
     @property
     def laws(self) -> tuple[str, ...]:
         """Names of the laws this run can change to: the registered ones, and each ``module:Class`` of the scenario."""
         named = [self.controller, *self.controller_parameters]
-        for change in self.controller_changes:
-            named += [change.controller or self.controller, *change.controllers]
+        for change in self.law_changes:
+            named += [change.law or self.controller, *change.laws]
         return tuple(dict.fromkeys((*LAWS.loadable(), *named)))
 
     @property
@@ -141,9 +141,9 @@ class RunSetup:
         return self.scenario.compensations.get(self.compensation, {})
 
     @property
-    def controller_changes(self) -> tuple[ControllerChange, ...]:
+    def law_changes(self) -> tuple[LawChange, ...]:
         """Planned changes of laws and parameters."""
-        return self.scenario.controller_changes
+        return self.scenario.law_changes
 
     def law(self, name: str, values: Mapping[str, Any] | None = None) -> Law:
         """Return a law of this run with the parameters of the scenario, or with others.
@@ -156,7 +156,7 @@ class RunSetup:
         if values is None:
             values = self.controller_parameters.get(name, {})
         if not self.model.n_units:
-            raise ValueError(f"controller '{name}': no vehicle of the train has traction or brake; add an envelope")
+            raise ValueError(f"law '{name}': no vehicle of the train has traction or brake; add an envelope")
         law: Law = LAWS.make(name, values, self.model, self.control_period)
         check_compatible(name, law, self.compensation, COMPENSATIONS.get(self.compensation))
         return law
@@ -266,15 +266,12 @@ def prepare(scenario: Scenario, path: Path) -> RunSetup:
 
 def _with_current_names(scenario: Scenario) -> Scenario:
     """Return the scenario with the parameters of laws, observers and compensations under their current names."""
-    changes = [
-        change.model_copy(update={"controllers": LAWS.current_names(change.controllers)})
-        for change in scenario.controller_changes
-    ]
+    changes = [change.model_copy(update={"laws": LAWS.current_names(change.laws)}) for change in scenario.law_changes]
     update = {
-        "controllers": LAWS.current_names(scenario.controllers),
+        "laws": LAWS.current_names(scenario.laws),
         "observers": OBSERVERS.current_names(scenario.observers),
         "compensations": COMPENSATIONS.current_names(scenario.compensations),
-        "controller_changes": tuple(changes),
+        "law_changes": tuple(changes),
     }
     return scenario.model_copy(update=update)
 
@@ -339,9 +336,9 @@ def _check_laws(setup: RunSetup) -> None:
     """Create the initial law, and every law with the parameters after each planned change."""
     law, blocks = setup.controller, {name: dict(values) for name, values in setup.controller_parameters.items()}
     setup.law(law, blocks.get(law, {}))
-    for change in sorted(setup.controller_changes, key=lambda change: change.at):
-        law = change.controller or law
-        for name, values in change.controllers.items():
+    for change in sorted(setup.law_changes, key=lambda change: change.at):
+        law = change.law or law
+        for name, values in change.laws.items():
             LAWS.check_parameters(name, values)
             blocks.setdefault(name, {}).update(values)
         setup.law(law, blocks.get(law, {}))

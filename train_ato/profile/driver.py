@@ -104,7 +104,7 @@ def simulate_driver(
 ) -> DrivenRun:
     """Simulate the nominal train from rest at the begin of the line until vehicle 0 reaches ``until`` [m].
 
-    The air brake has the rules of paper 000.
+    The air brake has the rules of paper 000; a train without one brakes electrically only.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def simulate_driver(
     train = Train(consist, line, PlantSetup(), round(STEP * 1e9), round(PERIOD * 1e9), seed=0)
     no_delay = np.zeros(len(consist.power_units))
     model = TrainModel(consist, line, no_delay, no_delay, 0.0, PERIOD)
-    policy = make_brake_policy(BrakeSpec(policy="trigger"), model, line)
+    policy = make_brake_policy(BrakeSpec(policy="trigger" if consist.air_brake else "none"), model, line)
     control = DriverForce(driver, consist, model)
     substeps = round(PERIOD / STEP)
     force, events, standstill = 0.0, [], 0

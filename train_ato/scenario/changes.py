@@ -18,12 +18,12 @@ from train_ato.messages.types import Diagnostic
 from train_ato.scenario import ato_requests, interventions
 from train_ato.scenario.ato_requests import AtoRequest, Request, request_from_text
 from train_ato.scenario.interventions import Intervention, due_stamp, planned_for
-from train_ato.scenario.scenario import ControllerChange, Scenario
+from train_ato.scenario.scenario import LawChange, Scenario
 
 KEY = "changed"
 """Key of the controller's diagnostics that contains the changes of one step."""
 LAW = "controller"
-"""Name of the parameter that selects the law; every other name is ``law.parameter``."""
+"""Name of the law in the diagnostics of the controller; every other name of a change is ``law.parameter``."""
 SECOND = 1_000_000_000
 
 Changes = dict[str, Any]
@@ -52,30 +52,30 @@ def changes_from_json(text: str) -> Changes:
     return found
 
 
-def requested_stamp(change: ControllerChange) -> int:
+def requested_stamp(change: LawChange) -> int:
     """Return the stamp from which a planned change is due [ns]."""
     return round(change.at * SECOND)
 
 
-def values_of(change: ControllerChange) -> Changes:
+def values_of(change: LawChange) -> Changes:
     """Return the values of a planned change: parameters first, so that a new law starts with them."""
     values: Changes = {}
-    for law, block in change.controllers.items():
+    for law, block in change.laws.items():
         values |= {f"{law}.{name}": value for name, value in block.items()}
-    return values if change.controller is None else {**values, LAW: change.controller}
+    return values if change.law is None else {**values, LAW: change.law}
 
 
-def change_at(stamp: int, values: Mapping[str, Any]) -> ControllerChange:
+def change_at(stamp: int, values: Mapping[str, Any]) -> LawChange:
     """Return the planned change that sets the values at ``stamp`` [ns]."""
     blocks: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
         law, _, parameter = name.rpartition(".")
         if law:
             blocks.setdefault(law, {})[parameter] = value
-    return ControllerChange(at=stamp / SECOND, controller=values.get(LAW), controllers=blocks)
+    return LawChange(at=stamp / SECOND, law=values.get(LAW), laws=blocks)
 
 
-def effective_stamp(change: ControllerChange, tick_ns: int) -> int:
+def effective_stamp(change: LawChange, tick_ns: int) -> int:
     """Return the stamp of the step at which a planned change takes effect [ns]."""
     return -(-requested_stamp(change) // tick_ns) * tick_ns
 
@@ -123,7 +123,7 @@ class RunChanges:
         listed = []
         for stamp, changes in self.laws:
             planned: Changes = {}
-            for change in scenario.controller_changes:
+            for change in scenario.law_changes:
                 planned |= values_of(change) if effective_stamp(change, tick_ns) == stamp else {}
             for name, value in changes.items():
                 in_scenario = name in planned and planned[name] == value
@@ -154,13 +154,13 @@ class RunChanges:
         tick_ns = _tick(scenario)
         changes = [change_at(stamp, values) for stamp, values in self.laws]
         reached = {requested_stamp(change) for change in changes}
-        changes += [change for change in scenario.controller_changes if effective_stamp(change, tick_ns) not in reached]
+        changes += [change for change in scenario.law_changes if effective_stamp(change, tick_ns) not in reached]
         done, ahead = self._matched(scenario)
         acts = [*(planned_for(stamp, entry) for stamp, entry, _ in done), *ahead]
         accepted, waiting = self._matched_requests(scenario)
         requests = [*(AtoRequest(at=stamp / SECOND, do=request) for stamp, request, _ in accepted), *waiting]
         update = {
-            "controller_changes": tuple(sorted(changes, key=lambda change: change.at)),
+            "law_changes": tuple(sorted(changes, key=lambda change: change.at)),
             "interventions": tuple(sorted(acts, key=lambda act: act.at or 0.0)),
             "ato_requests": tuple(sorted(requests, key=lambda request: request.at)),
         }

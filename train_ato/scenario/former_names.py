@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 READ_UNTIL = "0.3"
 """First version that refuses the former names."""
 FORMER_KEYS: dict[str, str] = {
-    "swaps": "controller_changes",
+    "controller": "law",
+    "controllers": "laws",
+    "controller_changes": "law_changes",
+    "swaps": "law_changes",
     "score": "evaluation",
     "profile.then": "append",
     "plant.unlimited": "ideal_actuator",
@@ -24,8 +28,26 @@ FORMER_KEYS: dict[str, str] = {
     "replan.sitting": "confirmation_time",
 }
 """Present name of a key by its former path; parent keys are written in their present names."""
+FORMER_ENTRY_KEYS: dict[str, str] = {"law_changes.controller": "law", "law_changes.controllers": "laws"}
+"""The same for keys of the entries of a list."""
 FORMER_COMMANDS: dict[str, str] = {"do": "inject", "set": "param", "drive": "driver"}
 """Present name of a command by its former name."""
+FORMER_OPTIONS: dict[str, str] = {
+    "--controller": "--law",
+    "--controllers": "--laws",
+    "--pace": "--rate",
+    "--realtime": "--rate",
+    "--from": "--from-km",
+    "--to": "--to-km",
+    "--speed-max-kmh": "--max-speed-kmh",
+}
+"""Present name of an option by its former name, in the commands that have the present one."""
+FREE_RUNNING = "--realtime"
+"""Former option that was also the present ``--no-lockstep``; the engine was in lockstep with it."""
+FORMER_PARAMETERS: dict[tuple[str, str], str] = {("controller", "controller"): "law", ("plant", "pace"): "rate"}
+"""Present name of a ROS parameter by its node and its former name."""
+FORMER_ARGUMENTS: dict[str, str] = {"controller": "law", "controllers": "laws", "realtime": "rate"}
+"""Present name of an argument of the Python interface by its former name."""
 UNIT_SUFFIXES = ("", "_km", "_kmh", "_min", "_mm", "_ms", "_percent", "_permille")
 """Unit suffixes that the keys of the table accept; a suffix is kept."""
 
@@ -57,6 +79,63 @@ def replace_former_keys(data: Mapping[str, Any], source: str | Path, quiet: bool
     return present
 
 
+def present_options(parser: argparse.ArgumentParser, arguments: Sequence[str], program: str = "") -> list[str]:
+    """Return arguments with former options under their present names; print one notice per option.
+
+    Parameters
+    ----------
+    parser
+        Parser of the arguments; only options that it lacks are replaced, by options that it has.
+    arguments
+        Command line after the name of the command.
+    program
+        Name in the notice; default: that of the parser.
+    """
+    known = {name for action in parser._actions for name in action.option_strings}
+    found: list[str] = []
+    for argument in arguments:
+        name, equals, value = argument.partition("=")
+        present = FORMER_OPTIONS.get(name, name)
+        if name in known or present not in known:
+            found.append(argument)
+            continue
+        free = name == FREE_RUNNING and "--engine" not in arguments
+        print_notice(program or parser.prog, "option", name, f"{present}{' with --no-lockstep' if free else ''}")
+        found += ["--no-lockstep"] if free else []
+        found.append(f"{present}{equals}{value}")
+    return found
+
+
+def present_arguments(former: Mapping[str, Any], function: str, present: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arguments of a function of the Python interface, the former ones under their present names.
+
+    Parameters
+    ----------
+    former
+        Arguments that the function does not declare.
+    function
+        Name of the function, for notices and errors.
+    present
+        Declared arguments with their values.
+
+    Raises
+    ------
+    TypeError
+        For an argument that is neither present nor former.
+    """
+    found = dict(present)
+    for name, value in former.items():
+        now = FORMER_ARGUMENTS.get(name)
+        if now is None or now not in present:
+            raise TypeError(f"{function}() got an unexpected keyword argument '{name}'")
+        print_notice(function, "argument", name, now)
+        if value is not None:
+            found[now] = value
+            if name == "realtime":
+                found["lockstep"] = False
+    return found
+
+
 def print_notice(source: str | Path, kind: str, former: str, present: str) -> None:
     """Print the notice of a former name on stderr, once per process."""
     notice = f"{source}: {kind} '{former}' is now '{present}'; the old name is read until version {READ_UNTIL}"
@@ -86,6 +165,6 @@ def _present_name(path: str, key: Any) -> Any:
     for suffix in UNIT_SUFFIXES:
         if isinstance(key, str) and key.endswith(suffix):
             stem = key.removesuffix(suffix) if suffix else key
-            if path + stem in FORMER_KEYS:
-                return FORMER_KEYS[path + stem] + suffix
+            if (present := FORMER_KEYS.get(path + stem) or FORMER_ENTRY_KEYS.get(path + stem)) is not None:
+                return present + suffix
     return key

@@ -65,8 +65,8 @@ def keys_of(key: str) -> list[str]:
 
     Examples
     --------
-    >>> keys_of("controllers.my_package.my_law:MyLaw.gain")
-    ['controllers', 'my_package.my_law:MyLaw', 'gain']
+    >>> keys_of("laws.my_package.my_law:MyLaw.gain")
+    ['laws', 'my_package.my_law:MyLaw', 'gain']
     """
     block, _, rest = key.partition(".")
     if ":" not in rest:

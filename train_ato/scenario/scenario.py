@@ -71,17 +71,17 @@ class Links(SiModel):
 Parameters = dict[str, dict[str, float | int | bool | str]]
 
 
-class ControllerChange(SiModel):
+class LawChange(SiModel):
     """Change of the control law or of law parameters during the run."""
 
     at: Time = Field(ge=0)
-    controller: str | None = Field(None, description="law from this time on; default: no change")
-    controllers: Parameters = Field(default_factory=dict, description="law parameters from this time on")
+    law: str | None = Field(None, description="law from this time on; default: no change")
+    laws: Parameters = Field(default_factory=dict, description="law parameters from this time on")
 
     @model_validator(mode="after")
-    def _changes_something(self) -> ControllerChange:
-        if self.controller is None and not any(self.controllers.values()):
-            raise ValueError(f"controller change at {self.at} s has no effect; give controller or controllers")
+    def _changes_something(self) -> LawChange:
+        if self.law is None and not any(self.laws.values()):
+            raise ValueError(f"change of the law at {self.at} s has no effect; give law or laws")
         return self
 
 
@@ -114,16 +114,16 @@ class Scenario(SiModel):
     profile: ProfileSpec
     replan: ReplanSpec | None = Field(None, description="re-planning after a force shortfall; default: none")
     observer: str = "none"
-    controller: str = "pid"
+    law: str = "pid"
     compensation: str = "none"
     observers: Parameters = Field(default_factory=dict)
-    controllers: Parameters = Field(default_factory=dict)
+    laws: Parameters = Field(default_factory=dict)
     compensations: Parameters = Field(default_factory=dict)
     hold_limit: Time = Field(
         1.0, gt=0, le=3600, description="maximum time of repeating the last command without a valid new one"
     )
     brake: BrakeSpec = BrakeSpec()
-    controller_changes: tuple[ControllerChange, ...] = ()
+    law_changes: tuple[LawChange, ...] = ()
     interventions: tuple[Intervention, ...] = Field(
         (), description="gusts, delay jumps and emergency brake during the run"
     )
@@ -264,5 +264,5 @@ def load_scenario(
     path, data = raw_scenario(name)
     for text in assignments:
         assign(data, text)
-    data = overlay(data, changes or {})
+    data = overlay(data, replace_former_keys(changes or {}, "options"))
     return check_scenario(data, path), path

@@ -62,7 +62,7 @@ def conflicts(law: str) -> Iterator[tuple[str, str]]:
 
 def companions(component: Component) -> list[str]:
     """Return lines with the incompatible components and the reasons."""
-    if component.kind == "controller":
+    if component.kind == "law":
         reasons: dict[str, list[str]] = {}
         for name, reason in conflicts(component.name):
             reasons.setdefault(reason.replace(f"'{name}'", "it"), []).append(f"`{name}`")

@@ -11,8 +11,8 @@ from train_ato.control.contract import Parameter
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
 
 REGISTRIES = (LAWS, OBSERVERS, COMPENSATIONS)
-PLURAL = {"controller": "laws", "observer": "observers", "compensation": "compensations"}
-KIND = {"controller": "control law", "observer": "disturbance observer", "compensation": "delay compensation"}
+PLURAL = {"law": "laws", "observer": "observers", "compensation": "compensations"}
+KIND = {"law": "control law", "observer": "disturbance observer", "compensation": "delay compensation"}
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Component:
 
     @property
     def kind(self) -> str:
-        """``controller``, ``observer`` or ``compensation``."""
+        """``law``, ``observer`` or ``compensation``."""
         return self.registry.kind
 
     @property

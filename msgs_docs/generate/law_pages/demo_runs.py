@@ -43,10 +43,10 @@ def _run(
     **components: Any,
 ) -> Case:
     """Return the case of a scenario with other components; ``values`` are parameters of the law."""
-    chosen = {"controller": law, "observer": observer, "compensation": compensation}
+    chosen = {"law": law, "observer": observer, "compensation": compensation}
     changes: dict[str, Any] = {key: name for key, name in chosen.items() if name is not None}
     if values:
-        changes["controllers"] = {law or "pid": dict(values)}
+        changes["laws"] = {law or "pid": dict(values)}
     return Case(scenario, changes | components)
 
 
@@ -56,7 +56,7 @@ SCORED = (0.0, 2618.0)
 """Evaluated part of the heavy-haul run [s]; the stop follows after it."""
 
 DEMO_RUNS: dict[str, DemoRun] = {
-    "controller/pid": DemoRun(
+    "law/pid": DemoRun(
         {
             "pid": _run("demo"),
             "pid without feed-forward": _run("demo", values={"feedforward": False, "kp": 0.1}),
@@ -65,7 +65,7 @@ DEMO_RUNS: dict[str, DemoRun] = {
             "metro": _run(METRO),
         }
     ),
-    "controller/smc": DemoRun(
+    "law/smc": DemoRun(
         {
             "smc": _run(f"{DAQIN}:ideal", "smc"),
             "pid": _run(f"{DAQIN}:ideal"),
@@ -77,7 +77,7 @@ DEMO_RUNS: dict[str, DemoRun] = {
         },
         span=SCORED,
     ),
-    "controller/rbf_smc": DemoRun(
+    "law/rbf_smc": DemoRun(
         {
             "rbf_smc": _run(f"{DAQIN}:ideal", "rbf_smc"),
             "pid": _run(f"{DAQIN}:ideal"),
@@ -91,7 +91,7 @@ DEMO_RUNS: dict[str, DemoRun] = {
         },
         span=SCORED,
     ),
-    "controller/rbf_switching_smc": DemoRun(
+    "law/rbf_switching_smc": DemoRun(
         {
             "rbf_switching_smc": _run(f"{METRO}:disturbed", "rbf_switching_smc", "eso", "predictor"),
             "pid": _run(f"{METRO}:disturbed", "pid", "eso", "predictor"),
@@ -104,7 +104,7 @@ DEMO_RUNS: dict[str, DemoRun] = {
             "the same, tuned, under twin": _run(f"{DAQIN}:tuned+twin", "rbf_switching_smc"),
         }
     ),
-    "controller/fixed_time_smc": DemoRun(
+    "law/fixed_time_smc": DemoRun(
         {
             "fixed_time_smc": _run(f"{FREIGHT}:aligned"),
             "pid": _run(f"{FREIGHT}:aligned", "pid", values={"kp": 2.0, "ki": 1.0}),
@@ -116,7 +116,7 @@ DEMO_RUNS: dict[str, DemoRun] = {
         },
         draw="position",
     ),
-    "controller/lag_smc": DemoRun(
+    "law/lag_smc": DemoRun(
         {
             "lag_smc": _run(f"{FREIGHT}:realistic+delay_1_0"),
             "pid": _run(f"{FREIGHT}:realistic+delay_1_0", "pid", values={"kp": 0.5, "ki": 0.05}),
@@ -128,7 +128,7 @@ DEMO_RUNS: dict[str, DemoRun] = {
         },
         draw="position",
     ),
-    "controller/funnel": DemoRun(
+    "law/funnel": DemoRun(
         {
             "funnel": _run(FUNNEL, "funnel", compensation="none"),
             "pid": _run(FUNNEL, compensation="none"),
@@ -140,10 +140,10 @@ DEMO_RUNS: dict[str, DemoRun] = {
             "the same, tuned": _run(f"{DAQIN}:tuned", "funnel"),
         }
     ),
-    "controller/gpc": DemoRun(
+    "law/gpc": DemoRun(
         {
             "gpc": _run(GPC, "gpc", compensation="none"),
-            "pid": _run(GPC),
+            "pid": _run(GPC, "pid", compensation="preview"),
             "gpc, gain, delay and lag jump": _run(f"{GPC}+jump", "gpc", compensation="none"),
             "gpc, a loop for each coupled unit": _run(GPC, "gpc", compensation="none", values={"loops": "unit"}),
             "45 km heavy haul, lag and delay, published gains": _run(DAQIN, "gpc"),
@@ -242,7 +242,7 @@ DEMO_RUNS: dict[str, DemoRun] = {
 def default_demo(kind: str, name: str) -> DemoRun:
     """Return the runs of a component without an entry: on the metro train, beside the baseline of its kind."""
     scenario = f"{METRO}:disturbed"
-    if kind == "controller":
+    if kind == "law":
         return DemoRun({name: _run(scenario, name), "pid": _run(scenario, "pid")})
     if kind == "observer":
         runs = {name: _run(scenario, observer=name), "none": _run(scenario, observer="none")}

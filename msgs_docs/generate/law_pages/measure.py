@@ -75,7 +75,7 @@ def command(case: Case) -> str:
     """Return the command line of a case."""
     options, settings = [], []
     for key, value in case.changes.items():
-        if key in ("controller", "observer", "compensation"):
+        if key in ("law", "observer", "compensation"):
             options.append(f"--{key} {value}")
         else:
             settings += [f"--set {path}={text}" for path, text in _flat(key, value)]

@@ -131,8 +131,8 @@ def _list(kind: str, measured: Measured) -> str:
         rows = measured.get(component.key, [])
         if rows:
             own, beside = rows[0], rows[1]
-            law = re.search(r"--controller (\S+)", own["command"])
-            other = f" with `{law[1]}`" if law and kind != "controller" else ""
+            law = re.search(r"--law (\S+)", own["command"])
+            other = f" with `{law[1]}`" if law and kind != "law" else ""
             cells += [f"`{own['scenario']}`{other}", format_value(own["speed_rmse_kmh"])]
             cells += [beside["run"], format_value(beside["speed_rmse_kmh"])]
         else:
@@ -142,7 +142,7 @@ def _list(kind: str, measured: Measured) -> str:
 
 
 def _matrix() -> str:
-    laws = [component.name for component in components() if component.kind == "controller"]
+    laws = [component.name for component in components() if component.kind == "law"]
     names = [component.name for component in components() if component.kind == "compensation"]
     lines = ["| law | " + " | ".join(f"`{name}`" for name in names) + " |", "|---" * (len(names) + 1) + "|"]
     for law in laws:

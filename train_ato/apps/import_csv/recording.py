@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from train_ato.apps.import_csv.columns import Column
+from train_ato.apps.import_csv.faults import FileFaults
 from train_ato.apps.import_csv.samples import LARGEST_GAP, ColumnSamples, Rows
 from train_ato.apps.import_csv.table import CsvTable
 from train_ato.messages.types import Array
@@ -81,7 +82,7 @@ def measured(table: CsvTable, units: int, half: float, offsets: Array, largest_g
     Raises
     ------
     ValueError
-        One line: file, line, column: problem; fix.
+        One line for each fault: file, line, column: problem; fix.
     """
     return _Check(table, units, half, offsets, largest_gap).run()
 
@@ -95,41 +96,53 @@ class _Check:
         self._half = half
         self._offsets = offsets
         self._rows = Rows(table, largest_gap)
+        self._faults = FileFaults(table.path)
 
     def run(self) -> Measured:
-        self._check_units()
+        """Return the checked data; raise all faults together."""
+        attempt = self._faults.attempt
+        for column in self._table.columns.values():
+            attempt(lambda column=column: self._check_unit(column))  # type: ignore[misc]
         speeds = {
-            column.unit: self._speed(column) for column in self._table.columns.values() if column.quantity == "speed"
+            column.unit: attempt(lambda column=column: self._speed(column))  # type: ignore[misc]
+            for column in self._table.columns.values()
+            if column.quantity == "speed"
         }
+        if None not in speeds and 0 not in speeds:
+            self._faults.add("no speed column; name one speed_kmh or speed_m_s")
         speed = speeds.get(None) or speeds.get(0)
+        reference, pressure = attempt(self._reference), attempt(self._pressure)
+        force, command = attempt(self._forces), attempt(lambda: self._by_unit("command_force"))
+        unit_position = attempt(self._unit_positions)
         if speed is None:
-            raise ValueError(f"{self._table.path}: no speed column; name one speed_kmh or speed_m_s")
+            self._faults.refuse()
+        assert speed is not None
+        position = attempt(lambda: self._position(speed, unit_position or {}))
+        self._faults.refuse()
         steps = np.diff(self._rows.time)
-        found = Measured(
+        return Measured(
             table=self._table,
             end=float(self._rows.time[-1]),
             interval=float(np.median(steps)),
             largest_gap=float(steps.max()),
             speed=speed,
-            unit_speed={unit: samples for unit, samples in speeds.items() if unit is not None},
-            reference_speed=self._reference(),
-            pressure=self._pressure(),
-            force=self._forces(),
-            command=self._by_unit("command_force"),
+            unit_speed={unit: samples for unit, samples in speeds.items() if unit is not None and samples is not None},
+            reference_speed=reference,
+            pressure=pressure,
+            force=force or {},
+            command=command or {},
             notes=self._rows.notes,
+            unit_position=unit_position or {},
+            position=position,
         )
-        found.unit_position = self._unit_positions()
-        found.position = self._position(found)
-        return found
 
-    def _check_units(self) -> None:
-        """Check the numbers of the power units."""
-        for column in self._table.columns.values():
-            if column.unit is not None and column.unit >= self._units:
-                raise ValueError(
-                    f"{self._table.path}: column '{column.title}': the train has {self._units} power units, counted "
-                    "from 0 at the front; choose another --consist or --ignore the column"
-                )
+    def _check_unit(self, column: Column) -> None:
+        """Check the number of the power unit of a column."""
+        if column.unit is not None and column.unit >= self._units:
+            raise ValueError(
+                f"column '{column.title}': the train has {self._units} power units, counted from 0 at the front; "
+                "choose another --consist or --ignore the column"
+            )
 
     def _speed(self, column: Column) -> ColumnSamples:
         samples = self._rows.samples(column)
@@ -214,7 +227,7 @@ class _Check:
         columns = [column for column in self._table.columns.values() if column.quantity == "position"]
         return {column.unit: self._rows.samples(column) for column in columns if column.unit is not None}
 
-    def _position(self, found: Measured) -> ColumnSamples | None:
+    def _position(self, speed: ColumnSamples, unit_position: dict[int, ColumnSamples]) -> ColumnSamples | None:
         """Return the position of vehicle 0 from the position column of the file."""
         centre, front = self._rows.find("position"), self._rows.find("front_position")
         if centre is not None and front is not None:
@@ -222,15 +235,15 @@ class _Check:
             raise ValueError(f"{self._table.path}: {both} are both the position; remove one with --ignore")
         if front is not None:
             centre = front.moved(front.values - self._half)
-        elif centre is None and 0 in found.unit_position:
-            own = found.unit_position[0]
+        elif centre is None and 0 in unit_position:
+            own = unit_position[0]
             centre = own.moved(own.values + self._offsets[0])
         if centre is None:
             return None
         fallen = np.maximum.accumulate(centre.values) - centre.values
         noise = max(POSITION_NOISE, 1.5 * self._table.resolution(centre.column))
         self._rows.refuse(centre, fallen > noise, "{} is behind an earlier position; positions must increase")
-        self._check_distance(centre, found.speed)
+        self._check_distance(centre, speed)
         return centre
 
     def _check_distance(self, position: ColumnSamples, speed: ColumnSamples) -> None:

@@ -12,7 +12,7 @@ from train_ato.apps.import_csv.columns import TIMESTAMP, Column
 from train_ato.apps.import_csv.table import CsvTable
 from train_ato.messages.types import Array
 
-__all__ = ["LARGEST_GAP", "ColumnSamples", "Rows"]
+__all__ = ["LARGEST_GAP", "ColumnSamples", "Rows", "sort_rows"]
 
 LARGEST_GAP = 5.0
 """Default of the maximum time between rows [s]."""
@@ -34,6 +34,30 @@ class ColumnSamples:
     def moved(self, values: Array) -> ColumnSamples:
         """Return other values at the same times."""
         return ColumnSamples(self.column, self.time, values, self.rows)
+
+
+def sort_rows(table: CsvTable) -> str:
+    """Sort the rows of a file by time and remove repeated rows; return a note, "" without a change."""
+    column = table.find("time") or table.find(TIMESTAMP)
+    if column is None:
+        return ""
+    time = table.values[column.title]
+    order = np.argsort(time, kind="stable")
+    moved = int((order != np.arange(order.size)).sum())
+    columns = np.column_stack([values[order] for values in table.values.values()])
+    same = np.all((columns[1:] == columns[:-1]) | (np.isnan(columns[1:]) & np.isnan(columns[:-1])), axis=1)
+    kept = order[np.concatenate(([True], ~same))]
+    for title, values in table.values.items():
+        table.values[title] = values[kept]
+    table.lines = table.lines[kept]
+    parts = [f"{moved} rows sorted by time"] if moved else []
+    parts += [f"{order.size - kept.size} repeated rows removed"] if kept.size < order.size else []
+    return ", ".join(parts)
+
+
+def _more(places: NDArray[np.intp]) -> str:
+    """Return the number of further rows with the same fault."""
+    return f" (and {places.size - 1} more rows)" if places.size > 1 else ""
 
 
 class Rows:
@@ -87,11 +111,12 @@ class Rows:
         if wrong.size:
             row = int(wrong[0]) + 1
             order = "the same time as" if steps[row - 1] == 0 else f"{number_text(-steps[row - 1])} s before"
-            raise table.wrong(row, column, f"{order} the row above; sort the rows by time, without duplicates")
+            remedy = "remove one row" if steps[row - 1] == 0 else "sort the rows by time, or give --sort"
+            raise table.wrong(row, column, f"{order} the row above; {remedy}{_more(wrong)}")
         wide = np.flatnonzero(steps > self._largest_gap * (1 + 1e-9))
         if wide.size:
             row = int(wide[0]) + 1
-            raise table.wrong(row, column, self._gap(steps[row - 1], "the row above"))
+            raise table.wrong(row, column, self._gap(steps[row - 1], "the row above") + _more(wide))
         return np.asarray(time - time[0])
 
     def _gap(self, seconds: float, since: str) -> str:
@@ -136,4 +161,5 @@ class Rows:
         if places.size:
             place = int(places[0])
             value = samples.values[place] / samples.column.factor
-            raise self.table.wrong(int(samples.rows[place]), samples.column, text.format(number_text(value)))
+            problem = text.format(number_text(value)) + _more(places)
+            raise self.table.wrong(int(samples.rows[place]), samples.column, problem)

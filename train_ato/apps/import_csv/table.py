@@ -5,15 +5,18 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from datetime import datetime, timezone
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from train_ato.apps.import_csv.columns import TIMESTAMP, Column, column_of
+from train_ato.apps.import_csv.dates import date_and_time
+from train_ato.apps.import_csv.faults import FileFaults
+from train_ato.apps.import_csv.headers import column_name, is_units_row, with_units
 from train_ato.messages.types import Array
 
 __all__ = ["CsvTable", "read_table"]
@@ -22,7 +25,6 @@ LARGEST_FILE = 512 * 2**20
 """Maximum size of a file [bytes]."""
 SEPARATORS = (";", "\t", ",")
 _NUMBER = re.compile(r"^[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?$")
-_FRACTION = re.compile(r"[.,](\d+)")
 _NOTHING = frozenset(("", "nan", "null", "none", "na", "n/a", "-"))
 """Texts of a cell without number."""
 
@@ -56,9 +58,13 @@ class CsvTable:
                 return column
         return None
 
+    def at(self, row: int, column: Column, text: str) -> str:
+        """Return a fault with its line and column."""
+        return f"line {self.lines[row]}, {column.title}: {text}"
+
     def wrong(self, row: int, column: Column, text: str) -> ValueError:
         """Return an error that names the file, the line and the column."""
-        return ValueError(f"{self.path}: line {self.lines[row]}, {column.title}: {text}")
+        return ValueError(f"{self.path}: {self.at(row, column, text)}")
 
     def resolution(self, column: Column) -> float:
         """Return the resolution of a column from its decimals [SI]; 0 if unknown."""
@@ -70,7 +76,8 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> Cs
     """Read a recorder's file.
 
     The first line that is not empty and does not begin with ``#`` has the column names, separated by semicolons,
-    tabs or commas.  With another separator than commas, decimal commas are read too.  Cells may be empty.
+    tabs or commas; the next line may have their units.  With another separator than commas, decimal commas are read
+    too.  Cells may be empty.
 
     Parameters
     ----------
@@ -83,8 +90,8 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> Cs
 
     Raises
     ------
-    ValueError
-        One line that names the file, the line and the column.
+    InputFaults
+        All faults, one line each with the file, the line and the column.
     """
     lines = _lines(path)
     number, head = next(lines, (0, ""))
@@ -94,12 +101,15 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> Cs
     titles = [title.strip() for title in _cells(head, separator)]
     while titles and not titles[-1]:
         titles.pop()
-    table = CsvTable(path)
-    try:
-        kept = _columns(table, titles, rename, ignore)
-    except ValueError as error:
-        raise ValueError(f"{path}: line {number}, {error}") from None
-    _read_rows(table, kept, lines, separator, len(titles))
+    table, faults = CsvTable(path), FileFaults(path)
+    rows = list(lines)
+    names = titles
+    if rows and is_units_row(cells := _cells(rows[0][1], separator)[: len(titles)]):
+        names = with_units(titles, cells)
+        del rows[0]
+    kept = _columns(table, titles, names, rename, ignore, lambda text: faults.add(f"line {number}, {text}"))
+    _read_rows(table, kept, rows, separator, len(titles), faults)
+    faults.refuse()
     return table
 
 
@@ -131,39 +141,60 @@ def _cells(line: str, separator: str) -> list[str]:
     return next(csv.reader([line], delimiter=separator)) if '"' in line else line.split(separator)
 
 
-def _columns(table: CsvTable, titles: list[str], rename: dict[str, str], ignore: frozenset[str]) -> list[int]:
-    """Add the columns to the table; return the indices of the columns to read."""
-    for option, names in (("--rename", rename), ("--ignore", ignore)):
-        for name in names:
-            if name not in titles:
-                raise ValueError(f"{option} {name}: no such column; the file has {', '.join(titles)}")
+def _columns(
+    table: CsvTable,
+    titles: list[str],
+    names: list[str],
+    rename: dict[str, str],
+    ignore: frozenset[str],
+    complain: Callable[[str], None],
+) -> list[int]:
+    """Add the columns to the table; return the indices of the columns to read; faults go to ``complain``."""
+    for option, given in (("--rename", rename), ("--ignore", ignore)):
+        for title in given:
+            if title not in titles:
+                complain(f"{option} {title}: no such column; the file has {', '.join(titles)}")
     kept = []
-    for place, title in enumerate(titles):
+    for place, (title, name) in enumerate(zip(titles, names, strict=True)):
         if title in ignore:
             continue
-        if not title:
-            raise ValueError(f"column {place + 1} has no name; name or remove it")
-        if title in table.columns:
-            raise ValueError(f"column '{title}' appears twice; rename or remove one")
-        column = column_of(title, rename.get(title, title))
-        other = table.find(column.quantity, column.unit)
-        if other is not None:
-            raise ValueError(
-                f"columns '{other.title}' and '{title}' are the same quantity; remove one with --ignore '{title}'"
-            )
-        table.columns[title] = column
-        kept.append(place)
+        try:
+            column = _column(table, place, title, rename.get(title) or column_name(name))
+        except ValueError as error:
+            complain(str(error))
+        else:
+            table.columns[title] = column
+            kept.append(place)
     return kept
 
 
-def _read_rows(table: CsvTable, kept: list[int], lines: Iterator[tuple[int, str]], separator: str, width: int) -> None:
+def _column(table: CsvTable, place: int, title: str, name: str) -> Column:
+    """Return a column that the table does not have yet."""
+    if not title:
+        raise ValueError(f"column {place + 1} has no name; name or remove it")
+    if title in table.columns:
+        raise ValueError(f"column '{title}' appears twice; rename or remove one")
+    column = column_of(title, name)
+    other = table.find(column.quantity, column.unit)
+    if other is not None:
+        raise ValueError(
+            f"columns '{other.title}' and '{title}' are the same quantity; remove one with --ignore '{title}'"
+        )
+    return column
+
+
+def _read_rows(
+    table: CsvTable, kept: list[int], rows: list[tuple[int, str]], separator: str, width: int, faults: FileFaults
+) -> None:
     columns = list(table.columns.values())
     texts: list[list[str]] = [[] for _ in columns]
     numbers: list[int] = []
-    for number, line in lines:
+    for number, line in rows:
         cells = _cells(line, separator)
         if len(cells) != width and not (len(cells) > width and not "".join(cells[width:]).strip()):
-            raise ValueError(f"{table.path}: line {number}: {len(cells)} values for {width} columns; correct the line")
+            problem = f"line {number}: {len(cells)} values for {width} columns; correct the line"
+            faults.add_of_kind("rows", "width", problem)
+            continue
         numbers.append(number)
         for entries, place in zip(texts, kept, strict=True):
             entries.append(cells[place].strip())
@@ -171,12 +202,14 @@ def _read_rows(table: CsvTable, kept: list[int], lines: Iterator[tuple[int, str]
     marks: dict[str, str] = {}
     for column, entries in zip(columns, texts, strict=True):
         if column.quantity == TIMESTAMP:
-            table.values[column.title] = _moments(table, column, entries)
+            table.values[column.title] = _moments(table, column, entries, faults)
         else:
-            table.values[column.title] = _numbers(table, column, entries, separator, marks)
+            table.values[column.title] = _numbers(table, column, entries, separator, marks, faults)
 
 
-def _numbers(table: CsvTable, column: Column, entries: list[str], separator: str, marks: dict[str, str]) -> Array:
+def _numbers(
+    table: CsvTable, column: Column, entries: list[str], separator: str, marks: dict[str, str], faults: FileFaults
+) -> Array:
     """Convert the cells of a column to SI; ``marks`` has the first number of the file with each decimal mark."""
     values = np.full(len(entries), np.nan)
     decimals = 0
@@ -185,16 +218,18 @@ def _numbers(table: CsvTable, column: Column, entries: list[str], separator: str
             continue
         if not _NUMBER.match(text) or ("," in text and separator == ","):
             comma = "; decimal commas need columns separated by semicolons or tabs" if separator == "," in text else ""
-            raise table.wrong(row, column, f"'{text[:30]}' is not a number{comma}")
+            faults.add_of_kind(column.title, "number", table.at(row, column, f"'{text[:30]}' is not a number{comma}"))
+            continue
         mark = "," if "," in text else "." if "." in text else ""
         if mark and mark not in marks:
             marks[mark] = text
             if len(marks) > 1:
-                _refuse_marks(table, row, column, marks)
+                faults.add_of_kind("rows", "mark", table.at(row, column, _two_marks(marks)))
         plain = text.replace(",", ".")
         value = float(plain)
         if not math.isfinite(value):
-            raise table.wrong(row, column, f"'{text[:30]}' is too large")
+            faults.add_of_kind(column.title, "large", table.at(row, column, f"'{text[:30]}' is too large"))
+            continue
         values[row] = value
         if decimals >= 0:
             exponent = "e" in plain or "E" in plain
@@ -203,31 +238,28 @@ def _numbers(table: CsvTable, column: Column, entries: list[str], separator: str
     return np.asarray(values * column.factor)
 
 
-def _refuse_marks(table: CsvTable, row: int, column: Column, marks: dict[str, str]) -> None:
-    """Raise an error for a file with two decimal marks: ``1,250`` may be 1.25 or 1250."""
-    raise table.wrong(
-        row,
-        column,
+def _two_marks(marks: dict[str, str]) -> str:
+    """Return the fault of a file with two decimal marks: ``1,250`` may be 1.25 or 1250."""
+    return (
         f"'{marks[','][:30]}' has a comma and '{marks['.'][:30]}' a point; write all numbers with one decimal mark and "
-        "without thousands separators",
+        "without thousands separators"
     )
 
 
-def _moments(table: CsvTable, column: Column, entries: list[str]) -> Array:
+def _moments(table: CsvTable, column: Column, entries: list[str], faults: FileFaults) -> Array:
     """Convert date and time of day to seconds since the first row."""
     values = np.full(len(entries), np.nan)
     first: datetime | None = None
     for row, text in enumerate(entries):
         if text.lower() in _NOTHING:
             continue
-        plain = _FRACTION.sub(lambda match: "." + match[1][:6].ljust(6, "0"), text).replace("Z", "+00:00")
         try:
-            moment = datetime.fromisoformat(plain)
+            moment = date_and_time(text)
         except ValueError:
-            raise table.wrong(
-                row, column, f"'{text[:30]}' is not a date and time; write for example 2026-03-01T08:15:30.5"
-            ) from None
-        moment = moment if moment.tzinfo is not None else moment.replace(tzinfo=timezone.utc)
+            example = "write for example 2026-03-01T08:15:30.5 or 01.03.2026 08:15:30"
+            problem = table.at(row, column, f"'{text[:30]}' is not a date and time; {example}")
+            faults.add_of_kind(column.title, "date", problem)
+            continue
         first = first or moment
         values[row] = (moment - first).total_seconds()
     table.decimals[column.title] = -1

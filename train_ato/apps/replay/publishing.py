@@ -58,7 +58,7 @@ def replay(
     run
         Run folder or MCAP file.
     options
-        Pace, selection and names.
+        Rate, selection and names.
     domain
         ROS domain; default: that of the environment.
     progress

@@ -87,7 +87,7 @@ def _law(recording: Recording) -> Iterator[Event]:
     series = recording.diagnostics.get("controller")
     if series is None:
         return
-    planned = [swap.at for swap in recording.setup.controller_changes] if recording.setup is not None else []
+    planned = [swap.at for swap in recording.setup.law_changes] if recording.setup is not None else []
     names, swaps, changed = series.texts("controller"), series.numbers("swaps"), series.texts(changes.KEY)
     for row, time in enumerate(series.time.tolist()):
         before, now = names[max(0, row - 1)], names[row]

@@ -1,160 +1,31 @@
-"""Comparison of laws: runs of one scenario in one table, one figure and one page."""
+"""Comparison of laws: one scenario driven with each of them in the engine."""
 
 from __future__ import annotations
 
 import dataclasses
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from train_ato.apps.runs.comparison import Compared, Comparison
 from train_ato.apps.runs.component_choice import ComponentChoice, choose_component, put_components
 from train_ato.apps.runs.drive import RunMode, drive
-from train_ato.apps.runs.ranking import rank_of
 from train_ato.apps.runs.run import Run
 from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice, choose_scenario
-from train_ato.apps.runs.summary_table import RESULT_ROWS, html_table
 from train_ato.control.registry import LAWS
 from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.loop.setup import RunSetup
+from train_ato.scenario.former_names import present_arguments
 from train_ato.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
-    import pandas as pd
-    from matplotlib.figure import Figure
-
     from train_ato.apps.report.page_data import PageData
-
-SHOWN = tuple(key for key, _ in RESULT_ROWS if key not in ("real_time_factor", "step_time_us_median"))
-"""Metrics of the table."""
-
-
-@dataclass(frozen=True)
-class Compared:
-    """One law of a comparison.
-
-    Attributes
-    ----------
-    label : str
-        Name of the law in table and figures.
-    metrics : dict
-        Metrics of its run; empty for a refused law.
-    reason : str
-        Reason of a refusal or of a failed run; otherwise empty.
-    data : PageData or None
-        Data of the figures.
-    """
-
-    label: str
-    metrics: dict[str, Any]
-    reason: str = ""
-    data: PageData | None = None
-
-    @property
-    def status(self) -> str:
-        """``done``, ``failed`` or ``refused``."""
-        return str(self.metrics["status"]) if self.metrics else "refused"
-
-
-class Comparison:
-    """One scenario driven with several laws.
-
-    Made by :func:`train_ato.compare`.
-
-    Attributes
-    ----------
-    scenario : str
-        Name of the scenario.
-    laws : tuple of Compared
-        The best first: by end of the run, verdict, failed criteria and rms of the speed error.
-    """
-
-    def __init__(self, scenario: str, laws: Sequence[Compared]) -> None:
-        self.scenario = scenario
-        self.laws = tuple(sorted(laws, key=lambda law: rank_of(law.metrics)))
-
-    @property
-    def table(self) -> pd.DataFrame:
-        """One row for each law: status, metrics with the unit in their name, reason of a refusal or failure."""
-        import pandas as pd
-
-        rows = [
-            {"status": law.status, **{key: law.metrics.get(key) for key in SHOWN}, "reason": law.reason}
-            for law in self.laws
-        ]
-        return pd.DataFrame(rows, index=pd.Index([law.label for law in self.laws], name="law"))
-
-    @property
-    def metrics(self) -> dict[str, dict[str, Any]]:
-        """Metrics of the laws with a run."""
-        return {law.label: law.metrics for law in self.laws if law.metrics}
-
-    @property
-    def _pages(self) -> list[PageData]:
-        return [law.data for law in self.laws if law.data is not None]
-
-    @property
-    def drawable(self) -> bool:
-        """True if any law has data to draw."""
-        return any(data.curves for data in self._pages)
-
-    def plot(self, path: str | Path | None = None) -> Figure:
-        """Draw speed, speed error, applied force and coupler extremes of all laws in one figure.
-
-        Parameters
-        ----------
-        path
-            PNG or SVG file to write; default: none, a notebook shows the figure.
-
-        Raises
-        ------
-        ValueError
-            If no law has a complete tick.
-        """
-        from train_ato.apps.report.print_figures import comparison_figure
-        from train_ato.apps.report.print_parts import SCREEN_DPI, save_figure
-        from train_ato.apps.report.writing import comparison_title
-
-        figure = comparison_figure(self._pages, comparison_title(self._pages)) if self._pages else None
-        if figure is None:
-            raise ValueError(f"{self.scenario}: no law has a complete tick to draw")
-        if path is not None:
-            save_figure(figure, Path(path), SCREEN_DPI)
-        return figure
-
-    def report(self, path: str | Path = "comparison.html") -> Path:
-        """Write the page of linked figures of all laws and return its path.
-
-        Raises
-        ------
-        ValueError
-            If the file exists already or cannot be written, or no law has a complete tick.
-        """
-        from train_ato.apps.report.writing import write_comparison_page
-        from train_ato.arguments import check_new_file
-
-        page = Path(path)
-        check_new_file(page, (".html", ".htm"), "report")
-        if not self.drawable:
-            raise ValueError(f"{self.scenario}: no law has a complete tick to draw")
-        write_comparison_page(self._pages, page)
-        return page
-
-    def __repr__(self) -> str:
-        laws = ", ".join(law.label if law.status == "done" else f"{law.label} ({law.status})" for law in self.laws)
-        return f"<Comparison {self.scenario}: {laws}>"
-
-    def _repr_html_(self) -> str:
-        keys = [key for key in SHOWN if any(key in law.metrics for law in self.laws)]
-        words = dict(RESULT_ROWS)
-        rows = [[law.label, *(law.metrics.get(key) for key in keys), law.reason or law.status] for law in self.laws]
-        return html_table(self.scenario, ["law", *(words[key] for key in keys), "end"], rows)
 
 
 def compare(
     scenario: str | Path | ScenarioChoice,
-    controllers: Sequence[Any] | None = None,
+    laws: Sequence[Any] | None = None,
     *,
     observer: Any = None,
     compensation: Any = None,
@@ -162,19 +33,23 @@ def compare(
     seed: int | None = None,
     keep: str | Path | None = None,
     progress: bool | None = None,
+    **former: Any,
 ) -> Comparison:
     """Run a scenario with several laws in the engine.
 
-    A law that does not fit the train, or whose run fails, has a row with the reason; the other laws are run.
+    A law that does not fit the train, or whose run fails, has a row with the reason; the other laws are run.  A law
+    without parameters in the scenario runs with its default values (``gains``), which may suit another train.
 
     Parameters
     ----------
     scenario, observer, compensation, set, seed, progress
         As for :func:`train_ato.run`.
-    controllers
-        Laws, each as ``controller`` of :func:`train_ato.run`; default: every registered one.
+    laws
+        Laws, each as ``law`` of :func:`train_ato.run`; default: every registered one.
     keep
         Folder for the runs, with one subfolder per law; default: none.
+    **former
+        ``controllers``: former name of ``laws``, with a notice.
 
     Raises
     ------
@@ -192,24 +67,32 @@ def compare(
     """
     choice = choose_scenario(scenario).changed(set, seed)
     base = put_components(choice.checked, observer=observer, compensation=compensation, importable=False)
-    if isinstance(controllers, str):
-        raise ValueError(f"controllers '{controllers}': give a list, for example ['pid', 'smc']")
-    named = controllers if controllers is not None else LAWS.loadable()
-    laws = _labelled([choose_component(LAWS, entry) for entry in named])
-    if not laws:
-        raise ValueError("controllers: no law; add one, or remove the argument to use all that fit")
-    for law in laws:
+    named = present_arguments(former, "train_ato.compare", {"laws": laws})["laws"]
+    if isinstance(named, str):
+        raise ValueError(f"laws '{named}': give a list, for example ['pid', 'smc']")
+    chosen = _labelled([choose_component(LAWS, entry) for entry in (LAWS.loadable() if named is None else named)])
+    if not chosen:
+        raise ValueError("laws: no law; add one, or remove the argument to use all that fit")
+    for law in chosen:
         LAWS.get(law.name)
-    setups, refused = _setups(choice, base, laws)
+    setups, refused = _setups(choice, base, chosen)
+    folder = None if keep is None else Path(keep)
     return Comparison(
         choice.name,
         [
-            Compared(law.label, {}, refused[law.label])
+            Compared(law.label, {}, _gains(choice, law), refused[law.label])
             if law.label in refused
-            else _compared(law, setups[law.label], len(setups), None if keep is None else Path(keep), progress)
-            for law in laws
+            else _compared(law, setups[law.label], len(setups), folder, progress, _gains(choice, law))
+            for law in chosen
         ],
     )
+
+
+def _gains(choice: ScenarioChoice, law: ComponentChoice) -> str:
+    """Return ``chosen`` if the scenario or the law object has gains for this train, ``default`` if not."""
+    scenario = choice.checked
+    own = law.name == scenario.law or bool(scenario.laws.get(law.name)) or bool(law.values)
+    return "chosen" if own or not LAWS.parameters(law.name) else "default"
 
 
 def _labelled(laws: Sequence[ComponentChoice]) -> list[ComponentChoice]:
@@ -234,11 +117,11 @@ def _setups(
         try:
             if setups:
                 setup = dataclasses.replace(next(iter(setups.values())), scenario=scenario)
-                setup.law(scenario.controller)
+                setup.law(scenario.law)
             else:
                 setup = choice.prepare(scenario)
         except ValueError as error:
-            refused[law.label] = str(error).partition(f"controller '{law.name}'")[2].lstrip(":, ") or str(error)
+            refused[law.label] = str(error).partition(f"law '{law.name}'")[2].lstrip(":, ") or str(error)
         else:
             setups[law.label] = setup
     if not setups:
@@ -247,7 +130,9 @@ def _setups(
     return setups, refused
 
 
-def _compared(law: ComponentChoice, setup: RunSetup, runs: int, keep: Path | None, shown: bool | None) -> Compared:
+def _compared(
+    law: ComponentChoice, setup: RunSetup, runs: int, keep: Path | None, shown: bool | None, gains: str
+) -> Compared:
     """Run one law; keep only the data of the figures in memory."""
     law.put_into(setup.scenario)  # registers this class, if two classes have one name
     folder = None if keep is None else keep / re.sub(r"[^\w.()=,+-]+", "-", law.label)
@@ -257,9 +142,10 @@ def _compared(law: ComponentChoice, setup: RunSetup, runs: int, keep: Path | Non
         raise
     except RunFailed as error:
         if error.run is None:
-            raise
+            return Compared(law.label, {"status": "failed", "failure": str(error)}, gains, str(error))
         run = error.run
-    return Compared(law.label, run.metrics, str(run.metrics.get("failure", "")), _page_data(law.label, run, runs))
+    reason = str(run.metrics.get("failure", ""))
+    return Compared(law.label, run.metrics, gains, reason, _page_data(law.label, run, runs))
 
 
 def _page_data(label: str, run: Run, runs: int) -> PageData:

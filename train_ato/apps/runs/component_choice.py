@@ -73,7 +73,7 @@ class ComponentChoice:
 
 
 def choose_component(registry: Registry, given: Any) -> ComponentChoice:
-    """Return the component for ``controller=``, ``observer=`` or ``compensation=``.
+    """Return the component for ``law=``, ``observer=`` or ``compensation=``.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def choose_component(registry: Registry, given: Any) -> ComponentChoice:
 
 
 def put_components(
-    scenario: Scenario, *, controller: Any = None, observer: Any = None, compensation: Any = None, importable: bool
+    scenario: Scenario, *, law: Any = None, observer: Any = None, compensation: Any = None, importable: bool
 ) -> Scenario:
     """Return the scenario with the components that are not None.
 
@@ -101,7 +101,7 @@ def put_components(
     ----------
     scenario
         Checked scenario.
-    controller, observer, compensation
+    law, observer, compensation
         Each a name, ``module:Class``, a class or an object.
     importable
         Other processes must be able to import the components.
@@ -111,7 +111,7 @@ def put_components(
     ValueError
         If one is not a component, or cannot be imported.
     """
-    chosen = ((LAWS, controller), (OBSERVERS, observer), (COMPENSATIONS, compensation))
+    chosen = ((LAWS, law), (OBSERVERS, observer), (COMPENSATIONS, compensation))
     for registry, given in chosen:
         if given is not None:
             component = choose_component(registry, given)

@@ -20,6 +20,7 @@ from train_ato.loop.engine import run_engine
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup
 from train_ato.ros import require_ros
+from train_ato.scenario.former_names import present_arguments
 
 Mode = Literal["engine", "composed", "processes"]
 MODES = ("engine", "composed", "processes")
@@ -28,7 +29,7 @@ MODES = ("engine", "composed", "processes")
 def run(
     scenario: str | Path | ScenarioChoice,
     *,
-    controller: Any = None,
+    law: Any = None,
     observer: Any = None,
     compensation: Any = None,
     set: Changes | None = None,
@@ -36,8 +37,10 @@ def run(
     mode: Mode = "engine",
     out: str | Path | None = None,
     progress: bool | None = None,
-    realtime: float | None = None,
+    rate: float | None = None,
+    lockstep: bool = True,
     restarts: int = 0,
+    **former: Any,
 ) -> Run:
     """Run a scenario and return the run.
 
@@ -45,14 +48,14 @@ def run(
     ----------
     scenario
         Shipped name, ``name:variant``, a YAML file, or :func:`train_ato.scenario`.
-    controller
+    law
         Control law: a registered name, ``"module:Class"``, a law class, or a law object such as ``MyLaw(gain=0.1)``
         (see :mod:`train_ato.control.contract`); default: that of the scenario.
     observer, compensation
-        Disturbance observer and delay compensation, each in the forms of ``controller``; default: those of the
+        Disturbance observer and delay compensation, each in the forms of ``law``; default: those of the
         scenario.
     set
-        Other keys of the scenario, as for ``train-ato run --set``: ``{"controllers.smc.ks": 0.0}``.
+        Other keys of the scenario, as for ``train-ato run --set``: ``{"laws.smc.ks": 0.0}``.
     seed
         Seed of every random stream.
     mode
@@ -62,10 +65,14 @@ def run(
         Run folder to make; default: none, :meth:`Run.save` makes one later.
     progress
         Show a progress bar; default: in a terminal and in a notebook.
-    realtime
-        Simulated seconds per second of wall time; default: as fast as possible. The graph is then not in lockstep.
+    rate
+        Maximum simulated seconds per second of wall time; default: as fast as possible.
+    lockstep
+        False: the graph does not wait for commands; a late one is counted, and the last one is held meanwhile.
     restarts
         With a process for each node: maximum number of restarts of each node; default: none, the run fails with a node.
+    **former
+        ``controller`` and ``realtime``: former names, with a notice.
 
     Returns
     -------
@@ -85,18 +92,20 @@ def run(
     Examples
     --------
     >>> import train_ato as ta
-    >>> run = ta.run("demo", controller="smc", set={"controllers.smc.ks": 0.0, "duration": 20})
+    >>> run = ta.run("demo", law="smc", set={"laws.smc.ks": 0.0, "duration": 20})
     >>> run.metrics["controller"], run.metrics["simulated_s"]
     ('smc', 20.0)
     >>> run["ato/command"].columns.tolist()
     ['unit_0_force_n']
     """
-    run_mode = RunMode(mode, realtime, restarts=restarts)
+    present = present_arguments(former, "train_ato.run", {"law": law, "rate": rate, "lockstep": lockstep})
+    law, rate, lockstep = present["law"], present["rate"], present["lockstep"]
+    run_mode = RunMode(mode, rate, lockstep, restarts=restarts)
     run_mode.check()
     choice = choose_scenario(scenario).changed(set, seed)
     checked = put_components(
         choice.checked,
-        controller=controller,
+        law=law,
         observer=observer,
         compensation=compensation,
         importable=mode == "processes",
@@ -106,31 +115,33 @@ def run(
 
 @dataclass(frozen=True)
 class RunMode:
-    """Mode and pace of a run.
+    """Mode and rate of a run.
 
     Attributes
     ----------
     mode : str
         One of ``MODES``.
-    realtime : float or None
-        Simulated seconds per second of wall time, in the graph without lockstep; None is lockstep.
-    pace : float
-        Maximum simulated seconds per second of wall time in lockstep; 0 is as fast as possible. The engine is always in
-        lockstep.
+    rate : float or None
+        Maximum simulated seconds per second of wall time; None is as fast as possible.
+    lockstep : bool
+        False: the graph does not wait for commands; its rate is 1 if none is given.  The engine is always in lockstep.
     domain : int or None
         ROS domain; None takes a free one.
     compression : str
         Compression of the log: ``none``, ``fast`` or ``small``.
     restarts : int
         With a process for each node: maximum number of restarts of each node; 0 restarts none.
+    start_limit : float or None
+        Maximum wall time of the start of the nodes [s]; None: that of the mode.
     """
 
     mode: str = "engine"
-    realtime: float | None = None
-    pace: float = 0.0
+    rate: float | None = None
+    lockstep: bool = True
     domain: int | None = None
     compression: str = DEFAULT
     restarts: int = 0
+    start_limit: float | None = None
 
     def check(self, dash: str = "") -> None:
         """Check the values; ``dash`` precedes the names in messages.
@@ -142,12 +153,11 @@ class RunMode:
         """
         if self.mode not in MODES:
             raise ValueError(f"{dash}mode {self.mode!r}: choose from {', '.join(MODES)}")
-        if self.realtime is not None and not 0 < self.realtime < float("inf"):
-            raise ValueError(f"{dash}realtime {self.realtime}: give a positive number, 1 for real time")
-        if not 0 <= self.pace < float("inf"):
-            raise ValueError(
-                f"{dash}pace {self.pace}: give a positive number, 1 for real time; 0 is as fast as possible"
-            )
+        if self.rate is not None and not 0 < self.rate < float("inf"):
+            raise ValueError(f"{dash}rate {self.rate}: give a number above 0, 1 for real time")
+        if self.mode == "engine" and not self.lockstep:
+            given = "--no-lockstep: remove it or --engine" if dash else "lockstep=False: remove it, or choose a graph"
+            raise ValueError(f"{given}; the engine is always in lockstep")
         if self.restarts < 0:
             raise ValueError(f"restarts {self.restarts}: give 1 or more, or 0 for none")
         if self.restarts and self.mode != "processes":
@@ -188,7 +198,7 @@ def drive(
     setup
         The run.
     run_mode
-        Checked mode and pace.
+        Checked mode and rate.
     out
         Run folder to make; None records in memory or in a temporary folder.
     shown
@@ -283,7 +293,7 @@ def _driven(setup: RunSetup, run_mode: RunMode, record: RunRecord, shown: bool |
                         setup,
                         sink=record,
                         progress=progress,
-                        pace=run_mode.realtime or run_mode.pace,
+                        rate=run_mode.rate or 0.0,
                         log_folder=record.log_folder,
                         interrupt=interrupt,
                     )
@@ -297,9 +307,10 @@ def _driven(setup: RunSetup, run_mode: RunMode, record: RunRecord, shown: bool |
             record.folder().path,
             mode=run_mode.mode,
             progress=progress,
-            realtime=run_mode.realtime,
-            pace=run_mode.pace,
+            lockstep=run_mode.lockstep,
+            rate=run_mode.rate or 0.0,
             domain=run_mode.domain,
             compression=run_mode.compression,
             restarts=run_mode.restarts,
+            start_limit=run_mode.start_limit,
         )

@@ -15,7 +15,7 @@ from train_ato.scenario.overlays import assign, put
 from train_ato.scenario.scenario import Scenario, check_scenario, raw_scenario, variants_of
 
 Changes = Mapping[str, Any]
-"""Values by key: ``{"controllers.pid.kp": 0.03}``."""
+"""Values by key: ``{"laws.pid.kp": 0.03}``."""
 
 
 class ScenarioChoice:
@@ -27,9 +27,9 @@ class ScenarioChoice:
     --------
     >>> import train_ato as ta
     >>> demo = ta.scenario("demo")
-    >>> short = demo.with_({"controllers.pid.kp": 0.03}, duration=20, seed=7)
+    >>> short = demo.with_({"laws.pid.kp": 0.03}, duration=20, seed=7)
     >>> short
-    scenario('demo').with_({'controllers.pid.kp': 0.03, 'duration': 20, 'seed': 7})
+    scenario('demo').with_({'laws.pid.kp': 0.03, 'duration': 20, 'seed': 7})
     >>> short.checked.seed, demo.checked.seed
     (7, 1)
     >>> ta.run(short).metrics["seed"]
@@ -62,6 +62,12 @@ class ScenarioChoice:
     def variants(self) -> dict[str, str]:
         """Variants of the scenario file and their descriptions."""
         return variants_of(self.path)
+
+    def variants_with_gains(self, law: str) -> list[str]:
+        """Return the names of the variants of the file that have parameters of a law."""
+        stem = self._given.partition(":")[0]
+        names = [f"{stem}:{variant}" for variant in self.variants]
+        return [name for name in names if (raw_scenario(name)[1].get("laws") or {}).get(law)]
 
     def with_(self, changes: Changes | None = None, /, **more: Any) -> ScenarioChoice:
         """Return the scenario with some keys changed.
@@ -122,7 +128,7 @@ def choose_scenario(name: str | Path | ScenarioChoice) -> ScenarioChoice:
     Examples
     --------
     >>> import train_ato as ta
-    >>> ta.scenario("demo").checked.controller
+    >>> ta.scenario("demo").checked.law
     'pid'
     >>> ta.scenario("demoo")
     Traceback (most recent call last):

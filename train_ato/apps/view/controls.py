@@ -58,6 +58,14 @@ class Controls:
         """Parameters of both nodes have arrived."""
         return all(self.tunables.values())
 
+    @property
+    def missing(self) -> str:
+        """Awaited part of the graph, in words."""
+        absent = [name for name in NODES if not self._clients[name].services_are_ready()]
+        silent = [name for name in NODES if name not in absent and not self.tunables[name]]
+        texts = [f"node {name} to start" for name in absent] + [f"node {name} to answer" for name in silent]
+        return " and ".join(texts)
+
     def submit(self, request: Callable[[], None]) -> None:
         """Queue a request for the executor's thread."""
         self._requests.append(request)

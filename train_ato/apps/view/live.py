@@ -27,7 +27,7 @@ from train_ato.scenario.changes import LAW, changes_from_json
 from train_ato.scenario.interventions import KEY as DONE
 from train_ato.scenario.interventions import interventions_from_json
 
-LEARN_AGAIN_S = 0.5
+LEARN_AGAIN_S, LEARN_SLOWEST_S = 0.5, 16.0
 FACTOR_SPAN_S = 1.0
 BRAKE_APPLIED = "emergency brake applied"
 LABELS = {BRAKE_APPLIED: "emergency", "emergency brake released": "released"}
@@ -35,14 +35,14 @@ MOST_COPIED = 20_000
 """Largest number of messages in a tap; the oldest are dropped."""
 ENDING_S = 30.0
 """Maximum wall time for the thread of the feed to end [s]."""
-WAITING_PACE = 1e-6
-"""Pace of a run that waits for its first page: the second tick is due after a day."""
+WAITING_RATE = 1e-6
+"""Rate of a run that waits for its first page: the second tick is due after a day."""
 FIRST_STEP_S = 0.3
 """Wall time between the single ticks of a waiting run until a frame arrives."""
 SUMMARY_AGAIN_S = 0.5
 """Wall time between two searches for the summary of an ended run."""
 STANDING_S = 1.0
-"""Wall time without a new tick after which no pace is shown."""
+"""Wall time without a new tick after which no rate is shown."""
 
 
 class LiveFeed(Feed):
@@ -55,13 +55,14 @@ class LiveFeed(Feed):
         (:func:`train_ato.ros.graph.environment.applied`).
     wait
         Called repeatedly with the name of the missing part; an exception ends the wait.
-    first_pace
-        Pace from the first page on, of a run that was started at :data:`WAITING_PACE`; None: the run does not wait.
+    first_rate
+        Rate from the first page on (infinity: no limit), of a run that was started at :data:`WAITING_RATE`; None: the
+        run does not wait.
     """
 
     live = True
 
-    def __init__(self, domain: int, wait: Callable[[str], None], first_pace: float | None = None) -> None:
+    def __init__(self, domain: int, wait: Callable[[str], None], first_rate: float | None = None) -> None:
         from rclpy.node import Node
 
         from train_ato.ros.graph.assembly import executor_of
@@ -75,7 +76,7 @@ class LiveFeed(Feed):
         self.controls = Controls(self._asking, self._executor.wake)
         self._state, self._law = "running", ""
         self._tracker = ProtectionTracker()
-        self._paces: deque[tuple[float, float]] = deque()
+        self._rates: deque[tuple[float, float]] = deque()
         self._stopping = threading.Event()
         try:
             facts = self._learn(wait)
@@ -84,7 +85,7 @@ class LiveFeed(Feed):
             raise
         super().__init__(facts)
         self.folder = self._named.parent if self._named.is_file() else None
-        self.repeatable = first_pace is not None
+        self.repeatable = first_rate is not None
         self._summary_due = self._step_due = 0.0
         self._held = self._page_opened = False
         self._reader = GraphReader(self._listening, facts.layout)
@@ -93,14 +94,14 @@ class LiveFeed(Feed):
         self._taps: list[deque[Copied]] = []
         self._thread = threading.Thread(target=self._run, name="graph", daemon=True)
         self._thread.start()
-        if first_pace is not None:
-            self._hold(first_pace)
+        if first_rate is not None:
+            self._hold(first_rate)
 
-    def _hold(self, pace: float) -> None:
-        """Pause the run at its pace until the first page."""
+    def _hold(self, rate: float) -> None:
+        """Pause the run until the first page, then at the rate."""
 
         def paused(done: bool, text: str) -> None:
-            self.controls.set_parameter("plant", "pace", pace, held)
+            self.controls.set_parameter("plant", "rate", 0.0 if math.isinf(rate) else rate, held)
 
         def held(done: bool, text: str) -> None:
             self._held = True
@@ -131,16 +132,17 @@ class LiveFeed(Feed):
 
     @property
     def law(self) -> str:
-        """Active law: parameter ``controller`` of the controller."""
-        return str(self.controls.value("controller", "controller", self._law))
+        """Active law: parameter ``law`` of the controller."""
+        return str(self.controls.value("controller", "law", self._law))
 
     def _learn(self, wait: Callable[[str], None]) -> Facts:
         """Wait for the parameters of the nodes; read the scenario of the plant or, without one, the first messages."""
-        again = 0.0
+        again, interval = 0.0, LEARN_AGAIN_S
         while not self.controls.ready:
-            wait(f"a response of the nodes plant and controller on domain {self.domain}")
+            wait(f"{self.controls.missing} on domain {self.domain}")
             if time.monotonic() > again:
-                again = time.monotonic() + LEARN_AGAIN_S
+                # a node that is slow to answer must not receive requests faster than it answers
+                again, interval = time.monotonic() + interval, min(2.0 * interval, LEARN_SLOWEST_S)
                 self.controls.learn()
             self._executor.spin_once(timeout_sec=0.05)
         self._named = named = Path(str(self.controls.value("plant", "scenario", "")))
@@ -205,7 +207,7 @@ class LiveFeed(Feed):
         self._end()
 
     def _read_messages(self, now: float) -> None:
-        """Read new messages; after a second without a new tick the frame shows no pace."""
+        """Read new messages; after a second without a new tick the frame shows no rate."""
         moment = self._reader.poll()
         gone = self._presence.gone
         self._presence.look(now, news=moment is not None)
@@ -217,11 +219,11 @@ class LiveFeed(Feed):
         self._begin_if_seen(now)
         self._copy()
         if moment is not None:
-            factor, state = self._pace(now, moment.time), self._plant_state(now)
+            factor, state = self._rate(now, moment.time), self._plant_state(now)
             self.show(replace(moment, law=self.law, state=state, factor=factor, states=self._tracker.states))
         elif self.frame is not None:
             shown = self.frame.moment
-            factor = shown.factor if self._paces and now - self._paces[-1][0] < STANDING_S else math.nan
+            factor = shown.factor if self._rates and now - self._rates[-1][0] < STANDING_S else math.nan
             state, states = self._plant_state(now), self._tracker.states
             changed = (state, self.law, states) != (shown.state, shown.law, shown.states)
             if changed or (math.isnan(factor) and not math.isnan(shown.factor)):
@@ -244,12 +246,12 @@ class LiveFeed(Feed):
             return "paused" if self._state == "running" else self._state
         return "no data" if self._presence.silent(now) else self._state
 
-    def _pace(self, now: float, simulated: float) -> float:
+    def _rate(self, now: float, simulated: float) -> float:
         """Return simulated seconds per second of wall time over the last second."""
-        self._paces.append((now, simulated))
-        while len(self._paces) > 2 and now - self._paces[0][0] > FACTOR_SPAN_S:
-            self._paces.popleft()
-        begin, first = self._paces[0]
+        self._rates.append((now, simulated))
+        while len(self._rates) > 2 and now - self._rates[0][0] > FACTOR_SPAN_S:
+            self._rates.popleft()
+        begin, first = self._rates[0]
         return (simulated - first) / (now - begin) if now > begin else math.nan
 
     def _process_messages(self) -> None:

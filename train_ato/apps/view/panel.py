@@ -1,4 +1,4 @@
-"""Widgets of a running train: ATO, law, parameters, disturbances, emergency brake, pace, end of the run."""
+"""Widgets of a running train: ATO, law, parameters, disturbances, emergency brake, rate, end of the run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from train_ato.loop.train_protection import REQUESTED
 from train_ato.scenario.ato_requests import REQUESTS
 
 WIDTH = 292
-PACES = {
+RATES = {
     "½ ×": 0.5,
     "1 ×": 1.0,
     "2 ×": 2.0,
@@ -25,7 +25,7 @@ PACES = {
     "50 ×": 50.0,
     "as fast as possible": 0.0,
 }
-"""Pace of the simulation by name; 0 is as fast as possible."""
+"""Rate of the simulation by name; 0 is as fast as possible."""
 SHORT = "return String(Number(tick.toPrecision(6)))"
 """Number format with up to six digits and no trailing zeros."""
 
@@ -50,7 +50,7 @@ class Panel:
         self._following = False
         sheets = {"stylesheets": [WIDGETS]}
         self._law = Select(title="control law", options=[], width=WIDTH, **sheets)
-        self._law.on_change("value", lambda attr, old, law: self._set("controller", "controller", law))
+        self._law.on_change("value", lambda attr, old, law: self._set("controller", "law", law))
         self._parameters = Column(children=[], width=WIDTH, name="parameters")
         self._brake = Button(label="EMERGENCY BRAKE", button_type="danger", width=WIDTH, height=44, **sheets)
         self._brake.on_click(self._emergency)
@@ -67,14 +67,14 @@ class Panel:
         self._pause.on_click(lambda: self._feed.controls.call("pause", self._say, not self._feed.paused))
         self._step = Button(label="tick", width=64, name="step", **sheets)
         self._step.on_click(lambda: self._feed.controls.call("step", self._say))
-        self._pace = Select(options=[*PACES], value="1 ×", width=150, name="pace", **sheets)
-        self._pace.on_change("value", self._pace_chosen)
+        self._rate = Select(options=[*RATES], value="1 ×", width=150, name="rate", **sheets)
+        self._rate.on_change("value", self._rate_chosen)
         stop = Button(label="end the run", width=96, name="stop", **sheets)
         stop.on_click(lambda: self._feed.controls.call("stop", self._say))
         self._again = Button(label="run again", width=84, name="again", button_type="success", visible=False, **sheets)
         self._again.on_click(feed.request_again)
         self.bar = Row(
-            children=[self._pause, self._step, self._pace, stop, self._again],
+            children=[self._pause, self._step, self._rate, stop, self._again],
             name="bar",
             stylesheets=[":host { flex-wrap: wrap; }"],
         )
@@ -129,9 +129,9 @@ class Panel:
         frame = self._feed.frame
         return frame is not None and frame.moment.states.protection_reason == REQUESTED
 
-    def _pace_chosen(self, attr: str, old: str, name: str) -> None:
-        if name in PACES:
-            self._set("plant", "pace", PACES[name])
+    def _rate_chosen(self, attr: str, old: str, name: str) -> None:
+        if name in RATES:
+            self._set("plant", "rate", RATES[name])
 
     def update(self) -> None:
         """Update the widgets after a change in the nodes; after the end of the run they are disabled."""
@@ -164,7 +164,7 @@ class Panel:
 
     def _follow(self) -> None:
         tunables = self._feed.controls.tunables
-        law = tunables["controller"].get("controller")
+        law = tunables["controller"].get("law")
         if law is not None:
             if self._law.options != list(law.choices):
                 self._law.options = list(law.choices)
@@ -178,8 +178,8 @@ class Panel:
                     _follow_value(widget, tunable)
                     _explain(widget, tunable)
         fixed = (
-            (self._law, "controller", "controller"),
-            (self._pace, "plant", "pace"),
+            (self._law, "controller", "law"),
+            (self._rate, "plant", "rate"),
             (self._pause, "plant", "paused"),
         )
         for widget, owner, name in fixed:
@@ -188,13 +188,13 @@ class Panel:
         paused = bool(self._feed.paused)
         self._pause.label = "resume" if paused else "pause"
         self._step.disabled = not paused
-        self._show_pace(float(self._feed.controls.value("plant", "pace", 0.0)))
+        self._show_rate(float(self._feed.controls.value("plant", "rate", 0.0)))
 
-    def _show_pace(self, pace: float) -> None:
-        name = next((name for name, value in PACES.items() if value == pace), f"{pace:g} ×")
-        if name not in self._pace.options:
-            self._pace.options = [*PACES, name]
-        self._pace.value = name
+    def _show_rate(self, rate: float) -> None:
+        name = next((name for name, value in RATES.items() if value == rate), f"{rate:g} ×")
+        if name not in self._rate.options:
+            self._rate.options = [*RATES, name]
+        self._rate.value = name
 
     def _show_parameters(self, known: dict[str, Tunable]) -> None:
         """Show the parameters of the active law."""

@@ -1,4 +1,4 @@
-"""Widgets of a recorded run: play, pause, pace, time slider, events, figures of the summary."""
+"""Widgets of a recorded run: play, pause, rate, time slider, events, figures of the summary."""
 
 from __future__ import annotations
 

@@ -59,5 +59,5 @@ class Presence:
             self.gone = self.gone or found != self._met or (self._was_held and not held)
 
     def silent(self, now: float) -> bool:
-        """Return True if no tick came for longer than the pace of the run explains."""
+        """Return True if no tick came for longer than the rate of the run explains."""
         return now - self._news > max(SILENT_S, PAUSES * self._pause) > 0.0

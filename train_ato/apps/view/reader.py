@@ -1,6 +1,6 @@
 """Newest messages of a running graph, read from short queues 20 times a second.
 
-The cost does not depend on the pace of the run: queues hold a few messages, readers are best effort so that no
+The cost does not depend on the rate of the run: queues hold a few messages, readers are best effort so that no
 publisher waits for them, and only the messages of one stamp are decoded.
 """
 

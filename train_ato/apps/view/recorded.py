@@ -1,4 +1,4 @@
-"""Feed from a recorded run, with seek, steps and playback at a selected pace."""
+"""Feed from a recorded run, with seek, steps and playback at a selected rate."""
 
 from __future__ import annotations
 

@@ -22,19 +22,19 @@ def check_compatible(law_name: str, law: Any, name: str, compensation: Any) -> N
     ValueError
         One line with the reason and the remedy.
     """
-    pair = f"controller '{law_name}' with compensation '{name}'"
+    pair = f"law '{law_name}' with compensation '{name}'"
     if getattr(compensation, "feedforward_only", False) and not getattr(law, "uses_feedforward", True):
         setting = _setting(law_name, getattr(law, "feedforward_hint", ""))
         raise ValueError(
             f"{pair}: '{name}' gives only a feed-forward, and this law does not use it; "
-            f"{setting or 'choose controller pid, rbf_switching_smc or smc'}, or choose compensation none, preview or "
+            f"{setting or 'choose law pid, rbf_switching_smc or smc'}, or choose compensation none, preview or "
             "predictor"
         )
     if getattr(compensation, "predicts", False) and getattr(law, "predicts_delay", False):
         setting = _setting(law_name, getattr(law, "delay_hint", ""))
         raise ValueError(
             f"{pair}: '{name}' predicts the state over the delay, and so does this law; "
-            f"{setting or 'choose another controller'}, or choose compensation none or preview"
+            f"{setting or 'choose another law'}, or choose compensation none or preview"
         )
 
 

@@ -21,7 +21,7 @@ Choice = dict[str, Any]
 
 
 def _law(name: str, parameters: Mapping[str, Any], omega: float | None = None, scope: str = "vehicle") -> Choice:
-    choice: Choice = {"controller": name, "controllers": {name: dict(parameters)}, "observer": "none"}
+    choice: Choice = {"law": name, "laws": {name: dict(parameters)}, "observer": "none"}
     if omega is not None:
         choice |= {"observer": "ndo", "observers": {"ndo": {"omega": omega, "scope": scope}}}
     return choice
@@ -96,7 +96,7 @@ def _cases() -> dict[str, Case]:
             cases[f"{key} {train}"] = _lagged(choice, f"+tuned{variants}" if key in TUNED else variants)
     cases["twin_pid noise"] = _lagged(LAGGED_LAWS["twin_pid"][1], "+noise")
     cases["preview_pid nominal"] = _lagged({"compensation": "preview"})
-    cases["raw_pid noise"] = _lagged({"controllers": {"pid": {"kp": 0.09, "filter_time": 0.0}}}, "+noise")
+    cases["raw_pid noise"] = _lagged({"laws": {"pid": {"kp": 0.09, "filter_time": 0.0}}}, "+noise")
     for delay in LIMIT_DELAYS:
         cases[f"smc delay {delay}"] = _ideal(_law("smc", PRINTED), duration=SHORT, links={"command": {"delay": delay}})
     bare: dict[str, Any] = {"compensation": "none", "duration": SHORT}

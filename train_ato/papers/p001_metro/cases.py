@@ -21,7 +21,7 @@ Choice = dict[str, Any]
 
 
 def _law(name: str, compensation: str, parameters: Mapping[str, Any], **more: Any) -> Choice:
-    return {"controller": name, "controllers": {name: dict(parameters)}, "compensation": compensation, **more}
+    return {"law": name, "laws": {name: dict(parameters)}, "compensation": compensation, **more}
 
 
 PID = {"kp": 1.66, "ki": 0.61, "kd": 0.017, "integral": "speed", "feedforward": False}

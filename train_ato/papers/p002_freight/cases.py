@@ -24,40 +24,40 @@ LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "print": (
         "paper's law, gain 2, cascaded observer",
         {
-            "controller": "fixed_time_smc",
+            "law": "fixed_time_smc",
             "compensation": "none",
             "observer": "cascaded",
             "observers": {"cascaded": {"method": "implicit"}},
-            "controllers": _fixed_time(2, unmatched=True, offset_bandwidth=5),
+            "laws": _fixed_time(2, unmatched=True, offset_bandwidth=5),
         },
     ),
     "scaled": (
         "paper's law, gain 0.3, eso",
-        {"controller": "fixed_time_smc", "compensation": "none", "controllers": _fixed_time(0.3, unmatched=False)},
+        {"law": "fixed_time_smc", "compensation": "none", "laws": _fixed_time(0.3, unmatched=False)},
     ),
     "scaled predicted": (
         "paper's law, gain 0.3, eso, predictor",
-        {"controller": "fixed_time_smc", "controllers": _fixed_time(0.3, unmatched=False)},
+        {"law": "fixed_time_smc", "laws": _fixed_time(0.3, unmatched=False)},
     ),
     "pd": (
         "PD per car, ndo",
         {
-            "controller": "pid",
+            "law": "pid",
             "compensation": "none",
             "observer": "ndo",
             "observers": {"ndo": {"omega": 0.7}},
-            "controllers": {"pid": {"kp": 0.5, "ki": 0.06}},
+            "laws": {"pid": {"kp": 0.5, "ki": 0.06}},
         },
     ),
     "unit": ("lag_smc per car (1, 0.25), eso, predictor", {}),
-    "unit slow": ("lag_smc per car (0.6, 0.09), eso, predictor", {"controllers": {"lag_smc": {"c1": 0.6, "c0": 0.09}}}),
+    "unit slow": ("lag_smc per car (0.6, 0.09), eso, predictor", {"laws": {"lag_smc": {"c1": 0.6, "c0": 0.09}}}),
     "common": (
         "lag_smc common, damping 0.2, eso, predictor",
-        {"controllers": {"lag_smc": {"command": "common", "damping": 0.2}}},
+        {"laws": {"lag_smc": {"command": "common", "damping": 0.2}}},
     ),
     "common damped": (
         "lag_smc common, damping 0.5, eso, predictor",
-        {"controllers": {"lag_smc": {"command": "common", "damping": 0.5}}},
+        {"laws": {"lag_smc": {"command": "common", "damping": 0.5}}},
     ),
 }
 """Label and changes by key, in the order of the table."""
@@ -71,13 +71,13 @@ OBSERVER_TICKS: Mapping[str, tuple[float, float, float]] = {
 }
 """Tick, duration and begin of the evaluation [s] by sampling time."""
 
-PD = {"controller": "pid", "observer": "none", "plant": {"disturbances": []}, "duration": 10.0}
+PD = {"law": "pid", "observer": "none", "plant": {"disturbances": []}, "duration": 10.0}
 """PD law, undisturbed: the rate of convergence depends on its gains only."""
 
 
 def _pd(kp: float, ki: float) -> Case:
     gains = {"pid": {"kp": kp, "ki": ki, "integral_limit": 1000}}
-    return Case("freight_consensus", {**PD, "controllers": gains})
+    return Case("freight_consensus", {**PD, "laws": gains})
 
 
 def _cases() -> dict[str, Case | Calculation]:

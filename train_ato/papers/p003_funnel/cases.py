@@ -12,7 +12,7 @@ from train_ato.papers.claims import Case
 
 
 def _funnel(**parameters: Any) -> dict[str, Any]:
-    return {"controller": "funnel", "compensation": "none", "controllers": {"funnel": parameters}}
+    return {"law": "funnel", "compensation": "none", "laws": {"funnel": parameters}}
 
 
 PRINTED = {"variant": "printed", "resistance": "model"}
@@ -34,7 +34,7 @@ LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
             "compensation": "predictor",
             "observer": "eso",
             "observers": {"eso": {"omega": 0.5}},
-            "controllers": {"pid": {"kp": 0.4, "ki": 0.05}},
+            "laws": {"pid": {"kp": 0.4, "ki": 0.05}},
             "control_period": 0.2,
         },
     ),
@@ -91,9 +91,7 @@ def _cases() -> dict[str, Case]:
     cases["corrected position noise"] = Case(
         "crh380a_funnel:short", _funnel() | {"plant": {"sensors": {"position_noise": 0.1}}}
     )
-    cases["pid alone"] = Case(
-        "crh380a_funnel:short", {"compensation": "none", "controllers": {"pid": {"feedforward": False}}}
-    )
+    cases["pid alone"] = Case("crh380a_funnel:short", {"compensation": "none", "laws": {"pid": {"feedforward": False}}})
     cases["lag modelled"] = Case("crh380a_funnel:short+lagging", {**LAWS["predictor"][1], "model": {"lag": 0.4}})
     return cases
 

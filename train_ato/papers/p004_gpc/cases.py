@@ -14,18 +14,22 @@ WEIGHTS = (0.001, 0.01, 1.0, 10.0)
 
 
 def _gpc(**parameters: Any) -> dict[str, Any]:
-    return {"controller": "gpc", "compensation": "none", "controllers": {"gpc": parameters}}
+    return {"law": "gpc", "compensation": "none", "laws": {"gpc": parameters}}
+
+
+def _pid(compensation: str, **components: Any) -> dict[str, Any]:
+    return {"law": "pid", "compensation": compensation, **components}
 
 
 LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "gpc": ("gpc, Ts 1.2, on the mean speed", _gpc()),
     "gpc fixed": ("the same without identification", _gpc(identify="none")),
     "gpc absolute": ("the same, identified on the speed as printed", _gpc(identify="absolute")),
-    "pid": ("PID", {"compensation": "none", "controllers": {"pid": {"feedforward": False}}}),
-    "pid preview": ("PID + preview", {}),
+    "pid": ("PID", _pid("none", laws={"pid": {"feedforward": False}})),
+    "pid preview": ("PID + preview", _pid("preview")),
     "predictor": (
         "PID + predictor + eso",
-        {"compensation": "predictor", "observer": "eso", "observers": {"eso": {"omega": 0.5}}},
+        _pid("predictor", observer="eso", observers={"eso": {"omega": 0.5}}),
     ),
 }
 """Label and changes by key, in the order of the table."""
@@ -61,7 +65,7 @@ def _cases() -> dict[str, Case]:
     cases["per unit, free"] = Case(f"{short}+free", _gpc(structure="unit"))
     cases["gpc held"] = Case(short, _gpc(beyond_horizon="hold"))
     cases["gpc on position"] = Case(short, _gpc(position_gain=0.02))
-    cases["pid preview planned"] = Case("crh380a_gpc:short+planned_ahead")
+    cases["pid preview planned"] = Case("crh380a_gpc:short+planned_ahead", _pid("preview"))
     return cases
 
 

@@ -93,10 +93,10 @@ def make_node(
     setup: RunSetup,
     endpoints: NodeEndpoints,
     folder: Path | None,
-    realtime: float | None,
+    lockstep: bool,
     timeout: float,
     recorded: bool = True,
-    pace: float = 0.0,
+    rate: float = 0.0,
     compression: str = DEFAULT,
 ) -> Any:
     """Return the node of a role.
@@ -112,10 +112,10 @@ def make_node(
         return PlantNode(
             PlantStage(setup),
             endpoints,
-            realtime=realtime,
+            lockstep=lockstep,
             timeout=timeout,
             recorded=recorded,
-            pace=pace,
+            rate=rate,
             scenario=str(resolved.resolve()) if resolved.is_file() else "",
         )
     if role is Role.SUPERVISOR:

@@ -16,12 +16,15 @@ from train_ato.messages.topics import Role
 from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.assembly import TURN_S, executor_of, make_node
 from train_ato.ros.graph.graph_result import ANSWERING, STOPPING_S, GraphOptions, GraphResult, Report
+from train_ato.ros.graph.wait_note import WaitNote
 from train_ato.ros.nodes.answer_watch import silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of
 from train_ato.ros.nodes.plant import PlantNode
 
 RECORD_EVERY = 50
 """Ticks after which the recorder empties its queues of 1000 messages."""
+START_LIMIT_S = 30.0
+"""Maximum wall time of the discovery of the nodes [s]."""
 _SHORT_S = 0.005
 
 
@@ -53,9 +56,9 @@ def run_composed(
                 setup,
                 all_endpoints[role],
                 folder,
-                options.realtime,
+                options.lockstep,
                 options.patience,
-                pace=options.pace,
+                rate=options.rate,
                 compression=options.compression,
             )
             for role in all_endpoints
@@ -126,7 +129,8 @@ class _Composed:
         self._all_endpoints[Role.RECORDER].guard(self._nodes[Role.RECORDER].poll)
 
     def _wait_for_nodes(self) -> bool:
-        last = time.monotonic() + self._options.discovery_limit
+        limit = START_LIMIT_S if self._options.start_limit is None else self._options.start_limit
+        last, note = time.monotonic() + limit, WaitNote()
         while not self._interrupt.asked:
             absent = [
                 (role.value, endpoints.missing())
@@ -135,9 +139,10 @@ class _Composed:
             ]
             if not absent:
                 return True
+            name, lacks = absent[0]
+            note(f"node {name}, which lacks {lacks[0]}")
             if time.monotonic() > last:
-                name, lacks = absent[0]
-                self._watch.fail(name, f"it waited {self._options.discovery_limit:g} s for {lacks[0]}")
+                self._watch.fail(name, f"it waited {limit:g} s for {lacks[0]}")
                 return False
             self._executor.spin_once(timeout_sec=0.01)
         return False
@@ -178,7 +183,7 @@ class _Composed:
         due = [(self._all_endpoints[role], plant.sent_stamp) for role in ANSWERING]
         if Role.SUPERVISOR in self._all_endpoints:
             due.append((self._all_endpoints[Role.SUPERVISOR], plant.supervised_stamp))
-        # A paced run ends before the answers to its last measurement; they still count.
+        # A run without lockstep ends before the answers to its last measurement; they still count.
         self._turn_until(lambda: all(endpoints.last_stamp >= stamp for endpoints, stamp in due), STOPPING_S)
         for endpoints in self._all_endpoints.values():
             for name, count in endpoints.published.items():

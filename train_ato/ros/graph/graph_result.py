@@ -13,7 +13,7 @@ ANSWERING = (Role.PROFILE, Role.OBSERVER, Role.CONTROLLER)
 STOPPING_S = 10.0
 """Maximum wall time for answers in flight at the end of a run [s]."""
 LOCKSTEP_TIMEOUT_S = 10.0
-PACED_TIMEOUT_S = 1.0
+FREE_TIMEOUT_S = 1.0
 
 IGNORED = "messages ignored: they came twice, or for a step that was over or not due"
 
@@ -27,14 +27,14 @@ class GraphOptions:
 
     Attributes
     ----------
-    realtime : float or None
-        Simulated seconds per second of wall time; None is lockstep.
-    pace : float
-        Maximum simulated seconds per second of wall time in lockstep; 0 is unlimited.
+    lockstep : bool
+        Every tick waits for its command.
+    rate : float
+        Maximum simulated seconds per second of wall time; 0 is unlimited in lockstep, 1 without it.
     timeout : float or None
-        Wall time without an answer of a node after which the run fails [s]; None: 10 in lockstep, 1 with ``realtime``.
-    discovery_limit : float
-        Maximum wall time of the discovery of the nodes [s].
+        Wall time without an answer of a node after which the run fails [s]; None: 10 in lockstep, 1 without it.
+    start_limit : float or None
+        Maximum wall time of the start of the nodes [s]; None: 30 in one process, 180 with a process for each.
     draining : float
         Maximum wall time for the recorder to receive the messages in flight at the end [s].
     compression : str
@@ -43,10 +43,10 @@ class GraphOptions:
         With one process per node: maximum number of restarts of each node; 0 restarts none.
     """
 
-    realtime: float | None = None
-    pace: float = 0.0
+    lockstep: bool = True
+    rate: float = 0.0
     timeout: float | None = None
-    discovery_limit: float = 30.0
+    start_limit: float | None = None
     draining: float = 30.0
     compression: str = DEFAULT
     restarts: int = 0
@@ -56,7 +56,7 @@ class GraphOptions:
         """Effective time-out [s]."""
         if self.timeout is not None:
             return self.timeout
-        return LOCKSTEP_TIMEOUT_S if self.realtime is None else PACED_TIMEOUT_S
+        return LOCKSTEP_TIMEOUT_S if self.lockstep else FREE_TIMEOUT_S
 
 
 @dataclass

@@ -17,12 +17,13 @@ from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.graph_result import GraphOptions, GraphResult, Report
 from train_ato.ros.graph.node_process import LEAVING_S, NodeProcess
 from train_ato.ros.graph.restarts import Restarts
+from train_ato.ros.graph.wait_note import WaitNote
 from train_ato.ros.nodes.answer_watch import SUSPENDED_S
 from train_ato.ros.standalone.notices import LAST_COUNT, Notice, NoticeKind
 
 ROLES = (Role.RECORDER, Role.CONTROLLER, Role.OBSERVER, Role.PROFILE, Role.SUPERVISOR, Role.PLANT)
 """Start order of the processes."""
-_STARTING_S = 180.0
+START_LIMIT_S = 180.0
 """Maximum wall time from the start of the processes to the first tick [s]."""
 _REPORTING_S = 20.0
 """Wall time added to the time-out after which a plant without reports hangs [s]; at the end 10 s pass without one."""
@@ -72,7 +73,8 @@ def run_processes(
                     continue
                 nodes[role] = start(role)
             silence = _REPORTING_S + options.patience
-            end = GraphResult(failure=_supervise(nodes, interrupt, report, silence, twins, restarts))
+            start_limit = START_LIMIT_S if options.start_limit is None else options.start_limit
+            end = GraphResult(failure=_supervise(nodes, interrupt, report, silence, start_limit, twins, restarts))
         finally:
             twins.end()
             _end_all(nodes, failed=True)
@@ -122,9 +124,14 @@ def _arguments(role: Role, scenario: Path, folder: Path, options: GraphOptions) 
     if role is Role.RECORDER:
         arguments += ["--out", str(folder.resolve()), "--compression", options.compression]
     if role is Role.PLANT:
-        arguments += ["--recorded", "--timeout", repr(options.patience), "--pace", repr(options.pace)]
-        if options.realtime is not None:
-            arguments += ["--realtime", repr(options.realtime)]
+        arguments += [
+            "--recorded",
+            "--timeout",
+            repr(options.patience),
+            "--rate",
+            repr(options.rate or "max").strip("'"),
+        ]
+        arguments += [] if options.lockstep else ["--no-lockstep"]
     return arguments
 
 
@@ -133,15 +140,16 @@ def _supervise(
     interrupt: Interrupt,
     report: Report | None,
     silence: float,
+    start_limit: float,
     twins: _Twins,
     restarts: Restarts,
 ) -> str | None:
     """Wait until all nodes have ended after the plant; return the first failure.
 
-    A plant without a report for ``silence`` [s] fails the run.
+    A plant without a first tick for ``start_limit`` [s], or later without a report for ``silence`` [s], fails the run.
     """
     plant = nodes[Role.PLANT]
-    last = time.monotonic() + _STARTING_S
+    last, note = time.monotonic() + start_limit, WaitNote()
     stopped = False
     while plant.process.poll() is None:
         before = time.monotonic()
@@ -163,12 +171,14 @@ def _supervise(
             twins.start(plant.tick)
             if report is not None:
                 report(plant.tick)
+        elif not stopped:
+            note(f"the first tick of the plant: {plant.last_error or 'its process is loading'}")
         if time.monotonic() > last:
             if stopped:
                 return f"node plant failed: it did not end within {_CLOSING_S:g} s"
             if plant.counts:
                 return f"node plant failed: no report for {silence:g} s after tick {plant.tick}; its process hangs"
-            return f"node plant failed: no first tick within {_STARTING_S:g} s: {plant.last_error or 'no reason given'}"
+            return f"node plant failed: no first tick within {start_limit:g} s: {plant.last_error or 'no reason given'}"
     restarts.end()
     _end_all(nodes, failed=bool(failure := _failure(nodes)))
     return failure or _failure(nodes)

@@ -23,12 +23,13 @@ def run_graph(
     *,
     mode: str,
     progress: Callable[[Progress], None] | None = None,
-    realtime: float | None = None,
-    pace: float = 0.0,
+    lockstep: bool = True,
+    rate: float = 0.0,
     domain: int | None = None,
     timeout: float | None = None,
     compression: str = DEFAULT,
     restarts: int = 0,
+    start_limit: float | None = None,
 ) -> RunResult:
     """Run ROS nodes to the end of a scenario, recorded into an existing empty folder.
 
@@ -38,25 +39,34 @@ def run_graph(
         ``composed``: all nodes in this process; ``processes``: one process for each.
     progress
         Called about ten times a second of wall time.
-    realtime
-        Simulated seconds per second of wall time; None is lockstep.
-    pace
-        Maximum simulated seconds per second of wall time in lockstep; 0 is unlimited.
+    lockstep
+        Every tick waits for its command.
+    rate
+        Maximum simulated seconds per second of wall time; 0 is unlimited in lockstep, 1 without it.
     domain
         ROS domain; None takes a free one.
     timeout
-        Wall time without an answer of a node after which the run fails [s]; None: 10 in lockstep, 1 with ``realtime``.
+        Wall time without an answer of a node after which the run fails [s]; None: 10 in lockstep, 1 without it.
     compression
         Of the log: ``none``, ``fast`` or ``small``.
     restarts
         In ``processes``: maximum number of restarts of each node whose process has ended; 0 restarts none.
+    start_limit
+        Maximum wall time of the start of the nodes [s]; None: 30 in ``composed``, 180 in ``processes``.
 
     Raises
     ------
     ValueError
         If another run holds the domain, or a node cannot be created; an empty folder is removed.
     """
-    options = GraphOptions(realtime=realtime, pace=pace, timeout=timeout, compression=compression, restarts=restarts)
+    options = GraphOptions(
+        lockstep=lockstep,
+        rate=rate,
+        timeout=timeout,
+        start_limit=start_limit,
+        compression=compression,
+        restarts=restarts,
+    )
     begin = time.perf_counter()
 
     def report(ticks: int) -> None:

@@ -11,7 +11,7 @@ CHECK_S = 0.1
 SUSPENDED_S = 0.25
 """Wall time between two of these checks above which the process was suspended [s].
 
-With the age of the last answer before it (0.4 s for the supervisor) it is shorter than the time-out of a paced run.
+With the age of the last answer before it (0.4 s for the supervisor) it is shorter than the time-out without lockstep.
 """
 LEASE_S = 3.0
 """Suspension after which nodes of other processes drop this one [s]: ``leaseDuration`` of fastdds.xml."""

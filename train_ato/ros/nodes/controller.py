@@ -22,7 +22,10 @@ from train_ato.messages.topics import Role
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import Declared, block_parameters, declare
 from train_ato.scenario.ato_requests import REQUESTS, Request
-from train_ato.scenario.changes import Changes
+from train_ato.scenario.changes import LAW, Changes
+
+PARAMETER = "law"
+"""ROS parameter that selects the law."""
 
 
 class ControllerNode:
@@ -69,19 +72,21 @@ class ControllerNode:
         self.stage.follow_outage(f"node {role.value} restarted: {reason}")
 
     def _declare(self) -> None:
-        """Declare ``controller`` and the parameters of every law, and apply the start parameters."""
+        """Declare ``law`` and the parameters of every law, and apply the start parameters."""
         stage, node = self.stage, self.endpoints.node
         given = stage.setup.controller_parameters
-        chosen = Parameter("controller", stage.controller, "", 0.0, 0.0, "control law in charge", self._laws)
-        parameters = [Declared("controller", stage.controller, chosen)]
+        chosen = Parameter(
+            PARAMETER, stage.controller, "", 0.0, 0.0, "law in charge", self._laws, formerly="controller"
+        )
+        parameters = [Declared(PARAMETER, stage.controller, chosen)]
         for law in self._laws:
             parameters += block_parameters(law, LAWS.parameters(law), given.get(law, {}))
         before = {parameter.name: parameter.value for parameter in parameters}
         values = declare(node, parameters)
         changed = {name: value for name, value in values.items() if value != before[name]}
-        for name in sorted(changed, key=lambda name: name == "controller"):
-            stage.validate(name, changed[name])
-            stage.begin_with(name, changed[name])
+        for name in sorted(changed, key=lambda name: name == PARAMETER):
+            stage.validate(_stage_name(name), changed[name])
+            stage.begin_with(_stage_name(name), changed[name])
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
@@ -90,7 +95,7 @@ class ControllerNode:
         for parameter in parameters:
             if self._ours(parameter.name):
                 try:
-                    self.stage.validate(parameter.name, parameter.value)
+                    self.stage.validate(_stage_name(parameter.name), parameter.value)
                 except ValueError as error:
                     return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
         return SetParametersResult(successful=True)
@@ -98,12 +103,12 @@ class ControllerNode:
     def _apply(self, parameters: list[Any]) -> None:
         if self._following:
             return
-        for parameter in sorted(parameters, key=lambda parameter: parameter.name == "controller"):
+        for parameter in sorted(parameters, key=lambda parameter: parameter.name == PARAMETER):
             if self._ours(parameter.name):
-                self.stage.apply(parameter.name, parameter.value)
+                self.stage.apply(_stage_name(parameter.name), parameter.value)
 
     def _ours(self, name: str) -> bool:
-        return name == "controller" or name.rpartition(".")[0] in self._laws
+        return name == PARAMETER or name.rpartition(".")[0] in self._laws
 
     def _step(self, kind: str, message: Any) -> None:
         for inputs in self._inputs.put(kind, message):
@@ -131,7 +136,8 @@ class ControllerNode:
         """Set the ROS parameters to the values of planned changes."""
         node = self.endpoints.node
         behind = []
-        for name, value in changed.items():
+        for changed_name, value in changed.items():
+            name = PARAMETER if changed_name == LAW else changed_name
             shown = node.get_parameter(name).value
             if shown != value:
                 behind.append(RosParameter(name, value=float(value) if isinstance(shown, float) else value))
@@ -140,3 +146,8 @@ class ControllerNode:
             node.set_parameters(behind)
         finally:
             self._following = False
+
+
+def _stage_name(parameter: str) -> str:
+    """Return the name of a ROS parameter in the stage and its diagnostics."""
+    return LAW if parameter == PARAMETER else parameter

@@ -6,7 +6,7 @@ from collections import Counter
 
 from train_ato.messages.topics import Role
 
-OUTAGE_PACE = 1.0
+OUTAGE_RATE = 1.0
 """Maximum simulated seconds per wall second during an outage: the train goes on while a process starts."""
 
 

@@ -64,7 +64,8 @@ def _rename_former(node: Node, parameters: list[Declared]) -> None:
     """Move start parameters with a former name to the current name."""
     given = node._parameter_overrides
     for parameter in parameters:
-        former = f"{parameter.name.rpartition('.')[0]}.{parameter.entry.formerly}"
+        block, dot, _ = parameter.name.rpartition(".")
+        former = f"{block}{dot}{parameter.entry.formerly}"
         if parameter.entry.formerly and former in given:
             warn_former_name(former, parameter.name)
             given[parameter.name] = given.pop(former)

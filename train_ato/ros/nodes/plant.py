@@ -1,7 +1,7 @@
 """Node ``plant``: the simulated train, the only source of simulation time.
 
-In lockstep it sends the measurement of t_k, waits for the command stamped t_k and integrates to t_k+1; a pace delays
-the ticks and changes no number.  In ``realtime`` it does not wait: the newest command is held and late commands are
+In lockstep it sends the measurement of t_k, waits for the command stamped t_k and integrates to t_k+1; a rate delays
+the ticks and changes no number.  Without lockstep it does not wait: the newest command is held and late commands are
 counted.
 """
 
@@ -11,21 +11,21 @@ from dataclasses import replace
 
 from rclpy.clock import Clock, ClockType
 
-from train_ato.loop.pace import SteadyPace
 from train_ato.loop.plant import PlantStage
+from train_ato.loop.rate_limit import SteadyRateLimit
 from train_ato.loop.stage_messages import Published
 from train_ato.messages.topics import BY_NAME, END_TOPIC, Role
 from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Tick
 from train_ato.ros.nodes.answer_watch import AnswerWatch
 from train_ato.ros.nodes.endpoints import NodeEndpoints
-from train_ato.ros.nodes.outage import OUTAGE_PACE, Outage
-from train_ato.ros.nodes.plant_requests import PlantRequests
+from train_ato.ros.nodes.outage import OUTAGE_RATE, Outage
+from train_ato.ros.nodes.plant_requests import NO_RATE, PlantRequests
 
 LEAD = 400
 """Maximum lead of the plant over the recorder [ticks]: less than half of the recorder's queues."""
 SHORTEST_WAIT_S = 0.0005
 """Minimum wait before a tick [s]; shorter waits are omitted."""
-STOPPING_PACE = 10.0
+STOPPING_RATE = 10.0
 """Simulated seconds per wall second after the loss of a node in lockstep, until standstill."""
 ANSWERS = {"controller": ("command", "pipe"), "supervisor": ("release",)}
 """Answers to the plant by node."""
@@ -40,14 +40,14 @@ class PlantNode:
     ----------
     stage, endpoints
         Stage of the loop and endpoints of the node.
-    realtime
-        Simulated seconds per second of wall time; None runs in lockstep.
+    lockstep
+        True: every tick waits for its command.
     timeout
         Wall time after which a missing answer is a failure [s]; a ROS parameter of the node.
     recorded
         True: limit the lead over the recorder to :data:`LEAD`.
-    pace
-        Maximum simulated seconds per second of wall time in lockstep; 0 is unlimited.
+    rate
+        Maximum simulated seconds per second of wall time; 0 is unlimited in lockstep, 1 without it.
     scenario
         File of the resolved scenario, for tools; "" without one.
 
@@ -72,10 +72,10 @@ class PlantNode:
         stage: PlantStage,
         endpoints: NodeEndpoints,
         *,
-        realtime: float | None = None,
+        lockstep: bool = True,
         timeout: float = 10.0,
         recorded: bool = True,
-        pace: float = 0.0,
+        rate: float = 0.0,
         scenario: str = "",
     ) -> None:
         self.stage = stage
@@ -96,12 +96,12 @@ class PlantNode:
         self._lost: tuple[str, str] | None = None
         self._standing = 0
         self.outage = Outage(2 * stage.setup.supervision_ticks)
-        self._lockstep_pace: float | None = None
+        self._lockstep_rate: float | None = None
         self._return_tick = 0
-        self._requests = PlantRequests(self, endpoints, realtime or 0.0, timeout, pace, scenario)
+        self._requests = PlantRequests(self, endpoints, lockstep, timeout, rate, scenario)
         given = self._requests.given
-        self._period = stage.setup.tick_ns / given["realtime"] if given["realtime"] > 0 else None
-        self._pace = SteadyPace(stage.setup.tick, 0.0 if self._period is not None else given["pace"])
+        self._period = None if given["lockstep"] else stage.setup.tick_ns / given["rate"]
+        self._rate = SteadyRateLimit(stage.setup.tick, 0.0 if self._period is not None else given["rate"])
         self.paused = given["paused"]
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = endpoints.node.create_timer(1.0, self._awake, clock=steady, autostart=False)
@@ -117,7 +117,7 @@ class PlantNode:
 
     @property
     def answered(self) -> bool:
-        """True if the command for the last measurement has arrived; a paced run ends before it."""
+        """True if the command for the last measurement has arrived; a run without lockstep ends before it."""
         return self._answered["command"] >= self.sent_stamp
 
     @property
@@ -180,9 +180,9 @@ class PlantNode:
             self._recorded = self.blocked = False  # the recorder acknowledges complete ticks only
             self.stage.report_outage(f"node {role.value}: {reason}")
             self.stage.protection.lose(self.stage.lost)
-            if self._period is None or self._lockstep_pace is not None:
-                self._period = self.stage.setup.tick_ns / STOPPING_PACE
-                self._pace.change(0.0)
+            if self._period is None or self._lockstep_rate is not None:
+                self._period = self.stage.setup.tick_ns / STOPPING_RATE
+                self._rate.change(0.0)
             self._wake_every(self._period)
             self._resume_loop()
 
@@ -197,9 +197,9 @@ class PlantNode:
         self.blocked = False
         self.stage.report_outage(self.outage.text)
         if self._period is None:
-            self._lockstep_pace = self._pace.factor
-            self._period = self.stage.setup.tick_ns / min(self._pace.factor or OUTAGE_PACE, OUTAGE_PACE)
-            self._pace.change(0.0)
+            self._lockstep_rate = self._rate.factor
+            self._period = self.stage.setup.tick_ns / min(self._rate.factor or OUTAGE_RATE, OUTAGE_RATE)
+            self._rate.change(0.0)
         self._wake_every(self._period)
         self._resume_loop()
 
@@ -213,9 +213,9 @@ class PlantNode:
             returned = {role.value: count for role, count in self.outage.returned.items()}
             self.stage.report_outage("", returned)
             self._return_tick = self.stage.tick
-            if self._lockstep_pace is not None:
-                self._pace.change(self._lockstep_pace)
-                self._period = self._lockstep_pace = self._pipe = None
+            if self._lockstep_rate is not None:
+                self._rate.change(self._lockstep_rate)
+                self._period = self._lockstep_rate = self._pipe = None
                 self._timer.cancel()
 
     def _all_answered(self, stamp: int) -> bool:
@@ -252,7 +252,7 @@ class PlantNode:
                 self._act_if_complete()
 
     def _due(self, kind: str, stamp: int) -> bool:
-        """Return True for a due answer: to the current tick, in realtime also to an earlier one; count others.
+        """Return True for a due answer: to the current tick, without lockstep also to an earlier one; count others.
 
         The answers of a lost node are not used any more.
         """
@@ -286,7 +286,7 @@ class PlantNode:
             pass
         elif self._recorded and self._lead > LEAD:
             self.blocked = True
-        elif self._pace.factor and not self._single and (wait := self._pace.wait(self.stage.tick)) > SHORTEST_WAIT_S:
+        elif self._rate.factor and not self._single and (wait := self._rate.wait(self.stage.tick)) > SHORTEST_WAIT_S:
             self._wake_every(wait * 1e9)
         else:
             self._single = False
@@ -328,14 +328,14 @@ class PlantNode:
         self._timer.reset()
 
     def _awake(self) -> None:
-        """Begin a delayed tick; in realtime run a tick with the newest command, which may be late."""
+        """Begin a delayed tick; without lockstep run a tick with the newest command, which may be late."""
         if self._period is None:
             self._timer.cancel()
             self._resume_loop()
         elif self._waiting and not self.finished and self.endpoints.watch.failure is None:
-            self.endpoints.guard(self._paced_tick)
+            self.endpoints.guard(self._free_tick)
 
-    def _paced_tick(self) -> None:
+    def _free_tick(self) -> None:
         command, stamp = self._command, self.stage.stamp
         release, self._release = self._release, None
         self._waiting = False
@@ -372,27 +372,27 @@ class PlantNode:
         """Pause after the current tick, or resume."""
         was, self.paused = self.paused, paused
         if was and not paused:
-            self._pace.restart()
+            self._rate.restart()
             self._resume_loop()
 
-    def set_pace(self, factor: float) -> None:
-        """Change the pace during the run.
+    def set_rate(self, factor: float) -> None:
+        """Change the rate during the run.
 
         Raises
         ------
         ValueError
-            If the pace is 0 in a run with ``realtime``.
+            If the rate is 0 in a run without lockstep.
         """
-        if self._lockstep_pace is not None:
-            self._lockstep_pace = factor
+        if self._lockstep_rate is not None:
+            self._lockstep_rate = factor
             return
         if self._period is not None:
             if factor <= 0:
-                raise ValueError("pace 0: a run with realtime needs a pace; give a number above 0")
+                raise ValueError(NO_RATE)
             self._period = self.stage.setup.tick_ns / factor
             self._wake_every(self._period)
             return
-        self._pace.change(factor)
+        self._rate.change(factor)
         self._timer.cancel()
         self._resume_loop()
 

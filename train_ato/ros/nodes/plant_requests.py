@@ -1,6 +1,6 @@
 """Parameters and services of the node ``plant`` during a run.
 
-Parameters ``pace`` and ``paused`` control the progress of the run.  Services ``~/gust``, ``~/delay_jump``,
+Parameters ``rate`` and ``paused`` control the progress of the run.  Services ``~/gust``, ``~/delay_jump``,
 ``~/emergency_brake`` and those of faults (``~/message_loss`` ...) act from the next tick on and are reported in
 ``/diagnostics``; their strengths are parameters (``gust.acceleration`` ...), because the services of ``std_srvs`` have
 no fields for numbers.
@@ -16,6 +16,7 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool, Trigger
 
 from train_ato.control.contract import Parameter
+from train_ato.control.parameters import warn_former_name
 from train_ato.loop.plant import PlantStage
 from train_ato.messages.faults import MAX_FAULT_TIME
 from train_ato.messages.links import MAX_DELAY
@@ -54,8 +55,11 @@ PLANT_TOPICS: tuple[str, ...] = get_args(PlantTopic)
 FROZEN_TOPICS = (*PLANT_TOPICS, "train/measurement")
 FASTEST = 1e6
 TIMEOUT = Parameter("timeout", 10.0, "s", 0.001, 86_400.0, "wall time after which a missing answer ends the run")
-REALTIME = Parameter("realtime", 0.0, "", 0.0, FASTEST, "simulated seconds per wall second; 0 is lockstep")
-PACE = Parameter("pace", 0.0, "", 0.0, FASTEST, "maximum simulated seconds per wall second in lockstep; 0: unlimited")
+LOCKSTEP = Parameter("lockstep", True, "", 0.0, 1.0, "true: every tick waits for its command")
+RATE = Parameter(
+    "rate", 0.0, "", 0.0, FASTEST, "maximum simulated seconds per wall second; 0: unlimited", formerly="pace"
+)
+NO_RATE = "rate 0: a run without lockstep needs a rate; give a number above 0"
 PAUSED = Parameter("paused", False, "", 0.0, 1.0, "paused: only single steps")
 SCENARIO = Parameter("scenario", "", "", 0.0, 0.0, "file of the resolved scenario of this run")
 STRENGTHS: tuple[Parameter, ...] = (
@@ -89,8 +93,8 @@ class Plant(Protocol):
     def stamp(self) -> int:
         """Simulation time of the current tick [ns]."""
 
-    def set_pace(self, pace: float) -> None:
-        """Set the pace [simulated s per s]; 0 is unlimited."""
+    def set_rate(self, rate: float) -> None:
+        """Set the rate [simulated s per s]; 0 is unlimited."""
 
     def set_paused(self, paused: bool) -> None:
         """Pause or resume."""
@@ -117,23 +121,27 @@ class PlantRequests:
     """
 
     def __init__(
-        self, plant: Plant, endpoints: NodeEndpoints, realtime: float, timeout: float, pace: float, scenario: str
+        self, plant: Plant, endpoints: NodeEndpoints, lockstep: bool, timeout: float, rate: float, scenario: str
     ) -> None:
         self._plant = plant
         self._endpoints = endpoints
         self._node = endpoints.node
         self._following = False
+        _replace_former_realtime(self._node)
         self.given = declare(
             self._node,
             [
                 Declared("timeout", timeout, TIMEOUT),
-                Declared("realtime", realtime, REALTIME, read_only=True),
-                Declared("pace", realtime or pace, PACE),
+                Declared("lockstep", lockstep, LOCKSTEP, read_only=True),
+                Declared("rate", rate, RATE),
                 Declared("paused", False, PAUSED),
                 Declared("scenario", scenario, SCENARIO, read_only=True),
                 *(Declared(entry.name, entry.default, entry) for entry in STRENGTHS),
             ],
         )
+        if not self.given["lockstep"] and not self.given["rate"]:
+            self.given["rate"] = 1.0
+            self._node.set_parameters([RosParameter("rate", value=1.0)])
         self._node.add_on_set_parameters_callback(self._check)
         self._node.add_post_set_parameters_callback(self._apply)
         self._services()
@@ -161,9 +169,8 @@ class PlantRequests:
     def _check(self, parameters: list[Any]) -> Any:
         """Return acceptance of a change, or refusal with the reason; no side effects."""
         for parameter in parameters:
-            if parameter.name == "pace" and parameter.value <= 0 and self.given["realtime"] > 0:
-                reason = "pace 0: a run with realtime needs a pace; give a number above 0"
-                return SetParametersResult(successful=False, reason=reason)
+            if parameter.name == "rate" and parameter.value <= 0 and not self.given["lockstep"]:
+                return SetParametersResult(successful=False, reason=NO_RATE)
             choices = CHOICES.get(parameter.name)
             if choices is not None and parameter.value not in choices:
                 reason = f"{parameter.value!r} is none of {', '.join(choices)}"
@@ -174,8 +181,8 @@ class PlantRequests:
         if self._following:
             return
         for parameter in parameters:
-            if parameter.name == "pace":
-                self._plant.set_pace(parameter.value)
+            if parameter.name == "rate":
+                self._plant.set_rate(parameter.value)
             elif parameter.name == "paused":
                 self._plant.set_paused(parameter.value)
 
@@ -230,3 +237,14 @@ def _answering(action: Callable[[Any], str]) -> Callable[[Any, Any], Any]:
         return response
 
     return answer
+
+
+def _replace_former_realtime(node: Any) -> None:
+    """Replace the former start parameter ``realtime`` by ``rate`` and ``lockstep``."""
+    given = node._parameter_overrides
+    former = given.pop("realtime", None)
+    if former is not None:
+        warn_former_name("realtime", "rate with lockstep: false")
+        if former.value:
+            given["rate"] = RosParameter("rate", value=float(former.value))
+            given["lockstep"] = RosParameter("lockstep", value=False)

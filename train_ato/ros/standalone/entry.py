@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import signal
 import sys
@@ -12,15 +13,16 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING
 
-from train_ato.arguments import BAD_INPUT, OneLineParser, prepare_streams
+from train_ato.arguments import BAD_INPUT, OneLineParser, add_no_lockstep, add_rate, prepare_streams
 from train_ato.interrupt import Interrupt
 from train_ato.log.compression import DEFAULT, add_compression
 from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import Role
 from train_ato.ros import require_ros
 from train_ato.ros.graph.environment import middleware, opened_by
-from train_ato.ros.graph.graph_result import LOCKSTEP_TIMEOUT_S, PACED_TIMEOUT_S
+from train_ato.ros.graph.graph_result import FREE_TIMEOUT_S, LOCKSTEP_TIMEOUT_S
 from train_ato.ros.standalone.notices import Notices, begin_stamp, read_notices
+from train_ato.scenario.former_names import present_options
 
 if TYPE_CHECKING:
     from train_ato.loop.result import RunResult
@@ -39,8 +41,8 @@ def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
     # for `run --processes --restart`: join the run in progress after the notice `begin`
     parser.add_argument("--restarted", action="store_true", help=argparse.SUPPRESS)
     if role is Role.PLANT:
-        parser.add_argument("--realtime", type=float, metavar="F", help="pace on the wall clock instead of lockstep")
-        parser.add_argument("--pace", type=float, default=0.0, metavar="F", help="limit lockstep to F times real time")
+        add_rate(parser)
+        add_no_lockstep(parser)
         parser.add_argument(
             "--timeout", type=float, metavar="S", help="wall time without an answer after which the run fails"
         )
@@ -52,7 +54,7 @@ def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
     if "--ros-args" in own:
         at = own.index("--ros-args")
         own, ros = own[:at], own[at:]
-    options = parser.parse_args(own)
+    options = parser.parse_args(present_options(parser, own))
     options.ros = ros
     return options
 
@@ -124,10 +126,10 @@ def _run(
     from train_ato.scenario.scenario import load_scenario
 
     setup = prepare(*load_scenario(options.scenario, tuple(options.set)))
-    realtime = getattr(options, "realtime", None)
+    lockstep = getattr(options, "lockstep", True)
     timeout = getattr(options, "timeout", None)
     if timeout is None:
-        timeout = LOCKSTEP_TIMEOUT_S if realtime is None else PACED_TIMEOUT_S
+        timeout = LOCKSTEP_TIMEOUT_S if lockstep else FREE_TIMEOUT_S
     folder: Path | None = getattr(options, "out", None)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -140,9 +142,10 @@ def _run(
         endpoints = NodeEndpoints(role, Wire(setup.layout), context, watch, ROLES[:-1], options.ros or None)
         if role is not Role.RECORDER:
             executor.add_node(endpoints.node)
-        pace = getattr(options, "pace", 0.0)
+        limit = getattr(options, "rate", math.inf)
+        rate = 0.0 if math.isinf(limit) else limit
         compression = getattr(options, "compression", DEFAULT)
-        node = make_node(role, setup, endpoints, folder, realtime, timeout, False, pace, compression)
+        node = make_node(role, setup, endpoints, folder, lockstep, timeout, False, rate, compression)
         _plan_end(role, setup, endpoints, joined)
         recorded = getattr(options, "recorded", False)
         turner = StandaloneRunner(

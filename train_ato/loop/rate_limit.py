@@ -1,4 +1,4 @@
-"""Pace of the simulation on the wall clock."""
+"""Limit of the rate of the simulation: simulated seconds per second of wall time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import time
 _MAX_LAG_S = 0.2
 
 
-class Pace:
+class RateLimit:
     """Delays ticks so that simulation time is not ahead of the wall clock.
 
     Parameters
@@ -37,7 +37,7 @@ class Pace:
             time.sleep(remaining)
 
 
-class SteadyPace:
+class SteadyRateLimit:
     """Calculates the wait before a tick for a loop that must not sleep; the factor may change during a run.
 
     A delay above 0.2 s is not caught up.

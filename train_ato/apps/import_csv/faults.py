@@ -1,0 +1,63 @@
+"""Faults of a recorder's file, collected so that one command names them all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from train_ato.arguments import InputFaults
+
+_Result = TypeVar("_Result")
+MOST = 20
+"""Maximum number of faults in a message."""
+
+
+class FileFaults:
+    """Faults of one file, in the order of their discovery.
+
+    Parameters
+    ----------
+    path
+        File.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._texts: list[str] = []
+        self._kinds: dict[tuple[str, str], int] = {}
+        self._more: dict[int, int] = {}
+
+    def add(self, text: str) -> None:
+        """Add a fault: place and problem, without the file."""
+        if text not in self._texts:
+            self._texts.append(text)
+
+    def add_of_kind(self, place: str, kind: str, text: str) -> None:
+        """Add a fault of a column or the rows; further ones of its kind there are only counted."""
+        at = self._kinds.get((place, kind))
+        if at is None:
+            self._kinds[place, kind] = len(self._texts)
+            self._texts.append(text)
+        else:
+            self._more[at] = self._more.get(at, 0) + 1
+
+    def attempt(self, check: Callable[[], _Result]) -> _Result | None:
+        """Return the result of a check; None if it raises ValueError, whose text is added."""
+        try:
+            return check()
+        except ValueError as error:
+            self.add(str(error).removeprefix(f"{self.path}: "))
+            return None
+
+    def refuse(self) -> None:
+        """Raise InputFaults if the file has faults."""
+        if not self._texts:
+            return
+        lines = []
+        for number, text in enumerate(self._texts[:MOST]):
+            more = f" (and {self._more[number]} more of this kind)" if number in self._more else ""
+            lines.append(f"{self.path}: {text}{more}")
+        if len(self._texts) > MOST:
+            lines.append(f"{self.path}: {len(self._texts) - MOST} more faults; correct these first")
+        raise InputFaults(lines)
