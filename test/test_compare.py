@@ -24,7 +24,7 @@ def test_default_gains_are_named_with_the_variant_that_has_others(
     assert compared(tmp_path, "daqin_heavy_haul", "--laws=pid,smc,fixed_time_smc", "--engine") == 0
     notes = [line for line in capsys.readouterr().err.splitlines() if line.startswith("train-ato: ")]
     assert notes == [
-        "train-ato: smc, fixed_time_smc: default gains, not chosen for this train; set laws.NAME.* before a comparison",
+        "train-ato: fixed_time_smc, smc: default gains, not chosen for this train; set laws.NAME.* before a comparison",
         "train-ato: smc: gains for this train are in daqin_heavy_haul:tuned",
     ]
     rows = {row["controller"]: row for row in json.loads((tmp_path / "compared" / "summary.json").read_text())}
@@ -53,8 +53,8 @@ def test_a_refused_law_has_a_row_and_the_others_are_run(tmp_path: Path, capsys: 
     assert "train-ato: smc: with compensation 'twin'" in shown.err
     assert compared(tmp_path / "b", *laws, "--json") == 1
     rows = json.loads(capsys.readouterr().out)
-    assert [(row["controller"], row["status"]) for row in rows] == [("smc", "refused"), ("pid", "done")]
-    assert "twin" in rows[0]["reason"] and rows[1]["speed_rmse_kmh"] >= 0
+    assert [(row["controller"], row["status"]) for row in rows] == [("pid", "done"), ("smc", "refused")]
+    assert "twin" in rows[1]["reason"] and rows[0]["speed_rmse_kmh"] >= 0
 
 
 def test_gains_of_an_object_are_chosen() -> None:

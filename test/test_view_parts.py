@@ -15,6 +15,7 @@ from waiting import wait_for
 from train_ato.apps.view.ending import Ending, ending_of
 from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of
 from train_ato.apps.view.feed import KEPT_S, Feed
+from train_ato.apps.view.live import WAITING_RATE
 from train_ato.apps.view.recorded import MOST_POINTS, RecordedFeed
 from train_ato.apps.view.snapshot import (
     DIAL_BEGIN,
@@ -365,12 +366,15 @@ def test_a_note_of_a_started_run_is_not_its_error(capfd):
 def test_a_started_run_has_no_limit_of_its_start(capsys):
     """Breaks if a run started by view fails after 30 s of discovery on a slow machine."""
     parser = command_line()
-    options = parser.parse_args(["view", "--scenario", "demo", "--rate", "5", "--law", "smc"])
+    options = parser.parse_args(["view", "--scenario", "demo", "--rate", "5", "--law", "smc", "--foxglove"])
     words = _command(options, 42)[3:]
     run = parser.parse_args(words)
     assert (run.start_limit, run.rate, run.law, run.domain) == (math.inf, 5.0, "smc", 42)
-    fastest = parser.parse_args(["view", "--scenario", "demo", "--rate", "max"])
+    fastest = parser.parse_args(["view", "--scenario", "demo", "--rate", "max", "--foxglove"])
     assert parser.parse_args(_command(fastest, 42)[3:]).rate == math.inf
+    for first in (["view", "--scenario", "demo", *rate] for rate in ([], ["--rate", "max"], ["--rate", "5"])):
+        run = parser.parse_args(_command(parser.parse_args(first), 42)[3:])
+        assert run.rate == WAITING_RATE, "the run waits for its first page"
 
 
 class Enough(Exception):

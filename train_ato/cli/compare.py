@@ -83,7 +83,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def gain_notes(choice: ScenarioChoice, result: Comparison) -> list[str]:
     """Return a line for the laws with default values, and one for each law with values in a variant."""
-    default = [law.label for law in result.laws if law.gains == "default" and law.status != "refused"]
+    default = sorted(law.label for law in result.laws if law.gains == "default" and law.status != "refused")
     if not default:
         return []
     variants = {label: choice.variants_with_gains(label) for label in default}
