@@ -197,7 +197,9 @@ def own_process(setup: RunSetup, domain: int, ticks: int, rate: float, scratch: 
         recorder.release()
         recorder.end(_WAIT_S)
         found = recorder.counts
-        recorded = {name.removeprefix("recorded "): values[0] for name, values in found.items() if " " in name}
+        recorded = {
+            name.removeprefix("recorded "): values[0] for name, values in found.items() if name.startswith("recorded ")
+        }
     sent = sum(ring.sent.values())
     return {
         "ticks_per_s": ticks / wall,

@@ -170,7 +170,12 @@ def test_a_node_that_cannot_start_is_named(role, setup, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("prints", "failure"),
-    [("ignored:0", None), ("published train/vehicles:3", "node plant failed: its process did not end with the run")],
+    [
+        ("ignored:0", None),
+        ("published train/vehicles:3", "node plant failed: its process did not end with the run"),
+        ("ignored:0; echo a warning >&2", None),
+        ("ignored:0; echo node observer failed: late >&2", "node observer failed: late"),
+    ],
 )
 def test_a_process_that_hangs_after_its_last_count_fails_no_run(prints, failure, tmp_path, monkeypatch):
     """Breaks if a complete run fails for a middleware that does not shut down, or a node without counts passes."""

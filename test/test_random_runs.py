@@ -57,6 +57,16 @@ def test_the_verdict_fails_without_supervision():
     assert drive_draw(bare).margin < 0.0
 
 
+def test_a_run_is_driven_on_until_its_train_is_at_standstill():
+    """Breaks if a margin is that of a train on its way, or a train in motion at the last end is not reported."""
+    name, sets = SCENARIOS["metro"][1:3]
+    whole = drive_draw(Draw(0, "metro", "pid", "", name, sets))
+    early = drive_draw(Draw(0, "metro", "pid", "", name, (*sets, "duration=50")))
+    assert not early.moving
+    assert early.margin == whole.margin
+    assert drive_draw(Draw(0, "metro", "pid", "", name, (*sets, "duration=5"))).moving
+
+
 def test_the_summary_counts_and_names_bad_runs():
     """Breaks if a run beyond the supervised location is missing in the figures of the page."""
     chosen = list(draws(3, 3))

@@ -49,7 +49,8 @@ RESULT = """
 
 *Beyond*: the front passes the supervised location (100 m behind the stop). *Too fast*: above the ceiling of the
 emergency brake with its overshoot. *Intervention*: service or emergency brake of the supervisor. *Failed*: the ATO or a
-node failed, and the train was stopped. *Moving at the end*: on its way to the stop when the run ends.
+node failed, and the train was stopped. *Moving at the end*: not at standstill after four times the duration of the
+scenario.
 
 | scenario | runs | beyond | too fast | with intervention | failed | moving at the end |
 |---|---|---|---|---|---|---|

@@ -14,12 +14,10 @@ from pathlib import Path
 from train_ato.arguments import BAD_INPUT
 from train_ato.messages.topics import Role
 from train_ato.ros.graph.environment import variables
-from train_ato.ros.standalone.notices import Notice
+from train_ato.ros.standalone.notices import LAST_COUNT, Notice
 
 LEAVING_S = 5.0
 """Wall time for a node to end after a failure of the run [s]."""
-LAST_COUNT = "ignored"
-"""Count that a node prints last: its work is done."""
 _PACKAGE_ROOT = str(Path(__file__).resolve().parents[3])
 
 
@@ -104,11 +102,13 @@ class NodeProcess:
     def failure(self) -> str | None:
         """Failure of the node with its reason; None while it runs and after a regular end."""
         status = self.process.poll()
-        complete = LAST_COUNT in self.counts and not self.last_error.startswith("node ")
-        if not status or (self._hung and complete):
+        if not status:
             return None
-        if self._hung and not self.last_error:
-            text = "its process did not end with the run"
+        if self._hung:
+            named = self.last_error if self.last_error.startswith("node ") else ""
+            if not named and LAST_COUNT in self.counts:
+                return None
+            text = named or "its process did not end with the run"
         elif status < 0:
             text = f"its process was ended by {signal.Signals(-status).name}"
         else:

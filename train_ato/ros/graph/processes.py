@@ -18,7 +18,7 @@ from train_ato.ros.graph.graph_result import GraphOptions, GraphResult, Report
 from train_ato.ros.graph.node_process import LEAVING_S, NodeProcess
 from train_ato.ros.graph.restarts import Restarts
 from train_ato.ros.nodes.answer_watch import SUSPENDED_S
-from train_ato.ros.standalone.notices import Notice, NoticeKind
+from train_ato.ros.standalone.notices import LAST_COUNT, Notice, NoticeKind
 
 ROLES = (Role.RECORDER, Role.CONTROLLER, Role.OBSERVER, Role.PROFILE, Role.SUPERVISOR, Role.PLANT)
 """Start order of the processes."""
@@ -224,8 +224,8 @@ def _collect(nodes: dict[Role, NodeProcess], end: GraphResult) -> None:
             kind, _, topic = name.partition(" ")
             if kind == "published":
                 end.published[topic] = end.published.get(topic, 0) + values[0]
-        if any(node.counts.get("ignored", ())):
-            end.ignored[role.value] = node.counts["ignored"][0]
+        if any(node.counts.get(LAST_COUNT, ())):
+            end.ignored[role.value] = node.counts[LAST_COUNT][0]
     end.ticks = nodes[Role.PLANT].tick
     end.wall_s = nodes[Role.PLANT].counts.get("wall_ns", [0])[0] * 1e-9
     end.step_ns = nodes[Role.CONTROLLER].counts.get("step_ns", [])

@@ -17,6 +17,9 @@ from enum import Enum
 
 from train_ato.messages.topics import Role
 
+LAST_COUNT = "ignored"
+"""Name of the number that a node prints last: the messages it could not use. After it the work of the node is done."""
+
 
 class NoticeKind(Enum):
     """Kind of a notice."""

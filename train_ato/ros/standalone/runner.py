@@ -20,7 +20,7 @@ from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
 from train_ato.ros.nodes.answer_watch import LEASE_S, silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.standalone.discovery import Discovery, answer_ready
-from train_ato.ros.standalone.notices import Notice, NoticeKind, Notices
+from train_ato.ros.standalone.notices import LAST_COUNT, Notice, NoticeKind, Notices
 
 TURN_S = 0.1
 RECORD_S = 0.02
@@ -123,7 +123,7 @@ class StandaloneRunner:
                 self._print(f"recorded {topic}", count)
         if self.role is Role.CONTROLLER:
             self._print("step_ns", *self.node.stage.step_times.nanoseconds)
-        self._print("ignored", ignored)
+        self._print(LAST_COUNT, ignored)
 
     @property
     def _ends(self) -> bool:
