@@ -3,6 +3,7 @@
     python bench/mutation.py                       # all mutants, about 25 minutes on one core
     python bench/mutation.py --sample 150          # random mutants, about 3 minutes
     python bench/mutation.py --only gradient.py    # mutants of one file
+    python bench/mutation.py --write               # all, and their numbers for msgs_docs/hazards.md
 
 A mutant is the program with one small change. mutmut changes statements in functions, ``table_mutants.py`` the numbers
 of tables and defaults. A mutant is killed if a test fails or exceeds its time limit (late); equivalent mutants, listed
@@ -20,7 +21,7 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,6 +43,8 @@ TESTS = (
 )  # fmt: skip
 """Test files in the order in which they run: the fast ones first."""
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.yaml")
+MEASURED = ROOT / "msgs_docs" / "mutation_measured.json"
+"""Numbers of mutants by file and outcome, for the page of the hazards."""
 TABLE = "table"
 KILLED = ("killed", "timeout", "segfault")
 PARTS = ("train_ato", "plant_sim", "test", "msgs_docs", "examples", "setup.py", "setup.cfg", "pyproject.toml")
@@ -136,8 +139,10 @@ def score(outcomes: Counter[str]) -> float:
     return 100.0 * sum(outcomes[name] for name in KILLED) / counted if counted else 100.0
 
 
-def report(mutants: Iterable[Mutant], equivalent: dict[tuple[str, str, str, str], str], *, each: bool) -> int:
-    """Print the table of the files and the survivors; return the exit status."""
+def counted(
+    mutants: Iterable[Mutant], equivalent: Mapping[tuple[str, str, str, str], str]
+) -> tuple[dict[str, Counter[str]], list[Mutant]]:
+    """Return the numbers of outcomes by file, and the survivors; an equivalent mutant that survives is none."""
     by_file: dict[str, Counter[str]] = {}
     survivors = []
     for mutant in mutants:
@@ -146,16 +151,21 @@ def report(mutants: Iterable[Mutant], equivalent: dict[tuple[str, str, str, str]
         by_file.setdefault(mutant.path, Counter())[outcome] += 1
         if alive and outcome != "equivalent":
             survivors.append(mutant)
+    return dict(sorted(by_file.items())), survivors
+
+
+def report(by_file: Mapping[str, Counter[str]], survivors: Sequence[Mutant], *, each: bool) -> int:
+    """Print the table of the files and the survivors; return the exit status."""
     for mutant in survivors:
         print(f"\n{mutant.path}: {mutant.place}: {mutant.outcome}")
         print("\n".join([f"- {line}" for line in mutant.before.splitlines()]))
         print("\n".join([f"+ {line}" for line in mutant.after.splitlines()]))
     total = sum(by_file.values(), Counter())
     print(f"\n{'file':46}{'mutants':>8}{'equivalent':>11}{'killed':>8}{'of them late':>13}{'survived':>9}{'score':>8}")
-    for path, outcomes in [*sorted(by_file.items()), ("all", total)]:
-        killed, counted = sum(outcomes[name] for name in KILLED), outcomes.total() - outcomes["equivalent"]
+    for path, outcomes in [*by_file.items(), ("all", total)]:
+        killed, number = sum(outcomes[name] for name in KILLED), outcomes.total() - outcomes["equivalent"]
         print(f"{path:46}{outcomes.total():8}{outcomes['equivalent']:11}{killed:8}{killed - outcomes['killed']:13}"
-              f"{counted - killed:9}{score(outcomes):7.1f}%")  # fmt: skip
+              f"{number - killed:9}{score(outcomes):7.1f}%")  # fmt: skip
     judged = [*by_file.values(), total] if each else [total]
     return int(any(score(outcomes) < BOUND for outcomes in judged))
 
@@ -175,7 +185,10 @@ def main() -> int:
         "--folder", type=Path, help="folder of the copy; with that of a stopped run mutmut continues it"
     )
     parser.add_argument("--only", nargs="+", metavar="NAME", help="names of files")
+    parser.add_argument("--write", action="store_true", help=f"write {MEASURED.relative_to(ROOT)}, of all mutants")
     arguments = parser.parse_args()
+    if arguments.write and (arguments.only or arguments.sample):
+        parser.error("--write: the page has all mutants; remove --only and --sample")
     files = [path for path in FILES if not arguments.only or Path(path).name in arguments.only]
     if not files:
         parser.error(f"--only: no such file; choose from {', '.join(Path(path).name for path in FILES)}")
@@ -183,7 +196,10 @@ def main() -> int:
         folder = Path(name) if arguments.folder is None else arguments.folder
         folder.mkdir(parents=True, exist_ok=True)
         found = tested(folder.resolve(), files, arguments.sample, arguments.seed)
-    return report(found, equivalent_mutants(), each=arguments.sample is None)
+    by_file, survivors = counted(found, equivalent_mutants())
+    if arguments.write:
+        MEASURED.write_text(json.dumps(by_file, indent=1) + "\n", encoding="utf-8")
+    return report(by_file, survivors, each=arguments.sample is None)
 
 
 if __name__ == "__main__":

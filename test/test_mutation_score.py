@@ -52,7 +52,7 @@ def test_verdict(survivors: int, status: int, capsys: pytest.CaptureFixture[str]
     outcomes = ["survived"] * survivors + ["killed"] * 80 + ["timeout"] * (20 - survivors)
     mutants = [mutation.Mutant("a.py", "f", f"x = {k}", "x = None", outcome) for k, outcome in enumerate(outcomes)]
     mutants += [mutation.Mutant(*one, "survived")] * 5 + [mutation.Mutant("b.py", "", "y", "z", "killed")]
-    assert mutation.report(mutants, {one: "reason"}, each=True) == status
+    assert mutation.report(*mutation.counted(mutants, {one: "reason"}), each=True) == status
     lines = capsys.readouterr().out
     assert lines.count("x = None") == survivors
     killed, late = 101 - survivors, 20 - survivors

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ MEASURED = Path("msgs_docs", "hazards_measured.json")
 """Figures of the runs of the table."""
 NAME = "hazards"
 """Name of the page for ``--measure``."""
+MUTANTS = Path("msgs_docs", "mutation_measured.json")
+"""Numbers of mutants by file and outcome, written by ``bench/mutation.py``."""
 UNITS = {hazard.key: hazard.unit for hazard in HAZARDS}
 
 INTRODUCTION = """# Hazards and requirements
@@ -50,6 +53,17 @@ VERIFICATION = """
 
 Each row of the fault table is a run of `test/test_fault_table.py` with a verdict on place, speed and time of the
 reaction. Names of tests are those of pytest.
+"""
+MUTATION = """
+## Mutation score
+
+A mutant is the program with one small change, for example `<=` in place of `<`. The score is the part of the mutants
+for which a test fails, without equivalent mutants (`bench/equivalent_mutants.yaml`); the lower bound of a file is 85 %.
+Measured by `python bench/mutation.py --write`. `plant_brake.py`, the brake model of a train of the plant, is left out;
+`test/test_curves_plant.py` compares it with runs of the plant.
+
+| file | mutants | equivalent | survived | score |
+|---|---|---|---|---|
 """
 PAIRS = """
 ## With and without the monitors
@@ -136,6 +150,19 @@ def measure_hazards(root: Path) -> None:
     (root / MEASURED).write_text(json.dumps(figures, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
+def _mutation_rows(root: Path) -> list[str]:
+    """Return the rows of the mutation score, one for each file and one for all."""
+    found: dict[str, dict[str, int]] = json.loads((root / MUTANTS).read_text(encoding="utf-8"))
+    total: Counter[str] = sum(map(Counter, found.values()), Counter())
+    rows = []
+    for path, outcomes in [*((f"`{path}`", Counter(counts)) for path, counts in found.items()), ("all", total)]:
+        number = outcomes.total() - outcomes["equivalent"]
+        alive = number - sum(outcomes[name] for name in ("killed", "timeout", "segfault"))
+        score = 100 * (number - alive) / number
+        rows.append(f"| {path} | {outcomes.total()} | {outcomes['equivalent']} | {alive} | {score:.1f} % |")
+    return rows
+
+
 def unmeasured_hazards(root: Path) -> list[str]:
     """Return one line per row without current figures, and per leftover."""
     figures = read_pairs(root)
@@ -161,6 +188,7 @@ def page(root: Path) -> str:
     lines += [VERIFICATION, "| requirement | monitors | rows of the fault table | other tests |", "|---|---|---|---|"]
     lines += [_verification(row) for row in ROWS]
     lines += [
+        MUTATION + "\n".join(_mutation_rows(root)),
         PAIRS.replace("{bases}", _bases()),
         "| requirement | scenario | removed | with | without | bound |",
         "|---|---|---|---|---|---|",
