@@ -10,12 +10,13 @@ import pytest
 
 from plant_sim import kernel as k
 from plant_sim.library import load_consist, load_line
+from plant_sim.line import SCHEMA, Line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.traction import Envelope
 from plant_sim.train import Train
 from train_ato.cli.main import main
 from train_ato.supervision.odometry import MotionEstimate
-from train_ato.supervision.plant_line import line_supervision
+from train_ato.supervision.plant_line import DEFAULT_MAX_SPEED, grades_permille, highest_limit, line_supervision
 
 STEP_NS, TICK_NS = 5_000_000, 100_000_000
 LAG: dict[str, Any] = {"lag": 0.4}
@@ -127,6 +128,50 @@ def test_propagation_wave_and_filling_are_in_the_build_up_time() -> None:
     )
     later = line_supervision(slow, line, setup, 30e3).train.brake.emergency_time.to_standstill
     assert later - one.emergency_time.to_standstill == pytest.approx(52 * 12 / 200, rel=0.06)
+
+
+def test_reaction_time_delays_every_brake_and_the_traction_cut_off() -> None:
+    """Breaks if the time from a motion to the demand is missing in one of the times, or shortens one."""
+    consist, line, setup = load_consist("xuzhou_metro_3"), load_line("level"), PlantSetup.model_validate(LAG)
+    at_once, later = (line_supervision(consist, line, setup, 4e3, reaction=time).train for time in (0.0, 0.75))
+    for name in ("emergency_time", "service_time"):
+        before, after = getattr(at_once.brake, name), getattr(later.brake, name)
+        assert after.to_standstill - before.to_standstill == pytest.approx(0.75)
+        assert after.to_speed - before.to_speed == pytest.approx(0.75)
+    assert later.t_traction_cut_off - at_once.t_traction_cut_off == pytest.approx(0.75)
+
+
+def test_service_brake_and_its_curve_are_chosen_separately() -> None:
+    """Breaks if a default or an option of the service brake is exchanged."""
+    consist, line, setup = load_consist("xuzhou_metro_3"), load_line("level"), PlantSetup.model_validate(LAG)
+    plain = line_supervision(consist, line, setup, 4e3)
+    assert plain.train.brake.service is not None and plain.without_service_curve is None
+    assert plain.train.service_command is False
+    assert line_supervision(consist, line, setup, 4e3, service_brake=True).train.service_command is True
+    alone = line_supervision(consist, line, setup, 4e3, service_curve=False)
+    assert alone.train.brake.service is None and alone.without_service_curve is not None
+    assert alone.train.brake.emergency_time == plain.train.brake.emergency_time
+
+
+def test_line_gives_its_limits_and_grades_to_the_supervision() -> None:
+    """Breaks if a limit or a grade of the line is lost, or the end of authority appears without a target."""
+    consist, setup = load_consist("freight_five"), PlantSetup.model_validate(LAG)
+    grades = [{"at": 0, "grade": 0.004}, {"at": 900, "grade": -0.009}, {"at": 5000, "grade": 0.02}]
+    limits = [{"at": 0, "speed": 15.0}, {"at": 2000, "speed": 20.0}, {"at": 4000, "speed": 10.0}]
+    entries = {"name": "short", "begin": 0, "end": 5000, "grades": grades, "speed_limits": limits}
+    line = Line.model_validate({"schema": SCHEMA, **entries})
+    assert grades_permille(line) == [(0.0, 4.0), (900.0, -9.0), (5000.0, 0.0)]
+    assert highest_limit(line) == 20.0
+    assert highest_limit(load_line("level")) == DEFAULT_MAX_SPEED
+    track = line_supervision(consist, line, setup, None)
+    assert track.train.max_speed == 20.0
+    targets = [(entry.target.location, entry.target.speed) for entry in track.targets]
+    assert targets == [(0.0, 15.0), (4000.0, 10.0)], "a train before the line has the maximum speed"
+    assert [track.ceiling(place, place).permitted for place in (1000.0, 3000.0, 4500.0)] == [15.0, 20.0, 10.0]
+    dry, wet = (line_supervision(consist, line, setup, 3000.0, kdry=kdry).targets for kdry in (1.0, 0.8))
+    assert [entry.target.location for entry in dry] == [0.0, 3000.0]
+    assert dry[-1].target.kind == "EOA"
+    assert wet[-1].emergency(10.0) < dry[-1].emergency(10.0)
 
 
 def test_command_for_a_scenario(capsys: pytest.CaptureFixture[str]) -> None:

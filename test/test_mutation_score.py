@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 from types import ModuleType
 
@@ -69,6 +71,13 @@ def test_equivalent_mutants_are_in_the_code() -> None:
         assert path in mutation.FILES and place and len(reason) > 10
         assert [line for line in before.splitlines() if line not in lines] == [], f"{path}: {place}"
         assert after != before
+
+
+def test_page_has_the_score_of_every_file() -> None:
+    """Breaks if the page of the hazards has another set of files than the score, or a file below the bound."""
+    measured = json.loads(mutation.MEASURED.read_text(encoding="utf-8"))
+    assert sorted(measured) == sorted(mutation.FILES)
+    assert [path for path, outcomes in measured.items() if mutation.score(Counter(outcomes)) < mutation.BOUND] == []
 
 
 @pytest.mark.slow

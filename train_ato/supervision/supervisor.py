@@ -77,7 +77,7 @@ class Supervisor:
         self._estimator = PositionEstimator()
         self._state = SupervisionState.NORMAL
         self._reason = ""
-        self._stamp: int | None = 0
+        self._stamp: int | None = None
         self._rolled = 0.0
         self._latched = False
         self._stopped_at = -np.inf
