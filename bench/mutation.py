@@ -38,8 +38,8 @@ FILES = tuple(
     if path.name not in LEFT_OUT
 )
 TESTS = (
-    "odometry", "supervisor_decisions", "supervisor", "curves_targets", "curves_trains", "curves_arcs", "curves_cases",
-    "link_threats", "links", "curves_standard", "curves_files", "curves_plant",
+    "supervision_settings", "odometry", "supervisor_decisions", "supervisor", "curves_targets", "curves_trains",
+    "curves_arcs", "curves_cases", "link_threats", "links", "curves_standard", "curves_files", "curves_plant",
 )  # fmt: skip
 """Test files in the order in which they run: the fast ones first."""
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.yaml")

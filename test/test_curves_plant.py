@@ -16,7 +16,7 @@ from plant_sim.traction import Envelope
 from plant_sim.train import Train
 from train_ato.cli.main import main
 from train_ato.supervision.odometry import MotionEstimate
-from train_ato.supervision.plant_line import DEFAULT_MAX_SPEED, grades_permille, highest_limit, line_supervision
+from train_ato.supervision.plant_line import grades_permille, highest_limit, line_supervision
 
 STEP_NS, TICK_NS = 5_000_000, 100_000_000
 LAG: dict[str, Any] = {"lag": 0.4}
@@ -162,7 +162,7 @@ def test_line_gives_its_limits_and_grades_to_the_supervision() -> None:
     line = Line.model_validate({"schema": SCHEMA, **entries})
     assert grades_permille(line) == [(0.0, 4.0), (900.0, -9.0), (5000.0, 0.0)]
     assert highest_limit(line) == 20.0
-    assert highest_limit(load_line("level")) == DEFAULT_MAX_SPEED
+    assert highest_limit(load_line("level")) == 80 / 3.6
     track = line_supervision(consist, line, setup, None)
     assert track.train.max_speed == 20.0
     targets = [(entry.target.location, entry.target.speed) for entry in track.targets]

@@ -12,17 +12,13 @@ from train_ato.messages.types import Odometry
 from train_ato.scenario.scenario import load_scenario
 from train_ato.supervision.ceiling import ceiling_speeds
 from train_ato.supervision.fixed_values import MIN_INDICATION_TIME
-from train_ato.supervision.supervisor import (
-    REPEAT_DISTANCE,
-    STANDSTILL_SPEED,
-    SupervisionDecision,
-    SupervisionState,
-    Supervisor,
-)
+from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState, Supervisor
 
 PERIOD = 400_000_000
 PERMITTED, WARNING, SERVICE, EMERGENCY = ceiling_speeds(80 / 3.6)
 PLACE = 1000.0
+STANDSTILL, REPEATED = 0.1, 50.0
+"""Speed of standstill [m/s]; distance of a second emergency brake that is not released [m]."""
 State = SupervisionState
 
 
@@ -98,7 +94,7 @@ def test_each_brake_counts_as_one_intervention(supervisor: Supervisor) -> None:
 
 def test_standstill_ends_a_service_brake_beyond_the_permitted_speed_but_no_overspeed(supervisor: Supervisor) -> None:
     """Breaks if a service brake beyond the end of authority is never released, or the states change their rules."""
-    beyond, slow = end_of_authority() + 1.0, STANDSTILL_SPEED / 2
+    beyond, slow = end_of_authority() + 1.0, STANDSTILL / 2
     assert [one.state for one in steps(supervisor, [(PLACE, SERVICE + 0.1), (beyond, slow)])][-1] is State.NORMAL
     other = metro().supervisor()
     assert [one.state for one in steps(other, [(PLACE, PERMITTED + 0.1), (beyond, slow)])][-1] is State.OVERSPEED
@@ -106,13 +102,13 @@ def test_standstill_ends_a_service_brake_beyond_the_permitted_speed_but_no_overs
 
 def test_the_speed_of_standstill_is_a_movement(supervisor: Supervisor) -> None:
     """Breaks if a train at exactly this speed is released, or passes the end of authority."""
-    braked = at(supervisor, EMERGENCY + 0.1, STANDSTILL_SPEED, STANDSTILL_SPEED * 0.99)
+    braked = at(supervisor, EMERGENCY + 0.1, STANDSTILL, STANDSTILL * 0.99)
     assert [one.state for one in braked] == [State.EMERGENCY_BRAKE, State.EMERGENCY_BRAKE, State.NORMAL]
-    beyond = at(metro().supervisor(), STANDSTILL_SPEED, place=end_of_authority() + 1.0)
+    beyond = at(metro().supervisor(), STANDSTILL, place=end_of_authority() + 1.0)
     assert beyond[0].state is State.EMERGENCY_BRAKE
 
 
-@pytest.mark.parametrize(("distance", "released"), [(10.0, False), (REPEAT_DISTANCE, True), (200.0, True)])
+@pytest.mark.parametrize(("distance", "released"), [(10.0, False), (REPEATED, True), (200.0, True)])
 def test_a_second_emergency_brake_at_the_same_place_is_not_released(
     distance: float, released: bool, supervisor: Supervisor
 ) -> None:

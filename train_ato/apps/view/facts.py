@@ -22,7 +22,7 @@ SHORTEST_BRAKING_S = 3.0
 REST = 1e-3
 """Speed below which the plan is at rest [m/s]."""
 STOP_WINDOW = 0.5
-"""Half width of the stop window [m]."""
+"""Half width of the stop window of a scenario without this criterion [m]."""
 ROOM = 1.12
 """Ratio of the end of the dial to the highest profile speed, at least."""
 
@@ -178,6 +178,7 @@ def facts_of(setup: RunSetup) -> Facts:
         speeds=speeds,
         most=most,
         least=least,
+        stop_window=scenario.criteria.stop_window or STOP_WINDOW,
         subtitle=f"{consist.name}, {consist.mass / 1e3:.0f} t, {consist.length:.0f} m, on {line.name}; {names}",
         setup=setup,
     )
