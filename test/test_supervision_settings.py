@@ -1,4 +1,4 @@
-"""Defaults and ranges of the block ``supervision:``: a safe default that moves is a change of the train's protection."""
+"""Defaults and ranges of the block ``supervision:``; a default that moves changes the protection of the train."""
 
 from __future__ import annotations
 
