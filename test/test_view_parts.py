@@ -23,6 +23,7 @@ from train_ato.apps.view.snapshot import (
     STRIP,
     Snapshot,
     angle,
+    delay_text,
     distance,
     full_clock,
     now,
@@ -65,6 +66,16 @@ def moment(front, speed=15.0, **more):
         "reference": (front - 12.5, 14.5, 0.0),
     }
     return Snapshot(**{**values, **more})
+
+
+@pytest.mark.parametrize(
+    ("front", "speed", "text"),
+    [(209.7, 0.0, "arrived"), (209.7, 0.2, "+3326 s"), (209.4, 0.0, "+3326 s")],
+)
+def test_the_delay_ends_with_the_arrival(front: float, speed: float, text: str) -> None:
+    """Breaks if the delay grows at the last stop, or a train that is short of the stop window has arrived."""
+    timetable = ProfileCurve(np.array([0.0, 398.0, 400.0]), np.array([0.0, 199.0, 200.0]), np.array([1.0, 1.0, 0.0]))
+    assert delay_text(timetable, moment(front, speed), 0.5) == text
 
 
 @pytest.fixture(scope="module")

@@ -152,7 +152,7 @@ class Feed:
                 self.strip.add(strip_row(moment, self.facts))
         forces = along(moment)
         row = now(moment, self.facts, self.profile, self.scale)
-        row["delay_text"] = [delay_text(self.timetable, moment)]
+        row["delay_text"] = [delay_text(self.timetable, moment, self.facts.stop_window)]
         for name, axis in self._axes.items():
             row[f"{name}_reach"] = [axis.fitted(moment.time, float(abs(forces[name]).max(initial=0.0)))]
         self.frame = Frame(number, moment, row, where(moment, self.facts, self.profile), forces)

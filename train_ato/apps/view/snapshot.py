@@ -13,7 +13,7 @@ from train_ato.apps.view.guidance import delay_at, guidance
 from train_ato.apps.view.style import GAUGE_COLOURS, NEEDLE
 from train_ato.loop.train_protection import SUPERVISOR
 from train_ato.messages.types import Array
-from train_ato.supervision.supervisor import SupervisionState
+from train_ato.supervision.supervisor import STANDSTILL_SPEED, SupervisionState
 
 LEAST_ARC = 1e-3
 """Smallest angle between two limits on the dial [rad]: Bokeh draws a ring between equal angles as a full ring."""
@@ -229,10 +229,12 @@ def _guided(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale:
     }
 
 
-def delay_text(timetable: ProfileCurve | None, moment: Snapshot) -> str:
-    """Return the delay against the timetable as text."""
+def delay_text(timetable: ProfileCurve | None, moment: Snapshot, window: float) -> str:
+    """Return the delay against the timetable as text; ``arrived`` at standstill in the window [m] of its end."""
     if timetable is None:
         return "–"
+    if abs(timetable.end - float(moment.position[0])) <= window and abs(moment.speed) < STANDSTILL_SPEED * KMH:
+        return "arrived"
     return f"{signed(delay_at(timetable, moment.time, float(moment.position[0])), 0)} s"
 
 
