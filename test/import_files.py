@@ -52,7 +52,7 @@ def take(tmp_path: Path, capsys, text: str, *options: str, train=TRAIN, name="ru
 
 
 def refused(tmp_path: Path, capsys, text: str | bytes, *options: str, train=TRAIN) -> str:
-    """Import an invalid text; return the error line."""
+    """Import an invalid text; return the error lines."""
     (tmp_path / "rec.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
     try:
         status = main(["import", str(tmp_path / "rec.csv"), *train, "--out", str(tmp_path / "imported"), *options])
@@ -61,6 +61,6 @@ def refused(tmp_path: Path, capsys, text: str | bytes, *options: str, train=TRAI
     captured = capsys.readouterr()
     assert status == 2, (captured.out, captured.err)
     assert captured.out == ""
-    assert len(captured.err.splitlines()) == 1
+    assert all(line.startswith("train-ato") for line in captured.err.splitlines()), "one line for each fault"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["rec.csv"]
     return captured.err

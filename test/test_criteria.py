@@ -93,7 +93,7 @@ def test_the_line_has_stop_overspeed_couplers_and_every_failed_criterion() -> No
     )
     assert verdict_line({}) == ""
     cut = {"speed_rmse_kmh": 0.1, "speed_rmse_run_kmh": 0.25}
-    assert verdict_line(cut).endswith("speed error 0.1 km/h rms, with the braking behind the evaluation 0.25")
+    assert verdict_line(cut).endswith("speed error 0.1 km/h rms, 0.25 km/h with the braking to the stop")
 
 
 def test_stops_of_a_profile_are_its_rests_and_its_end() -> None:

@@ -357,6 +357,6 @@ def test_a_layout_finds_every_part_of_any_message(data):
 
 def test_importing_the_package_and_its_help_stay_light():
     """Breaks if ``--help`` imports pandas, which takes a second on a slow machine."""
-    for code in ("import train_ato", "import train_ato; from train_ato.cli.main import _parser; _parser()"):
+    for code in ("import train_ato", "import train_ato; from train_ato.cli.main import command_line; command_line()"):
         check = f"{code}; import sys; assert not {{'pandas', 'pyarrow'}} & set(sys.modules), 'heavy'"
         subprocess.run([sys.executable, "-c", check], check=True)

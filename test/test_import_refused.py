@@ -43,7 +43,7 @@ def every(row) -> str:
 
 COLUMNS = [
     (under("time_s,sped_kmh,force_kn"), r"unknown column 'sped_kmh'; did you mean 'speed_kmh'"),
-    (under("time_s,Speed [km/h],force_kn"), r"unknown column 'Speed \[km/h\]'; did you mean 'speed_kmh'\?"),
+    (under("time_s,Sped [km/h],force_kn"), r"unknown column 'Sped \[km/h\]'; did you mean 'speed_kmh'\?"),
     (under("time_s,speed,force_kn"), r"'speed' has no unit; name it speed_m_s or speed_kmh"),
     (beside("door", lambda t: 7), r"'door'.*--ignore 'door'"),
     (under("time_s,reference_speed_kmh,force_kn"), r"no speed column; name one"),

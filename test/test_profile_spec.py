@@ -223,7 +223,7 @@ def test_a_wrong_block_is_refused_by_its_model(block: dict[str, Any], message: s
         ({"knots": "time,speed\n0,0\n1,nan\n2,0\n"}, "give a finite number"),
         ({"knots": "time,speed\n1,0\n0,0\n"}, "is not after that of the previous row"),
         ({"knots": "time,speed\n0,0\n1e12,0\n"}, "at most"),
-        ({"knots": "time,speed\n0,0\n5e7,0\n"}, "5e.08 knots"),
+        ({"knots": "time,speed\n0,0\n5e7,0\n"}, "a profile of 500000001 knots"),
         ({"knots": "# nothing\n"}, "no row of column names"),
     ],
 )

@@ -172,7 +172,7 @@ def test_somebody_else_on_the_topic_is_told_of(run, listen, domain):  # noqa: F8
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("--rate", "0"), "--rate 0: give a number above 0"),
+        (("--rate", "0"), "--rate: 0: not a rate; give a number above 0"),
         (("--rate", "fast"), "fast: not a rate; give a number above 0, 1 for real time, or max"),
         (("--start-offset", "16"), "--start-offset 16: the run has 15 s; give 0 to 15"),
         (("--start-offset", "-1"), "--start-offset -1"),

@@ -163,7 +163,7 @@ def completed(line: str, folder: Path) -> list[str]:
         ("train-ato co", {"compare", "completion"}),
         ("train-ato run de", {"demo"}),
         ("train-ato run daqin_heavy_haul:id", {"daqin_heavy_haul:ideal"}),
-        ("train-ato run demo --contr", {"--law"}),
+        ("train-ato run demo --la", {"--law"}),
         ("train-ato run demo --law sm", {"smc"}),
         ("train-ato compare demo --laws pid,sm", {"pid,smc"}),
         ("train-ato inject emer", {"emergency-brake"}),

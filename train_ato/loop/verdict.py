@@ -107,24 +107,32 @@ def verdict_line(summary: Metrics) -> str:
     summary
         Content of ``summary.json``.
     """
-    facts = [text for text in (_stop_text(summary), _overspeed_text(summary), _coupler_text(summary)) if text]
-    facts += _error_texts(summary)
-    if not facts:
-        return ""
     rows = summary.get("criteria") or []
     failed = [row for row in rows if row["passed"] is False]
+    stop, overspeed = _stop_text(summary), _overspeed_text(summary)
+    stop = stop and f"{stop}{_failed_limit(failed, AT_STOPS[0], 'm')}"
+    overspeed = overspeed and f"{overspeed}{_failed_limit(failed, 'overspeed_max_kmh', 'km/h')}"
+    facts = [text for text in (stop, overspeed, _coupler_text(summary), _error_text(summary)) if text]
+    if not facts:
+        return ""
     head = _head(summary, len(rows), failed)
     more = [_failure_text(row) for row in failed if row["metric"] not in (*AT_STOPS[:1], "overspeed_max_kmh")]
     return f"{head}: {'; '.join([*facts, *more])}"
 
 
-def _error_texts(summary: Metrics) -> list[str]:
-    """Return the rms of the speed error; if the evaluation ends before the run, also that with the rest."""
+def _failed_limit(failed: list[CriterionRow], metric: str, unit: str) -> str:
+    """Return the limit of a metric in brackets if its criterion failed, otherwise ""."""
+    limits = [row["limit"] for row in failed if row["metric"] == metric]
+    return f" (limit {three_digits(limits[0])} {unit})" if limits else ""
+
+
+def _error_text(summary: Metrics) -> str:
+    """Return the rms of the speed error; if the evaluation ends before the run, also that of the whole run."""
     error, run = summary.get("speed_rmse_kmh"), summary.get("speed_rmse_run_kmh")
     if error is None:
-        return []
-    rest = "" if run is None or run == error else f", with the braking behind the evaluation {three_digits(run)}"
-    return [f"speed error {three_digits(error)} km/h rms{rest}"]
+        return ""
+    whole = "" if run is None or run == error else f", {three_digits(run)} km/h with the braking to the stop"
+    return f"speed error {three_digits(error)} km/h rms{whole}"
 
 
 def _head(summary: Metrics, count: int, failed: list[CriterionRow]) -> str:

@@ -96,7 +96,7 @@ FIGURES: tuple[tuple[str, str, tuple[Shared, ...]], ...] = (
 """Sections: anchor, title, and their figures."""
 ERRORS = ("speed_error", "position_error")
 """Figures whose metrics may leave out a part of the run."""
-HERO = Shared("speed", ("speed", "measured_speed"), "Speed against profile", "Of vehicle 0's centre.", 330)
+HERO = Shared("speed", ("speed", "measured_speed"), "Speed against profile", "Front vehicle.", 330)
 """Figure of the first screen."""
 
 

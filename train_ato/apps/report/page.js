@@ -110,7 +110,7 @@ window.trainAto = (() => {
     const [left, right, height, columns] = plot.tags[0];
     plot.min_border_left = small ? 50 : left;
     plot.min_border_right = small ? 10 : right;
-    plot.toolbar_location = small ? null : "right";
+    plot.toolbar.visible = !small;
     let added = 0;
     for (const legend of plot.above.filter((part) => part.type === "Legend")) {
       const labels = legend.items.map((item) => item.label.value ?? "");

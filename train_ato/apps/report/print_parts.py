@@ -147,8 +147,8 @@ def _columns(labels: Sequence[str]) -> int:
     """Return the number of legend columns for the width, from the mean width of a letter [inch]."""
     widths = [0.40 + 0.062 * len(label) for label in labels]
     for columns in range(len(labels), 1, -1):
-        rows = -(-len(labels) // columns)
-        if sum(max(widths[first : first + rows]) for first in range(0, len(labels), rows)) < WIDTH - 0.8:
+        # matplotlib gives the first columns one row more
+        if sum(float(column.max()) for column in np.array_split(np.array(widths), columns)) < WIDTH - 0.8:
             return columns
     return 1
 

@@ -109,7 +109,9 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
 """Sections: anchor, title, and their figures."""
 ERRORS = ("speed_error", "position_error")
 """Figures whose metrics may leave out a part of the run."""
-HERO = FigureSpec("speed", "Speed against profile", "Vehicle 0; the speed limit is that over the train length.", 330)
+HERO = FigureSpec(
+    "speed", "Speed against profile", "Front vehicle; the speed limit is that over the train length. Dashed lines and bands: see Events.", 330
+)  # fmt: skip
 """Figure of the first screen."""
 LIMITS = FigureSpec("speed", "Limits of the supervisor", "Speed of vehicle 0 and its ETCS limits.", 280)
 SUPERVISED = tuple(name for name in BOUNDS if name.endswith("_speed"))

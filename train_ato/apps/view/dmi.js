@@ -158,7 +158,7 @@ window.dmi = {
       pen.fillRect(x, top, width, Math.max(low - top - 1, 1));
       if (low - top < 13) return;
       pen.fillStyle = "#fff";
-      pen.fillText(`${grade >= 0 ? "+" : "−"}${Math.abs(Math.round(grade))}`, x + width / 2, (low + top) / 2);
+      pen.fillText(`${grade >= 0 ? "+" : "−"}${Math.abs(grade).toFixed(1).replace(".0", "")}`, x + width / 2, (low + top) / 2);
     });
   },
   // Begin of the planned brake applications, stops, and the target of the supervision.
