@@ -110,8 +110,11 @@ FIGURES: tuple[tuple[str, str, tuple[FigureSpec, ...]], ...] = (
 ERRORS = ("speed_error", "position_error")
 """Figures whose metrics may leave out a part of the run."""
 HERO = FigureSpec(
-    "speed", "Speed against profile", "Front vehicle; the speed limit is that over the train length. Dashed lines and bands: see Events.", 330
-)  # fmt: skip
+    "speed",
+    "Speed against profile",
+    "Front vehicle; the speed limit is that over the train length. Dashed lines and bands: see Events.",
+    330,
+)
 """Figure of the first screen."""
 LIMITS = FigureSpec("speed", "Limits of the supervisor", "Speed of vehicle 0 and its ETCS limits.", 280)
 SUPERVISED = tuple(name for name in BOUNDS if name.endswith("_speed"))
