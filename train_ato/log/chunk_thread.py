@@ -15,7 +15,7 @@ from typing import IO
 from train_ato.log.chunk_clock import ChunkClock
 from train_ato.log.mcap_writer import McapWriter, OpenChunk
 
-CLOSE_AFTER_S = 0.8
+CLOSE_AFTER_S = 0.85
 """Age at which the open chunk is closed [s], so that it is written within a second."""
 Entry = tuple[int, int, int, bytes]
 """Channel, publish time and log time [ns since 1970], CDR bytes."""
