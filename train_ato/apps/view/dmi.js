@@ -164,13 +164,16 @@ window.dmi = {
   // Begin of the planned brake applications, stops, and the target of the supervision.
   drawPoints(pen, left, pasp, width, front, range, level) {
     const inside = place => place > front && place < front + range;
+    let free = Infinity;  // the next word has its place below this height
     pen.textAlign = "left";
     for (const [begin, end] of this.line.brakings) {
       if (end <= front || begin >= front + range) continue;
       const top = level(Math.min(end - front, range)), low = level(Math.max(begin - front, 0));
       pen.fillStyle = this.colour.brake;
       pen.fillRect(left + 34, top, 5, Math.max(low - top, 2));
-      if (inside(begin)) pen.fillText("brake", left + 2, low - 1);
+      if (!inside(begin) || low > free) continue;
+      pen.fillText("brake", left + 2, low - 1);
+      free = low - 11;
     }
     for (const place of this.line.stops) if (inside(place)) {
       pen.fillStyle = this.colour.stop;
