@@ -82,6 +82,7 @@ setup(
         *ros_wheels(),
     ],
     extras_require={
+        "rerun": ["rerun-sdk>=0.24; python_version >= '3.11'"],
         "test": [
             "pytest>=8",
             "pytest-xdist>=3.5",
@@ -91,6 +92,7 @@ setup(
             "mutmut>=3.8,<4",
             "ros-domain-coordinator",
             "mcap-ros2-support>=0.5",
+            "rerun-sdk>=0.24; python_version >= '3.11'",
             "ruff>=0.6",
             "mypy>=1.11",
             "types-PyYAML",

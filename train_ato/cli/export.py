@@ -20,9 +20,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--parquet", action="store_true", help="write Parquet (the default)")
     parser.add_argument("--csv", action="store_true", help="write CSV; with --parquet both")
     parser.add_argument("--scene", action="store_true", help="write a copy of the log with /tf, markers and track")
+    parser.add_argument(
+        "--rerun", action="store_true", help="write a recording for the Rerun viewer (pip install rerun-sdk)"
+    )
     parser.add_argument("--figure", type=Path, metavar="FILE", help="with --scene: also a picture (PNG, SVG, PDF)")
     parser.add_argument("--at", type=float, metavar="S", help="with --figure: time in s (default: the largest force)")
-    parser.add_argument("--rate", type=float, metavar="HZ", help="with --scene: messages per second (default: 5)")
+    parser.add_argument(
+        "--rate", type=float, metavar="HZ", help="with --scene, --rerun: messages per second (default: 5)"
+    )
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="new folder (default: export or scene in the run folder)"
     )
@@ -36,9 +41,11 @@ def execute(options: argparse.Namespace) -> int:
 
     if options.scene:
         return _write_scene(options)
-    for option in ("rate", "figure", "at"):
+    for option in ("figure", "at", *(() if options.rerun else ("rate",))):
         if getattr(options, option) is not None:
             raise ValueError(f"--{option}: only with --scene; remove it")
+    if options.rerun:
+        return _write_rerun(options)
     formats = [name for name in FORMATS if getattr(options, name)] or ["parquet"]
     folder = options.out or _beside(options.run)
     if folder.exists():
@@ -84,6 +91,33 @@ def _write_scene(options: argparse.Namespace) -> int:
         print_json({"run": str(options.run), "folder": str(folder), "messages": written.messages, "rate": rate})
         return 0
     sys.stdout.write(f"{folder / LOG}: {written.messages} messages of the scene\n")
+    return 0
+
+
+def _write_rerun(options: argparse.Namespace) -> int:
+    """Write one recording for the Rerun viewer."""
+    from train_ato.apps.scene.rerun_file import write_rerun
+    from train_ato.apps.scene.sampling import check_rate
+    from train_ato.apps.scene.train_scene import DEFAULT_RATE
+    from train_ato.log.run_folder import read_run_folder
+    from train_ato.log.tables.loading import load
+
+    if options.csv or options.parquet:
+        raise ValueError("--rerun: no effect on tables; remove --csv and --parquet")
+    rate = check_rate(DEFAULT_RATE if options.rate is None else options.rate)
+    folder = options.out or _beside(options.run, "rerun")
+    if folder.exists():
+        raise ValueError(f"{folder}: exists already; give another folder with --out")
+    setup, _ = read_run_folder(options.run)
+    with share_bar(f"opening {options.run}") as progress:
+        frames = load(options.run, options.topics, lambda share: progress(share, ""))
+    path = folder / "run.rrd"
+    with _new_folder(folder), share_bar(f"writing {path}") as progress:
+        curves = write_rerun(options.run, setup, frames, path, rate, progress)
+    if options.json:
+        print_json({"run": str(options.run), "file": str(path), "curves": curves, "rate": rate})
+        return 0
+    sys.stdout.write(f"{path}: {curves} curves and the train on its line; open it with `rerun {path}`\n")
     return 0
 
 

@@ -1,0 +1,72 @@
+"""``train-ato export RUN --rerun``: a recording for the Rerun viewer, read with the reader of its package."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import train_ato as ta
+from plant_sim.alignment import Alignment
+from train_ato.cli.main import main
+from train_ato.log.run_folder import read_run_folder
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("rerun") / "run"
+    ta.run("demo", set={"duration": 20}, progress=False).save(folder)
+    return folder
+
+
+def test_the_recording_has_the_numbers_of_the_log(run: Path, tmp_path: Path) -> None:
+    """Breaks if a curve has another time or value than the log, or a box is not at its vehicle."""
+    chunk = pytest.importorskip("rerun.chunk", reason="needs pip install rerun-sdk, Python 3.11 or later")
+    assert main(["export", str(run), "--rerun", "--out", str(tmp_path / "out")]) == 0
+    found = {
+        entry.entity_path: entry.to_record_batch()
+        for entry in chunk.RrdReader(tmp_path / "out" / "run.rrd").stream()
+        if not entry.is_static
+    }
+    table = ta.open_run(run)["train/measurement"]
+    speed = next(batch for path, batch in found.items() if path.endswith("train/measurement/unit_0_speed_m_s"))
+    assert speed["simulated_time"].cast("int64").to_numpy() == pytest.approx(table.index.to_numpy() * 1e9)
+    values = [entry[0] for entry in speed["Scalars:scalars"].to_pylist()]
+    assert values == table["unit_0_speed_m_s"].tolist()
+    assert not any("train/vehicles" in path for path in found), "a table of 424 columns is no set of curves"
+    boxes, states = found["/scene/vehicles"], ta.open_run(run)["train/vehicles"]
+    assert boxes.num_rows == 20 * 5 + 1
+    positions = states[[name for name in states if str(name).endswith("position_m")]].to_numpy()[-1]
+    track = Alignment(read_run_folder(run)[0].line).at(positions)
+    centers = np.array(boxes["Boxes3D:centers"].to_pylist()[-1])
+    assert centers[:, :2] == pytest.approx(np.column_stack((track.x, track.y)), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (("--csv",), "--rerun: no effect on tables"),
+        (("--rate", "0"), "rate 0: is not above 0"),
+        (("--figure", "x.png"), "--figure: only with --scene"),
+    ],
+)
+def test_bad_options_are_one_line(
+    words: tuple[str, ...], text: str, run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if an option without effect is accepted, or a folder is left behind."""
+    assert main(["export", str(run), "--rerun", "--out", str(tmp_path / "out"), *words]) == 2
+    error = capsys.readouterr().err
+    assert text in error and error.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_package_is_named(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if the base installation without the viewer's package ends in a traceback."""
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert main(["export", str(run), "--rerun", "--out", str(tmp_path / "out")]) == 2
+    assert "pip install rerun-sdk" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,129 @@
+"""Recording for the Rerun viewer: the train on its line, and the numbers of every topic over simulated time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from plant_sim.alignment import Alignment
+from train_ato.apps.scene.sampling import VEHICLES
+from train_ato.apps.scene.scene_log import largest_force
+from train_ato.apps.scene.train_scene import GAP, HEIGHT, LEAST_SCALE, WIDTH, force_color, larger_coupler_force
+from train_ato.log.reading import iter_raw
+from train_ato.log.tables.loading import Frames
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.codec.cdr import SECOND
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.types import Array
+
+TIMELINE = "simulated_time"
+MOST_COLUMNS = 40
+"""Largest number of columns of a table that is drawn as curves; the vehicles of a longer train are in the scene."""
+MISSING = "the package rerun-sdk is not installed; install it with `pip install rerun-sdk` (Python 3.11 or later)"
+
+
+def write_rerun(
+    run: Path, setup: RunSetup, frames: Frames, path: Path, rate: float, progress: Callable[[float, str], None]
+) -> int:
+    """Write the recording of a run; return its number of curves.
+
+    Parameters
+    ----------
+    run
+        Run folder or MCAP file.
+    setup
+        Train and line of the run.
+    frames
+        Tables of the run.
+    path
+        New file, ``*.rrd``.
+    rate
+        States of the vehicles per simulated second.
+    progress
+        Receiver of the completed fraction, 0 to 1, and the current part.
+
+    Raises
+    ------
+    ValueError
+        If the package is not installed, or the log has no state of the vehicles.
+    """
+    try:
+        import rerun
+    except ImportError:
+        raise ValueError(MISSING) from None
+    recording = rerun.RecordingStream("train_ato", recording_id=setup.scenario.name)
+    recording.save(path)
+    curves = [
+        (f"{topic}/{name}", times, column)
+        for topic, frame in frames.items()
+        if 0 < frame.shape[1] <= MOST_COLUMNS
+        for times in [_seconds(frame)]
+        for name, column in _numbers(frame)
+    ]
+    _send_scene(rerun, recording, run, setup, rate, lambda share: progress(0.7 * share, "scene"))
+    for number, (name, times, values) in enumerate(curves):
+        recording.send_columns(
+            name,
+            indexes=[rerun.TimeColumn(TIMELINE, duration=times)],
+            columns=rerun.Scalars.columns(scalars=values),
+        )
+        progress(0.7 + 0.3 * (number + 1) / len(curves), name)
+    recording.flush()
+    recording.disconnect()
+    return len(curves)
+
+
+def _send_scene(
+    rerun: Any, recording: Any, run: Path, setup: RunSetup, rate: float, progress: Callable[[float], None]
+) -> None:
+    """Send the track once, and the vehicles as boxes in the colour of their larger coupler force."""
+    full = max(largest_force(run, setup)[0], LEAST_SCALE)
+    alignment, wire = Alignment(setup.line), Wire(setup.layout)
+    drawn = alignment.at(alignment.drawn_places())
+    recording.log("scene", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    recording.log("scene/track", rerun.LineStrips3D([np.column_stack((drawn.x, drawn.y, drawn.z))]), static=True)
+    lengths = np.array([vehicle.length - GAP for vehicle in setup.consist.vehicles])
+    half = np.column_stack((lengths / 2, np.full(lengths.size, WIDTH / 2), np.full(lengths.size, HEIGHT / 2)))
+    period, last = round(SECOND / rate), -1
+    for _, stamp, data in iter_raw(run, (VEHICLES,)):
+        if stamp // period == last:
+            continue
+        last = stamp // period
+        states = wire.decode(VEHICLES, data)
+        pose = alignment.at(states.position)
+        turn = [_quaternion(*angles) for angles in zip(pose.heading, pose.slope, strict=True)]
+        recording.set_time(TIMELINE, duration=stamp * 1e-9)
+        centers = np.column_stack((pose.x, pose.y, pose.z + HEIGHT / 2))
+        colors = force_color(larger_coupler_force(states.coupler_force), full)
+        recording.log(
+            "scene/vehicles",
+            rerun.Boxes3D(centers=centers, half_sizes=half, quaternions=turn, colors=colors, fill_mode="solid"),
+        )
+        progress(min(1.0, stamp * 1e-9 / setup.scenario.duration))
+
+
+def _quaternion(heading: float, slope: float) -> tuple[float, float, float, float]:
+    """Return x, y, z, w of the rotation by the heading about z, then by the slope about y (nose up)."""
+    yaw, pitch = heading / 2, -slope / 2
+    return (
+        -np.sin(yaw) * np.sin(pitch), np.cos(yaw) * np.sin(pitch),
+        np.sin(yaw) * np.cos(pitch), np.cos(yaw) * np.cos(pitch),
+    )  # fmt: skip
+
+
+def _seconds(frame: pd.DataFrame) -> Array:
+    """Return the simulated times of a table [s]."""
+    return np.asarray(frame.index, dtype=np.float64)
+
+
+def _numbers(frame: pd.DataFrame) -> list[tuple[str, Array]]:
+    """Return the numeric columns of a table."""
+    return [
+        (str(name), frame[name].to_numpy(dtype=np.float64))
+        for name in frame.columns
+        if pd.api.types.is_numeric_dtype(frame[name].dtype)
+    ]
