@@ -19,6 +19,7 @@ import plant_sim
 from train_ato.apps.runs.drive import finish
 from train_ato.apps.runs.record import RunRecord
 from train_ato.apps.runs.run import Run
+from train_ato.cli.main import main
 from train_ato.errors import FirstFailure, RunFailed
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.engine import run_engine
@@ -68,6 +69,25 @@ def test_a_log_that_cannot_go_on_is_named(way: str, tmp_path: Path) -> None:
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("train-ato:")]
     assert "run.mcap.partial: writing failed" in line and "recover" in line
     assert (folder / "run" / "run.mcap.partial").is_file()
+
+
+def test_a_full_disk_is_named_with_a_process_for_each_node(tmp_path: Path) -> None:
+    """Breaks if the reason of the recorder is lost, because its standard error is on the full disk too."""
+    pytest.importorskip("rclpy")
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=1500k", "tmpfs", str(disk)]
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no permission for a small disk")
+    try:
+        done = run(10**12, "run", "demo", "--processes", "--set=duration=120", "--out", str(disk / "run"))
+        (line,) = [line for line in done.stderr.splitlines() if line.startswith("train-ato:")]
+        assert done.returncode == 1
+        assert line.startswith("train-ato: node recorder failed: ") and "No space left" in line, line
+        assert "run.mcap.partial: writing failed" in line and "recover" in line
+        assert main(["info", str(disk / "run")]) == 0
+    finally:
+        subprocess.run(["umount", "--lazy", str(disk)], check=True)
 
 
 def test_what_failed_is_told_where_its_traceback_finds_no_room(tmp_path: Path) -> None:

@@ -14,10 +14,12 @@ from pathlib import Path
 from train_ato.arguments import BAD_INPUT
 from train_ato.messages.topics import Role
 from train_ato.ros.graph.environment import variables
-from train_ato.ros.standalone.notices import LAST_COUNT, Notice
+from train_ato.ros.standalone.notices import FAILURE, LAST_COUNT, Notice
 
 LEAVING_S = 5.0
 """Wall time for a node to end after a failure of the run [s]."""
+READ_S = 5.0
+"""Wall time for the rest of the report of an ended process [s]."""
 _PACKAGE_ROOT = str(Path(__file__).resolve().parents[3])
 
 
@@ -59,6 +61,7 @@ class NodeProcess:
         self.remark = ""
         self.joined = False
         self._hung = False
+        self._failure = ""
         self._errors = log_folder / f"{role.value}{suffix}.stderr.txt"
         environment = {**os.environ, **variables(domain, log_folder)}
         paths = [_PACKAGE_ROOT, *filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))]
@@ -81,6 +84,9 @@ class NodeProcess:
     def _read(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:
+            if line.startswith(FAILURE):
+                self._failure = line.removeprefix(FAILURE).strip()
+                continue
             name, _, values = line.rpartition(":")
             with contextlib.suppress(ValueError):  # a print of a law or a library
                 self.counts[name] = [int(value) for value in values.split()]
@@ -93,7 +99,11 @@ class NodeProcess:
 
     @property
     def last_error(self) -> str:
-        """Last line of standard error, the failure if there is one, without the name of the node before it."""
+        """Failure that the node has printed, otherwise the last line of standard error without the name of the node."""
+        if self.process.poll() is not None:
+            self._reader.join(READ_S)
+        if self._failure:
+            return self._failure
         lines = [line.strip() for line in self._errors.read_text(errors="replace").splitlines() if line.strip()]
         named = [line for line in lines if line.startswith("node ")]
         return (named or lines or [""])[-1].removeprefix(f"{self.role.value}: ")

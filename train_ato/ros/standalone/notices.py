@@ -20,6 +20,9 @@ from train_ato.messages.topics import Role
 LAST_COUNT = "ignored"
 """Name of the number that a node prints last: the messages it could not use. After it the work of the node is done."""
 
+FAILURE = "failure "
+"""Begin of the standard-output line with the failure of an attached node: its standard error may be on a full disk."""
+
 
 class NoticeKind(Enum):
     """Kind of a notice."""

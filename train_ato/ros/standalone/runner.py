@@ -20,7 +20,7 @@ from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
 from train_ato.ros.nodes.answer_watch import LEASE_S, silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.standalone.discovery import Discovery, answer_ready
-from train_ato.ros.standalone.notices import LAST_COUNT, Notice, NoticeKind, Notices
+from train_ato.ros.standalone.notices import FAILURE, LAST_COUNT, Notice, NoticeKind, Notices
 
 TURN_S = 0.1
 RECORD_S = 0.02
@@ -104,9 +104,18 @@ class StandaloneRunner:
         elif ignored:
             sys.stderr.write(f"{self.role.value}: {ignored} {IGNORED}\n")
         if self.endpoints.watch.failure is not None:
-            sys.stderr.write(f"{self.endpoints.watch.failure}\n")
+            self._print_failure(self.endpoints.watch.failure)
             return 1
         return 0
+
+    def _print_failure(self, failure: str) -> None:
+        """Print a failure on standard error, of an attached node also on standard output."""
+        if self._attached:
+            with suppress(OSError):  # the other process has ended
+                sys.stdout.write(f"{FAILURE}{' '.join(failure.split())}\n")
+                sys.stdout.flush()
+        with suppress(OSError):  # full disk
+            sys.stderr.write(f"{failure}\n")
 
     def _print(self, name: str, *values: int) -> None:
         if self._attached:
