@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from train_ato.scenario.scenario import load_scenario
 from train_ato.supervision.ceiling import ceiling_speeds
 from train_ato.supervision.fixed_values import MIN_INDICATION_TIME
 from train_ato.supervision.supervisor import SupervisionDecision, SupervisionState, Supervisor
+from train_ato.supervision.track_supervision import TrackSupervision
 
 PERIOD = 400_000_000
 PERMITTED, WARNING, SERVICE, EMERGENCY = ceiling_speeds(80 / 3.6)
@@ -22,13 +24,24 @@ STANDSTILL, REPEATED = 0.1, 50.0
 State = SupervisionState
 
 
+@cache
 def metro() -> RunSetup:
     return prepare(*load_scenario("xuzhou_metro:disturbed", ()))
 
 
+@cache
+def track() -> TrackSupervision:
+    return metro().supervisor().track
+
+
+def new_supervisor() -> Supervisor:
+    """Return a supervisor in its first state; the limits of the track do not change."""
+    return Supervisor(track(), metro().scenario.supervision)
+
+
 @pytest.fixture
 def supervisor() -> Supervisor:
-    return metro().supervisor()
+    return new_supervisor()
 
 
 def steps(supervisor: Supervisor, moves: Iterable[tuple[float, float]], first: int = 0) -> list[SupervisionDecision]:
@@ -54,7 +67,7 @@ def end_of_authority() -> float:
 def test_a_limit_is_exceeded_above_it_only() -> None:
     """Breaks if a speed equal to a limit exceeds it: at the permitted speed the train is in order."""
     speeds = [PERMITTED, WARNING, SERVICE, EMERGENCY]
-    found = [at(metro().supervisor(), speed)[0] for speed in speeds]
+    found = [at(new_supervisor(), speed)[0] for speed in speeds]
     assert [decision.state for decision in found] == [State.NORMAL, State.OVERSPEED, State.WARNING, State.SERVICE_BRAKE]
     assert found[0].reason == ""
 
@@ -96,7 +109,7 @@ def test_standstill_ends_a_service_brake_beyond_the_permitted_speed_but_no_overs
     """Breaks if a service brake beyond the end of authority is never released, or the states change their rules."""
     beyond, slow = end_of_authority() + 1.0, STANDSTILL / 2
     assert [one.state for one in steps(supervisor, [(PLACE, SERVICE + 0.1), (beyond, slow)])][-1] is State.NORMAL
-    other = metro().supervisor()
+    other = new_supervisor()
     assert [one.state for one in steps(other, [(PLACE, PERMITTED + 0.1), (beyond, slow)])][-1] is State.OVERSPEED
 
 
@@ -104,7 +117,7 @@ def test_the_speed_of_standstill_is_a_movement(supervisor: Supervisor) -> None:
     """Breaks if a train at exactly this speed is released, or passes the end of authority."""
     braked = at(supervisor, EMERGENCY + 0.1, STANDSTILL, STANDSTILL * 0.99)
     assert [one.state for one in braked] == [State.EMERGENCY_BRAKE, State.EMERGENCY_BRAKE, State.NORMAL]
-    beyond = at(metro().supervisor(), STANDSTILL, place=end_of_authority() + 1.0)
+    beyond = at(new_supervisor(), STANDSTILL, place=end_of_authority() + 1.0)
     assert beyond[0].state is State.EMERGENCY_BRAKE
 
 
@@ -131,7 +144,7 @@ def test_the_indication_precedes_the_permitted_speed_by_its_time() -> None:
     """Breaks if no indication is given, or later than 5 s before the permitted speed: 3.13.9.3.6."""
     end, speed = end_of_authority(), 60 / 3.6
     places = np.arange(end - 1500.0, end - 50.0, 2.0)
-    found = [at(metro().supervisor(), speed, place=float(place))[0] for place in places]
+    found = [at(new_supervisor(), speed, place=float(place))[0] for place in places]
     kinds = [one.state for one in found]
     assert kinds == sorted(kinds) and kinds[0] is State.NORMAL
     indicated, exceeded = kinds.index(State.INDICATION), kinds.index(State.OVERSPEED)
@@ -146,7 +159,7 @@ def test_limits_and_indication_use_the_acceleration_of_the_train() -> None:
     def states(acceleration: float) -> list[State]:
         found = []
         for place in np.arange(end - 1500.0, end - 50.0, 2.0):
-            supervisor = metro().supervisor()
+            supervisor = new_supervisor()
             moves = [(float(place), speed - acceleration * 0.4 * late) for late in (3, 2, 1, 0)]
             decision = steps(supervisor, moves)[-1]
             motion = decision.motion
@@ -180,7 +193,7 @@ def test_a_restarted_supervisor_brakes_until_standstill(supervisor: Supervisor) 
 @pytest.mark.parametrize("forwards", [0.0, 0.5])
 def test_a_stop_or_a_movement_forwards_ends_the_distance_of_a_roll_back(forwards: float) -> None:
     """Breaks if two short movements backwards with a stop between them count as one long one."""
-    back, supervisor = -1.0, metro().supervisor()
+    back, supervisor = -1.0, new_supervisor()
     found = at(supervisor, 0.0, *[back] * 4, forwards, *[back] * 5, back)
     assert [one.state for one in found[:-1]] == [State.NORMAL] * (len(found) - 1)
     assert found[-1].state is State.EMERGENCY_BRAKE
