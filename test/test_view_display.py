@@ -19,7 +19,12 @@ from train_ato.scenario.scenario import load_scenario
 pytestmark = pytest.mark.slow
 BLOWN = ("duration=220", "interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]")
 """A gust accelerates the demo train beyond its speed limit."""
-STOPPING = ("profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 10}, {brake_to: 0}]", "duration=400")
+STOPPING = (
+    "profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 10}, {brake_to: 0}]",
+    "duration=400",
+    "criteria.stop_window=10",
+)
+"""A run that stops 5.8 m short of its target."""
 COLOURS = """(name => {{
   const shown = document.getElementById(name), canvas = document.createElement("canvas");
   canvas.width = shown.width;

@@ -63,6 +63,7 @@ window.dmi = {
   draw() {
     if (!this.line || !this.row || !this.row.front_m) return;
     this.drawTarget();
+    this.drawWindow();
     this.drawPlanning();
     if (window.elevation) window.elevation.draw(this);
   },
