@@ -131,7 +131,7 @@ def test_the_ato_is_disengaged_and_engaged_by_buttons(tmp_path: Path) -> None:
     with browser() as page, viewing(*options) as view:
         opened(page, view.url)
         wait_for(lambda: text(page, "ato_text") == "engaged", "the state of the ATO")
-        wait_for(lambda: abs(page.evaluate("model('where').data.speed[0]")) > 1.0, "a train that moves")
+        wait_for(lambda: page.evaluate("model('where').data.speed[0]") > 10.0, "a train that needs some time to stop")
         assert 0.0 < number(page, "permitted_text") <= 80.0
         click(page, "engage")
         assert "engage: the ATO is engaged, not ready" in answer(page, "wait for this state")
