@@ -60,7 +60,6 @@ COLUMNS = [
         rows("0,1,2,3", "1,1,2,3", head="time_s,speed_kmh,force_n,unit_0_force_n"),
         r"is the sum of all power units.*; remove one",
     ),
-    (under("time_s,speed_kmh,unit_4_force_kn"), r"'unit_4_force_kn': the train has 1 power units"),
     (under("time_s,speed_kmh,unit_0_door"), r"'unit_0_door': not a quantity of a power unit; use"),
     (beside("brake_pipe_pressure_kpa", lambda t: 600), r"'brake_pipe_pressure_kpa': train .* has no air brake"),
     (every(lambda t: f"{t},{t},"), r"column 'force_kn' is empty"),
@@ -139,6 +138,14 @@ PIECES = [b"", b",", b"\n", b"-", b"e9", b"nan", b'"', b";", b"#", b"\xff", b"0"
 def test_what_cannot_be_is_refused_by_its_line(tmp_path, capsys, text, options, message):
     """Breaks if invalid input is imported or causes a traceback."""
     assert re.search(message, refused(tmp_path, capsys, text, *options))
+
+
+def test_a_unit_that_the_train_does_not_have_and_the_missing_one_are_two_faults(tmp_path, capsys):
+    """Breaks if only the first of several faults is named, or a fault has more than one line."""
+    text = under("time_s,speed_kmh,unit_4_force_kn")
+    first, second = refused(tmp_path, capsys, text, faults=2).splitlines()
+    assert "'unit_4_force_kn': the train has 1 power units" in first
+    assert "force of unit 0 is missing" in second
 
 
 def test_the_good_rows_of_that_table_are_good(tmp_path, capsys):

@@ -83,13 +83,7 @@ def parse_rate(text: str) -> float:
     argparse.ArgumentTypeError
         If it is neither ``max`` nor a finite number above 0.
     """
-    try:
-        rate = math.inf if text == "max" else float(text)
-    except ValueError:
-        rate = 0.0
-    if text != "max" and not 0 < rate < math.inf:
-        raise argparse.ArgumentTypeError(f"{text}: not a rate; give a number above 0, 1 for real time, or max")
-    return rate
+    return _positive(text, "max", "not a rate; give a number above 0, 1 for real time, or max")
 
 
 def parse_limit(text: str) -> float:
@@ -100,13 +94,20 @@ def parse_limit(text: str) -> float:
     argparse.ArgumentTypeError
         If it is neither ``none`` nor a finite number above 0.
     """
+    return _positive(text, "none", "not a time; give seconds above 0, or none")
+
+
+def _positive(text: str, unlimited: str, fault: str) -> float:
+    """Return a finite number above 0, or infinity for the word ``unlimited``; raise with the fault for other texts."""
+    if text == unlimited:
+        return math.inf
     try:
-        limit = math.inf if text == "none" else float(text)
+        value = float(text)
     except ValueError:
-        limit = 0.0
-    if text != "none" and not 0 < limit < math.inf:
-        raise argparse.ArgumentTypeError(f"{text}: not a time; give seconds above 0, or none")
-    return limit
+        value = 0.0
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"{text}: {fault}")
+    return value
 
 
 def add_rate(parser: argparse.ArgumentParser, default: float = math.inf) -> None:

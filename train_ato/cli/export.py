@@ -41,7 +41,9 @@ def execute(options: argparse.Namespace) -> int:
 
     if options.scene:
         return _write_scene(options)
-    for option in ("figure", "at", *(() if options.rerun else ("rate",))):
+    if options.rate is not None and not options.rerun:
+        raise ValueError("--rate: only with --scene or --rerun; remove it")
+    for option in ("figure", "at"):
         if getattr(options, option) is not None:
             raise ValueError(f"--{option}: only with --scene; remove it")
     if options.rerun:

@@ -60,5 +60,5 @@ def add_compression(parser: argparse.ArgumentParser) -> None:
         "--compression",
         choices=COMPRESSIONS,
         default=DEFAULT,
-        help="compression of the log; small needs twelve times the CPU time of fast (default: fast)",
+        help="compression of the log; small needs many times the CPU time of fast (default: fast)",
     )

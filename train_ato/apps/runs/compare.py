@@ -67,14 +67,7 @@ def compare(
     """
     choice = choose_scenario(scenario).changed(set, seed)
     base = put_components(choice.checked, observer=observer, compensation=compensation, importable=False)
-    named = present_arguments(former, "train_ato.compare", {"laws": laws})["laws"]
-    if isinstance(named, str):
-        raise ValueError(f"laws '{named}': give a list, for example ['pid', 'smc']")
-    chosen = _labelled([choose_component(LAWS, entry) for entry in (LAWS.loadable() if named is None else named)])
-    if not chosen:
-        raise ValueError("laws: no law; add one, or remove the argument to use all that fit")
-    for law in chosen:
-        LAWS.get(law.name)
+    chosen = _chosen(present_arguments(former, "train_ato.compare", {"laws": laws})["laws"])
     setups, refused = _setups(choice, base, chosen)
     folder = None if keep is None else Path(keep)
     return Comparison(
@@ -86,6 +79,18 @@ def compare(
             for law in chosen
         ],
     )
+
+
+def _chosen(laws: Sequence[Any] | None) -> list[ComponentChoice]:
+    """Return the loaded laws with different labels; None for every registered one."""
+    if isinstance(laws, str):
+        raise ValueError(f"laws '{laws}': give a list, for example ['pid', 'smc']")
+    chosen = _labelled([choose_component(LAWS, entry) for entry in (LAWS.loadable() if laws is None else laws)])
+    if not chosen:
+        raise ValueError("laws: no law; add one, or remove the argument to use all that fit")
+    for law in chosen:
+        LAWS.get(law.name)
+    return chosen
 
 
 def _gains(choice: ScenarioChoice, law: ComponentChoice) -> str:
