@@ -49,7 +49,7 @@ class Graph:
         }
         options: dict[str, Any] = {"compression": compression} if recorded else {}
         self._nodes = {
-            role: make_node(role, setup, self._all_endpoints[role], folder, None, 60.0, recorded, **options)
+            role: make_node(role, setup, self._all_endpoints[role], folder, True, 60.0, recorded, **options)
             for role in roles
         }
         for role, endpoints in self._all_endpoints.items():

@@ -40,8 +40,8 @@ BEAT_MS = 500
 _TOOLS: dict[str, Any] = {"tools": "", "toolbar_location": None, "sizing_mode": "stretch_both"}
 WHERE = ("place", "rear", "stop", "speed", "time")
 """Columns for the figures over time and place, which are drawn less often because they move slowly."""
-WHERE_S = 0.14
-"""Wall time between two such drawings."""
+WHERE_S = 0.19
+"""Wall time between two such drawings, and of the forces along the train: every fourth frame of the display."""
 _EMPTY = {
     **dict.fromkeys(("speed_angle", "profile_angle", "limit_angle"), 3.927),
     **{f"{name}_angle": -0.78 - 1e-3 * place for place, name in enumerate(LIMIT_NAMES)},
@@ -226,12 +226,12 @@ class ViewPage:
         if frame.number != self._shown:
             self._shown = frame.number
             self.frames += 1
-            self._along.show(frame.along)
             self._now.data = {**frame.now, "number": [self.frames]}
             self._where_due = True
         if self._where_due and time.monotonic() - self._where_at > WHERE_S:
             self._where_at = time.monotonic()
             self._where_due = False
+            self._along.show(frame.along)
             self._show_strip(frame.moment.time)
             self._show_messages(frame.moment.time)
             self._where.data = frame.where
