@@ -102,7 +102,7 @@ def test_first_command_minimises_the_cost(beyond):
 def test_identification_on_increments_finds_the_gain():
     """Plant with 0.8 of the gain and a constant force: the static gain goes from 1 to 0.8, the pole at 1 stays."""
     a, b = sampled_actuator(1.0, 0.4, 1.2)
-    found = Increments(a, b)
+    found = Increments(a, b, 0.5)
     rng = np.random.default_rng(2)
     speeds, sent = [10.0] * 4, [0.0] * 4
     first = last = 0.0

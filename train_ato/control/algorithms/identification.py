@@ -8,9 +8,6 @@ import numpy as np
 
 from train_ato.messages.types import Array
 
-MAX_DEVIATION = 0.5
-"""Largest deviation of the identified parameters, over the norm of the nominal ones."""
-
 
 class Increments:
     """Recursive identification, eqs. (8)-(11), with a fixed integrator: A = (1 - z⁻¹) A'.
@@ -21,13 +18,16 @@ class Increments:
         Nominal A(z⁻¹), with a root at 1.
     b : Array, shape (3,)
         Nominal B(z⁻¹).
+    deviation
+        Largest deviation of the identified parameters over the norm of the nominal B, and of the poles.
     """
 
-    def __init__(self, a: Array, b: Array) -> None:
+    def __init__(self, a: Array, b: Array, deviation: float) -> None:
         inner = np.array([1.0, 1.0 + a[1], 1.0 + a[1] + a[2]])
         self._nominal = np.concatenate((inner[1:], b))
         self._a, self._b = np.array(a), np.array(b)
-        self._scale = MAX_DEVIATION * float(np.linalg.norm(self._nominal[2:]))
+        self._deviation = deviation
+        self._scale = deviation * float(np.linalg.norm(self._nominal[2:]))
         self.reset()
 
     def reset(self) -> None:
@@ -76,7 +76,7 @@ class Increments:
         if absolute:
             x = np.array([-v1, -v2, -v3, *sent[:3]])
             move = x * (error / (1.0 + float(x @ x)))
-            self._drift = np.clip(self._drift + move[:3], -MAX_DEVIATION, MAX_DEVIATION)
+            self._drift = np.clip(self._drift + move[:3], -self._deviation, self._deviation)
             self.theta[2:] += move[3:]
         else:
             x = np.array([-(v1 - v2), -(v2 - v3), *sent[:3]])

@@ -29,6 +29,10 @@ class PredictiveSettings(Protocol):
     def beyond_horizon(self) -> str:
         """Command beyond the control horizon: ``zero`` or ``hold``."""
 
+    @property
+    def residual_gain(self) -> str:
+        """Lc from the cost (``horizon``), or by (21) (``stationary``)."""
+
 
 class LinearLaw(NamedTuple):
     """First command of (18): u = scale P w - Fc v - (Hc - 1) u - Lc xi.
@@ -51,13 +55,14 @@ class LinearLaw(NamedTuple):
 
 
 def linear_law(a: Array, b: Array, p: PredictiveSettings) -> LinearLaw:
-    """Return the linear law of (19): Fc = sum P_j F_j, Hc = 1 + z⁻¹ sum P_j H_j, Lc = sum P_j E_j(1)."""
+    """Return the linear law of (19): Fc = sum P_j F_j, Hc = 1 + z⁻¹ sum P_j H_j, Lc = sum P_j E_j(1) or by (21)."""
     e, f = diophantine(a, p.n)
     g, h = response_and_past(e, b, p.n)
     rows = first_row(g, p)
     feedback, past = rows @ f, rows @ h
     scale = (a.sum() * (1.0 + past.sum()) / b.sum() + feedback.sum()) / rows.sum()
-    return LinearLaw(rows, feedback, past, float(rows @ np.cumsum(e)), float(scale))
+    residual = rows @ np.cumsum(e) if p.residual_gain == "horizon" else (1.0 + past.sum()) / b.sum()
+    return LinearLaw(rows, feedback, past, float(residual), float(scale))
 
 
 def first_row(g: Array, p: PredictiveSettings) -> Array:

@@ -22,7 +22,9 @@ over the units::
 2. e²/phi² is clipped at 0.5: outside the funnel the printed k_i become negative, the cause of "kilometres of error".
 3. beta2 = 1e-4 (3 cm/s): no sampled loop stays inside the funnel of 9e-5 m/s of the paper.
 4. alpha1' = a_d - k1 (v - v_d) in place of the 5 ms filter (13), which converts 0.1 m of noise into MN/s.
-5. h uses sat(u), here the force sent and the force measured. Learning (in m/s², with the minus sign that (27), (28)
+5. kappa is the excess at the present time: |u - sat u(t - tau)| of (9) (``kappa: printed``) also widens the funnel
+   when u changes within the delay, without any saturation.
+6. h uses sat(u), here the force sent and the force measured. Learning (in m/s², with the minus sign that (27), (28)
    lack) is held while the force is at a limit.
 
 ``variant: printed`` keeps (13) with Mh' = gamma_M |z| (19), sigma(t) = .001 exp(-.001 t) + .0001, the leak, k_i0 = 1,
@@ -88,6 +90,10 @@ class FunnelParameters:
         choices=("clip", "printed"), formerly="outside",
     )  # fmt: skip
     clip: float = parameter(0.5, "1", 0.0, 0.999, "largest e²/phi²")
+    kappa: str = parameter(
+        "present", "", 0, 0, "excess of (8): |u - sat u|, or |u - sat u(t - tau)| as printed in (9)",
+        choices=("present", "printed"),
+    )  # fmt: skip
     delta: float = parameter(1e-3, "m/s", 1e-9, 10.0, "smallest |e2| in (8)")
     gamma_w: float = parameter(0.05, "1/s²", 0.0, 100.0, "learning rate of the network")
     bias_rate: float = parameter(
@@ -222,8 +228,10 @@ class Funnel(GuardedLaw):
         rest = beta2 / A2
         wide = (before - rest) * self._narrow + rest
         low, high = sum(inputs.force_min.tolist()), sum(inputs.force_max.tolist())
-        if not low <= wanted <= high and self.parameters.funnel == "dynamic":
-            excess = abs(wanted - min(max(wanted, low), high)) / self.model.inertia
+        printed = self.parameters.kappa == "printed"
+        if self.parameters.funnel == "dynamic" and (printed or not low <= wanted <= high):
+            possible = sum(inputs.applied.tolist()) if printed else min(max(wanted, low), high)
+            excess = abs(wanted - possible) / self.model.inertia
             grow = excess / max(abs(error), self.parameters.delta)
             wide *= math.exp(min(grow * h, 20.0))
         self.phi2 = min(wide, MAX_FUNNEL)

@@ -20,6 +20,8 @@ Corrections and properties:
   unit circle at 0.4 s and less for any lam, with 1.1 s at 0.3 s; ``sampling`` 1.2 s works. In between the command is
   held.
 * Identification on increments of v, A = (1 - z⁻¹) A': the projection on v itself only moves the pole at 1.
+* Lc follows from the cost; (21), Hc(1) = B(1) Lc(1), removes the influence of a constant xi
+  (``residual_gain: stationary``). The identified parameters stay within ``deviation_limit`` of the nominal ones.
 * xi contains resistance, grades and couplers: the network acts as a slow integrator; the raw residual destabilises.
 * ``resistance_feedforward: true`` adds the force for the nominal resistance, grades and air brake; u and xi are then
   without it.
@@ -81,6 +83,12 @@ class GpcParameters:
     use_network: bool = parameter(True, "", 0, 1, "estimate xi by the network", formerly="unmodelled")
     resistance_feedforward: bool = parameter(
         False, "", 0, 1, "add the force for the nominal resistance; false in the paper", formerly="modelled"
+    )
+    residual_gain: str = parameter(
+        "horizon", "", 0, 0, "Lc from the horizon, or Lc = Hc(1)/B(1) by (21)", choices=("horizon", "stationary")
+    )
+    deviation_limit: float = parameter(
+        0.5, "1", 0.0, 1e9, "largest deviation of the identified parameters over the norm of B; no limit in the paper"
     )
     learning_rate: float = parameter(0.15, "1", 0.0, 1.0, "learning rate of the network, per sample", formerly="rate")
     hidden: int = parameter(6, "1", 1, 50, "hidden neurons of the network")
@@ -214,7 +222,10 @@ class Loop:
 
     def __init__(self, parameters: GpcParameters, forward: float, backward: float, lag: float, sampling: float) -> None:
         self._parameters = parameters
-        self._models = [Increments(*sampled_actuator(delay, lag, sampling)) for delay in (forward, backward)]
+        self._models = [
+            Increments(*sampled_actuator(delay, lag, sampling), parameters.deviation_limit)
+            for delay in (forward, backward)
+        ]
         self._residual = ResidualNetwork(parameters.hidden)
         self.reset()
 

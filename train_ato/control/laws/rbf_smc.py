@@ -10,15 +10,24 @@ The law of :mod:`train_ato.control.laws.smc` with delta_hat added to f_hat::
 
 Corrections and additions: network inputs are clipped to the outermost centres (with b = 0.005 the network has no
 response beyond 0.1 km/h, and centres that learn independently give delta_hat a slope over e that excites the loop;
-``clip: false`` in the paper). Weights are bounded, and held while the force is at a limit or the measurement is not
-valid. Without the linear reaching term ``ks`` the pair S, W is an undamped oscillator of 55 s, and the network makes
-the tracking worse.
+``clip: false`` in the paper). Weights are bounded (``weight_limit``), and held while the measurement is not valid or,
+with ``anti_windup``, while the force is at a limit. Without the linear reaching term ``ks`` the pair S, W is an
+undamped oscillator of 55 s, and the network makes the tracking worse.
+
+The observer of the paper has delta_hat in its known part, (30)-(34): otherwise (35) subtracts the same force twice. The
+node of the observer receives no delta_hat, so d_hat contains it. ``ndo_omega``, the bandwidth of the observer, removes
+it here: the observer is a linear filter, and the estimate of the paper is d_hat - m g with
+
+    g_k = E g_{k-1} + (1 - E) delta_hat_{k-1},  E = exp(-ndo_omega Tc)
+
+with the same bits up to rounding. Default 0: delta_hat stays in d_hat.
 
 Needs: the same as `smc`.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
@@ -38,6 +47,9 @@ class RbfSmcParameters(SmcParameters):
     spread: float = parameter(0.01, "m, m/s", 1e-6, 100.0, "outermost of the five centres")
     width: float = parameter(0.005, "m, m/s", 1e-6, 100.0, "b, width of the Gaussian functions")
     clip: bool = parameter(True, "", 0, 1, "clip the inputs to the outermost centres; false in the paper")
+    ndo_omega: float = parameter(
+        0.0, "1/s", 0.0, 1e6, "bandwidth of the observer if its known part has delta_hat, as in the paper"
+    )
     weight_limit: float = parameter(1.0, "m/s²", 0.0, 1e3, "largest magnitude of a weight")
 
 
@@ -50,21 +62,27 @@ class RbfSmc(Smc):
         super().__init__(parameters, model, period)
         self._centres = [parameters.spread * centre for centre in RBF_CENTERS]
         self._weights = [Weights([0.0] * len(RBF_CENTERS), parameters.weight_limit) for _ in range(self.n)]
+        self._decay = math.exp(-parameters.ndo_omega * period)
+        self._observed = [(0.0, 0.0)] * self.n
 
     def clear_state(self) -> None:
         """Clear the integrals and the networks."""
         super().clear_state()
         for weights in self._weights:
             weights.reset()
+        self._observed = [(0.0, 0.0)] * self.n
 
     def learnt(self, unit: int, error: float, rate: float, surface: float) -> float:
-        """Return delta_hat [m/s²] and update the weights."""
+        """Return delta_hat minus its part in d_hat [m/s²], and update the weights."""
         p = self.parameters
         if p.clip:
             reach = p.spread
             error, rate = min(max(error, -reach), reach), min(max(rate, -reach), reach)
         hidden = activations((error, rate), self._centres, p.width)
         found = self._weights[unit].output(hidden)
-        if not self.saturated[unit]:
+        if not (self.saturated[unit] and p.anti_windup):
             self._weights[unit].learn(p.gamma * surface * self.period, hidden)
-        return found
+        filtered, before = self._observed[unit]
+        filtered = self._decay * filtered + (1.0 - self._decay) * before
+        self._observed[unit] = (filtered, found)
+        return found - filtered

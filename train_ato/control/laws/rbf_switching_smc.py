@@ -23,6 +23,8 @@ Corrections:
 * eta = 0.6 per sample is an integrator of 0.6/Tc; here eta is a rate, multiplied by Tc.
 * q is clipped, because the network would have no response to large errors. Weights are bounded, and held while the
   force is at a limit.
+* The first input of the identification network is u_n: u of the paper (``rbfi_input: command``) contains the
+  acceleration of the profile, to which e'' does not respond.
 * The identification network supplies only the sign of ds/du. With a delay its inputs and outputs do not correspond, so
   its sign is used only while it has explained e'' for some time; otherwise the physical sign (+) is used.
 
@@ -70,6 +72,10 @@ class RbfSwitchingSmcParameters:
     eta: float = parameter(0.05, "1/s²", 0.0, 1e3, "learning rate of RBFC; times Tc per sample")
     alpha: float = parameter(0.05, "1", 0.0, 0.99, "momentum of both networks")
     identify: bool = parameter(True, "", 0, 1, "take the sign of ds/du from RBFI")
+    rbfi_input: str = parameter(
+        "switching", "", 0, 0, "first input of RBFI: the switching term, or u(l-1) as in the paper",
+        choices=("switching", "command"),
+    )  # fmt: skip
     eta_v: float = parameter(0.05, "1", 0.0, 1.0, "learning rate of RBFI, per sample")
     weight_limit: float = parameter(3.0, "m/s²", 0.0, 1e3, "largest magnitude of a weight")
 
@@ -87,6 +93,7 @@ class RbfSwitchingSmc(GuardedLaw):
         self._control = [Weights(start, p.weight_limit, p.alpha) for _ in range(self.n)]
         self._sensitivity = [Identification(p.eta_v, p.alpha) for _ in range(self.n)]
         self._literal = p.objective == "printed_acceleration"
+        self._literal_input = p.rbfi_input == "command"
         self.clear_state()
 
     def clear_state(self) -> None:
@@ -110,20 +117,22 @@ class RbfSwitchingSmc(GuardedLaw):
         wanted = []
         for unit, (error, rate) in enumerate(zip(errors, rates, strict=True)):
             error_acceleration = 0.0 if self._rates is None else (rate - self._rates[unit]) / self.period
-            pull = self._switching(unit, self.parameters.c * error + rate, error_acceleration)
+            surface = self.parameters.c * error + rate
+            command = self._last_force[unit] / self._mass[unit] if self._literal_input else self._pull[unit]
+            pull = self._switching(unit, surface, command, error_acceleration)
             self._pull[unit] = pull
             wanted.append(known[unit] - disturbance[unit] + self._mass[unit] * (pull - self.parameters.c * rate))
         self._rates = rates
         return wanted
 
-    def _switching(self, unit: int, surface: float, acceleration: float) -> float:
+    def _switching(self, unit: int, surface: float, command: float, acceleration: float) -> float:
         """Return u_n [m/s²] and update the weights."""
         p = self.parameters
         if p.switching == "sign":
             return float(-p.k_w * sign(surface))
         if p.switching == "tanh":
             return float(-p.k_w * math.tanh(surface / p.phi))
-        gain = self._sensitivity[unit].step(self._pull[unit], acceleration) if p.identify else 1.0
+        gain = self._sensitivity[unit].step(command, acceleration) if p.identify else 1.0
         aim, push = (acceleration, acceleration) if self._literal else (surface / p.phi, surface)
         hidden = activations((min(max(aim, -1.0), 1.0),), RBF_CENTERS, p.width)
         if not self.saturated[unit]:

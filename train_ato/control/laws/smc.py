@@ -20,7 +20,7 @@ Corrections and additions:
 * ``model_error`` is the uncertainty of f of 1 % in the paper.
 * zeta is 0 at e = 0 and |S|^5 is negligible near 0, so S has no restoring term: ``ks`` adds one (0 in the paper).
 * The sign has a boundary layer ``phi`` [m/s] (0 in the paper).
-* The integral of e is clamped, and held while the force is at a limit.
+* The integral of e is clamped (``integral_limit``), and held while the force is at a limit (``anti_windup``).
 * ``equivalent: feedforward`` is for trains with lag and delay. It takes the equivalent control from
   ``LawInput.feedforward`` and uses the inertia of the train instead of that of the vehicle. With a sum T of lag and
   delay the law of the paper is unstable for T > m l1/(M l2), 0.17 s on the 10 684 t train. Under ``twin``
@@ -58,7 +58,9 @@ class SmcParameters:
     ks: float = parameter(0.5, "1/s", 0.0, 100.0, "linear reaching term; 0 in the paper")
     phi: float = parameter(0.0, "m/s", 0.0, 100.0, "boundary layer of the sign; 0 in the paper")
     model_error: float = parameter(0.01, "1", -0.5, 10.0, "f_hat = f/(1 + model_error)")
-    integral_limit: float = parameter(100.0, "m s", 0.0, 1e6, "largest magnitude of the integral of the position error")
+    integral_limit: float = parameter(
+        100.0, "m s", 0.0, 1e12, "largest magnitude of the integral of the position error; no limit in the paper"
+    )
     anti_windup: bool = parameter(True, "", 0, 1, "hold the integral while the force is at a limit; false in the paper")
     equivalent: str = parameter(
         "measured",

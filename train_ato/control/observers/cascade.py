@@ -28,6 +28,8 @@ class Cascade:
     ----------
     d1, d1_rate, d2 : float
         Speed offset [m/s], its rate and the disturbance [m/s²].
+    position, velocity : float
+        Estimated position [m] and speed [m/s], after the first ``step()``.
     """
 
     def __init__(self, period: float) -> None:
@@ -43,6 +45,16 @@ class Cascade:
     def restart(self) -> None:
         """Restart at the next sample with the present estimates."""
         self._x = None
+
+    @property
+    def position(self) -> float:
+        """Estimated position [m]; 0 before the first sample."""
+        return self._x or 0.0
+
+    @property
+    def velocity(self) -> float:
+        """Estimated speed [m/s]."""
+        return self._v
 
     def step(self, x: float, v: float, acceleration: float) -> None:
         """Update the estimates by position [m], speed [m/s] and mean modelled acceleration of the sample [m/s²]."""
