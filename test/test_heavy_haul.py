@@ -43,8 +43,8 @@ KEYS = (
 )  # fmt: skip
 NEAR, NEAR_STOP = 0.05, 0.05
 """Half width of the bounds, relative, and of those on the stop [m]."""
-PRINTED = ("law=smc", "laws.smc.ks=0", "laws.smc.anti_windup=false")
-"""The sliding mode of paper 000 without what repairs it: the linear reaching term, and the anti-windup."""
+PRINTED = ("law=smc", "laws.smc.ks=0", "laws.smc.anti_windup=false", "laws.smc.integral_limit=1e12")
+"""Sliding mode of paper 000 without the additions: linear reaching term, anti-windup, limit of the integral."""
 HARD = "+disturbed+strong_mismatch"
 MEASURED: dict[tuple[str, tuple[str, ...]], Figures] = {
     # speed error rms and largest [km/h], draft and buff [kN], variation [kN/s], stop [m]
@@ -100,12 +100,12 @@ def test_published_gains_swing_in_the_couplers(law: str, rms: float, draft: floa
 
 
 def test_the_printed_law_is_lost_with_lag_and_delay() -> None:
-    """Unstable above a total lag of 0.17 s. At 1.2 s it winds up: 4.95 and 14.7 km/h, 1549 kN, 763 m past the stop.
+    """Unstable above a total lag of 0.17 s. At 1.2 s it winds up: 33.2 and 68 km/h, 1549 kN, 4442 m past the stop.
 
     These are the figures of the law alone; with supervision the braking law stops the train ahead of the stop.
     """
     result = summary("daqin_heavy_haul", *PRINTED, "compensation=none", "supervision.enabled=false")
-    assert result["speed_rmse_kmh"] > 0.9 * 4.95
-    assert result["speed_error_max_kmh"] > 0.9 * 14.7
+    assert result["speed_rmse_kmh"] > 0.9 * 33.2
+    assert result["speed_error_max_kmh"] > 0.9 * 68.0
     assert result["coupler_draft_max_kn"] > 0.9 * 1549
-    assert result["stop_error_m"] > 0.9 * 763
+    assert result["stop_error_m"] > 0.9 * 4442

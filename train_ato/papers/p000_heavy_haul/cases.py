@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from train_ato.papers.claims import Case
+from train_ato.papers.printed_forms import PrintedForm
 
 DURATION = 2674
 """Length of the driver's run [s]."""
@@ -36,17 +37,23 @@ PRINTED_PID = {
     "feedforward": False,
     "filter_time": 0.0,
 }
-PRINTED = {"ks": 0.0, "anti_windup": False}
-"""The printed reaching law has no linear term, and its integral has no anti-windup."""
-PRINTED_NETWORK = {**PRINTED, "clip": False}
-"""The printed network has no output outside its basis functions."""
+PRINTED = {"ks": 0.0, "anti_windup": False, "integral_limit": 1e12}
+"""The printed reaching law has no linear term; its integral has no anti-windup and no limit."""
+PRINTED_NETWORK = {**PRINTED, "clip": False, "weight_limit": 1e3}
+"""The printed network has no output outside its basis functions, and no limit of its weights."""
+
+
+def _printed_observer(omega: float) -> Choice:
+    """Return the printed law with its observer, whose known part has the output of the network."""
+    return _law("rbf_smc", PRINTED_NETWORK | {"ndo_omega": omega}, omega)
+
 
 IDEAL_LAWS: dict[str, tuple[str, Choice]] = {
     "pid": ("PID (Tc 0.01)", _law("pid", PRINTED_PID) | {"tick": 0.01}),
     "smc": ("SMC", _law("smc", PRINTED)),
     "smc_ndo": ("SMC + NDO 1000", _law("smc", PRINTED, 1000.0)),
     "rbf": ("RBFNN-SMC", _law("rbf_smc", PRINTED_NETWORK)),
-    "rbf_ndo": ("RBFNN-SMC + NDO 1000", _law("rbf_smc", PRINTED_NETWORK, 1000.0)),
+    "rbf_ndo": ("RBFNN-SMC + NDO 1000", _printed_observer(1000.0)),
     "smc_ks": ("SMC + ks", _law("smc", {})),
     "rbf_ks": ("RBFNN + ks", _law("rbf_smc", {})),
     "rbf_ks_ndo": ("RBFNN + ks + NDO 20", _law("rbf_smc", {}, 20.0)),
@@ -105,11 +112,27 @@ def _cases() -> dict[str, Case]:
         cases[f"{key} lagged"] = _lagged(IDEAL_LAWS[key][1], **bare)
     cases["smc lagged"] = _lagged(IDEAL_LAWS["smc"][1], compensation="none")
     for omega in (1000.0, 20.0):
-        cases[f"ndo {omega:g} noise"] = _ideal(
-            _law("rbf_smc", PRINTED_NETWORK, omega), duration=SHORT, plant={"sensors": {"velocity_noise": 0.01}}
-        )
+        noise = {"sensors": {"velocity_noise": 0.01}}
+        cases[f"ndo {omega:g} noise"] = _ideal(_printed_observer(omega), duration=SHORT, plant=noise)
+    cases["rbf_ndo apart disturbed"] = _ideal(_law("rbf_smc", PRINTED_NETWORK, 1000.0), "+disturbed")
+    clamped = _law("smc", PRINTED | {"integral_limit": 100.0})
+    cases["smc lagged clamped"] = _lagged(clamped, compensation="none")
     longest = sorted(cases, key=lambda key: -cases[key].changes["duration"] / cases[key].changes.get("tick", PERIOD))
     return {key: cases[key] for key in longest}
 
 
 CASES = _cases()
+PRINTED_FORMS = (
+    PrintedForm(
+        "integral of (19) without a limit; lag 0.4 s, delay 0.8 s", "smc lagged", "limit 100 m s", "smc lagged clamped"
+    ),
+    PrintedForm(
+        "delta_hat in the known part of the observer, (30)-(34); with (40)",
+        "rbf_ndo disturbed",
+        "delta_hat also in d_hat",
+        "rbf_ndo apart disturbed",
+    ),
+    PrintedForm(
+        "network without a linear reaching term and without clipped inputs, (21), (25)", "rbf", "both", "rbf_ks"
+    ),
+)

@@ -8,8 +8,9 @@ from typing import Any
 from train_ato.papers.checks import largest_kmh, rms_kmh, variation
 from train_ato.papers.claims import CaseTable, Paper, Results
 from train_ato.papers.p000_heavy_haul import checks, lag_checks
-from train_ato.papers.p000_heavy_haul.cases import CASES, IDEAL_LAWS, LAGGED_LAWS, LAGGED_TRAINS
+from train_ato.papers.p000_heavy_haul.cases import CASES, IDEAL_LAWS, LAGGED_LAWS, LAGGED_TRAINS, PRINTED_FORMS
 from train_ato.papers.p000_heavy_haul.figures import draw
+from train_ato.papers.printed_forms import printed_forms_table
 
 INDEPENDENT_IDEAL: Mapping[str, tuple[str, str]] = {
     "pid": ("0.106; 0.20", "0.106"),
@@ -84,5 +85,6 @@ PAPER = Paper(
             ),
             _lagged_rows,
         ),
+        printed_forms_table(PRINTED_FORMS),
     ),
 )

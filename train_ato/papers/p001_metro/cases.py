@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from train_ato.papers.claims import Case
+from train_ato.papers.printed_forms import PrintedForm
 
 INERTIA = 192_170.0
 """Mass including rotating masses [kg]."""
@@ -78,6 +79,7 @@ def _cases() -> dict[str, Case]:
     cases["sign nominal"] = _run(_law(SWITCHING, "preview", {"switching": "sign"}), "")
     cases["literal nominal"] = _run(_law(SWITCHING, "preview", LITERAL), "")
     cases["rbf unidentified disturbed"] = _run(_law(SWITCHING, "preview", RBF | {"identify": False}), ":disturbed")
+    cases["rbf command disturbed"] = _run(_law(SWITCHING, "preview", RBF | {"rbfi_input": "command"}), ":disturbed")
     for compensation in ("none", "pade"):
         cases[f"rbf {compensation}"] = _run(_law(SWITCHING, compensation, RBF), "")
     for delay in SWEEP:
@@ -87,3 +89,8 @@ def _cases() -> dict[str, Case]:
 
 
 CASES = _cases()
+PRINTED_FORMS = (
+    PrintedForm("objective (13), e''²/2; lag and delay", "literal nominal", "s²/2", "rbf nominal"),
+    PrintedForm("relay (9); lag and delay", "sign nominal", "tanh", "tanh nominal"),
+    PrintedForm("first input of (14): u(l-1); disturbed", "rbf command disturbed", "u_n", "rbf disturbed"),
+)

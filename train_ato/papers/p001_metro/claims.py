@@ -8,8 +8,9 @@ from typing import Any
 from train_ato.papers.claims import CaseTable, Paper, Results
 from train_ato.papers.p001_metro import checks as judges
 from train_ato.papers.p001_metro import goal_checks
-from train_ato.papers.p001_metro.cases import CASES, LAWS, TRAINS
+from train_ato.papers.p001_metro.cases import CASES, LAWS, PRINTED_FORMS, TRAINS
 from train_ato.papers.p001_metro.figures import draw
+from train_ato.papers.printed_forms import printed_forms_table
 
 INDEPENDENT: Mapping[str, tuple[str, str, str, str]] = {
     "nominal": ("0.081 / 0.62", "0.015 / 0.11", "0.015 / 0.11", "0.002 / 0.014"),
@@ -63,5 +64,6 @@ PAPER = Paper(
             ("law", "rms / largest in m/s", "variation in m/s² per s", "stop error in m"),
             _ideal_rows,
         ),
+        printed_forms_table(PRINTED_FORMS),
     ),
 )

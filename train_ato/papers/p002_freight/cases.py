@@ -8,6 +8,7 @@ from typing import Any
 from train_ato.papers.claims import Calculation, Case
 from train_ato.papers.p002_freight.error_dynamics import nominal_settling
 from train_ato.papers.p002_freight.observer_trials import observer_accuracy
+from train_ato.papers.printed_forms import PrintedForm
 
 DELAYS: Mapping[float, str] = {0.3: "+delay_0_3", 0.6: "", 0.8: "+delay_0_8", 1.0: "+delay_1_0"}
 """Variant of the scenario by command delay [s]."""
@@ -86,6 +87,10 @@ def _cases() -> dict[str, Case | Calculation]:
         for key, (tick, duration, settle) in OBSERVER_TICKS.items()
     }
     cases["ideal"] = Case("freight_consensus", {})
+    implicit = {"observers": {"cascaded": {"method": "implicit"}}}
+    cases["ideal implicit"] = Case("freight_consensus", implicit)
+    literal = {"fixed_time_smc": {"states": "estimated", "unmatched": True}}
+    cases["ideal estimated"] = Case("freight_consensus", {"observer": "none", "laws": literal})
     cases["printed order"] = Case("freight_consensus:printed_order", {"duration": 10})
     cases["pd slow"] = _pd(1.6, 0.64)
     cases["pd fast"] = _pd(9.0, 20.0)
@@ -109,3 +114,10 @@ def _cases() -> dict[str, Case | Calculation]:
 
 
 CASES = _cases()
+PRINTED_FORMS = (
+    PrintedForm("cascade (7), (11), implicit in time", "ideal implicit", "Levant's differentiators", "ideal"),
+    PrintedForm(
+        "x, v, d1, d1', d2 of (36) from the cascade", "ideal estimated", "measured x and v, implicit", "ideal implicit"
+    ),
+)
+"""The cascade of the law alone has no node, so no command contains d_hat twice."""

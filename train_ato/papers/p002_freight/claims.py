@@ -8,9 +8,10 @@ from typing import Any
 from train_ato.papers.claims import CaseTable, Paper, Results
 from train_ato.papers.p002_freight import checks as judge
 from train_ato.papers.p002_freight import realistic_checks as on_track
-from train_ato.papers.p002_freight.cases import CASES, DELAYS, LAWS, OBSERVER_TICKS, RATIOS
+from train_ato.papers.p002_freight.cases import CASES, DELAYS, LAWS, OBSERVER_TICKS, PRINTED_FORMS, RATIOS
 from train_ato.papers.p002_freight.figures import draw
 from train_ato.papers.p002_freight.observer_trials import FORMS
+from train_ato.papers.printed_forms import printed_forms_table
 
 
 def _row(results: Results, law: str, settings: Iterable[str]) -> list[str]:
@@ -61,5 +62,6 @@ PAPER = Paper(
             ("law", *(f"{ratio:g}" for ratio in RATIOS)),
             _ratio_rows,
         ),
+        printed_forms_table(PRINTED_FORMS),
     ),
 )

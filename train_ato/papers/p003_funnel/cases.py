@@ -9,17 +9,21 @@ from collections.abc import Mapping
 from typing import Any
 
 from train_ato.papers.claims import Case
+from train_ato.papers.printed_forms import PrintedForm
 
 
 def _funnel(**parameters: Any) -> dict[str, Any]:
     return {"law": "funnel", "compensation": "none", "laws": {"funnel": parameters}}
 
 
-PRINTED = {"variant": "printed", "resistance": "model"}
+PRINTED = {"variant": "printed", "resistance": "model", "outside_funnel": "printed"}
 """Printed law with known f; its network is a separate row."""
+CLIPPED = {**PRINTED, "outside_funnel": "clip"}
+PRINTED_RATES = {"gamma_w": 1.0, "bias_rate": 15.0, "weight_limit": 100.0}
+"""Learning rates of the paper; the limit of the weights is the largest one possible."""
 UNAWARE = {"model": {"consist": "crh380a_one_mass"}}
 """Model of the law: 240 kN; plant: 200 kN."""
-UNHANDLED = {"variant": "printed", "resistance": "network", "funnel": "prescribed", "outside_funnel": "printed"}
+UNHANDLED = {**PRINTED, "resistance": "network", "funnel": "prescribed", **PRINTED_RATES}
 """Comparison of the paper: a funnel that always narrows, gains that are negative outside of it."""
 
 LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
@@ -81,8 +85,14 @@ def _cases() -> dict[str, Case]:
     cases["unhandled clipped"] = _unhandled("short+saturated", 0.05, outside_funnel="clip")
     cases["unhandled aware"] = Case(saturated, _funnel(**UNHANDLED))
     cases["fixed gains"] = Case(saturated, _funnel(**PRINTED, **wide))
-    cases["printed network"] = Case("crh380a_funnel:short", _funnel(variant="printed", resistance="network"))
-    cases["printed raw light"] = Case("crh380a_funnel:short+light", _funnel(**PRINTED, outside_funnel="printed"))
+    network = {**PRINTED, "resistance": "network"}
+    cases["printed network"] = Case("crh380a_funnel:short", _funnel(**network, **PRINTED_RATES))
+    cases["printed network slow"] = Case("crh380a_funnel:short", _funnel(**network))
+    cases["printed light long"] = Case("crh380a_funnel:light", _funnel(**PRINTED))
+    cases["printed clipped light long"] = Case("crh380a_funnel:light", _funnel(**CLIPPED))
+    cases["printed excess"] = Case("crh380a_funnel:short", _funnel(**PRINTED, kappa="printed"))
+    cases["printed excess saturated"] = Case(saturated, _funnel(**PRINTED, kappa="printed"))
+    cases["unhandled slow"] = _unhandled("saturated", 0.05, gamma_w=0.05, bias_rate=0.3, weight_limit=2.0)
     cases["corrected no delay state"] = Case("crh380a_funnel:short", _funnel(delay_state=False))
     cases["corrected, f known"] = Case("crh380a_funnel:short", _funnel(resistance="model"))
     cases["printed position noise"] = Case(
@@ -97,3 +107,17 @@ def _cases() -> dict[str, Case]:
 
 
 CASES = _cases()
+PRINTED_FORMS = (
+    PrintedForm(
+        "k_i of (12), (23) outside the funnel; mass -20 %, 286 km",
+        "printed light long",
+        "clipped",
+        "printed clipped light long",
+    ),
+    PrintedForm("learning rates 1 and 15 of (27), (28)", "printed network", "0.05 and 0.3", "printed network slow"),
+    PrintedForm(
+        "the same in a funnel that always narrows; 200 kN, 286 km", "unhandled long", "0.05 and 0.3", "unhandled slow"
+    ),
+    PrintedForm("kappa(u(t - tau)) of (9)", "printed excess", "kappa(u(t))", "printed nominal"),
+    PrintedForm("kappa(u(t - tau)) of (9); 200 kN", "printed excess saturated", "kappa(u(t))", "printed saturated"),
+)

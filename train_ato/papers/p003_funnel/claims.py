@@ -8,8 +8,9 @@ from typing import Any
 from train_ato.papers.checks import variation
 from train_ato.papers.claims import CaseTable, Paper, Results
 from train_ato.papers.p003_funnel import checks as judge
-from train_ato.papers.p003_funnel.cases import CASES, LAWS, TRAINS
+from train_ato.papers.p003_funnel.cases import CASES, LAWS, PRINTED_FORMS, TRAINS
 from train_ato.papers.p003_funnel.figures import draw
+from train_ato.papers.printed_forms import printed_forms_table
 from train_ato.papers.tracking import largest_position_error as place
 from train_ato.papers.tracking import largest_speed_error as speed
 from train_ato.papers.tracking import written
@@ -42,7 +43,7 @@ EXTRA = {
     "printed network": "printed with its network",
     "corrected, f known": "corrected, f known instead of the network",
     "corrected no delay state": "corrected without the delay state",
-    "printed raw light": "printed, gains not clipped, mass -20 %",
+    "printed light long": "printed, 286 km, mass -20 %",
     "lag modelled": "PID + predictor + eso, lag 0.4 s known",
     "pid alone": "PID without feed-forward",
 }
@@ -67,5 +68,6 @@ PAPER = Paper(
             _rows,
         ),
         CaseTable("more runs", ("run", "e1 max", "e1 rms", "speed error max"), _extra),
+        printed_forms_table(PRINTED_FORMS),
     ),
 )

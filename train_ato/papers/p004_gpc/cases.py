@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from train_ato.papers.claims import Case
+from train_ato.papers.printed_forms import PrintedForm
 
 SAMPLINGS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.6)
 """Sampling periods of the law [s]."""
@@ -61,6 +62,8 @@ def _cases() -> dict[str, Case]:
     cases["Ts 0.1 long horizon"] = Case(short, _gpc(sampling=0.1, n=30, nu=10, beyond_horizon="hold"))
     cases["no network"] = Case(short, _gpc(use_network=False))
     cases["raw residual"] = Case(short, _gpc(learning_rate=1.0))
+    cases["stationary"] = Case(short, _gpc(residual_gain="stationary"))
+    cases["unbounded jump"] = Case(f"{short}+jump", _gpc(identify="absolute", deviation_limit=1e9))
     cases["per unit"] = Case(short, _gpc(structure="unit"))
     cases["per unit, free"] = Case(f"{short}+free", _gpc(structure="unit"))
     cases["gpc held"] = Case(short, _gpc(beyond_horizon="hold"))
@@ -70,3 +73,13 @@ def _cases() -> dict[str, Case]:
 
 
 CASES = _cases()
+PRINTED_FORMS = (
+    PrintedForm("Hc(1) = B(1) Lc(1) of (21)", "stationary", "Lc of the cost", "gpc normal"),
+    PrintedForm(
+        "identification (10) on v, without a bound; parameter jump",
+        "unbounded jump",
+        "within half the norm of B",
+        "gpc absolute jump",
+    ),
+    PrintedForm("one law per unit (18); coupled units", "per unit", "one law on the mean speed", "gpc normal"),
+)

@@ -7,8 +7,9 @@ from typing import Any
 
 from train_ato.papers.claims import CaseTable, Paper, Results
 from train_ato.papers.p004_gpc import checks as judge
-from train_ato.papers.p004_gpc.cases import CASES, LAWS, TRAINS
+from train_ato.papers.p004_gpc.cases import CASES, LAWS, PRINTED_FORMS, TRAINS
 from train_ato.papers.p004_gpc.figures import draw
+from train_ato.papers.printed_forms import printed_forms_table
 from train_ato.papers.tracking import largest_position_error as unit_place
 from train_ato.papers.tracking import largest_speed_error as speed
 
@@ -53,5 +54,6 @@ PAPER = Paper(
             _rows,
         ),
         CaseTable("more runs", ("run", "speed max m/s", "rms mm/s", "position m", "coupler kN"), _extra),
+        printed_forms_table(PRINTED_FORMS),
     ),
 )
