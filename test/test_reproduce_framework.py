@@ -8,13 +8,28 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from train_ato.cli.main import main
-from train_ato.papers.claims import Calculation, Case, CaseTable, Claim, Judgement, Paper, Result, Results, Verdict
+from train_ato.papers.claims import (
+    Calculation,
+    Case,
+    CaseTable,
+    Claim,
+    FigureFile,
+    Judgement,
+    Paper,
+    Result,
+    Results,
+    Verdict,
+)
+from train_ato.papers.drawing import HELD, panels, save, trace
 from train_ato.papers.judging import claims_of, judge_paper
+from train_ato.papers.page import section
 from train_ato.papers.pool import Finished, WorkerPool, carry_out
-from train_ato.papers.session import Judged, load_paper, paper_numbers, reproduce
+from train_ato.papers.session import Judged, load_paper, paper_numbers, reproduce, with_claim
 
 SHORT = Case("demo", {"duration": 2})
 
@@ -36,7 +51,7 @@ def _holds(results: Results) -> Judgement:
     return Judgement(f"{value}", verdict, "below 2")
 
 
-def _no_figures(results: Results, folder: Path) -> list[Path]:
+def _no_figures(results: Results, folder: Path) -> list[FigureFile]:
     return []
 
 
@@ -156,10 +171,43 @@ def test_long_cases_and_their_claims_wait_for_full(tmp_path: Path) -> None:
     assert list(whole.results) == ["short", "long"] and len(whole.rows) == 2
 
 
+def test_one_claim_runs_its_own_cases(tmp_path: Path) -> None:
+    """Breaks if ``--claim`` runs other cases, judges other claims, or accepts a text that is in no claim."""
+    log = str(tmp_path / "calls")
+    cases: dict[str, Case | Calculation] = {
+        name: Calculation(measure, {"log": log, "value": value}) for name, value in (("a", 1.0), ("b", 2.0))
+    }
+    paper = _paper(cases, Claim("tracks", "-", ("a",), _holds), Claim("stays calm", "-", ("b",), _holds))
+    (done,) = _run(with_claim([paper], "CALM"), tmp_path)
+    assert list(done.results) == ["b"] and [row["claim"] for row in done.rows] == ["stays calm"]
+    assert not done.complaints and not done.figures
+    with pytest.raises(ValueError, match="--claim 'wild': in no claim of 999"):
+        with_claim([paper], "wild")
+
+
+def test_figures_are_for_print(tmp_path: Path) -> None:
+    """Breaks if a figure has no PDF, fewer than 300 dpi, no letters, or its caption is drawn or lost."""
+    figure, (first, second) = panels(2, "speed over time")
+    time = np.arange(1e5)
+    spike = np.where(time == 54_321, 7.0, 0.0)
+    trace(first, [("run", time, spike)], "speed in m/s", minutes=False)
+    trace(second, [("run", time, spike)], "speed in m/s", minutes=False, **HELD)
+    drawn = save(figure, tmp_path / "speed.png")
+    assert drawn == FigureFile(tmp_path / "speed.png", "Speed over time")
+    assert (tmp_path / "speed.pdf").read_bytes().startswith(b"%PDF")
+    with Image.open(drawn.path) as picture:
+        assert picture.info["dpi"] == pytest.approx((300, 300), abs=1)
+    assert [panel.get_title(loc="left") for panel in (first, second)] == ["a", "b"]
+    assert first.lines[0].get_ydata().max() == 7.0 and first.lines[0].get_ydata().size < 1e4
+    assert second.lines[0].get_drawstyle() == "steps-post"
+    paper = _paper({"a": SHORT}, Claim("s", "-", ("a",), _holds))
+    assert "| `speed` | Speed over time |" in section(paper, [], {}, [drawn])
+
+
 def test_figures_that_cannot_be_drawn_are_a_complaint(tmp_path: Path) -> None:
     """Breaks if one failed figure loses the verdicts."""
 
-    def fails(results: Results, folder: Path) -> list[Path]:
+    def fails(results: Results, folder: Path) -> list[FigureFile]:
         raise KeyError("gone")
 
     case = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 1.0})

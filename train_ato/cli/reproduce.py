@@ -24,7 +24,7 @@ from train_ato.papers.claims import CaseTable
 from train_ato.papers.judging import claims_of
 from train_ato.papers.page import table_rows
 from train_ato.papers.pool import Finished, Moved
-from train_ato.papers.session import Judged, load_paper, paper_numbers, reproduce
+from train_ato.papers.session import Judged, load_paper, paper_numbers, reproduce, with_claim
 
 HEADS = (("claim", 5), ("stated", 3), ("measured", 4), ("verdict", 2), ("reason", 6))
 """Columns of the table of claims and their relative widths."""
@@ -36,6 +36,7 @@ COLOURS = {"reproduced": "green", "only in another setting": "yellow", "not repr
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``reproduce``."""
     parser.add_argument("paper", nargs="?", default="all", help=f"{', '.join(paper_numbers())} or all (default: all)")
+    parser.add_argument("--claim", metavar="TEXT", help="only claims that contain TEXT, with their cases; no figures")
     parser.add_argument("--full", action="store_true", help="include the long cases over the whole line")
     parser.add_argument(
         "--jobs",
@@ -53,6 +54,8 @@ def execute(options: argparse.Namespace) -> int:
         raise ValueError(f"--jobs {options.jobs}: out of range; give 1 to 64")
     numbers = paper_numbers() if options.paper == "all" else [options.paper]
     papers = [load_paper(number) for number in numbers]
+    if options.claim is not None:
+        papers = with_claim(papers, options.claim)
     folder = RunFolder.make(options.out, "reproduce")
     judged: list[Judged] = []
 

@@ -159,6 +159,14 @@ class CaseTable:
 
 
 @dataclass(frozen=True)
+class FigureFile:
+    """Figure of a paper: its PNG file, beside which is a PDF of the same name, and its caption."""
+
+    path: Path
+    caption: str
+
+
+@dataclass(frozen=True)
 class Paper:
     """Paper with its cases, claims, figures and tables.
 
@@ -167,7 +175,7 @@ class Paper:
     cases
         Cases in the order of their start, longest first.
     figures
-        Function that draws the figures from the results into a folder and returns the files.
+        Function that draws the figures from the results into a folder and returns them.
     tables
         Tables below the claims.
     """
@@ -176,5 +184,5 @@ class Paper:
     title: str
     cases: Mapping[str, Case | Calculation]
     claims: Sequence[Claim]
-    figures: Callable[[Results, Path], list[Path]]
+    figures: Callable[[Results, Path], list[FigureFile]]
     tables: tuple[CaseTable, ...] = ()

@@ -1,36 +1,47 @@
-"""Panels of the figures of the papers."""
+"""Panels of the figures of the papers, and their files for print."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from string import ascii_lowercase
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from train_ato.apps.report.downsample import kept
+from train_ato.apps.report.print_parts import DPI
 from train_ato.apps.report.quantities import COLOURS, GREY
 from train_ato.apps.report.run_figure import LONG_RUN_S
 from train_ato.messages.types import Array
+from train_ato.papers.claims import FigureFile
 
-__all__ = ["COLOURS", "Series", "blank_figure", "inset", "panels", "save_png", "trace"]
+__all__ = ["COLOURS", "HELD", "Series", "blank_figure", "inset", "panels", "save", "thinned", "trace"]
 
 Series = tuple[str, Array, Array]
 """Label, time [s], values."""
-POINTS = 20_000
-"""Number of points from which a curve is downsampled."""
+POINTS = 8_000
+"""Number of points from which a curve is downsampled; its extremes are kept."""
+HELD: dict[str, Any] = {"drawstyle": "steps-post"}
+"""Style of a command, which is constant between samples."""
 
 
-def blank_figure(title: str, rows: int, columns: int, size: tuple[float, float], *, shared: bool) -> tuple[Figure, Any]:
-    """Return a figure and its (rows, columns) panels, optionally with one time axis per column."""
-    figure = Figure(figsize=size, dpi=110, layout="constrained")
-    figure.suptitle(title)
+def blank_figure(
+    caption: str, rows: int, columns: int, size: tuple[float, float], *, shared: bool
+) -> tuple[Figure, Any]:
+    """Return a figure and its (rows, columns) panels, optionally with one time axis per column.
+
+    The page has the caption; it is not drawn.
+    """
+    figure = Figure(figsize=size, layout="constrained")
+    figure.set_label(caption)
     return figure, figure.subplots(rows, columns, sharex="col" if shared else False, squeeze=False)
 
 
-def panels(count: int, title: str, *, height: float = 2.6, shared: bool = True) -> tuple[Figure, list[Axes]]:
+def panels(count: int, caption: str, *, height: float = 2.6, shared: bool = True) -> tuple[Figure, list[Axes]]:
     """Return a figure and its panels in one column."""
-    figure, axes = blank_figure(title, count, 1, (11, 0.8 + height * count), shared=shared)
+    figure, axes = blank_figure(caption, count, 1, (11, 0.8 + height * count), shared=shared)
     return figure, list(axes[:, 0])
 
 
@@ -49,17 +60,23 @@ def trace(
         in_minutes = time[-1] > LONG_RUN_S if minutes is None else minutes
         panel.plot(time / (60.0 if in_minutes else 1.0), values, label=name, color=GREY, lw=2.6, alpha=0.65)
     for index, (name, time, values) in enumerate(series):
-        stride = max(1, time.size // POINTS)
+        t, y = thinned(time, values)
         in_minutes = time[-1] > LONG_RUN_S if minutes is None else minutes
         panel.plot(
-            time[::stride] / (60.0 if in_minutes else 1.0),
-            values[::stride],
+            t / (60.0 if in_minutes else 1.0),
+            y,
             label=name,
             **{"color": COLOURS[index % len(COLOURS)], "lw": 0.9, **style},
         )
     panel.set_ylabel(label)
     panel.margins(x=0.01, y=0.15)
     panel.legend(loc="upper right", ncols=4, fontsize="small")
+
+
+def thinned(time: Array, values: Array) -> tuple[Array, Array]:
+    """Return at most about :data:`POINTS` points of a curve with all its extremes."""
+    rows = kept([values], POINTS)
+    return time[rows], values[rows]
 
 
 def inset(
@@ -83,8 +100,12 @@ def inset(
     small.tick_params(labelsize="x-small")
 
 
-def save_png(figure: Figure, folder: Path, name: str) -> Path:
-    """Write a figure as PNG and return the file."""
-    path = folder / name
-    figure.savefig(path)
-    return path
+def save(figure: Figure, path: Path) -> FigureFile:
+    """Write a figure with lettered panels as PNG for print, and as PDF of the same name; return it with its caption."""
+    if len(figure.axes) > 1:
+        for letter, panel in zip(ascii_lowercase, figure.axes, strict=False):
+            panel.set_title(letter, loc="left", fontweight="bold", pad=3)
+    figure.savefig(path, dpi=DPI)
+    figure.savefig(path.with_suffix(".pdf"), metadata={"CreationDate": None})
+    caption = str(figure.get_label())
+    return FigureFile(path, caption[:1].upper() + caption[1:])

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from train_ato.papers.claims import CaseTable, Paper, Results, Verdict
+from train_ato.papers.claims import CaseTable, FigureFile, Paper, Results, Verdict
 from train_ato.papers.judging import Row
 
 INTRODUCTION = """\
@@ -39,7 +39,9 @@ def papers_overview(rows: Iterable[Row], papers: Mapping[str, Paper], options: s
     return INTRODUCTION.format(options=options) + "\n" + _table(("paper", *verdicts), lines)
 
 
-def section(paper: Paper, rows: Iterable[Row], results: Results, figures: Iterable[str], shown: Any = str) -> str:
+def section(
+    paper: Paper, rows: Iterable[Row], results: Results, figures: Iterable[FigureFile], shown: Any = str
+) -> str:
     """Return the section of a paper.
 
     Parameters
@@ -47,7 +49,7 @@ def section(paper: Paper, rows: Iterable[Row], results: Results, figures: Iterab
     paper, rows, results
         Paper, rows of its claims, results of its cases.
     figures
-        Names of the figure files.
+        Figures with their captions.
     shown
         Function from a table entry to text.
     """
@@ -59,8 +61,11 @@ def section(paper: Paper, rows: Iterable[Row], results: Results, figures: Iterab
     for table in paper.tables:
         lines = [[shown(entry) for entry in row] for row in table_rows(table, results)]
         parts.append(f"{' '.join(table.title.split())}:\n\n" + _table(table.columns, lines))
-    drawn = ", ".join(f"`{name}`" for name in figures)
-    return "\n".join(parts) + (f"\nFigures in the folder of `train-ato reproduce`: {drawn}.\n" if drawn else "")
+    drawn = [(f"`{figure.path.stem}`", figure.caption) for figure in figures]
+    if drawn:
+        head = "Figures in the folder of `train-ato reproduce`, as PNG (300 dpi) and PDF:\n\n"
+        parts.append(head + _table(("file", "caption"), drawn))
+    return "\n".join(parts)
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:

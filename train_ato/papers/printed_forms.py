@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from train_ato.papers.claims import CaseTable, Result, Results
-from train_ato.papers.tracking import largest_position_error, largest_speed_error, moving, rms, speed_error, written
+from train_ato.papers.tracking import largest, moving, position_error, rms, speed_error, written
 
 
 @dataclass(frozen=True)
@@ -23,29 +23,47 @@ class PrintedForm:
         Form of this project in the same place.
     default
         Case with that form; all else is equal.
+    begin
+        Begin of the evaluation [s].
     """
 
     text: str
     case: str
     here: str
     default: str
+    begin: float = 0.0
 
 
 def printed_forms_table(forms: Sequence[PrintedForm]) -> CaseTable:
     """Return the table of the printed forms of a paper."""
 
     def rows(results: Results) -> list[tuple[str, ...]]:
-        return [(form.text, errors(results[form.case]), form.here, errors(results[form.default])) for form in forms]
+        return [
+            (
+                form.text,
+                errors(results[form.case], form.begin),
+                form.here,
+                errors(results[form.default], form.begin),
+            )
+            for form in forms
+        ]
 
     heads = ("printed", "errors", "here", "errors")
     return CaseTable("printed forms: largest position error; speed error, rms and largest", heads, rows)
 
 
-def errors(result: Result) -> str:
-    """Return the errors of a run while moving as text, or the reason of its failure."""
+def errors(result: Result, begin: float = 0.0) -> str:
+    """Return the errors of a run from ``begin`` [s] on, those of the speed while moving, or the reason of its failure.
+
+    Returns
+    -------
+    str
+        Largest position error, rms and largest speed error, with units.
+    """
     recording = result.recording
     if recording is None or result.failure:
         return result.failure or "no series"
-    slow = rms(speed_error(recording)[moving(recording)])
-    figures = ((largest_position_error(result), "m"), (slow, "m/s"), (largest_speed_error(result), "m/s"))
+    late = recording.time >= begin
+    place, speed = position_error(recording)[late], speed_error(recording)[late & moving(recording)]
+    figures = ((largest(place), "m"), (rms(speed), "m/s"), (largest(speed), "m/s"))
     return "; ".join(written(value, unit) for value, unit in figures)

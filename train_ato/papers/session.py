@@ -6,13 +6,13 @@ import importlib
 import json
 import pkgutil
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import train_ato.papers
 from train_ato.apps.report.print_parts import SHEET_SIZE, styled
-from train_ato.papers.claims import Calculation, Case, Paper, Result
+from train_ato.papers.claims import Calculation, Case, FigureFile, Paper, Result
 from train_ato.papers.judging import Row, cases_of, judge_paper
 from train_ato.papers.page import papers_overview, section
 from train_ato.papers.pool import Finished, Moved, WorkerPool
@@ -45,14 +45,35 @@ def load_paper(number: str) -> Paper:
     return paper
 
 
+def with_claim(papers: list[Paper], text: str) -> list[Paper]:
+    """Return the papers with the claims whose text contains ``text`` in any case, their cases, and no figures.
+
+    Raises
+    ------
+    ValueError
+        If no claim contains it.
+    """
+    found = []
+    for paper in papers:
+        claims = [claim for claim in paper.claims if text.lower() in claim.text.lower()]
+        if claims:
+            needed = {key for claim in claims for key in claim.cases}
+            cases = {key: case for key, case in paper.cases.items() if key in needed}
+            found.append(replace(paper, claims=claims, cases=cases, figures=lambda results, folder: [], tables=()))
+    if not found:
+        numbers = ", ".join(paper.number for paper in papers)
+        raise ValueError(f"--claim '{text}': in no claim of {numbers}; give a part of a claim of reproduction.md")
+    return found
+
+
 @dataclass(frozen=True)
 class Judged:
-    """Judged paper: rows, results by key, figure files, and errors of the figures."""
+    """Judged paper: rows, results by key, figures, and errors of the figures."""
 
     paper: Paper
     rows: list[Row]
     results: dict[str, Result]
-    figures: list[Path]
+    figures: list[FigureFile]
     complaints: list[str]
 
 
@@ -113,8 +134,9 @@ def reproduce(
                     summaries[entry.paper.number] = _figures_of(judged)
                     _write(folder / "reproduce.json", sorted(rows, key=lambda row: row["paper"]))
                     _write(folder / "cases.json", summaries)
-                    names = [path.name for path in judged.figures]
-                    sections[judged.paper.number] = section(judged.paper, judged.rows, judged.results, names, shown)
+                    sections[judged.paper.number] = section(
+                        judged.paper, judged.rows, judged.results, judged.figures, shown
+                    )
                     _write_page(folder, papers, rows, sections, full)
                     done(judged)
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 
-from train_ato.papers.drawing import COLOURS, blank_figure
+from train_ato.papers.claims import FigureFile
+from train_ato.papers.drawing import COLOURS, blank_figure, save
 
 __all__ = ["COLOURS", "Sheet"]
 
@@ -16,8 +17,8 @@ class Sheet:
 
     Parameters
     ----------
-    title
-        Title above all panels.
+    caption
+        Caption on the page.
     rows, columns
         Number of panels.
     height
@@ -29,17 +30,17 @@ class Sheet:
     """
 
     def __init__(
-        self, title: str, rows: int, columns: int = 1, *, height: float = 2.4, width: float = 11.0, share: bool = True
+        self, caption: str, rows: int, columns: int = 1, *, height: float = 2.4, width: float = 11.0, share: bool = True
     ) -> None:
-        self._figure, self.panels = blank_figure(title, rows, columns, (width, 0.8 + height * rows), shared=share)
+        self._figure, self.panels = blank_figure(caption, rows, columns, (width, 0.8 + height * rows), shared=share)
 
     def panel(self, row: int, column: int = 0) -> Axes:
         """Return one panel."""
         found: Axes = self.panels[row, column]
         return found
 
-    def save(self, path: Path, below: str = "time in s", *, legends: int | None = None) -> Path:
-        """Write the sheet with an axis label below and legends in the first rows (default: all); return the file."""
+    def save(self, path: Path, below: str = "time in s", *, legends: int | None = None) -> FigureFile:
+        """Write the sheet with an axis label below and legends in the first rows (default: all); return it."""
         for row, panels in enumerate(self.panels):
             for panel in panels:
                 panel.margins(x=0.01)
@@ -48,5 +49,4 @@ class Sheet:
         for panel in self.panels[-1]:
             if not panel.get_xlabel():
                 panel.set_xlabel(below)
-        self._figure.savefig(path)
-        return path
+        return save(self._figure, path)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
 from train_ato.papers.checks import recording
-from train_ato.papers.claims import Results
-from train_ato.papers.drawing import COLOURS, Series, inset, panels, save_png, trace
+from train_ato.papers.claims import FigureFile, Results
+from train_ato.papers.drawing import COLOURS, HELD, Series, inset, panels, save, trace
 from train_ato.papers.p000_heavy_haul.cases import LAGGED_TRAINS, LIMIT_DELAYS, PERIOD, PRINTED_NETWORK
 from train_ato.papers.p000_heavy_haul.series import (
     LOCOMOTIVE,
@@ -18,12 +18,14 @@ from train_ato.papers.p000_heavy_haul.series import (
 )
 
 LAWS = {"pid": "PID", "smc": "SMC", "rbf": "RBFNN-SMC", "rbf_ndo": "RBFNN-SMC + NDO"}
+BAND = 5e-5
+"""Largest error of the network in the paper [m/s²]."""
 ZOOM = (1302.0, 1312.0)
 """Start of the effect of the first air-brake application [s]."""
 
 
-def draw(results: Results, folder: Path) -> list[Path]:
-    """Draw the figures of paper 000 into a folder; return the files."""
+def draw(results: Results, folder: Path) -> list[FigureFile]:
+    """Draw the figures of paper 000 into a folder; return them."""
     return [
         _tracking(results, folder, "", "5-6"),
         _tracking(results, folder, " disturbed", "11-12"),
@@ -41,11 +43,9 @@ def _errors(results: Results, suffix: str) -> list[Series]:
     return [(label, run.time, locomotive_speed_error(run)) for label, run in runs.items()]
 
 
-def _tracking(results: Results, folder: Path, suffix: str, number: str) -> Path:
+def _tracking(results: Results, folder: Path, suffix: str, number: str) -> FigureFile:
     name = "with disturbance (40)" if suffix else "undisturbed"
-    figure, (speed, error) = panels(
-        2, f"Paper 000, figures {number}: speed tracking, ideal actuator, {name}", height=3.6
-    )
+    figure, (speed, error) = panels(2, f"figures {number}: speed tracking, ideal actuator, {name}", height=3.6)
     reference = recording(results[f"smc{suffix}"])
     driver: Series = ("driver's run", reference.time, 3.6 * reference.reference_velocity)
     runs = {label: recording(results[f"{key}{suffix}"]) for key, label in LAWS.items()}
@@ -57,11 +57,11 @@ def _tracking(results: Results, folder: Path, suffix: str, number: str) -> Path:
     trace(error, errors, "speed error v - v_d in km/h")
     error.axhspan(-0.15, 0.15, color="0.5", alpha=0.12, lw=0)
     error.set_xlabel("time in min (grey: +-0.15 km/h)")
-    return save_png(figure, folder, f"paper000_tracking{suffix.replace(' ', '_')}.png")
+    return save(figure, folder / f"paper000_tracking{suffix.replace(' ', '_')}.png")
 
 
-def _network(results: Results, folder: Path) -> Path:
-    figure, axes = panels(4, "Paper 000, figures 7-8: network estimate of delta = f - f_hat", height=2.3)
+def _network(results: Results, folder: Path) -> FigureFile:
+    figure, axes = panels(4, "figures 7-8: network estimate of delta = f - f_hat", height=2.3)
     settings = (
         ("rbf", "as printed", RbfSmcParameters(**PRINTED_NETWORK)),  # type: ignore[arg-type]
         ("rbf_ks", "with ks S, clipped inputs", RbfSmcParameters()),
@@ -73,18 +73,17 @@ def _network(results: Results, folder: Path) -> Path:
         trace(axes[2 * row], [("truth", run.time, truth), (label, run.time, found)], "delta in m/s²")
         miss = [("error of the estimate", run.time, found - truth)]
         trace(axes[2 * row + 1], miss, "error in m/s²", color=COLOURS[1])
-        axes[2 * row + 1].axhspan(-5e-5, 5e-5, color="0.3", alpha=0.5, lw=0)
-    axes[-1].set_xlabel("time in min (dark band: +-5e-5 m/s²)")
-    return save_png(figure, folder, "paper000_network.png")
+        axes[2 * row + 1].axhspan(-BAND, BAND, color="0.3", alpha=0.5, lw=0)
+        axes[2 * row + 1].set_yscale("symlog", linthresh=2 * BAND)
+    axes[-1].set_xlabel("time in min (dark band: +-5e-5 m/s², linear scale up to twice of it)")
+    return save(figure, folder / "paper000_network.png")
 
 
-def _force(results: Results, folder: Path) -> Path:
-    figure, (force, detail) = panels(
-        2, "Paper 000, figure 9: control force of the locomotive", height=3.4, shared=False
-    )
+def _force(results: Results, folder: Path) -> FigureFile:
+    figure, (force, detail) = panels(2, "figure 9: control force of the locomotive", height=3.4, shared=False)
     runs = {label: recording(results[key]) for key, label in LAWS.items()}
     lines: list[Series] = [(label, run.time, run.command[:, 0] / 1e3) for label, run in runs.items()]
-    trace(force, lines, "force in kN")
+    trace(force, lines, "force in kN", **HELD)
     force.set_xlabel("time in min")
     trace(
         detail,
@@ -94,13 +93,14 @@ def _force(results: Results, folder: Path) -> Path:
         ],
         "force in kN",
         minutes=False,
+        **HELD,
     )
     detail.set_xlabel("time in s: the air brake is applied")
-    return save_png(figure, folder, "paper000_force.png")
+    return save(figure, folder / "paper000_force.png")
 
 
-def _couplers(results: Results, folder: Path) -> Path:
-    figure, axes = panels(2, "Paper 000, figure 10: coupler forces, draft > 0", height=3.2)
+def _couplers(results: Results, folder: Path) -> FigureFile:
+    figure, axes = panels(2, "figure 10: coupler forces, draft > 0", height=3.2)
     titles = (("rbf_ndo", "RBFNN-SMC + NDO, ideal"), ("twin_pid disturbed", "twin + PID, lag 0.4 s, delay 0.8 s, (40)"))
     for panel, (key, title) in zip(axes, titles, strict=True):
         run = recording(results[key])
@@ -112,11 +112,11 @@ def _couplers(results: Results, folder: Path) -> Path:
         trace(panel, lines, "coupler force in kN")
         panel.set_title(title + " (grey: all couplers)", fontsize="medium")
     axes[-1].set_xlabel("time in min")
-    return save_png(figure, folder, "paper000_couplers.png")
+    return save(figure, folder / "paper000_couplers.png")
 
 
-def _observer(results: Results, folder: Path) -> Path:
-    figure, (whole, detail) = panels(2, "Paper 000: NDO against the truth, disturbance (40)", height=3.2, shared=False)
+def _observer(results: Results, folder: Path) -> FigureFile:
+    figure, (whole, detail) = panels(2, "NDO against the truth, disturbance (40)", height=3.2, shared=False)
     run = recording(results["rbf_ndo disturbed"])
     slow = recording(results["rbf_ks_ndo disturbed"])
     truth = unexplained(run, PERIOD, 0.01, disturbance_40(run, PERIOD))
@@ -130,20 +130,23 @@ def _observer(results: Results, folder: Path) -> Path:
     part = (run.time >= 600) & (run.time <= 620)
     trace(detail, [(label, time[part], d[part]) for label, time, d in lines], "d in m/s²", minutes=False)
     detail.set_xlabel("time in s")
-    return save_png(figure, folder, "paper000_observer.png")
+    return save(figure, folder / "paper000_observer.png")
 
 
-def _limit(results: Results, folder: Path) -> Path:
-    figure, (error, force) = panels(2, "Paper 000: printed SMC with a pure delay, stable below 0.17 s", height=3.2)
+def _limit(results: Results, folder: Path) -> FigureFile:
+    caption = (
+        "printed SMC with a pure delay; limit of the rigid train: 0.17 s, the flexible train oscillates from 0.1 s on"
+    )
+    figure, (error, force) = panels(2, caption, height=3.2)
     runs = {f"{delay:g} s": recording(results[f"smc delay {delay}"]) for delay in LIMIT_DELAYS}
     trace(error, [(name, run.time, locomotive_speed_error(run)) for name, run in runs.items()], "speed error in km/h")
     trace(force, [(name, run.time, run.applied[:, 0] / 1e3) for name, run in runs.items()], "applied force in kN")
     force.set_xlabel("time in s")
-    return save_png(figure, folder, "paper000_delay_limit.png")
+    return save(figure, folder / "paper000_delay_limit.png")
 
 
-def _twin(results: Results, folder: Path) -> Path:
-    title = "Paper 000's train with lag 0.4 s and delay 0.8 s: twin + PID"
+def _twin(results: Results, folder: Path) -> FigureFile:
+    title = "train of the paper with lag 0.4 s and delay 0.8 s: twin + PID"
     figure, (speed, error, force) = panels(3, title, height=3.0)
     runs = {label: recording(results[f"twin_pid {key}"]) for key, (label, _) in LAGGED_TRAINS.items()}
     first = next(iter(runs.values()))
@@ -153,4 +156,4 @@ def _twin(results: Results, folder: Path) -> Path:
     trace(error, [(label, run.time, locomotive_speed_error(run)) for label, run in runs.items()], "speed error in km/h")
     trace(force, [(label, run.time, run.applied[:, 0] / 1e3) for label, run in runs.items()], "applied force in kN")
     force.set_xlabel("time in min")
-    return save_png(figure, folder, "paper000_twin.png")
+    return save(figure, folder / "paper000_twin.png")

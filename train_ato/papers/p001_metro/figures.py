@@ -9,13 +9,13 @@ import numpy as np
 
 from train_ato.messages.types import Array
 from train_ato.papers.checks import recording
-from train_ato.papers.claims import Result, Results
-from train_ato.papers.drawing import Series, inset, panels, save_png, trace
+from train_ato.papers.claims import FigureFile, Result, Results
+from train_ato.papers.drawing import COLOURS, HELD, Series, inset, panels, save, trace
 from train_ato.papers.p001_metro.cases import INERTIA
 
 
-def draw(results: Results, folder: Path) -> list[Path]:
-    """Draw the figures of paper 001 into a folder; return the files."""
+def draw(results: Results, folder: Path) -> list[FigureFile]:
+    """Draw the figures of paper 001 into a folder; return them."""
     return [
         _tracking(results, folder),
         _chattering(results, folder),
@@ -30,8 +30,8 @@ def _errors(results: Results, named: Mapping[str, str]) -> list[Series]:
     return [(label, run.time, run.front_velocity - run.reference_velocity) for label, run in runs.items()]
 
 
-def _tracking(results: Results, folder: Path) -> Path:
-    figure, (speed, ideal, lagged) = panels(3, "Paper 001, figures 4-7: speed tracking and its error", height=3.0)
+def _tracking(results: Results, folder: Path) -> FigureFile:
+    figure, (speed, ideal, lagged) = panels(3, "figures 4-7: speed tracking and its error", height=3.0)
     runs = {
         label: recording(results[f"ideal {key}"]) for key, label in (("pid", "PID"), ("rbf", "SMC with RBF network"))
     }
@@ -50,20 +50,28 @@ def _tracking(results: Results, folder: Path) -> Path:
     }
     trace(lagged, _errors(results, named), "v - v_d in m/s\nlag 0.4 s, delay 0.3 s")
     lagged.set_xlabel("time in s")
-    return save_png(figure, folder, "paper001_tracking.png")
+    return save(figure, folder / "paper001_tracking.png")
 
 
-def _chattering(results: Results, folder: Path) -> Path:
-    figure, axes = panels(
-        3, "Paper 001: command of the relay (9) and of the network (12), per mass", height=2.6, shared=False
+def _chattering(results: Results, folder: Path) -> FigureFile:
+    figure, axes = panels(3, "command of the relay (9) and of the network (12), per mass", height=2.6, shared=False)
+    relay, network = recording(results["ideal sign"]), recording(results["ideal rbf"])
+    whole, detail = axes[:2]
+    time, low, high = interval_range(relay.time, relay.command[:, 0] / INERTIA, 5.0)
+    whole.fill_between(time, low, high, step="post", color=COLOURS[0], alpha=0.35, lw=0, label="sgn(s), range of 5 s")
+    trace(
+        whole,
+        [("RBF network", network.time, network.command[:, 0] / INERTIA)],
+        "ideal: u/M in m/s²",
+        minutes=False,
+        color=COLOURS[1],
+        **HELD,
     )
-    for panel, (begin, end) in zip(axes[:2], ((0.0, 445.0), (20.0, 30.0)), strict=True):
-        lines: list[Series] = []
-        for key, label in (("ideal sign", "sgn(s)"), ("ideal rbf", "RBF network")):
-            run = recording(results[key])
-            part = (run.time >= begin) & (run.time <= end)
-            lines.append((label, run.time[part], run.command[part, 0] / INERTIA))
-        trace(panel, lines, "ideal: u/M in m/s²", minutes=False)
+    lines: list[Series] = []
+    for label, run in (("sgn(s)", relay), ("RBF network", network)):
+        part = (run.time >= 20.0) & (run.time <= 22.0)
+        lines.append((label, run.time[part], run.command[part, 0] / INERTIA))
+    trace(detail, lines, "ideal: u/M in m/s²", minutes=False, **HELD)
     run = recording(results["sign nominal"])
     smooth = recording(results["tanh nominal"])
     lines = [
@@ -72,13 +80,17 @@ def _chattering(results: Results, folder: Path) -> Path:
     ]
     trace(axes[2], lines, "v - v_d in m/s\nlag 0.4 s, delay 0.3 s", minutes=False)
     axes[2].set_xlabel("time in s")
-    return save_png(figure, folder, "paper001_chattering.png")
+    return save(figure, folder / "paper001_chattering.png")
 
 
-def _disturbed(results: Results, folder: Path) -> Path:
-    figure, (error, force, estimate) = panels(
-        3, "Paper 001: disturbed, with noise, lag 0.4 s and delay 0.3 s", height=3.0
-    )
+def interval_range(time: Array, values: Array, width: float) -> tuple[Array, Array, Array]:
+    """Return begin [s], minimum and maximum of consecutive intervals of ``width`` [s]."""
+    starts = np.unique(np.searchsorted(time, np.arange(time[0], time[-1], width)))
+    return time[starts], np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
+
+
+def _disturbed(results: Results, folder: Path) -> FigureFile:
+    figure, (error, force, estimate) = panels(3, "disturbed, with noise, lag 0.4 s and delay 0.3 s", height=3.0)
     named = {
         "pid disturbed": "PID",
         "pid_preview disturbed": "PID + preview",
@@ -92,11 +104,11 @@ def _disturbed(results: Results, folder: Path) -> Path:
     trace(estimate, [("truth", time, truth), ("ESO, 3 1/s", time, found)], "disturbance in m/s²")
     estimate.set_ylim(np.percentile(truth, 0.2) - 0.1, np.percentile(truth, 99.8) + 0.1)
     estimate.set_xlabel("time in s")
-    return save_png(figure, folder, "paper001_disturbed.png")
+    return save(figure, folder / "paper001_disturbed.png")
 
 
-def _literal(results: Results, folder: Path) -> Path:
-    figure, (place, speed) = panels(2, "Paper 001: the networks learning as printed, objective e''", height=3.0)
+def _literal(results: Results, folder: Path) -> FigureFile:
+    figure, (place, speed) = panels(2, "the networks learning as printed, objective e''", height=3.0)
     runs = {
         label: recording(results[key])
         for key, label in (
@@ -111,11 +123,11 @@ def _literal(results: Results, folder: Path) -> Path:
     place.set_yscale("symlog", linthresh=0.1)
     trace(speed, [(label, run.time, 3.6 * run.front_velocity) for label, run in runs.items()], "speed in km/h")
     speed.set_xlabel("time in s")
-    return save_png(figure, folder, "paper001_literal.png")
+    return save(figure, folder / "paper001_literal.png")
 
 
-def _delay(results: Results, folder: Path) -> Path:
-    figure, (slower, late) = panels(2, "Paper 001: a slower actuator than modelled, and a delay of 1 s", height=3.0)
+def _delay(results: Results, folder: Path) -> FigureFile:
+    figure, (slower, late) = panels(2, "a slower actuator than modelled, and a delay of 1 s", height=3.0)
     for panel, train, label in (
         (slower, "slower", "true lag 0.5 s, delay 0.45 s"),
         (late, "long_delay", "delay 1.0 s"),
@@ -127,7 +139,7 @@ def _delay(results: Results, folder: Path) -> Path:
         }
         trace(panel, _errors(results, named), f"v - v_d in m/s\n{label}")
     late.set_xlabel("time in s")
-    return save_png(figure, folder, "paper001_delay.png")
+    return save(figure, folder / "paper001_delay.png")
 
 
 def truth_and_estimate(result: Result) -> tuple[Array, Array, Array]:

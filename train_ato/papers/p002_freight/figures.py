@@ -9,7 +9,7 @@ import numpy as np
 
 from train_ato.messages.types import Array
 from train_ato.papers.checks import recording as series_of
-from train_ato.papers.claims import Results
+from train_ato.papers.claims import FigureFile, Results
 from train_ato.papers.sheets import COLOURS, Sheet
 from train_ato.papers.tracking import mean_speed_error, position_error
 
@@ -17,8 +17,8 @@ OFFSETS: Array = 80.0 * np.arange(5, dtype=np.float64)
 MASS = 80e3
 
 
-def draw(results: Results, folder: Path) -> list[Path]:
-    """Draw the figures of paper 002 into a folder and return the files."""
+def draw(results: Results, folder: Path) -> list[FigureFile]:
+    """Draw the figures of paper 002 into a folder and return them."""
     return [
         _observers(results, folder / "paper002_estimates.png"),
         _tracking(results, folder / "paper002_tracking.png"),
@@ -27,12 +27,10 @@ def draw(results: Results, folder: Path) -> list[Path]:
     ]
 
 
-def _observers(results: Results, path: Path) -> Path:
+def _observers(results: Results, path: Path) -> FigureFile:
     """Draw figures 3 to 10: d1, d2 and d1' of every car."""
     series = results["observers 1 ms"].series
-    sheet = Sheet(
-        "Paper 002: disturbances of every car and their estimates, sampled at 1 ms", 5, 3, height=2.0, width=16
-    )
+    sheet = Sheet("disturbances of every car and their estimates, sampled at 1 ms", 5, 3, height=2.0, width=16)
     heads = ("d1 in m/s", "d2 in m/s²", "d1' in m/s²")
     for car in range(5):
         for column, head in enumerate(heads):
@@ -50,11 +48,11 @@ def _observers(results: Results, path: Path) -> Path:
     return sheet.save(path, legends=1)
 
 
-def _tracking(results: Results, path: Path) -> Path:
+def _tracking(results: Results, path: Path) -> FigureFile:
     """Draw figures 11 to 13 and the force: left the whole run, right the first three seconds."""
     recording = series_of(results["ideal"])
     t = recording.time
-    sheet = Sheet("Paper 002: fixed-time law, gain 1.9, cascaded observer, tick 1 ms", 5, 2, height=2.1, width=15)
+    sheet = Sheet("fixed-time law, gain 1.9, cascaded observer, tick 1 ms", 5, 2, height=2.1, width=15)
     motion = np.gradient(recording.position, t, axis=0)
     stretch = -np.diff(recording.position, axis=1) - np.diff(OFFSETS)
     error = position_error(recording, OFFSETS)
@@ -93,9 +91,9 @@ def _tracking(results: Results, path: Path) -> Path:
     return sheet.save(path)
 
 
-def _settling(results: Results, path: Path) -> Path:
+def _settling(results: Results, path: Path) -> FigureFile:
     """Draw error and acceleration of the nominal error dynamics."""
-    sheet = Sheet("Paper 002: error dynamics of the fixed-time law without limits, from 108 m", 2)
+    sheet = Sheet("error dynamics of the fixed-time law without limits, from 108 m", 2)
     for index, gain in enumerate(("1.9", "50")):
         series = results[f"gain {gain} from 108 m"].series
         later = series["time"] > 1e-9
@@ -109,9 +107,9 @@ def _settling(results: Results, path: Path) -> Path:
     return sheet.save(path)
 
 
-def _realistic(results: Results, path: Path) -> Path:
+def _realistic(results: Results, path: Path) -> FigureFile:
     """Draw the realistic setting at a delay of 1 s: worst position error, mean speed error, couplers, force."""
-    sheet = Sheet("Paper 002: limits, lag 0.4 s, delay 1.0 s, noise, travelling load of 0.1 m/s²", 5)
+    sheet = Sheet("limits, lag 0.4 s, delay 1.0 s, noise, travelling load of 0.1 m/s²", 5)
     choices = (
         ("print", "paper's law, gain 2"),
         ("scaled predicted", "gain 0.3, predictor"),

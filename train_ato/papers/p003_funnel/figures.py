@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from train_ato.papers.checks import recording as series_of
-from train_ato.papers.claims import Results
+from train_ato.papers.claims import FigureFile, Results
+from train_ato.papers.drawing import thinned
 from train_ato.papers.p003_funnel.cases import CASES
 from train_ato.papers.p003_funnel.series import boundaries, off_profile
 from train_ato.papers.sheets import COLOURS, Sheet
@@ -17,8 +18,8 @@ from train_ato.papers.tracking import position_error, speed_error
 LONG = "crh380a_funnel"
 
 
-def draw(results: Results, folder: Path) -> list[Path]:
-    """Draw the figures of paper 003 into a folder and return the files."""
+def draw(results: Results, folder: Path) -> list[FigureFile]:
+    """Draw the figures of paper 003 into a folder and return them."""
     nominal = {"printed long": "printed", "corrected long": "corrected", "pid long": "PID + preview"}
     cut = {"printed long saturated": "printed", "corrected long saturated": "corrected"}
     lost = {"unhandled long": "not handled"}
@@ -33,9 +34,9 @@ def draw(results: Results, folder: Path) -> list[Path]:
 
 def _tracking(
     results: Results, keys: Mapping[str, str], title: str, path: Path, zoom: tuple[float, float] | None = None
-) -> Path:
+) -> FigureFile:
     """Draw figures 1 to 5: speed, position error, speed error, force; on the right a time range [min]."""
-    sheet = Sheet(f"Paper 003: {title}", 4, 1 if zoom is None else 2, width=11 if zoom is None else 15)
+    sheet = Sheet(f"{title}", 4, 1 if zoom is None else 2, width=11 if zoom is None else 15)
     for index, (key, label) in enumerate(keys.items()):
         recording = series_of(results[key])
         series = (
@@ -46,24 +47,21 @@ def _tracking(
         )
         for column, (begin, end) in enumerate([(0.0, np.inf)] + ([zoom] if zoom else [])):
             part = (recording.time >= 60.0 * begin) & (recording.time <= 60.0 * end)
-            stride = max(1, int(part.sum()) // 40_000)
-            t = recording.time[part][::stride] / 60.0
+            time = recording.time[part] / 60.0
             if index == 0:
-                reference = 3.6 * recording.reference_velocity[part][::stride]
-                sheet.panel(0, column).plot(t, reference, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile")
+                reference = thinned(time, 3.6 * recording.reference_velocity[part])
+                sheet.panel(0, column).plot(*reference, color=COLOURS[5], lw=2.5, alpha=0.5, label="profile")
             for row, values in enumerate(series):
-                sheet.panel(row, column).plot(t, values[part][::stride], color=COLOURS[index], lw=0.9, label=label)
+                sheet.panel(row, column).plot(*thinned(time, values[part]), color=COLOURS[index], lw=0.9, label=label)
     labels = ("speed in km/h", "position error in m", "speed error in m/s", "applied force in kN")
     for row, label in enumerate(labels):
         sheet.panel(row).set_ylabel(label)
     return sheet.save(path, "time in min")
 
 
-def _funnels(results: Results, path: Path) -> Path:
+def _funnels(results: Results, path: Path) -> FigureFile:
     """Draw errors and funnels of the short saturated run, printed and corrected."""
-    sheet = Sheet(
-        "Paper 003: funnels with 200 kN (short run): printed left, corrected right", 2, 2, height=3.0, width=14
-    )
+    sheet = Sheet("funnels with 200 kN (short run): printed left, corrected right", 2, 2, height=3.0, width=14)
     for column, key in enumerate(("printed saturated", "corrected saturated")):
         case, recording = CASES[key], series_of(results[key])
         phi1, phi2 = boundaries(case, recording)
@@ -77,9 +75,9 @@ def _funnels(results: Results, path: Path) -> Path:
     return sheet.save(path)
 
 
-def _planned(results: Results, path: Path) -> Path:
+def _planned(results: Results, path: Path) -> FigureFile:
     """Draw the errors to the original profile with 200 kN."""
-    sheet = Sheet("Paper 003: 200 kN: error to the profile that needs 225.7 kN (short run)", 3)
+    sheet = Sheet("200 kN: error to the profile that needs 225.7 kN (short run)", 3)
     choices = (
         ("predictor saturated", "followed"),
         ("predictor planned", "planned for beforehand"),

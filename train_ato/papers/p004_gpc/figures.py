@@ -6,15 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from train_ato.papers.checks import recording as series_of
-from train_ato.papers.claims import Results
+from train_ato.papers.claims import FigureFile, Results
 from train_ato.papers.p004_gpc.cases import SAMPLINGS, WEIGHTS
 from train_ato.papers.p004_gpc.checks import JUMP, speed_rms
 from train_ato.papers.sheets import COLOURS, Sheet
 from train_ato.papers.tracking import position_error, speed_error
 
 
-def draw(results: Results, folder: Path) -> list[Path]:
-    """Draw the figures of paper 004 into a folder and return the files."""
+def draw(results: Results, folder: Path) -> list[FigureFile]:
+    """Draw the figures of paper 004 into a folder and return them."""
     normal = {"pid long": "PID", "gpc long": "gpc, Ts 1.2 s", "pid preview long": "PID + preview"}
     jump = {
         "pid jump": "PID",
@@ -31,9 +31,9 @@ def draw(results: Results, folder: Path) -> list[Path]:
     ]
 
 
-def _runs(results: Results, keys: Mapping[str, str], title: str, path: Path, minutes: bool = False) -> Path:
+def _runs(results: Results, keys: Mapping[str, str], title: str, path: Path, minutes: bool = False) -> FigureFile:
     """Draw figures 5 to 8: speed, error of the first unit, position error, force, couplers."""
-    sheet = Sheet(f"Paper 004: {title}", 5)
+    sheet = Sheet(f"{title}", 5)
     for index, (key, label) in enumerate(keys.items()):
         recording = series_of(results[key])
         t, colour = recording.time / (60.0 if minutes else 1.0), COLOURS[index]
@@ -57,9 +57,9 @@ def _runs(results: Results, keys: Mapping[str, str], title: str, path: Path, min
     return sheet.save(path, "time in min" if minutes else "time in s")
 
 
-def _sampling(results: Results, path: Path) -> Path:
+def _sampling(results: Results, path: Path) -> FigureFile:
     """Draw the rms speed error over the sampling period and over lambda."""
-    sheet = Sheet("Paper 004: N = 3, Nu = 2 (short run)", 1, 2, height=4.0, share=False)
+    sheet = Sheet("N = 3, Nu = 2 (short run)", 1, 2, height=4.0, share=False)
     left, right = sheet.panel(0, 0), sheet.panel(0, 1)
     for index, (suffix, label) in enumerate((("", "U = 0 beyond Nu (printed)"), (" held", "U held beyond Nu"))):
         errors = [1e3 * speed_rms(results[f"Ts {period}{suffix}"]) for period in SAMPLINGS]
