@@ -26,9 +26,13 @@ class Verdict(Enum):
     NOT_REPRODUCED = "not reproduced"
 
 
+UNSUPERVISED: Mapping[str, Any] = {"supervision": {"enabled": False}}
+"""The papers have no supervisor: it would brake a train whose control is lost."""
+
+
 @dataclass(frozen=True)
 class Case:
-    """One run of the engine.
+    """One run of the engine, without a supervisor.
 
     Parameters
     ----------
@@ -46,7 +50,7 @@ class Case:
 
     def setup(self) -> RunSetup:
         """Return the prepared run; errors as :func:`train_ato.loop.setup.prepare`."""
-        return prepare(*load_scenario(self.scenario, changes=dict(self.changes)))
+        return prepare(*load_scenario(self.scenario, changes={**UNSUPERVISED, **self.changes}))
 
 
 @dataclass(frozen=True)
