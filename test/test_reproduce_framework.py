@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -183,6 +184,23 @@ def test_one_claim_runs_its_own_cases(tmp_path: Path) -> None:
     assert not done.complaints and not done.figures
     with pytest.raises(ValueError, match="--claim 'wild': in no claim of 999"):
         with_claim([paper], "wild")
+
+
+def test_a_judged_paper_is_not_run_again(tmp_path: Path) -> None:
+    """Breaks if a resumed command runs a judged paper again, loses its rows, or takes those of other code."""
+    log = tmp_path / "calls"
+    case = Calculation(measure, {"log": str(log), "value": 1.0})
+    paper = _paper({"a": case}, Claim("tracks", "-", ("a",), _holds))
+    other = replace(paper, number="998")
+    assert len(_run([paper], tmp_path)) == 1
+    assert [done.paper.number for done in _run([paper, other], tmp_path)] == ["998"]
+    assert len(log.read_text().splitlines()) == 2
+    rows = json.loads((tmp_path / "reproduce.json").read_text())
+    assert [row["paper"] for row in rows] == ["998", "999"]
+    assert "998" in (page := (tmp_path / "reproduce.md").read_text()) and "999" in page
+    file = tmp_path / "paper999.json"
+    file.write_text(file.read_text().replace('"code": "', '"code": "0'))
+    assert [done.paper.number for done in _run([paper, other], tmp_path)] == ["999"]
 
 
 def test_figures_are_for_print(tmp_path: Path) -> None:

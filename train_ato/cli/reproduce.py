@@ -45,7 +45,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="number of worker processes (default: 2, at most the number of cores)",
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="new folder (default: runs/reproduce-N)")
+    place = parser.add_mutually_exclusive_group()
+    place.add_argument("--out", type=Path, metavar="DIR", help="new folder (default: runs/reproduce-N)")
+    place.add_argument(
+        "--resume",
+        type=Path,
+        metavar="DIR",
+        help="folder of an interrupted command; judged papers are not run again",
+    )
 
 
 def execute(options: argparse.Namespace) -> int:
@@ -56,7 +63,7 @@ def execute(options: argparse.Namespace) -> int:
     papers = [load_paper(number) for number in numbers]
     if options.claim is not None:
         papers = with_claim(papers, options.claim)
-    folder = RunFolder.make(options.out, "reproduce")
+    folder = _folder(options)
     judged: list[Judged] = []
 
     def take(paper: Judged) -> None:
@@ -66,7 +73,7 @@ def execute(options: argparse.Namespace) -> int:
     try:
         note_compilation()
         with _bar() as progress:
-            reproduce(
+            kept = reproduce(
                 papers,
                 folder.path,
                 full=options.full,
@@ -76,13 +83,24 @@ def execute(options: argparse.Namespace) -> int:
                 shown=format_value,
             )
     finally:
-        if not judged:
+        if not judged and options.resume is None:
             folder.discard()
+    if kept:
+        sys.stderr.write(f"papers judged before, not run again: {', '.join(kept)}\n")
     if options.json:
         sys.stdout.write((folder.path / "reproduce.json").read_text(encoding="utf-8"))
     else:
         sys.stdout.write(f"claims, results of all cases and figures in {folder.path}\n")
     return 0
+
+
+def _folder(options: argparse.Namespace) -> RunFolder:
+    """Return the new folder, or that of the interrupted command."""
+    if options.resume is None:
+        return RunFolder.make(options.out, "reproduce")
+    if not any(options.resume.glob("paper*.json")):
+        raise ValueError(f"--resume {options.resume}: has no judged paper; name a folder of reproduce, or use --out")
+    return RunFolder(options.resume)
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import json
 import pkgutil
@@ -10,10 +11,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import train_ato
 import train_ato.papers
 from train_ato.apps.report.print_parts import SHEET_SIZE, styled
 from train_ato.papers.claims import Calculation, Case, FigureFile, Paper, Result
-from train_ato.papers.judging import Row, cases_of, judge_paper
+from train_ato.papers.judging import Row, cases_of, claims_of, judge_paper
 from train_ato.papers.page import papers_overview, section
 from train_ato.papers.pool import Finished, Moved, WorkerPool
 
@@ -96,15 +98,18 @@ def reproduce(
     done: Callable[[Judged], None],
     progress: Callable[[Moved | Finished, int], None],
     shown: Callable[[Any], str] = str,
-) -> None:
+) -> list[str]:
     """Run every case of the papers once and judge each paper as soon as its cases are complete.
+
+    A paper that was judged in the folder before, by the same code, is not run again.
 
     Parameters
     ----------
     papers
         Papers in the order of the runs.
     folder
-        Output folder: ``reproduce.json``, ``reproduce.md`` (rewritten after every paper), ``cases.json``, figures.
+        Output folder: ``reproduce.json``, ``reproduce.md`` (rewritten after every paper), ``cases.json``, one file of
+        every judged paper, figures.
     full
         With long cases and claims.
     jobs
@@ -115,11 +120,19 @@ def reproduce(
         Called with everything that happens and the number of tasks in all.
     shown
         Function from a table entry to text.
+
+    Returns
+    -------
+    list of str
+        Numbers of the papers that were not run again.
     """
-    pending, tasks = _plan(papers, full)
-    rows: list[Row] = []
-    sections: dict[str, str] = {}
-    summaries: dict[str, dict[str, Any]] = {}
+    source = source_hash()
+    code = {paper.number: f"{source} {len(claims_of(paper, full))} claims" for paper in papers}
+    kept = {number: found for number in code if (found := _kept(folder, number, code[number])) is not None}
+    pending, tasks = _plan([paper for paper in papers if paper.number not in kept], full)
+    rows: list[Row] = [row for found in kept.values() for row in found["rows"]]
+    sections: dict[str, str] = {number: found["section"] for number, found in kept.items()}
+    summaries: dict[str, dict[str, Any]] = {number: found["cases"] for number, found in kept.items()}
     with WorkerPool(jobs) as pool:
         for event in pool.run(tasks.items()):
             progress(event, len(tasks))
@@ -138,7 +151,37 @@ def reproduce(
                         judged.paper, judged.rows, judged.results, judged.figures, shown
                     )
                     _write_page(folder, papers, rows, sections, full)
+                    number = judged.paper.number
+                    done_now = {"rows": judged.rows, "section": sections[number], "cases": summaries[number]}
+                    _write(_file_of(folder, number), {"code": code[number], **done_now})
                     done(judged)
+    return sorted(kept)
+
+
+def _file_of(folder: Path, number: str) -> Path:
+    return folder / f"paper{number}.json"
+
+
+def _kept(folder: Path, number: str, code: str) -> dict[str, Any] | None:
+    """Return the content of the file of a paper, if the same code wrote it."""
+    try:
+        found = json.loads(_file_of(folder, number).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    same = isinstance(found, dict) and found.get("code") == code and {"rows", "section", "cases"} <= set(found)
+    return found if same else None
+
+
+def source_hash() -> str:
+    """Return the SHA-256 of all source and scenario files of the packages, in hexadecimal digits."""
+    digest = hashlib.sha256()
+    root = Path(train_ato.__file__).parents[1]
+    for package in ("plant_sim", "train_ato"):
+        for path in sorted((root / package).rglob("*")):
+            if path.suffix in (".py", ".yaml", ".csv"):
+                digest.update(str(path.relative_to(root)).encode())
+                digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def _plan(papers: list[Paper], full: bool) -> tuple[list[_Pending], dict[str, Case | Calculation]]:
