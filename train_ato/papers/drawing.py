@@ -52,6 +52,7 @@ def trace(
     *,
     reference: Series | None = None,
     minutes: bool | None = None,
+    first_colour: int = 0,
     **style: Any,
 ) -> None:
     """Draw series over time with a legend, above a wide grey reference."""
@@ -66,7 +67,7 @@ def trace(
             t / (60.0 if in_minutes else 1.0),
             y,
             label=name,
-            **{"color": COLOURS[index % len(COLOURS)], "lw": 0.9, **style},
+            **{"color": COLOURS[(first_colour + index) % len(COLOURS)], "lw": 0.9, **style},
         )
     panel.set_ylabel(label)
     panel.margins(x=0.01, y=0.15)

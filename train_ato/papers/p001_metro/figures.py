@@ -31,7 +31,9 @@ def _errors(results: Results, named: Mapping[str, str]) -> list[Series]:
 
 
 def _tracking(results: Results, folder: Path) -> FigureFile:
-    figure, (speed, ideal, lagged) = panels(3, "figures 4-7: speed tracking and its error", height=3.0)
+    figure, (speed, ideal, lagged, close) = panels(
+        4, "figures 4-7: speed tracking and its error; d is c without the PID", height=2.6
+    )
     runs = {
         label: recording(results[f"ideal {key}"]) for key, label in (("pid", "PID"), ("rbf", "SMC with RBF network"))
     }
@@ -48,8 +50,10 @@ def _tracking(results: Results, folder: Path) -> FigureFile:
         "rbf nominal": "RBF + preview",
         "tanh_predictor nominal": "tanh + predictor",
     }
-    trace(lagged, _errors(results, named), "v - v_d in m/s\nlag 0.4 s, delay 0.3 s")
-    lagged.set_xlabel("time in s")
+    errors = _errors(results, named)
+    trace(lagged, errors, "v - v_d in m/s\nlag 0.4 s, delay 0.3 s")
+    trace(close, errors[1:], "v - v_d in m/s\nlag 0.4 s, delay 0.3 s", first_colour=1)
+    close.set_xlabel("time in s")
     return save(figure, folder / "paper001_tracking.png")
 
 
