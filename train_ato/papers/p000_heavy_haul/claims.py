@@ -75,7 +75,8 @@ PAPER = Paper(
             _ideal_rows,
         ),
         CaseTable(
-            "lag 0.4 s, delay 0.8 s: rms; largest speed error in km/h, couplers in kN, largest variation in kN/s",
+            "lag 0.4 s, delay 0.8 s: rms; largest speed error in km/h, couplers in kN, largest variation in kN/s (last "
+            "row: the independent figures are of another law on that prediction)",
             (
                 "law",
                 *(text for label, _ in LAGGED_TRAINS.values() for text in (label, "independent")),

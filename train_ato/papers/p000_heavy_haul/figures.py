@@ -134,7 +134,9 @@ def _observer(results: Results, folder: Path) -> Path:
 
 
 def _limit(results: Results, folder: Path) -> Path:
-    figure, (error, force) = panels(2, "Paper 000: printed SMC with a pure delay, stable below 0.17 s", height=3.2)
+    figure, (error, force) = panels(
+        2, "Paper 000: printed SMC with a pure delay (limit of the rigid train: 0.17 s)", height=3.2
+    )
     runs = {f"{delay:g} s": recording(results[f"smc delay {delay}"]) for delay in LIMIT_DELAYS}
     trace(error, [(name, run.time, locomotive_speed_error(run)) for name, run in runs.items()], "speed error in km/h")
     trace(force, [(name, run.time, run.applied[:, 0] / 1e3) for name, run in runs.items()], "applied force in kN")

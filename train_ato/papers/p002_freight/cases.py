@@ -87,7 +87,6 @@ def _cases() -> dict[str, Case | Calculation]:
     }
     cases["ideal"] = Case("freight_consensus", {})
     cases["printed order"] = Case("freight_consensus:printed_order", {"duration": 10})
-    cases["pd slow"] = _pd(1.6, 0.64)
     cases["pd fast"] = _pd(9.0, 20.0)
     for key, (_, changes) in LAWS.items():
         for delay, variant in DELAYS.items():
