@@ -18,9 +18,9 @@ MUCH_BETTER = 0.5
 REMOVED = 0.1
 """"None", "removed", "accurate": at most a tenth of the other one, or of the quantity itself."""
 UNCHANGED = 1.1
-""""Unchanged", "as before": at most a tenth more."""
+""""Unchanged": at most a tenth more."""
 ROBUST = 2.0
-""""Robust": at most twice the error of the nominal train."""
+""""Robust", "performance kept": at most twice the error of the nominal train."""
 ABOUT = 0.2
 """"About" a figure: within a fifth of it."""
 TENTH = 0.1

@@ -31,8 +31,8 @@ NO_OFFSET = Bound("position error, printed", 0.2, "m", GOAL)
 NO_OFFSET_REPAIRED = Bound("position error, U held or gain on the position", 0.2, "m", GOAL)
 SMALL_JUMP = ratio("largest speed error over PID, as printed", MUCH_BETTER, "paper: slight against large")
 SMALL_JUMP_INCREMENTS = ratio("the same, on increments", MUCH_BETTER, "paper: slight against large")
-AS_BEFORE = ratio("rms over that without jump, as printed", ROBUST, "as before: at most doubled")
-AS_BEFORE_INCREMENTS = ratio("the same, on increments", ROBUST, "as before: at most doubled")
+AS_BEFORE = ratio("rms over that without jump, as printed", ROBUST, "paper: good performance kept, at most doubled")
+AS_BEFORE_INCREMENTS = ratio("the same, on increments", ROBUST, "paper: good performance kept, at most doubled")
 ESTIMATES = ratio("rms with over without the network", MUCH_BETTER, "paper: compensates")
 COUPLED = Bound("rms of three laws, with couplers", STABLE_RMS, "m/s", CONVENTION)
 FREE = Bound("rms of three laws, without couplers", STABLE_RMS, "m/s", CONVENTION)
@@ -141,8 +141,8 @@ def jump(results: Results) -> Judgement:
         for key in ("gpc", "gpc fixed", "gpc absolute", "pid", "pid preview")
     )
     measured = (
-        f"largest speed error {increments:.2f} m/s identified on increments of the speed, {printed:.2f} on the speed as "
-        f"printed, {without:.2f} without identification; PID {plain:.2f}, PID + preview {preview:.2f} ({WHERE_MOVING})"
+        f"largest speed error {increments:.2f} m/s identified on increments of the speed, {printed:.2f} on the speed "
+        f"as printed, {without:.2f} without identification; PID {plain:.2f}, PID + preview {preview:.2f} ({WHERE_MOVING})"
     )
     return conclude(
         measured,

@@ -48,8 +48,8 @@ PAPER = Paper(
     figures=draw,
     tables=(
         CaseTable(
-            "short run (36 km): speed error max in m/s (only where v_ref > 1 m/s) / rms in mm/s / position error max in "
-            "m; no PID is clamped",
+            "short run (36 km): speed error max in m/s (only where v_ref > 1 m/s) / rms in mm/s / position error max "
+            "in m; no PID is clamped",
             ("case", *(label for label, _ in LAWS.values())),
             _rows,
         ),
