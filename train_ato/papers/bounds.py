@@ -17,8 +17,8 @@ MUCH_BETTER = 0.5
 """"Significantly", "effective": at most half of the other one."""
 REMOVED = 0.1
 """"None", "removed", "accurate": at most a tenth of the other one, or of the quantity itself."""
-UNCHANGED = 1.1
-""""Unchanged": at most a tenth more."""
+UNCHANGED = 0.1
+""""Unchanged": at most a tenth more or less."""
 ROBUST = 2.0
 """"Robust", "performance kept": at most twice the error of the nominal train."""
 ABOUT = 0.2

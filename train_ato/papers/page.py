@@ -22,7 +22,7 @@ another driver's run or reference if the paper gives none; where its law differs
 
 Every bound is fixed before the run and has its source in brackets: a figure of the paper, a closed form, a goal, or the
 words of the paper. Words have the same meaning in all papers: "better" is at most {better:.0%} of the other error,
-"significantly" and "effective" {much:.0%}, "removed", "precisely" and "accurate" {removed:.0%}, "unchanged"
+"significantly" and "effective" {much:.0%}, "removed", "precisely" and "accurate" {removed:.0%}, "unchanged" within
 {unchanged:.0%}, "robust" {robust:.0%} of the nominal one, "about" a figure within {about:.0%}. Behind each bound is the
 measured figure; one within 3 % of its bound has a note. The last column of the table of papers has the verdicts before
 the bounds were fixed this way (release 0.2.0), in the same order; one claim was removed, since the reference had been

@@ -7,7 +7,7 @@ from typing import Any
 
 from train_ato.papers.checks import largest_kmh, rms_kmh, variation
 from train_ato.papers.claims import CaseTable, Paper, Results
-from train_ato.papers.p000_heavy_haul import checks, lag_checks
+from train_ato.papers.p000_heavy_haul import checks, lag_checks, network_checks
 from train_ato.papers.p000_heavy_haul.cases import CASES, IDEAL_LAWS, LAGGED_LAWS, LAGGED_TRAINS
 from train_ato.papers.p000_heavy_haul.figures import draw
 
@@ -66,7 +66,7 @@ PAPER = Paper(
     number="000",
     title="heavy-haul train, multi-mass model, RBFNN sliding mode and disturbance observer",
     cases=CASES,
-    claims=[*checks.CLAIMS, *lag_checks.CLAIMS],
+    claims=[*checks.CLAIMS, *network_checks.CLAIMS, *lag_checks.CLAIMS],
     figures=draw,
     tables=(
         CaseTable(

@@ -7,7 +7,7 @@ from typing import Any
 
 from train_ato.papers.claims import CaseTable, Paper, Results
 from train_ato.papers.p001_metro import checks as judges
-from train_ato.papers.p001_metro import goal_checks
+from train_ato.papers.p001_metro import goal_checks, network_checks
 from train_ato.papers.p001_metro.cases import CASES, LAWS, TRAINS
 from train_ato.papers.p001_metro.figures import draw
 
@@ -50,7 +50,7 @@ PAPER = Paper(
     number="001",
     title="metro train, sliding mode with an RBF network for the switching term",
     cases=CASES,
-    claims=[*judges.CLAIMS, *goal_checks.CLAIMS],
+    claims=[*judges.CLAIMS, *network_checks.CLAIMS, *goal_checks.CLAIMS],
     figures=draw,
     tables=(
         CaseTable(

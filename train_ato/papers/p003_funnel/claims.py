@@ -8,6 +8,7 @@ from typing import Any
 from train_ato.papers.checks import variation
 from train_ato.papers.claims import CaseTable, Paper, Results
 from train_ato.papers.p003_funnel import checks as judge
+from train_ato.papers.p003_funnel import saturation_checks
 from train_ato.papers.p003_funnel.cases import CASES, LAWS, TRAINS
 from train_ato.papers.p003_funnel.figures import draw
 from train_ato.papers.tracking import largest_position_error as place
@@ -58,7 +59,7 @@ PAPER = Paper(
     number="003",
     title="dynamic-surface funnel control of a CRH380A, delay 0.2 |sin t| s, 286 km",
     cases=CASES,
-    claims=judge.CLAIMS,
+    claims=[*judge.CLAIMS, *saturation_checks.CLAIMS],
     figures=draw,
     tables=(
         CaseTable(

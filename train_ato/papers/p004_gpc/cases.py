@@ -11,6 +11,8 @@ SAMPLINGS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.6)
 """Sampling periods of the law [s]."""
 WEIGHTS = (0.001, 0.01, 1.0, 10.0)
 """Values of lambda at 0.4 s, beside 0.1 [s²]."""
+JUMP = 100.0
+"""Time of the jump of the variant `jump` [s]."""
 UNCLAMPED = 1e6
 """Limit of the PID's integral [m]: none, the default of 20 m binds in some of the runs."""
 
