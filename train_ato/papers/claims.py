@@ -27,9 +27,13 @@ class Verdict(Enum):
     NOT_REPRODUCED = "not reproduced"
 
 
+UNSUPERVISED: Mapping[str, Any] = {"supervision": {"enabled": False}}
+"""The trains of the papers have no protection; its brake would end the runs of inaccurate laws."""
+
+
 @dataclass(frozen=True)
 class Case:
-    """One run of the engine.
+    """One run of the engine, without the supervision.
 
     Parameters
     ----------
@@ -47,7 +51,7 @@ class Case:
 
     def setup(self) -> RunSetup:
         """Return the prepared run; errors as :func:`train_ato.loop.setup.prepare`."""
-        return prepare(*load_scenario(self.scenario, changes=dict(self.changes)))
+        return prepare(*load_scenario(self.scenario, changes={**UNSUPERVISED, **self.changes}))
 
 
 @dataclass(frozen=True)
