@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 from train_ato.cli.main import main
+from train_ato.papers.bounds import Bound
 from train_ato.papers.claims import (
     Calculation,
     Case,
@@ -49,7 +50,7 @@ def die() -> tuple[dict[str, Any], dict[str, Any]]:
 def _holds(results: Results) -> Judgement:
     value = next(iter(results.values())).summary["value"]
     verdict = Verdict.REPRODUCED if value < 2 else Verdict.NOT_REPRODUCED
-    return Judgement(f"{value}", verdict, "below 2")
+    return Judgement(f"{value}", verdict, "below 2", (Bound("value", 2.0, "", "test").check(value),))
 
 
 def _no_figures(results: Results, folder: Path) -> list[FigureFile]:
@@ -79,7 +80,7 @@ def test_equal_cases_of_several_papers_run_once(tmp_path: Path) -> None:
 
 
 def test_rows_have_the_documented_keys_and_are_written(tmp_path: Path) -> None:
-    """Breaks if ``reproduce.json`` is not the list of {paper, claim, stated, measured, verdict, reason}."""
+    """Breaks if ``reproduce.json`` is not the list of {paper, claim, stated, measured, verdict, reason, bounds}."""
     case = Calculation(measure, {"log": str(tmp_path / "calls"), "value": 3.0})
     _run([_paper({"a": case}, Claim("small", "below 2", ("a",), _holds))], tmp_path)
     assert json.loads((tmp_path / "reproduce.json").read_text()) == [
@@ -90,6 +91,7 @@ def test_rows_have_the_documented_keys_and_are_written(tmp_path: Path) -> None:
             "measured": "3.0",
             "verdict": "not reproduced",
             "reason": "below 2",
+            "bounds": "value <= 2 (test): 3",
         }
     ]
     assert json.loads((tmp_path / "cases.json").read_text())["999"]["a"] == {"value": 3.0}
@@ -103,10 +105,16 @@ def test_the_page_has_claims_counts_and_tables(tmp_path: Path) -> None:
     paper = _paper({"a": case}, Claim("small | fast", "below 2", ("a",), _holds), tables=(table, broken))
     _run([paper], tmp_path)
     page = (tmp_path / "reproduce.md").read_text(encoding="utf-8")
-    assert "| small \\| fast | below 2 | 3.0 | not reproduced | below 2 |" in page
-    assert f"| {paper.number}: {paper.title} | 0 | 0 | 1 |" in page
+    assert "| small \\| fast | below 2 | 3.0 | value <= 2 (test): 3 | not reproduced | below 2 |" in page
+    assert f"| {paper.number}: {paper.title} | 0 | 0 | 1 | - |" in page
     assert "| pid | 3.0 |" in page
     assert "not available: KeyError" in page
+
+
+def test_cases_run_without_supervision() -> None:
+    """Breaks if the brake of the supervisor ends the run of an inaccurate law of a paper."""
+    assert not SHORT.setup().scenario.supervision.enabled
+    assert SHORT.setup().scenario.duration == 2
 
 
 def test_an_engine_case_brings_summary_and_series() -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-import numpy as np
+from collections.abc import Callable, Iterable
 
 from train_ato.loop.recording import Recording
+from train_ato.papers.bounds import Bound, Check
 from train_ato.papers.claims import Judgement, Result, Results, Verdict
 
-GOOD, FAIR, BAD = Verdict.REPRODUCED, Verdict.OTHER_SETTING, Verdict.NOT_REPRODUCED
+GOAL = "goal of this project"
 
 
 def rms_kmh(result: Result) -> float:
@@ -45,20 +44,46 @@ def gain(better: Result, than: Result) -> float:
     return 100.0 * (1.0 - rms_kmh(better) / rms_kmh(than))
 
 
-def judged(measured: str, holds: bool, reason: str, elsewhere: bool = False) -> Judgement:
-    """Return a judgement: reproduced, only in another setting, or not reproduced."""
-    if holds:
-        return Judgement(measured, Verdict.REPRODUCED, reason)
-    return Judgement(measured, Verdict.OTHER_SETTING if elsewhere else Verdict.NOT_REPRODUCED, reason)
+def conclude(
+    measured: str,
+    reproduced: Iterable[Check],
+    reason: str,
+    *,
+    elsewhere: Iterable[Check] = (),
+    changed: str = "",
+    otherwise: str = "",
+) -> Judgement:
+    """Return the judgement from the bounds of the claim and from those of the changed setting.
+
+    Parameters
+    ----------
+    measured
+        Measured figures as text.
+    reproduced
+        Bounds of the claim as stated.
+    reason
+        Reason if they hold, and of the other verdicts without a reason of their own.
+    elsewhere
+        Bounds in the changed setting; without any there is no such verdict.
+    changed, otherwise
+        Reasons for "only in another setting" and "not reproduced".
+    """
+    here, there = tuple(reproduced), tuple(elsewhere)
+    checks = (*here, *(check for check in there if check not in here))
+    if all(check.holds for check in here):
+        return Judgement(measured, Verdict.REPRODUCED, reason, checks)
+    if there and all(check.holds for check in there):
+        return Judgement(measured, Verdict.OTHER_SETTING, changed or reason, checks)
+    return Judgement(measured, Verdict.NOT_REPRODUCED, otherwise or reason, checks)
 
 
 def within(key: str, bound_rms: float, bound_largest: float, reason: str) -> Callable[[Results], Judgement]:
-    """Return a judge of the bounds of rms and largest speed error of a case [km/h]."""
+    """Return a judge of the goals for rms and largest speed error of a case [km/h]."""
+    bounds = (Bound("rms", bound_rms, "km/h", GOAL), Bound("largest", bound_largest, "km/h", GOAL))
 
     def judge(results: Results) -> Judgement:
-        result = results[key]
-        finite = bool(np.isfinite(rms_kmh(result)))
-        holds = finite and rms_kmh(result) <= bound_rms and largest_kmh(result) <= bound_largest
-        return judged(f"rms {rms_kmh(result):.4f}, largest {largest_kmh(result):.2f} km/h", holds, reason)
+        found = (rms_kmh(results[key]), largest_kmh(results[key]))
+        checks = [bound.check(value) for bound, value in zip(bounds, found, strict=True)]
+        return conclude(f"rms {found[0]:.4f}, largest {found[1]:.2f} km/h", checks, reason)
 
     return judge

@@ -15,6 +15,7 @@ from typing import Any
 
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup, prepare
+from train_ato.papers.bounds import Check
 from train_ato.scenario.scenario import load_scenario
 
 
@@ -91,15 +92,19 @@ Results = Mapping[str, Result]
 
 @dataclass(frozen=True)
 class Judgement:
-    """Measured figures (text with units), verdict and reason."""
+    """Measured figures (text with units), verdict, reason, and the compared bounds."""
 
     measured: str
     verdict: Verdict
     reason: str
+    checks: tuple[Check, ...] = ()
 
 
 Judge = Callable[[Results], Judgement]
 """Function from the results by key to the judgement."""
+
+TWO = frozenset((Verdict.REPRODUCED, Verdict.NOT_REPRODUCED))
+THREE = frozenset(Verdict)
 
 
 @dataclass(frozen=True)
@@ -116,6 +121,8 @@ class Claim:
         Keys of the cases for the judge.
     judge
         Judge of the results.
+    verdicts
+        Verdicts that some results reach.
     full_only
         Judged under ``--full`` only, like every claim with such a case.
     takes_failures
@@ -126,6 +133,7 @@ class Claim:
     stated: str
     cases: tuple[str, ...]
     judge: Judge
+    verdicts: frozenset[Verdict] = TWO
     full_only: bool = False
     takes_failures: bool = False
 
@@ -134,12 +142,18 @@ class Claims(list[Claim]):
     """Claims of a paper in the order of their judges."""
 
     def judged_by(
-        self, text: str, stated: str, cases: Iterable[str], *, takes_failures: bool = False
+        self,
+        text: str,
+        stated: str,
+        cases: Iterable[str],
+        verdicts: frozenset[Verdict] = TWO,
+        *,
+        takes_failures: bool = False,
     ) -> Callable[[Judge], Judge]:
         """Return a decorator that adds a claim with its judge; parameters as for :class:`Claim`."""
 
         def add(judge: Judge) -> Judge:
-            self.append(Claim(text, stated, tuple(cases), judge, takes_failures=takes_failures))
+            self.append(Claim(text, stated, tuple(cases), judge, verdicts, takes_failures=takes_failures))
             return judge
 
         return add

@@ -8,7 +8,7 @@ from typing import Any
 from train_ato.papers.claims import Calculation, Case, Claim, Judgement, Paper, Result, Results, Verdict
 
 Row = dict[str, str]
-"""One line of ``reproduce.json``: paper, claim, stated, measured, verdict, reason."""
+"""One line of ``reproduce.json``: paper, claim, stated, measured, verdict, reason, bounds."""
 
 
 def cases_of(paper: Paper, full: bool) -> dict[str, Case | Calculation]:
@@ -35,6 +35,7 @@ def _row(paper: Paper, claim: Claim, judgement: Judgement) -> Row:
         "measured": judgement.measured,
         "verdict": judgement.verdict.value,
         "reason": judgement.reason,
+        "bounds": "; ".join(str(check) for check in judgement.checks),
     }
 
 

@@ -68,12 +68,29 @@ def largest_speed_error(result: Result) -> float:
     return largest(speed_error(recording)[moving(recording)])
 
 
-def last_outside(time: Array, values: Array, band: float, begin: float = -math.inf, end: float = math.inf) -> float:
-    """Return the last time in an interval with a magnitude above a band [s]; NaN if there is none."""
-    inside = (time >= begin) & (time < end)
-    beyond = np.abs(values[inside]) > band
-    late = np.flatnonzero(beyond.reshape(beyond.shape[0], -1).any(axis=1))
-    return float(time[inside][late[-1]]) if late.size else math.nan
+def time_within(time: Array, values: Array, band: float, begin: float = 0.0, end: float = math.inf) -> float:
+    """Return the time after which all magnitudes stay within a band [s].
+
+    Parameters
+    ----------
+    time, values
+        Samples [s], shape (k,) and (k,) or (k, n).
+    band
+        Largest magnitude.
+    begin, end
+        Interval of the evaluation [s]; the result counts from its begin.
+
+    Returns
+    -------
+    float
+        0 if no sample is outside; NaN if the last one is, or is not finite.
+    """
+    part = (time >= begin) & (time < end)
+    inside = np.abs(values[part]) <= band
+    late = np.flatnonzero(~inside.reshape(inside.shape[0], -1).all(axis=1))
+    if late.size == 0:
+        return 0.0
+    return math.nan if late[-1] == inside.shape[0] - 1 else float(time[part][late[-1] + 1]) - begin
 
 
 def written(value: float, unit: str = "", digits: int = 3) -> str:

@@ -11,7 +11,11 @@ from train_ato.loop.recording import Recording
 from train_ato.messages.types import Array
 
 LOCOMOTIVE = 184e3
-"""Mass of vehicle 0 [kg]."""
+"""Mass of vehicle 0, m_0 [kg]."""
+TRAIN = 10_684e3
+"""Mass of the train, M [kg]."""
+TRACTION = 760e3
+"""Largest force of traction [N]."""
 
 
 def locomotive_speed_error(recording: Recording) -> Array:

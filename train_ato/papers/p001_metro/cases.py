@@ -28,9 +28,13 @@ def _law(name: str, compensation: str, parameters: Mapping[str, Any], **more: An
 PID = {"kp": 1.66, "ki": 0.61, "kd": 0.017, "integral": "speed", "feedforward": False}
 PID_PREVIEW = {"kp": 1.16, "ki": 0.43, "integral": "speed"}
 RBF = {"phi": 3.0, "eta": 0.03}
+FAST_PHI = 1.0
+RATE = 0.6
+"""Surface [m/s] and learning rate of the paper, per sample, of the corrected network with an ideal actuator."""
+NO_NOISE: Choice = {"plant": {"sensors": {"velocity_noise": 0.0}}}
 TANH = {"switching": "tanh", "phi": 1.2}
-LITERAL = {"objective": "printed_acceleration", "eta": 0.6 / 0.05, "weight_limit": 1000.0}
-"""eta = 0.6 per sample of 0.05 s, weights without bound."""
+LITERAL = {"objective": "printed_acceleration", "eta": RATE / 0.05, "weight_limit": 1000.0}
+"""The learning rate of the paper at 0.05 s, weights without bound."""
 ESO: Choice = {"observer": "eso", "observers": {"eso": {"omega": 3.0}}}
 SWITCHING = "rbf_switching_smc"
 
@@ -76,6 +80,10 @@ def _cases() -> dict[str, Case]:
         cases[f"ideal {key} disturbed"] = _run(choice, ":ideal+disturbed")
     for key in ("rbf", "sign"):
         cases[f"ideal {key} 10 ms"] = _run(ideal[key], ":ideal", tick=0.01)
+    for tick, suffix in ((0.05, ""), (0.01, " 10 ms")):
+        fast = _law(SWITCHING, "none", {"phi": FAST_PHI, "eta": RATE / tick})
+        for key, choice in (("rbf", ideal["rbf"]), ("rbf fast", fast)):
+            cases[f"ideal {key} no noise{suffix}"] = _run(choice, ":ideal+disturbed", tick=tick, **NO_NOISE)
     cases["sign nominal"] = _run(_law(SWITCHING, "preview", {"switching": "sign"}), "")
     cases["literal nominal"] = _run(_law(SWITCHING, "preview", LITERAL), "")
     cases["rbf unidentified disturbed"] = _run(_law(SWITCHING, "preview", RBF | {"identify": False}), ":disturbed")

@@ -92,7 +92,6 @@ def _cases() -> dict[str, Case | Calculation]:
     literal = {"fixed_time_smc": {"states": "estimated", "unmatched": True}}
     cases["ideal estimated"] = Case("freight_consensus", {"observer": "none", "laws": literal})
     cases["printed order"] = Case("freight_consensus:printed_order", {"duration": 10})
-    cases["pd slow"] = _pd(1.6, 0.64)
     cases["pd fast"] = _pd(9.0, 20.0)
     for key, (_, changes) in LAWS.items():
         for delay, variant in DELAYS.items():

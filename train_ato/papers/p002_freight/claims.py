@@ -7,9 +7,11 @@ from typing import Any
 
 from train_ato.papers.claims import CaseTable, Paper, Results
 from train_ato.papers.p002_freight import checks as judge
+from train_ato.papers.p002_freight import observer_checks
 from train_ato.papers.p002_freight import realistic_checks as on_track
 from train_ato.papers.p002_freight.cases import CASES, DELAYS, LAWS, OBSERVER_TICKS, PRINTED_FORMS, RATIOS
 from train_ato.papers.p002_freight.figures import draw
+from train_ato.papers.p002_freight.observer_checks import percent
 from train_ato.papers.p002_freight.observer_trials import FORMS
 from train_ato.papers.printed_forms import printed_forms_table
 
@@ -31,7 +33,7 @@ def _observer_rows(results: Results) -> Sequence[Sequence[Any]]:
     return [
         [
             f"{key} {name}",
-            *(judge.percent(results[f"observers {key}"].summary[f"{name} {part}"]) for part in ("d1", "d2", "d1'")),
+            *(percent(results[f"observers {key}"].summary[f"{name} {part}"]) for part in ("d1", "d2", "d1'")),
             judge.time_text(results[f"observers {key}"].summary[f"{name} settling"]),
         ]
         for key in OBSERVER_TICKS
@@ -43,7 +45,7 @@ PAPER = Paper(
     number="002",
     title="fixed-time sliding mode with a cascaded disturbance observer, five freight vehicles",
     cases=CASES,
-    claims=[*judge.CLAIMS, *on_track.CLAIMS],
+    claims=[*observer_checks.CLAIMS, *judge.CLAIMS, *on_track.CLAIMS],
     figures=draw,
     tables=(
         CaseTable(

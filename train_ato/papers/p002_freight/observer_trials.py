@@ -25,6 +25,7 @@ from train_ato.loop.engine import run_engine
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import prepare
 from train_ato.messages.types import Array
+from train_ato.papers.claims import UNSUPERVISED
 from train_ato.scenario.scenario import load_scenario
 
 CARS = 5
@@ -171,7 +172,7 @@ def observer_accuracy(tick: float, duration: float, settle: float) -> tuple[dict
     series
         Time, true values and estimates for the figures, downsampled.
     """
-    changes = {"tick": tick, "step": min(tick, 1e-3), "duration": duration, "profile": {"until": 30}}
+    changes = {**UNSUPERVISED, "tick": tick, "step": min(tick, 1e-3), "duration": duration, "profile": {"until": 30}}
     scenario, path = load_scenario("freight_consensus:aligned", changes=changes)
     setup = prepare(scenario, path)
     outcome = run_engine(setup)

@@ -12,25 +12,30 @@ SAMPLINGS = (0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.6)
 """Sampling periods of the law [s]."""
 WEIGHTS = (0.001, 0.01, 1.0, 10.0)
 """Values of lambda at 0.4 s, beside 0.1 [s²]."""
+JUMP = 100.0
+"""Time of the jump of the variant `jump` [s]."""
+UNCLAMPED = 1e6
+"""Limit of the PID's integral [m]: none, the default of 20 m binds in some of the runs."""
 
 
 def _gpc(**parameters: Any) -> dict[str, Any]:
     return {"law": "gpc", "compensation": "none", "laws": {"gpc": parameters}}
 
 
-def _pid(compensation: str, **components: Any) -> dict[str, Any]:
-    return {"law": "pid", "compensation": compensation, **components}
+def _pid(compensation: str, **parameters: Any) -> dict[str, Any]:
+    laws = {"pid": {"integral_limit": UNCLAMPED, **parameters}}
+    return {"law": "pid", "compensation": compensation, "laws": laws}
 
 
 LAWS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "gpc": ("gpc, Ts 1.2, on the mean speed", _gpc()),
     "gpc fixed": ("the same without identification", _gpc(identify="none")),
     "gpc absolute": ("the same, identified on the speed as printed", _gpc(identify="absolute")),
-    "pid": ("PID", _pid("none", laws={"pid": {"feedforward": False}})),
+    "pid": ("PID", _pid("none", feedforward=False)),
     "pid preview": ("PID + preview", _pid("preview")),
     "predictor": (
         "PID + predictor + eso",
-        _pid("predictor", observer="eso", observers={"eso": {"omega": 0.5}}),
+        {**_pid("predictor"), "observer": "eso", "observers": {"eso": {"omega": 0.5}}},
     ),
 }
 """Label and changes by key, in the order of the table."""
@@ -68,6 +73,9 @@ def _cases() -> dict[str, Case]:
     cases["per unit, free"] = Case(f"{short}+free", _gpc(structure="unit"))
     cases["gpc held"] = Case(short, _gpc(beyond_horizon="hold"))
     cases["gpc on position"] = Case(short, _gpc(position_gain=0.02))
+    cases["gpc planned"] = Case("crh380a_gpc:short+planned_ahead", _gpc())
+    clamped = _pid("none", feedforward=False, integral_limit=20.0)
+    cases["pid clamped long"] = Case("crh380a_gpc", clamped)
     cases["pid preview planned"] = Case("crh380a_gpc:short+planned_ahead", _pid("preview"))
     return cases
 

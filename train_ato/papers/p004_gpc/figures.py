@@ -7,8 +7,8 @@ from pathlib import Path
 
 from train_ato.papers.checks import recording as series_of
 from train_ato.papers.claims import FigureFile, Results
-from train_ato.papers.p004_gpc.cases import SAMPLINGS, WEIGHTS
-from train_ato.papers.p004_gpc.checks import JUMP, speed_rms
+from train_ato.papers.p004_gpc.cases import JUMP, SAMPLINGS, WEIGHTS
+from train_ato.papers.p004_gpc.checks import speed_rms
 from train_ato.papers.sheets import COLOURS, Sheet
 from train_ato.papers.tracking import position_error, speed_error
 

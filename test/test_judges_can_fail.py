@@ -1,0 +1,152 @@
+"""Every judge of every paper with absurd and borderline results: each of its verdicts is reached, none by nonsense."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import judge_trials_p000
+import judge_trials_p001
+import judge_trials_p002
+import judge_trials_p003
+import judge_trials_p004
+import numpy as np
+import pytest
+from judge_trials import ABSURD, APART, BAD, ELSEWHERE, EVERY, GOOD, Trial
+
+from train_ato.papers.bounds import CLOSE, Bound, Check
+from train_ato.papers.claims import Claim, Paper, Result, Verdict
+from train_ato.papers.judging import judge_paper
+from train_ato.papers.session import load_paper, paper_numbers
+
+TRIALS = {
+    "000": judge_trials_p000.TRIALS,
+    "001": judge_trials_p001.TRIALS,
+    "002": judge_trials_p002.TRIALS,
+    "003": judge_trials_p003.TRIALS,
+    "004": judge_trials_p004.TRIALS,
+}
+PAPERS = {number: load_paper(number) for number in paper_numbers()}
+
+
+def trials_of(number: str, claim: Claim) -> list[Trial]:
+    """Return the trials of a claim."""
+    return [trial for trial in TRIALS.get(number, ()) if claim.text.startswith(trial.claim)]
+
+
+CLAIMS = [
+    pytest.param(paper, claim, id=f"{number} {claim.text}")
+    for number, paper in PAPERS.items()
+    for claim in paper.claims
+]
+
+
+def only(number: str, claim: Claim) -> Trial:
+    """Return the one trial of a claim."""
+    (trial,) = trials_of(number, claim)
+    return trial
+
+
+def verdict(paper: Paper, claim: Claim, results: dict[str, Result]) -> Verdict:
+    """Return the verdict as on the page: failed runs and errors of the judge included."""
+    (row,) = judge_paper(replace(paper, claims=[claim]), results, full=True)
+    return Verdict(row["verdict"])
+
+
+@pytest.mark.parametrize(("paper", "claim"), CLAIMS)
+def test_every_claim_has_one_trial(paper: Paper, claim: Claim) -> None:
+    """Breaks if a new claim has no made-up results, or two claims share them."""
+    trial = only(paper.number, claim)
+    assert trial.others <= set(claim.cases), "others that are no cases of the claim"
+    assert sum(entry.text.startswith(trial.claim) for entry in paper.claims) == 1
+    named = {*trial.good, *(trial.elsewhere or {}), *(key for entry in trial.edges for key in entry.keys)}
+    assert named <= set(claim.cases), "figures of a missing case"
+
+
+def test_every_trial_has_a_claim() -> None:
+    """Breaks if a claim is removed and its trial remains."""
+    for number, trials in TRIALS.items():
+        texts = [claim.text for claim in PAPERS[number].claims]
+        assert [trial.claim for trial in trials if not any(text.startswith(trial.claim) for text in texts)] == []
+
+
+@pytest.mark.parametrize(("paper", "claim"), CLAIMS)
+def test_declared_verdicts_are_reached_and_no_other(paper: Paper, claim: Claim) -> None:
+    """Breaks if a judge cannot say no, cannot say yes, or returns a verdict that its claim does not declare."""
+    trial = only(paper.number, claim)
+    found = {verdict(paper, claim, trial.results(claim))}
+    assert found == {GOOD}
+    if trial.elsewhere is not None:
+        there = verdict(paper, claim, trial.results(claim, elsewhere=True))
+        assert there is ELSEWHERE
+        found.add(there)
+    found |= {
+        verdict(paper, claim, {k: nonsense(r) for k, r in trial.results(claim).items()}) for nonsense in ABSURD.values()
+    }
+    assert found == claim.verdicts
+
+
+@pytest.mark.parametrize("kind", EVERY)
+@pytest.mark.parametrize(("paper", "claim"), CLAIMS)
+def test_nonsense_in_all_runs_is_not_reproduced(paper: Paper, claim: Claim, kind: str) -> None:
+    """Breaks if lost runs, NaN or failed runs are called reproduced, or if any nonsense raises."""
+    results = {key: EVERY[kind](result) for key, result in only(paper.number, claim).results(claim).items()}
+    found = verdict(paper, claim, results)
+    assert found in claim.verdicts
+    if kind in ABSURD:
+        assert found is BAD
+
+
+@pytest.mark.parametrize(("paper", "claim"), CLAIMS)
+def test_nonsense_in_one_run_of_the_law_is_not_reproduced(paper: Paper, claim: Claim) -> None:
+    """Breaks if a judge ignores one of the runs of the judged law, such as a train or a delay."""
+    trial = only(paper.number, claim)
+    good = trial.results(claim)
+    for key in set(claim.cases) - trial.others:
+        for kind, nonsense in ABSURD.items():
+            found = verdict(paper, claim, {**good, key: nonsense(good[key])})
+            assert found is not GOOD, f"{kind} in {key}"
+        apart = {verdict(paper, claim, {**good, key: nonsense(good[key])}) for nonsense in APART.values()}
+        assert apart != {GOOD}, f"neither position nor speed nor force in {key} matters"
+
+
+@pytest.mark.parametrize(("paper", "claim"), CLAIMS)
+def test_a_verdict_changes_at_its_bounds(paper: Paper, claim: Claim) -> None:
+    """Breaks if a figure just beyond a bound is still reproduced, or one just within is not."""
+    trial = only(paper.number, claim)
+    assert trial.edges
+    for entry, within, beyond in trial.at_edges(claim):
+        expected = ELSEWHERE if entry.elsewhere else GOOD
+        assert verdict(paper, claim, within) is expected, f"{entry}: within"
+        assert verdict(paper, claim, beyond) is not expected, f"{entry}: beyond"
+
+
+@pytest.mark.parametrize(("paper", "claim"), CLAIMS)
+def test_every_bound_is_tried_on_both_sides(paper: Paper, claim: Claim) -> None:
+    """Breaks if a judge gets a bound without results just within and just beyond it, or one without a source."""
+    trial = only(paper.number, claim)
+    sides: dict[Bound, set[bool]] = {}
+    for _, *pair in trial.at_edges(claim):
+        for results in pair:
+            for check in claim.judge(results).checks:
+                sides.setdefault(check.bound, set())
+                if check.close:
+                    sides[check.bound].add(check.holds)
+    assert sides, "no bounds"
+    untried = [f"{bound.quantity} {bound.limit:g}: {tried}" for bound, tried in sides.items() if len(tried) < 2]
+    assert not untried
+    assert all(bound.source for bound in sides)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("least", [False, True])
+def test_no_bound_is_met_without_a_finite_figure(value: float, least: bool) -> None:
+    """Breaks if NaN or infinity pass a comparison."""
+    assert not Bound("error", 1.0, "m", "test", least=least).check(value).holds
+
+
+def test_a_close_figure_is_marked() -> None:
+    """Breaks if a figure within 3 % of its bound is shown without a note."""
+    bound = Bound("error", 1.0, "m", "paper")
+    assert "within 3 %: no reason given" in str(Check(bound, 1.0 - 0.9 * CLOSE))
+    assert "within 3 %: by design" in str(Check(replace(bound, note="by design"), 1.0 + 0.9 * CLOSE))
+    assert "within" not in str(Check(bound, 1.0 - 1.1 * CLOSE))
