@@ -68,7 +68,7 @@ def network_band(results: Results) -> Judgement:
 def smc_band(results: Results) -> Judgement:
     """Judge the bound of +-0.2 km/h of SMC."""
     result = results["smc"]
-    reason = "the driver's run here changes the force by 8 kN/s at most; that of the paper is not given and is faster"
+    reason = "the driver's run here changes the force by 8 kN/s at most; that of the paper is not given"
     return conclude(f"{band(result)} km/h", [SMC_BAND.check(largest_kmh(result))], reason)
 
 
@@ -102,7 +102,7 @@ def ranking(results: Results) -> Judgement:
     text += f"; with ks SMC {plain:.4f}, RBFNN {repaired:.4f}"
     reason = (
         "better than PID in every form; better than SMC only with a restoring term ks S, or with the NDO: as printed, "
-        "zeta and |S|^5 vanish near S = 0 and the narrow basis functions drive a limit cycle of about 5 s"
+        "zeta and |S|^5 vanish near S = 0 and the narrow basis functions drive a limit cycle"
     )
     here = [NETWORK_FIRST.check(rbf / smc), PID_LAST.check(smc / pid)]
     there = [NETWORK_FIRST_KS.check(repaired / plain), PID_LAST_KS.check(plain / pid)]
@@ -202,8 +202,7 @@ def coupler_force_range(results: Results) -> Judgement:
     low = least(results[key].summary["coupler_buff_max_kn"] for key in keys)
     reason = (
         f"the paper has no bound; here it is the {STATIC_FORCE:.0f} kN that the first coupler carries at every full "
-        "traction. The structural damping of the gears, 1e5 N s/m and not in the paper, changes the largest buff force "
-        "by a quarter"
+        "traction. The structural damping of the gears, 1e5 N s/m, is not in the paper and reduces the buff force"
     )
     return conclude(f"{low:.0f} ... {high:+.0f} kN", [CARRIED.check(worst((high, -low)))], reason)
 

@@ -107,6 +107,7 @@ def settling(results: Results) -> Judgement:
 def bound(results: Results) -> Judgement:
     """Judge the bound of the settling time on the train with its force limit, from two starts."""
     rows = {key: results[key].summary["settling"] for key in GAINS}
+    near, far = (results[f"gain 1.9 from {start} m"].summary["acceleration"] for start in (108, 748))
     train = {start: _settled(results, key) for start, key in (("108 m", "ideal"), ("748 m", "printed order"))}
     measured = "; ".join(
         [
@@ -120,8 +121,8 @@ def bound(results: Results) -> Judgement:
         [FIXED.check(worst(train.values()))],
         "on the train with its force limit",
         elsewhere=[FIXED_NOMINAL.check(worst(time / GAINS[key] for key, time in rows.items()))],
-        changed="only for error dynamics without a force limit, with 200 times the acceleration for seven times the "
-        "distance; the train with 5000 m/s² is lost from the farther start",
+        changed=f"only for error dynamics without a force limit, with {far / near:.0f} times the acceleration from "
+        "748 m; the train with 5000 m/s² is lost from there",
         otherwise="a settling time is beyond the bound",
     )
 
