@@ -33,6 +33,7 @@ SPECIAL = (
     ("demo", ("compensation=twin", "law_changes=[{at: 3, law: smc}]")),
     ("xuzhou_metro", ("brake.policy=trigger",)),
     ("daqin_heavy_haul", ("replan={}",)),
+    ("daqin_heavy_haul", ("brake.policy=none",)),
 )
 """Other refusals of components: scenario, and assignments."""
 
@@ -50,14 +51,21 @@ def settings_of(message: str) -> list[list[str]]:
     """Return the settings of a refusal, one list of assignments for each remedy of every problem together."""
     parts = []
     for part in message.split("; also "):
-        found = [f"{key}={value}" for key, value in re.findall(r"\bset ([\w.]+): ([\w.]+)", part)]
-        found += [f"{key}={value}" for key, value in re.findall(r"\(([\w.]+): (\[[\d, ]+\])\)", part)]
+        found: list[tuple[str, ...]] = []
+        for key, value, more in re.findall(r"\bset ([\w.]+): ([\w.]+)(?: and remove ([\w.]+))?", part):
+            found.append((f"{key}={value}", *([removed(more)] if more else [])))
+        found += [(f"{key}={value}",) for key, value in re.findall(r"\(([\w.]+): (\[[\d, ]+\])\)", part)]
         for names in re.findall(r"\bcompensation: ([\w, ]+) \(--compensation", part):
-            found += [f"compensation={name}" for name in re.split(r", | or ", names)]
-        found += [f"{key}=0.5" for key in re.findall(r"give ([\w.]+) a value above 0", part)]
-        found += [f"{key}=null" for key in re.findall(r"\bremove (\w+) or", part)]
+            found += [(f"compensation={name}",) for name in re.split(r", | or ", names)]
+        found += [(f"{key}=0.5",) for key in re.findall(r"give ([\w.]+) a value above 0", part)]
+        found += [(removed(key),) for key in re.findall(r"(?<!and )\bremove ([\w.]+)", part)]
         parts.append(found)
-    return [list(choice) for choice in itertools.product(*parts)]
+    return [list(itertools.chain(*choice)) for choice in itertools.product(*parts)]
+
+
+def removed(key: str) -> str:
+    """Return the assignment that removes a key."""
+    return f"{key}={'[]' if key == 'brake.events' else 'null'}"
 
 
 def check_remedies(name: str, assignments: tuple[str, ...], message: str) -> None:

@@ -21,6 +21,8 @@ CORRELATION = 0.7
 Control Applications (1999)."""
 LAGS = np.linspace(0.8, 1.2, 9)
 """Lags of the autocorrelation over the median period."""
+BAND = 0.1
+"""Relative difference of the frequency up to which two periods count as equal."""
 
 
 @dataclass(frozen=True)
@@ -122,8 +124,8 @@ def _confirmed(time: Array, values: Array, turns: NDArray[np.intp], min_duration
         return None
     tick = float(time[1] - time[0])
     parts = np.array_split(values[turns[0] : turns[-1] + 1], blocks)
-    lags = [round(lag) for lag in (LAGS * period / tick).tolist() if round(lag) > 0]
-    similar = sum(max(correlation(part, part, lag) for lag in lags) >= CORRELATION for part in parts)
+    lags = {max(1, round(lag)) for lag in (LAGS * period / tick).tolist()}
+    similar = sum(max(_correlation(part, lag) for lag in lags) >= CORRELATION for part in parts)
     if 2 * similar < blocks:
         return None
     swings = np.abs(np.diff(values[turns]))
@@ -131,19 +133,27 @@ def _confirmed(time: Array, values: Array, turns: NDArray[np.intp], min_duration
     return Oscillation(float(at[0]), duration, period, float(np.median(swings)) / 2)
 
 
-def correlation(early: Array, late: Array, lag: int) -> float:
-    """Return the correlation of a series with a later part of another one, -1 ... 1; 0 for constant series.
+def _correlation(values: Array, lag: int) -> float:
+    """Return the autocorrelation of a series after ``lag`` rows, -1 ... 1; 0 for a constant series."""
+    if lag >= values.size:
+        return 0.0
+    deviation = values - values.mean()
+    early, late = deviation[: values.size - lag], deviation[lag:]
+    scale = float(np.sqrt((early**2).sum() * (late**2).sum()))
+    return float((early * late).sum()) / scale if scale > 0 else 0.0
+
+
+def share_at_period(values: Array, period: float) -> float:
+    """Return the part of the variance of a series within 10 % of a period, 0 ... 1; 0 for a constant series.
 
     Parameters
     ----------
-    early, late : shape (k,)
-        The series; the same one for an autocorrelation.
-    lag
-        Rows by which the second is shifted, at least 0.
+    values : shape (k,)
+        Evenly spaced values.
+    period
+        Period [rows].
     """
-    if lag >= early.size:
-        return 0.0
-    first, second = early[: early.size - lag], late[lag:]
-    first, second = first - first.mean(), second - second.mean()
-    scale = float(np.sqrt((first**2).sum() * (second**2).sum()))
-    return float((first * second).sum()) / scale if scale > 0 else 0.0
+    power = np.abs(np.fft.rfft(values - values.mean())) ** 2
+    near = np.abs(np.fft.rfftfreq(values.size) * period - 1) <= max(BAND, period / values.size)
+    total = float(power.sum())
+    return float(power[near].sum()) / total if total > 0 else 0.0

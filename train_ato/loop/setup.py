@@ -362,9 +362,10 @@ def _check_replan(setup: RunSetup) -> None:
     if setup.scenario.replan is None:
         return
     if setup.scenario.brake.policy != "none":
+        events = " and remove brake.events" if setup.scenario.brake.events else ""
         raise ValueError(
             f"replan: not possible with brake.policy {setup.scenario.brake.policy}, because plans do not include its "
-            "air brake; remove replan or set brake.policy: none"
+            f"air brake; remove replan, or set brake.policy: none{events}"
         )
     if not setup.layout.n_units:
         raise ValueError("replan: the train has no power unit; remove replan")

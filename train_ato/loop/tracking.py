@@ -3,9 +3,9 @@
 =============== ======================================================================================================
 never departed  the reference left a stop for longer than ``departure_time``, the train stayed at rest
 lost            the position error exceeds the way of ``position_time`` at the largest speed of the profile, at the end
-                of the run or beyond the error at the start; or the speed error at the end exceeds the
-                emergency-brake margin of SUBSET-026 (3.13.9.2) for ``position_time``
-limit cycle     sustained oscillation of a command (:mod:`train_ato.loop.oscillation`) that follows no disturbance
+                of the run or beyond the error at the start; or the speed error exceeds the emergency-brake margin of
+                SUBSET-026 (3.13.9.2) in half of the time, or with one sign in the last ``position_time``
+limit cycle     sustained oscillation of a command (:mod:`train_ato.loop.oscillation`); no disturbance has its period
 disengaged      the ATO was not engaged at the end
 not stopped     no standstill at a planned stop, outside of the stop window ``position_time`` after the arrival
 stopped beyond  the train came to rest beyond a target by more than the stop window
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.loop.force_limit import time_at_force_limit
-from train_ato.loop.oscillation import CORRELATION, Oscillation, correlation, sustained_oscillation
+from train_ato.loop.oscillation import Oscillation, share_at_period, sustained_oscillation
 from train_ato.loop.recording import ATO_STATE, DISTURBANCE, Recording
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stops import stops_of_run
@@ -54,8 +54,10 @@ LONGEST_PERIOD = 20.0
 """Longest period of a limit cycle over the dead time of the loop.  A relay with an integrator and dead time oscillates
 with 4 dead times, a slow controller at its stability limit with more; hills of the line are slower."""
 
-PHASES = 16
-"""Phases in which command and disturbance are compared."""
+FORCED_SHARE = 0.5
+"""Part of the variance of a disturbance at the period of an oscillation above which the disturbance is its cause."""
+SMALLEST_DRIFT = 0.01
+"""Smallest standard deviation of a drift speed [m/s]; an integration of the plant over a tick has less."""
 
 
 @dataclass(frozen=True)
@@ -146,9 +148,15 @@ class _EngagedRun:
 
     @cached_property
     def speed_error(self) -> Array:
-        """Speed error of vehicle 0 at every tick, > 0 too fast [m/s], shape (k,)."""
+        """Speed error of vehicle 0 at every tick, > 0 too fast [m/s], shape (k,).
+
+        Its speed is the derivative of its position, with the drift of paper 002.
+        """
         recording = self.recording
-        return (recording.front_velocity - recording.reference_velocity) * self.direction
+        if recording.time.size < 2:
+            return np.zeros(recording.time.size)
+        speed = np.gradient(recording.front_position, self.setup.tick)
+        return np.asarray((speed - recording.reference_velocity) * self.direction)
 
     def end_text(self, row: int) -> str:
         """Return the time of a tick in words."""
@@ -217,18 +225,22 @@ def _place(error: float) -> str:
 
 
 def _lost_speed(run: _EngagedRun) -> Iterator[TrackingFinding]:
-    """Yield a speed error of one sign beyond the emergency-brake margin over the last ``position_time``."""
+    """Yield a speed error beyond the emergency-brake margin: in half of the run, or of one sign at its end."""
     limit = EMERGENCY_MARGIN.above(run.top_speed)
+    median = float(np.median(np.abs(run.speed_error[run.rows])))
+    if median > limit:
+        text = f"speed error above {three_digits(3.6 * median)} km/h in half of the time"
+        yield TrackingFinding("lost", 3.6 * median, 3.6 * limit, "km/h", text)
+        return
     count = round(run.limits.position_time / run.setup.tick)
     if run.rows.size < count or not run.engaged[-count:].all():
         return
     errors = run.speed_error[-count:]
     smallest = float(np.abs(errors).min())
     if smallest > limit and (errors > 0).all() == (errors > 0).any():
-        value = float(errors[np.abs(errors).argmin()])
-        side = "too fast" if value > 0 else "too slow"
+        side = "too fast" if errors[-1] > 0 else "too slow"
         text = f"at least {three_digits(3.6 * smallest)} km/h {side} in the last {run.limits.position_time:g} s"
-        yield TrackingFinding("lost", 3.6 * value, 3.6 * limit, "km/h", text)
+        yield TrackingFinding("lost", 3.6 * smallest, 3.6 * limit, "km/h", text)
 
 
 def _limit_cycle(run: _EngagedRun) -> Iterator[TrackingFinding]:
@@ -246,7 +258,7 @@ def _limit_cycle(run: _EngagedRun) -> Iterator[TrackingFinding]:
             max_period=LONGEST_PERIOD * _dead_time(run.setup, unit),
             min_duration=run.limits.oscillation_time,
         )
-        if oscillation is not None and not _is_forced(run, oscillation, unit):
+        if oscillation is not None and not _is_forced(run, oscillation):
             found.append((oscillation, force))
     if found:
         worst, force = max(found, key=lambda entry: entry[0].amplitude * entry[1])
@@ -258,16 +270,20 @@ def _limit_cycle(run: _EngagedRun) -> Iterator[TrackingFinding]:
         yield TrackingFinding("limit cycle", value, limit, "kN", text)
 
 
-def _is_forced(run: _EngagedRun, oscillation: Oscillation, unit: int) -> bool:
-    """Return True if the command has the period and the shape of the disturbance on its unit, with any phase."""
-    recording = run.recording
-    if recording.of(DISTURBANCE, "unit_force") is None:
-        return False
+def _is_forced(run: _EngagedRun, oscillation: Oscillation) -> bool:
+    """Return True if a disturbance force, or a drift speed, of any power unit has the period of the oscillation.
+
+    A drift speed is the derivative of the position minus the speed: the unmatched disturbance of paper 002.
+    """
+    recording, tick = run.recording, run.setup.tick
     first = int(np.searchsorted(recording.time, oscillation.begin))
-    last = int(np.searchsorted(recording.time, oscillation.begin + oscillation.duration))
-    series = (recording.command[first:last, unit], recording.disturbance[first:last, unit])
-    lags = np.linspace(0.0, oscillation.period / run.setup.tick, PHASES, endpoint=False)
-    return max(abs(correlation(*series, round(lag))) for lag in lags) >= CORRELATION
+    rows = slice(first, int(np.searchsorted(recording.time, oscillation.begin + oscillation.duration)))
+    position, speed = recording.position[rows], recording.velocity[rows]
+    drift = np.diff(position, axis=0) / tick - (speed[1:] + speed[:-1]) / 2
+    drift = drift[:, drift.std(axis=0) > SMALLEST_DRIFT]
+    forces = [] if recording.of(DISTURBANCE, "unit_force") is None else [*recording.disturbance[rows].T]
+    period = oscillation.period / tick
+    return any(share_at_period(values, period) > FORCED_SHARE for values in (*forces, *drift.T))
 
 
 def _command_shares(run: _EngagedRun) -> Iterator[tuple[float, Array]]:

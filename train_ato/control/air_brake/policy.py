@@ -61,7 +61,7 @@ class BrakeSpec(SiModel):
             raise ValueError("policy planned needs events; give a list of {time or place, reduction}")
         if self.policy != "planned" and self.events:
             raise ValueError(
-                f"events need policy planned, here {self.policy}; set brake.policy: planned or remove them"
+                f"events need policy planned, here {self.policy}; set brake.policy: planned or remove brake.events"
             )
         return self
 
