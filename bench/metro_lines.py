@@ -44,7 +44,9 @@ def changed_line(mirrored: bool, move: float) -> dict[str, Any]:
                 begin, end = SECTION - end, SECTION - begin
             entry |= {"begin": max(first, begin + move), "end": end + move}
         data[kind].sort(key=lambda entry: entry["begin"])
-    name = f"{LINE}{'_mirrored' if mirrored else ''}{f'_{move:+.0f}' if move else ''}".replace("+", "p").replace("-", "m")
+    name = f"{LINE}{'_mirrored' if mirrored else ''}{f'_{move:+.0f}' if move else ''}".replace("+", "p").replace(
+        "-", "m"
+    )
     return {**data, "name": name}
 
 
