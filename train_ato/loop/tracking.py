@@ -22,21 +22,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from train_ato.control.train_model import STANDSTILL_SPEED
+from train_ato.loop.engaged_run import EngagedRun
 from train_ato.loop.force_limit import time_at_force_limit
 from train_ato.loop.oscillation import Oscillation, share_at_period, sustained_oscillation
-from train_ato.loop.recording import ATO_STATE, DISTURBANCE, Recording
+from train_ato.loop.recording import DISTURBANCE, Recording
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stops import stops_of_run
 from train_ato.loop.verdict import three_digits
-from train_ato.messages.types import Array, AtoState
-from train_ato.scenario.criteria import TrackingLimits
+from train_ato.messages.types import Array
 from train_ato.supervision.ceiling import EMERGENCY_MARGIN
 
 TRACKED = "tracked"
@@ -48,8 +46,6 @@ OUTCOMES = (
 """Outcomes, the worst first."""
 DEFAULT_STOP_WINDOW = 12.0
 """Stop window of a scenario without one [m]: default accuracy of a location, Q_NVLOCACC of SUBSET-026, A.3.2."""
-RESUMED = 2.0
-"""Time after the ATO was engaged again in which its new profile arrives [s]; not evaluated."""
 LONGEST_PERIOD = 20.0
 """Longest period of a limit cycle over the dead time of the loop.  A relay with an integrator and dead time oscillates
 with 4 dead times, a slow controller at its stability limit with more; hills of the line are slower."""
@@ -97,7 +93,7 @@ def tracking_summary(setup: RunSetup, recording: Recording) -> dict[str, Any]:
         ``tracking``: entry of :data:`OUTCOMES`. ``tracking_findings``: rows of :class:`TrackingFinding`, the worst
         first; [] for a tracked run.
     """
-    run = _EngagedRun(setup, recording)
+    run = EngagedRun(setup, recording)
     found = sorted(_findings(run), key=lambda finding: OUTCOMES.index(finding.outcome))
     return {
         "tracking": found[0].outcome if found else TRACKED,
@@ -105,77 +101,7 @@ def tracking_summary(setup: RunSetup, recording: Recording) -> dict[str, Any]:
     }
 
 
-class _EngagedRun:
-    """Errors of a run at the ticks with an engaged ATO; u power units, or the front of a train without any."""
-
-    def __init__(self, setup: RunSetup, recording: Recording) -> None:
-        self.setup = setup
-        self.recording = recording
-        self.limits: TrackingLimits = setup.scenario.criteria.tracking
-        self.engaged = engaged_ticks(recording)
-        self.top_speed = float(np.abs(setup.profile.velocity).max())
-
-    @cached_property
-    def rows(self) -> NDArray[np.intp]:
-        """Ticks with an engaged ATO."""
-        return np.flatnonzero(self.engaged)
-
-    @cached_property
-    def at_end(self) -> bool:
-        """True if the ATO is engaged at the end."""
-        return bool(self.engaged[-1])
-
-    @cached_property
-    def direction(self) -> Array:
-        """Direction of the reference at every tick, at rest that of the last motion: 1 or -1."""
-        sign = np.sign(self.recording.reference_velocity)
-        last = np.maximum.accumulate(np.where(sign != 0, np.arange(sign.size), 0))
-        return np.where(sign[last] < 0, -1.0, 1.0)
-
-    @cached_property
-    def position_error(self) -> Array:
-        """Largest position error of all units at every tick, > 0 ahead [m], shape (k,)."""
-        recording = self.recording
-        reference = recording.reference_position[:, None]
-        units = self.setup.layout.n_units
-        error = (
-            recording.position + self.setup.model.offsets - reference
-            if units
-            else recording.front_position[:, None] - reference
-        )
-        worst = np.abs(error).argmax(axis=1)
-        return np.asarray(error[np.arange(worst.size), worst]) * self.direction
-
-    @cached_property
-    def speed_error(self) -> Array:
-        """Speed error of vehicle 0 at every tick, > 0 too fast [m/s], shape (k,).
-
-        Its speed is the derivative of its position, with the drift of paper 002.
-        """
-        recording = self.recording
-        if recording.time.size < 2:
-            return np.zeros(recording.time.size)
-        speed = np.gradient(recording.front_position, self.setup.tick)
-        return np.asarray((speed - recording.reference_velocity) * self.direction)
-
-    def end_text(self, row: int) -> str:
-        """Return the time of a tick in words."""
-        return "at the end" if row == self.engaged.size - 1 else f"at {self.recording.time[row]:.0f} s"
-
-
-def engaged_ticks(recording: Recording) -> NDArray[np.bool_]:
-    """Return True for the ticks with an engaged ATO, without the time in which a new profile arrives, shape (k,)."""
-    time, states = recording.time, recording.of(ATO_STATE, "state")
-    if states is None or not states[0].size:
-        return np.ones(time.size, dtype=bool)
-    row = np.maximum(np.searchsorted(states[0], time, side="right") - 1, 0)
-    engaged = states[1][row, 0] == float(AtoState.ENGAGED)
-    for resumed in time[1:][engaged[1:] & ~engaged[:-1]]:
-        engaged &= (time < resumed) | (time >= resumed + RESUMED)
-    return np.asarray(engaged)
-
-
-def _findings(run: _EngagedRun) -> Iterator[TrackingFinding]:
+def _findings(run: EngagedRun) -> Iterator[TrackingFinding]:
     """Yield the deviations of a run."""
     if run.rows.size:
         yield from _never_departed(run)
@@ -190,7 +116,7 @@ def _findings(run: _EngagedRun) -> Iterator[TrackingFinding]:
         yield TrackingFinding("disengaged", last, float(run.recording.time[-1]), "s", f"the ATO, at {last:.1f} s")
 
 
-def _never_departed(run: _EngagedRun) -> Iterator[TrackingFinding]:
+def _never_departed(run: EngagedRun) -> Iterator[TrackingFinding]:
     """Yield the longest motion of the reference during which the train stayed at rest."""
     recording, limit = run.recording, run.limits.departure_time
     moving = run.engaged & (np.abs(recording.reference_velocity) >= STANDSTILL_SPEED)
@@ -205,7 +131,7 @@ def _never_departed(run: _EngagedRun) -> Iterator[TrackingFinding]:
         yield TrackingFinding("never departed", max(waits), limit, "s", text)
 
 
-def _lost(run: _EngagedRun) -> Iterator[TrackingFinding]:
+def _lost(run: EngagedRun) -> Iterator[TrackingFinding]:
     """Yield the largest position error: beyond the limit at the end, or beyond limit and error at the start."""
     limit = run.limits.position_time * run.top_speed
     error = run.position_error[run.rows]
@@ -224,7 +150,7 @@ def _place(error: float) -> str:
     return f"{three_digits(abs(error))} m {'ahead' if error > 0 else 'behind'}"
 
 
-def _lost_speed(run: _EngagedRun) -> Iterator[TrackingFinding]:
+def _lost_speed(run: EngagedRun) -> Iterator[TrackingFinding]:
     """Yield a speed error beyond the emergency-brake margin: in half of the run, or of one sign at its end."""
     limit = EMERGENCY_MARGIN.above(run.top_speed)
     median = float(np.median(np.abs(run.speed_error[run.rows])))
@@ -243,7 +169,7 @@ def _lost_speed(run: _EngagedRun) -> Iterator[TrackingFinding]:
         yield TrackingFinding("lost", 3.6 * smallest, 3.6 * limit, "km/h", text)
 
 
-def _limit_cycle(run: _EngagedRun) -> Iterator[TrackingFinding]:
+def _limit_cycle(run: EngagedRun) -> Iterator[TrackingFinding]:
     """Yield the oscillation of the command with the largest amplitude of all units."""
     found: list[tuple[Oscillation, float]] = []
     seen: list[Array] = []
@@ -270,7 +196,7 @@ def _limit_cycle(run: _EngagedRun) -> Iterator[TrackingFinding]:
         yield TrackingFinding("limit cycle", value, limit, "kN", text)
 
 
-def _is_forced(run: _EngagedRun, oscillation: Oscillation) -> bool:
+def _is_forced(run: EngagedRun, oscillation: Oscillation) -> bool:
     """Return True if a disturbance force, or a drift speed, of any power unit has the period of the oscillation.
 
     A drift speed is the derivative of the position minus the speed: the unmatched disturbance of paper 002.
@@ -286,7 +212,7 @@ def _is_forced(run: _EngagedRun, oscillation: Oscillation) -> bool:
     return any(share_at_period(values, period) > FORCED_SHARE for values in (*forces, *drift.T))
 
 
-def _command_shares(run: _EngagedRun) -> Iterator[tuple[float, Array]]:
+def _command_shares(run: EngagedRun) -> Iterator[tuple[float, Array]]:
     """Yield largest force [N] of every unit and its command without the inertial force of the reference, over it.
 
     The command counts as 0 while the ATO is not engaged.
@@ -305,7 +231,7 @@ def _dead_time(setup: RunSetup, unit: int) -> float:
     return max(float(model.delay[unit]), float(model.delay_brake[unit])) + model.lag + setup.control_period
 
 
-def _stops(run: _EngagedRun) -> Iterator[TrackingFinding]:
+def _stops(run: EngagedRun) -> Iterator[TrackingFinding]:
     """Yield the worst stop beyond and short of the stop window, and a train that did not stop."""
     recording, criteria = run.recording, run.setup.scenario.criteria
     window = DEFAULT_STOP_WINDOW if criteria.stop_window is None else criteria.stop_window
@@ -328,7 +254,7 @@ def _stops(run: _EngagedRun) -> Iterator[TrackingFinding]:
             yield TrackingFinding("not stopped", error, window, "m", text)
 
 
-def _saturated(run: _EngagedRun) -> Iterator[TrackingFinding]:
+def _saturated(run: EngagedRun) -> Iterator[TrackingFinding]:
     """Yield the time at a force limit with a speed error that more force would reduce."""
     at_limit = time_at_force_limit(run.setup, run.recording)
     if at_limit is None or not run.setup.layout.n_units:
