@@ -33,7 +33,7 @@ class MyObserver(GuardedObserver):
     def bind(self, model: Any, period: float) -> None:
         """Take the train and the tick [s]; raise ValueError for a train on which the observer cannot work."""
         super().bind(model, period)
-        self.balance = ForceBalance(model, "auto", 0.0, "my_observer", period)
+        self.balance = ForceBalance(model, "auto", 0.0, period)
         self.weight = 1.0 - math.exp(-period / self.filter_time)
 
     def clear_state(self) -> None:

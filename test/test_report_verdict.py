@@ -81,6 +81,11 @@ def test_the_best_run_passes_and_then_has_the_smallest_error() -> None:
     assert best_text(pages).startswith("Best: better (passed, speed error 0.2 km/h rms)")
     ranked = sorted(pages, key=lambda data: rank_of(data.summary))
     assert [data.label for data in ranked] == ["better", "good", "failed", "killed"]
+    lost = judged("lost", 0.05, tracking="lost", tracking_findings=[{"outcome": "lost", "text": "900 m behind"}])
+    assert [data.label for data in sorted([lost, *pages], key=lambda data: rank_of(data.summary))][-2:] == [
+        "lost",
+        "killed",
+    ]
     assert best_text([good]) == "" and best_text([good, judged("other", 0.4, scenario="metro")]) == ""
 
 
@@ -146,3 +151,12 @@ def test_the_page_fits_the_screen_and_its_colours(run: Path, page: Page, width: 
     page.mouse("mouseMoved", left + wide / 2, top + 0.7 * high)
     assert "profile" in page.wait_for(READOUT)
     assert page.console == []
+
+
+def test_a_run_that_is_not_tracked_is_marked_as_failed() -> None:
+    """Breaks if a lost train with passed criteria has a green line, or its line lacks the outcome."""
+    lost = judged("lost", 0.05, tracking="lost", tracking_findings=[{"outcome": "lost", "text": "900 m behind"}])
+    (text,) = verdict_texts([lost])
+    assert text.state == "failed" and text.text.startswith("lost: 900 m behind; passed (1 criteria): ")
+    (text,) = verdict_texts([judged("good", 0.05, tracking="tracked", tracking_findings=[])])
+    assert text.state == "passed" and text.text.startswith("passed (1 criteria): ")

@@ -15,10 +15,11 @@ from train_ato.apps.runs.protection_note import summary_events
 from train_ato.apps.runs.ranking import difference_from_best
 from train_ato.apps.runs.scenario_choice import ScenarioChoice, choose_scenario
 from train_ato.apps.runs.summary_table import format_value
-from train_ato.cli.scenario_options import add_scenario_options
+from train_ato.cli.scenario_options import KINDS, add_scenario_options, check_component_name
 from train_ato.cli.screen import note_compilation, print_json, print_table
 from train_ato.errors import RunFailed
 from train_ato.log.run_folder import RunFolder
+from train_ato.loop.verdict import is_tracked, tracking_text, unmet_requirements
 
 COLUMNS: tuple[tuple[str, str], ...] = (
     ("controller", "law"),
@@ -29,6 +30,7 @@ COLUMNS: tuple[tuple[str, str], ...] = (
     ("coupler_buff_max_kn", "buff"),
     ("command_variation_kn_per_s", "kN/s"),
     ("saturated_s", "limit s"),
+    ("tracking", "tracking"),
     ("verdict", "verdict"),
     ("gains", "gains"),
     ("status", "status"),
@@ -45,6 +47,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--engine", action="store_true", help="as in run; a comparison always uses the engine")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder to make (default: runs/compare-NAME-N)")
+    parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="exit status 1 if a run is not tracked or fails a criterion of the scenario",
+    )
     parser.add_argument("--keep", action="store_true", help="keep every run with its log in DIR/LAW")
 
 
@@ -55,6 +62,11 @@ def execute(options: argparse.Namespace) -> int:
         laws = [name.strip() for name in options.laws.split(",") if name.strip()]
         if not laws:
             raise ValueError(f"--laws {options.laws}: no law; add one or remove the option")
+    for kind in KINDS[1:]:
+        if (name := getattr(options, kind)) is not None:
+            check_component_name(f"--{kind}", kind, name)
+    for name in laws or ():
+        check_component_name("--laws", "law", name)
     choice = choose_scenario(options.scenario).assigned(options.assignments)
     choice = choice.changed(None, options.seed)
     note_compilation()
@@ -76,6 +88,8 @@ def execute(options: argparse.Namespace) -> int:
         sys.stderr.write(f"train-ato: {line}\n")
     ends = ("failed",) if laws is None else ("failed", "refused")
     failures = [f"{law.label}: {law.reason}" for law in result.laws if law.status in ends]
+    if options.strict:
+        failures += [f"{law.label}: {unmet}" for law in result.laws if (unmet := unmet_requirements(law.metrics))]
     if failures:
         raise RunFailed("; ".join(failures))
     return 0
@@ -130,12 +144,16 @@ def print_comparison(result: Comparison, folder: Path, as_json: bool) -> None:
     for law in result.laws:
         if law.reason:
             sys.stdout.write(f"{law.status}: {law.label}: {law.reason}\n")
+        if not is_tracked(law.metrics):
+            sys.stdout.write(f"not tracked: {law.label}: {tracking_text(law.metrics)}\n")
     what = "table, figure and report" if result.drawable else "table"
     sys.stdout.write(f"{what} in {folder}\n")
 
 
 def _value(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
-    """Return a value as text, with ``*`` if it is the best of its column."""
+    """Return a value as text, with ``*`` if it is the best of its column, with ``!`` if the run is not tracked."""
+    if key == "tracking" and not is_tracked(row):
+        return f"{row[key]}!"
     best = difference_from_best(key, row, rows) == 0.0
     return f"{format_value(row.get(key))}{'*' if best else ''}"
 

@@ -16,7 +16,7 @@ from train_ato.log.reading import log_file, partial_of, state_of
 from train_ato.log.versions import SCENARIO
 from train_ato.loop.verdict import verdict_line
 
-TABLES = ("criteria", "stops")
+TABLES = ("criteria", "stops", "tracking_findings")
 """Keys of the summary with a table each."""
 
 
@@ -72,6 +72,9 @@ def print_summary(summary: dict[str, Any], title: str) -> None:
     if rows := summary.get("criteria"):
         cells = [(row["metric"], row["value"], row["limit"], ends[row["passed"]]) for row in rows]
         print_table(("criterion", "value", "limit", ""), cells, "criteria of the scenario")
+    if findings := summary.get("tracking_findings"):
+        keys = ("outcome", "value", "limit", "unit", "text")
+        print_table(keys, ([row[key] for key in keys] for row in findings), "deviations from the reference")
     if stops := summary.get("stops"):
         print_table(stops[0], ([stop[key] for key in stops[0]] for stop in stops), "stops")
     print_table(("quantity", "value"), ((key, value) for key, value in summary.items() if key not in TABLES), title)

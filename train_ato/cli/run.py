@@ -36,6 +36,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder to make (default: runs/NAME-N)")
     add_compression(parser)
     parser.add_argument(
+        "--strict",
+        action="store_true",
+        help="exit status 1 if the run is not tracked (lost, limit cycle, stopped short, ...) or fails a criterion",
+    )
+    parser.add_argument(
         "--start-limit",
         type=parse_limit,
         metavar="S",
@@ -64,6 +69,7 @@ def execute(options: argparse.Namespace) -> int:
     from train_ato.apps.runs.drive import RunMode, drive
     from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
     from train_ato.log.run_folder import check_free, next_free
+    from train_ato.loop.verdict import unmet_requirements
 
     mode = "engine" if options.engine else "processes" if options.processes else "composed"
     restarts = restart_limit(options.restart, options.restart_limit)
@@ -88,6 +94,8 @@ def execute(options: argparse.Namespace) -> int:
             print_run(error.run, options.json)
         raise
     print_run(run, options.json)
+    if options.strict and (unmet := unmet_requirements(run.metrics)):
+        raise RunFailed(f"{run.path}: {unmet}")
     return 0
 
 

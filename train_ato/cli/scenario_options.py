@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from train_ato.loop.setup import RunSetup
+
+
+KINDS = ("law", "observer", "compensation")
+"""Kinds of components; each is an option."""
 
 
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
@@ -48,6 +53,42 @@ def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
         **changes,
     }
     overlay = {key: value for key, value in overlay.items() if value is not None}
+    for kind in KINDS:
+        if kind in overlay:
+            check_component_name(f"--{kind}", kind, overlay[kind])
     scenario, path = load_scenario(options.scenario, tuple(options.assignments), overlay)
     with compilation_noted(PLANNER_NOTE if scenario.profile.plan is not None else COMPILE_NOTE):
-        return prepare(scenario, path)
+        try:
+            return prepare(scenario, path)
+        except ValueError as error:
+            raise ValueError(_of_options(str(error), str(path), overlay)) from None
+
+
+def check_component_name(option: str, kind: str, name: str) -> None:
+    """Check the name of a component of the command line.
+
+    Parameters
+    ----------
+    option, kind, name
+        Option for the message; ``law``, ``observer`` or ``compensation``; name of the component.
+
+    Raises
+    ------
+    ValueError
+        For an unknown name; the message begins with the option.
+    """
+    from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+
+    (registry,) = [entry for entry in (LAWS, OBSERVERS, COMPENSATIONS) if entry.kind == kind]
+    try:
+        registry.get(name)
+    except ValueError as error:
+        raise ValueError(f"{option}: {error}") from None
+
+
+def _of_options(message: str, path: str, overlay: Mapping[str, Any]) -> str:
+    """Return the message of a refused combination with the options of its components in place of the scenario file."""
+    named = [
+        f"--{kind} {overlay[kind]}" for kind in KINDS if kind in overlay and f"{kind} '{overlay[kind]}'" in message
+    ]
+    return f"{' '.join(named)}: {message.removeprefix(f'{path}: ')}" if named else message

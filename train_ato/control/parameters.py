@@ -15,6 +15,38 @@ from train_ato.control.contract import Parameter, parameters_of
 _LOG = logging.getLogger("train_ato")
 
 
+class RefusedParameter(ValueError):
+    """A parameter of a component that does not fit the train.
+
+    Attributes
+    ----------
+    reason
+        Parameter, value and problem.
+    remedy
+        Accepted setting ``parameter: value`` of the component.
+    other
+        Another remedy; "" for none.
+    block
+        Block of the component in a scenario, for example ``laws.smc``.
+    """
+
+    def __init__(self, reason: str, remedy: str, other: str = "", block: str = "") -> None:
+        super().__init__(reason, remedy, other, block)
+        self.reason, self.remedy, self.other, self.block = reason, remedy, other, block
+
+    def of(self, kind: str, name: str) -> RefusedParameter:
+        """Return the same refusal with kind and name of the component."""
+        return RefusedParameter(f"{kind} '{name}': {self.reason}", self.remedy, self.other, f"{kind}s.{name}")
+
+    def with_remedy_only(self) -> RefusedParameter:
+        """Return the same refusal without the other remedy."""
+        return RefusedParameter(self.reason, self.remedy, "", self.block)
+
+    def __str__(self) -> str:
+        setting = f"set {self.block}.{self.remedy}" if self.block else f"set {self.remedy}"
+        return f"{self.reason}; {f'{self.other}, or ' if self.other else ''}{setting}"
+
+
 def closest(name: str, known: Iterable[str]) -> str:
     """Return the hint `` (did you mean 'x'?)`` with the nearest known name; empty if none is near."""
     near = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)

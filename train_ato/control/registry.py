@@ -23,7 +23,7 @@ from typing import Any
 
 from train_ato.control.contract import Parameter, parameters_of
 from train_ato.control.keyword_form import in_contract_form
-from train_ato.control.parameters import closest, current_names, make_parameters
+from train_ato.control.parameters import RefusedParameter, closest, current_names, make_parameters
 
 
 class Registry:
@@ -166,6 +166,8 @@ class Registry:
         parameters = make_parameters(component.Parameters, values, name)
         try:
             return component(parameters, *arguments)
+        except RefusedParameter as error:
+            raise error.of(self.kind, name) from None
         except ValueError as error:
             raise ValueError(f"{self.kind} '{name}': {error}") from None
 

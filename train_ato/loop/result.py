@@ -10,6 +10,7 @@ from train_ato.loop.protection_record import protection_summary
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.step_times import StepTimes
+from train_ato.loop.tracking import tracking_summary
 from train_ato.loop.verdict import judge_run
 from train_ato.messages.types import AtoState
 from train_ato.scenario.changes import RunChanges
@@ -101,6 +102,7 @@ class RunResult:
         if failure:
             summary["failure"] = failure
         if complete:
+            summary |= tracking_summary(setup, recording)
             summary |= judge_run(setup.scenario.criteria, summary)
         return cls(recording if complete else None, summary, interrupted, failure, published or {}, changes)
 
@@ -124,6 +126,7 @@ def completed_summary(recording: Recording) -> dict[str, Any]:
     if "speed_rmse_kmh" not in summary and not recording.measured_only and recording.time.size:
         protection = protection_summary(recording.reports) if setup.layout.supervised else {}
         summary = {**identity(setup, recording.time.size), **summarise(setup, recording), **protection, **summary}
+        summary = {**tracking_summary(setup, recording), **summary}
         summary |= judge_run(setup.scenario.criteria, summary)
     several = setup.layout.n_vehicles > 1
     return {key: value for key, value in summary.items() if several or key not in OF_COUPLERS}

@@ -19,6 +19,7 @@ from plant_sim.train import Train
 from train_ato.control.air_brake.policy import BrakePolicy, make_brake_policy
 from train_ato.control.compensation.compatibility import check_compatible
 from train_ato.control.contract import Law
+from train_ato.control.parameters import RefusedParameter
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.scenario_data import nominal_model, scenario_consist, scenario_line, with_start_position
@@ -157,8 +158,20 @@ class RunSetup:
             values = self.controller_parameters.get(name, {})
         if not self.model.n_units:
             raise ValueError(f"law '{name}': no vehicle of the train has traction or brake; add an envelope")
-        law: Law = LAWS.make(name, values, self.model, self.control_period)
-        check_compatible(name, law, self.compensation, COMPENSATIONS.get(self.compensation))
+        compensation = COMPENSATIONS.get(self.compensation)
+        try:
+            law: Law = LAWS.make(name, values, self.model, self.control_period)
+        except RefusedParameter as error:
+            if getattr(compensation, "feedforward_only", False):  # the sensors would not make the law use it
+                raise error.with_remedy_only() from None
+            raise
+        except ValueError as error:
+            try:
+                check_compatible(name, LAWS.get(name), self.compensation, compensation)
+            except ValueError as second:
+                raise ValueError(f"{error}; also {second}") from None
+            raise
+        check_compatible(name, law, self.compensation, compensation)
         return law
 
     def train(self) -> Train:
@@ -349,9 +362,10 @@ def _check_replan(setup: RunSetup) -> None:
     if setup.scenario.replan is None:
         return
     if setup.scenario.brake.policy != "none":
+        events = " and remove brake.events" if setup.scenario.brake.events else ""
         raise ValueError(
             f"replan: not possible with brake.policy {setup.scenario.brake.policy}, because plans do not include its "
-            "air brake; remove replan or set brake.policy: none"
+            f"air brake; remove replan, or set brake.policy: none{events}"
         )
     if not setup.layout.n_units:
         raise ValueError("replan: the train has no power unit; remove replan")

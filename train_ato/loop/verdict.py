@@ -1,4 +1,4 @@
-"""Verdict of a run: its metrics against the criteria of the scenario, and one line of text."""
+"""Verdict of a run: its metrics against the criteria of the scenario; outcome of tracking and verdict as text."""
 
 from __future__ import annotations
 
@@ -99,8 +99,34 @@ def _judged(criterion: Criterion, criteria: Criteria, metrics: Metrics) -> Crite
     return {"criterion": criterion.key, "metric": criterion.metric, "value": value, "limit": limit, "passed": passed}
 
 
+def tracking_text(summary: Metrics) -> str:
+    """Return outcome of tracking and deciding figure, ``tracked`` without a finding, "" without an outcome."""
+    findings = summary.get("tracking_findings")
+    return f"{findings[0]['outcome']}: {findings[0]['text']}" if findings else str(summary.get("tracking") or "")
+
+
+def is_tracked(summary: Metrics) -> bool:
+    """Return False for a run with another outcome of tracking than ``tracked``; True for a run without one."""
+    return not summary.get("tracking_findings")
+
+
+def unmet_requirements(summary: Metrics) -> str:
+    """Return the outcome of a run that is not tracked and its failed criteria, "" for a run without any.
+
+    Parameters
+    ----------
+    summary
+        Content of ``summary.json``.
+    """
+    parts = [] if is_tracked(summary) else [tracking_text(summary)]
+    parts += [_failure_text(row) for row in summary.get("criteria") or [] if row["passed"] is False]
+    return "; ".join(parts)
+
+
 def verdict_line(summary: Metrics) -> str:
     """Return the verdict of a run as one line of text, "" for a summary without metrics.
+
+    A run that is not tracked has the outcome of tracking first.
 
     Parameters
     ----------
@@ -117,7 +143,8 @@ def verdict_line(summary: Metrics) -> str:
         return ""
     head = _head(summary, len(rows), failed)
     more = [_failure_text(row) for row in failed if row["metric"] not in (*AT_STOPS[:1], "overspeed_max_kmh")]
-    return f"{head}: {'; '.join([*facts, *more])}"
+    outcome = "" if is_tracked(summary) else f"{tracking_text(summary)}; "
+    return f"{outcome}{head}: {'; '.join([*facts, *more])}"
 
 
 def _failed_limit(failed: list[CriterionRow], metric: str, unit: str) -> str:

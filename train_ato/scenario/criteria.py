@@ -4,7 +4,38 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from plant_sim.units import Acceleration, Force, Jerk, Length, SiModel, Speed, Time
+from plant_sim.units import Acceleration, Force, Jerk, Length, Ratio, SiModel, Speed, Time
+
+
+class TrackingLimits(SiModel):
+    """Limits of the outcome of tracking; the evaluation is in :mod:`train_ato.loop.tracking`.
+
+    Every run is evaluated, also without a block ``criteria``.
+    """
+
+    departure_time: Time = Field(
+        20.0,
+        gt=0,
+        description="rest after the departure of the reference; default: longest release of a brake in position P, "
+        "UIC 540",
+    )
+    position_time: Time = Field(
+        10.0,
+        gt=0,
+        description="position error as running time at the largest speed of the profile, duration of a speed error at "
+        "the end, and delay of a standstill; default: several times the delay and lag of a control loop",
+    )
+    oscillation: Ratio = Field(
+        0.1, gt=0, le=1, description="amplitude of a limit cycle of the command, over the largest force of the unit"
+    )
+    oscillation_time: Time = Field(10.0, gt=0, description="shortest duration of a limit cycle")
+    saturation_time: Time = Field(10.0, gt=0, description="time at a force limit with a speed error")
+    saturation_error: Speed = Field(
+        2 / 3.6,
+        gt=0,
+        description="speed error that counts at a force limit; default: half of the smallest distance between "
+        "permitted speed and warning, dV_warning_min of SUBSET-026, A.3.1",
+    )
 
 
 class Criteria(SiModel):
@@ -38,3 +69,4 @@ class Criteria(SiModel):
     brake_interventions: int | None = Field(
         None, ge=0, description="largest number of brake interventions of the supervisor"
     )
+    tracking: TrackingLimits = Field(TrackingLimits(), description="limits of the outcome of tracking")

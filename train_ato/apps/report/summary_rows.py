@@ -32,6 +32,7 @@ GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
     (
         "Tracking",
         (
+            Row("tracking", "outcome of tracking", "", 0, "tracked, or the worst deviation from the reference"),
             Row("speed_rmse_kmh", "speed error, rms", "km/h", 3, "over the evaluation; mean of the power units"),
             Row("speed_error_max_kmh", "speed error, maximum", "km/h", 3, "over the evaluation; of all power units"),
             Row("speed_rmse_run_kmh", "speed error of the run, rms", "km/h", 3, "with the final braking"),

@@ -9,14 +9,17 @@ from typing import Any
 
 from train_ato.apps.report.page_data import PageData
 from train_ato.apps.runs.ranking import rank_of
-from train_ato.loop.verdict import CRITERIA, three_digits, verdict_line
+from train_ato.loop.verdict import CRITERIA, is_tracked, three_digits, tracking_text, verdict_line
 
 STATES = {True: "passed", False: "failed", None: "incomplete"}
 
 
 @dataclass(frozen=True)
 class VerdictText:
-    """Verdict of a run: label of the run, ``passed``, ``failed``, ``incomplete`` or ``none``, and its line."""
+    """Verdict of a run: label of the run, its state and its line.
+
+    The state is ``passed``, ``failed``, ``incomplete`` or ``none``; ``failed`` also for a run that is not tracked.
+    """
 
     label: str
     state: str
@@ -35,10 +38,14 @@ class CriterionCells:
 def verdict_texts(pages: Sequence[PageData]) -> list[VerdictText]:
     """Return the verdicts of the runs with metrics."""
     return [
-        VerdictText(data.label, str(data.summary.get("verdict") or "none"), typeset(line))
+        VerdictText(data.label, _state(data.summary), typeset(line))
         for data in pages
         if (line := verdict_line(data.summary))
     ]
+
+
+def _state(summary: dict[str, Any]) -> str:
+    return str(summary.get("verdict") or "none") if is_tracked(summary) else "failed"
 
 
 def best_text(pages: Sequence[PageData]) -> str:
@@ -49,10 +56,11 @@ def best_text(pages: Sequence[PageData]) -> str:
     first, second = sorted(judged, key=lambda data: rank_of(data.summary))[:2]
     if rank_of(first.summary) == rank_of(second.summary):
         return ""
+    words = "" if is_tracked(first.summary) else f"{tracking_text(first.summary)}, "
     verdict = first.summary.get("verdict")
-    words = f"{verdict}, " if verdict else ""
+    words += f"{verdict}, " if verdict else ""
     error = three_digits(first.summary["speed_rmse_kmh"])
-    return f"Best: {first.label} ({words}speed error {error} km/h rms). Order: verdict, failed criteria, rms."
+    return f"Best: {first.label} ({words}speed error {error} km/h rms). Order: tracking, verdict, failed criteria, rms."
 
 
 def criterion_cells(pages: Sequence[PageData]) -> list[CriterionCells]:

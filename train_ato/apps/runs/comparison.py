@@ -60,7 +60,7 @@ class Comparison:
     scenario : str
         Name of the scenario.
     laws : tuple of Compared
-        The best first: by end of the run, verdict, failed criteria and rms of the speed error.
+        The best first: by end of the run, outcome of tracking, verdict, failed criteria, rms of the speed error.
     """
 
     def __init__(self, scenario: str, laws: Sequence[Compared]) -> None:

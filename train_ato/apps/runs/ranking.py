@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from train_ato.loop.verdict import is_tracked
+
 Metrics = Mapping[str, Any]
 SMALL_IS_GOOD = frozenset({
     "stop_error_m", "stop_error_max_m", "overspeed_max_kmh", "arrival_delay_max_s", "speed_rmse_kmh",
@@ -18,8 +20,8 @@ SMALL_IS_GOOD = frozenset({
 VERDICTS = {"passed": 0, None: 0, "incomplete": 1, "failed": 2}
 
 
-def rank_of(metrics: Metrics) -> tuple[bool, int, int, float]:
-    """Return the sort key of a run: runs to the end, then the verdict, failed criteria and rms of the speed error.
+def rank_of(metrics: Metrics) -> tuple[bool, bool, int, int, float]:
+    """Return the sort key of a run: runs to the end, tracked runs, verdict, failed criteria, rms of the speed error.
 
     Parameters
     ----------
@@ -29,7 +31,8 @@ def rank_of(metrics: Metrics) -> tuple[bool, int, int, float]:
     failed = sum(row["passed"] is False for row in metrics.get("criteria") or ())
     error = _number(metrics.get("speed_rmse_kmh"))
     ended = metrics.get("status") == "done"
-    return not ended, VERDICTS.get(metrics.get("verdict"), 0), failed, math.inf if error is None else error
+    verdict = VERDICTS.get(metrics.get("verdict"), 0)
+    return not ended, not is_tracked(metrics), verdict, failed, math.inf if error is None else error
 
 
 def best_value(key: str, runs: Sequence[Metrics]) -> float | None:

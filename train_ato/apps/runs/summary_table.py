@@ -9,6 +9,7 @@ from typing import Any
 from plant_sim.number_text import number_text
 
 RESULT_ROWS: tuple[tuple[str, str], ...] = (
+    ("tracking", "outcome of tracking"),
     ("speed_rmse_kmh", "speed error, rms in km/h"),
     ("speed_error_max_kmh", "speed error, largest in km/h"),
     ("position_error_max_m", "position error, largest in m"),

@@ -60,7 +60,9 @@ class BrakeSpec(SiModel):
         if self.policy == "planned" and not self.events:
             raise ValueError("policy planned needs events; give a list of {time or place, reduction}")
         if self.policy != "planned" and self.events:
-            raise ValueError(f"events need policy planned, here {self.policy}; set policy: planned or remove them")
+            raise ValueError(
+                f"events need policy planned, here {self.policy}; set brake.policy: planned or remove brake.events"
+            )
         return self
 
     @property
@@ -163,7 +165,7 @@ def make_brake_policy(spec: BrakeSpec, model: TrainModel, line: Line) -> BrakePo
     brake = model.consist.air_brake
     if brake is None:
         if spec.policy != "none":
-            raise ValueError(f"brake.policy: {spec.policy}: the consist has no air_brake; set policy: none")
+            raise ValueError(f"brake.policy: {spec.policy}: the consist has no air_brake; set brake.policy: none")
         return ReleasedBrake(0.0)
     if spec.policy == "planned":
         if spec.deepest > brake.charged:

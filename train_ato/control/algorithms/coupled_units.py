@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim.gears import LinearGear
+from train_ato.control.parameters import RefusedParameter
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -45,12 +46,12 @@ class CoupledUnits:
     def __init__(self, model: TrainModel) -> None:
         vehicles, gears = model.consist.vehicles, model.consist.gears
         if len(vehicles) != model.n_units:
-            raise ValueError(
-                f"a chain of units needs every vehicle driven, here {model.n_units} of {len(vehicles)}; choose rigid"
+            raise RefusedParameter(
+                f"train: chain needs every vehicle driven, here {model.n_units} of {len(vehicles)}", "train: rigid"
             )
         springs = [gear for gear in gears if isinstance(gear, LinearGear) and gear.slack == 0.0]
         if len(springs) != len(gears):
-            raise ValueError("a chain of units needs linear draft gears without slack; choose rigid")
+            raise RefusedParameter("train: chain needs linear draft gears without slack", "train: rigid")
         n = self.n = model.n_units
         self.mass: Array = np.array([vehicle.mass * vehicle.rotating_mass_factor for vehicle in vehicles])
         self.weight: Array = self.mass / self.mass.sum()

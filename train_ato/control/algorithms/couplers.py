@@ -88,6 +88,10 @@ class UnitCouplers:
         """Return the names of the unknown couplers: ``coupler_0, coupler_7``."""
         return ", ".join(f"coupler_{coupler}" for coupler in self.unknown)
 
+    def sensors_text(self) -> str:
+        """Return the setting that fits the missing sensors: ``fit the sensors (plant.sensors.couplers: [0, 7])``."""
+        return f"fit the sensors (plant.sensors.couplers: {sorted({*self._model.sensors, *self.unknown})})"
+
     def opposing(self, inputs: UnitForces) -> list[OpposingForces]:
         """Return the forces against the motion of every unit's vehicle, front first."""
         pulls = self.pull(inputs.position.tolist(), inputs.velocity.tolist(), inputs.coupler_force.tolist())

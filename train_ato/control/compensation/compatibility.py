@@ -23,21 +23,27 @@ def check_compatible(law_name: str, law: Any, name: str, compensation: Any) -> N
         One line with the reason and the remedy.
     """
     pair = f"law '{law_name}' with compensation '{name}'"
+    predicting = getattr(law, "predicts_delay", False)
     if getattr(compensation, "feedforward_only", False) and not getattr(law, "uses_feedforward", True):
-        setting = _setting(law_name, getattr(law, "feedforward_hint", ""))
-        raise ValueError(
-            f"{pair}: '{name}' gives only a feed-forward, and this law does not use it; "
-            f"{setting or 'choose law pid, rbf_switching_smc or smc'}, or choose compensation none, preview or "
-            "predictor"
-        )
-    if getattr(compensation, "predicts", False) and getattr(law, "predicts_delay", False):
-        setting = _setting(law_name, getattr(law, "delay_hint", ""))
-        raise ValueError(
-            f"{pair}: '{name}' predicts the state over the delay, and so does this law; "
-            f"{setting or 'choose another law'}, or choose compensation none or preview"
-        )
+        remedy = _remedy(law_name, getattr(law, "feedforward_hint", ""), predicting)
+        raise ValueError(f"{pair}: '{name}' gives only a feed-forward, and this law does not use it; {remedy}")
+    if getattr(compensation, "predicts", False) and predicting:
+        remedy = _remedy(law_name, getattr(law, "delay_hint", ""), predicting)
+        raise ValueError(f"{pair}: '{name}' predicts the state over the delay, and so does this law; {remedy}")
 
 
-def _setting(law_name: str, hint: str) -> str:
-    """Return ``set law.parameter: value`` for a hint ``parameter: value``; empty for no hint."""
-    return f"set {law_name}.{hint}" if hint else ""
+def _remedy(law_name: str, hint: str, predicting: bool) -> str:
+    """Return the accepted settings as text.
+
+    Parameters
+    ----------
+    law_name
+        Name of the law.
+    hint
+        Setting ``parameter: value`` of the law that fits the compensation; "" if there is none.
+    predicting
+        The law predicts the delay: then no predicting compensation is accepted.
+    """
+    setting = f"set laws.{law_name}.{hint}" if hint else "set law: pid (--law pid)"
+    others = "none or preview" if predicting else "none, preview or predictor"
+    return f"{setting}, or compensation: {others} (--compensation none)"

@@ -34,6 +34,7 @@ from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.delay_estimate import DelayEstimate
 from train_ato.control.compensation.preview import PreviewFeedforward, PreviewParameters
 from train_ato.control.contract import LawInput, parameter
+from train_ato.control.parameters import RefusedParameter
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -63,7 +64,8 @@ class Predictor(PreviewFeedforward):
         self._last_step: float | None = None
         if parameters.delay == "estimated":
             if model.delay.max() <= 0.0:
-                raise ValueError("delay: estimated needs an initial delay; give model.delay a value above 0")
+                reason = "delay: estimated needs an initial delay"
+                raise RefusedParameter(reason, "delay: model", "give model.delay a value above 0")
             self._estimate = DelayEstimate(model, parameters.longest)
 
     def reset(self) -> None:

@@ -83,7 +83,7 @@ class FixedTimeSmc(GuardedLaw):
         if self._couplers.unknown:
             raise ValueError(
                 f"needs the force of {self._couplers.unknown_names()} beside driven vehicles; drive every vehicle with "
-                "linear draft gears between them, or fit the sensors"
+                f"linear draft gears between them, or {self._couplers.sensors_text()}"
             )
         self._mass: list[float] = model.unit_inertia.tolist()
         self._offsets = [SpeedOffset(parameters.offset_bandwidth, period) for _ in range(self.n)]

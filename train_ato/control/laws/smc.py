@@ -41,6 +41,7 @@ from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.sliding import IntegralSurface, adaptive_gain, saturation, sig
 from train_ato.control.contract import LawInput, parameter
+from train_ato.control.parameters import RefusedParameter
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -83,10 +84,11 @@ class Smc(GuardedLaw):
         self.uses_feedforward, self.feedforward_hint = not self._measured, "equivalent: feedforward"
         self._couplers = UnitCouplers(model)
         if self._measured and self._couplers.unknown:
-            raise ValueError(
+            raise RefusedParameter(
                 f"equivalent: measured needs the force of {self._couplers.unknown_names()}, or a unit of "
-                f"{model.unit_mass[0] / 1e3:.0f} t would have to balance {model.mass / 1e3:.0f} t; fit the sensors or "
-                "set equivalent: feedforward"
+                f"{model.unit_mass[0] / 1e3:.0f} t would have to balance {model.mass / 1e3:.0f} t",
+                "equivalent: feedforward",
+                self._couplers.sensors_text(),
             )
         self._mass = model.unit_inertia.tolist() if self._measured else (model.inertia * model.share).tolist()
         p = parameters

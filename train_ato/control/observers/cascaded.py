@@ -63,7 +63,7 @@ class Cascaded(GuardedObserver):
 
     def __init__(self, parameters: CascadedParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        self._balance = ForceBalance(model, "auto", 0.0, "cascaded", period)
+        self._balance = ForceBalance(model, "auto", 0.0, period)
         self._unmatched = parameters.unmatched
         self.cascades = [make_cascade(parameters, period) for _ in range(self._balance.count)]
         self.clear_state()

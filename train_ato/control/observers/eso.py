@@ -46,7 +46,7 @@ class Eso(GuardedObserver):
 
     def __init__(self, parameters: EsoParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        self._balance = ForceBalance(model, parameters.scope, 0.0, "eso", period)
+        self._balance = ForceBalance(model, parameters.scope, 0.0, period)
         self._vehicles = [LuenbergerObserver(parameters.omega, period) for _ in range(self._balance.count)]
         self.clear_state()
 

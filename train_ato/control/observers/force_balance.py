@@ -9,6 +9,7 @@ from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.contract import parameter
 from train_ato.control.observers.contract import ObserverInput
+from train_ato.control.parameters import RefusedParameter
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -39,8 +40,6 @@ class ForceBalance:
         ``vehicle``, ``train``, or ``auto``: ``vehicle`` if the forces of all couplers beside units are available.
     model_error
         Coupler and resistance forces are divided by 1 + model_error, vehicle scope only.
-    owner
-        Name of the observer, for the error message.
     period
         Tick [s].
 
@@ -50,14 +49,12 @@ class ForceBalance:
         If the scope is ``vehicle`` and the force of a coupler is not available.
     """
 
-    def __init__(self, model: TrainModel, scope: str, model_error: float, owner: str, period: float) -> None:
+    def __init__(self, model: TrainModel, scope: str, model_error: float, period: float) -> None:
         self._model = model
         self._couplers = UnitCouplers(model)
         if scope == "vehicle" and self._couplers.unknown:
-            raise ValueError(
-                f"scope: vehicle needs the force of {self._couplers.unknown_names()}; fit the sensors or set "
-                f"{owner}.scope: train"
-            )
+            reason = f"scope: vehicle needs the force of {self._couplers.unknown_names()}"
+            raise RefusedParameter(reason, "scope: train", self._couplers.sensors_text())
         self.whole_train = scope == "train" or bool(self._couplers.unknown)
         self.count = 1 if self.whole_train else model.n_units
         self._model_factor = 1.0 / (1.0 + model_error)

@@ -61,7 +61,7 @@ class Ndo(GuardedObserver):
 
     def __init__(self, parameters: NdoParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        self._balance = ForceBalance(model, parameters.scope, parameters.model_error, "ndo", period)
+        self._balance = ForceBalance(model, parameters.scope, parameters.model_error, period)
         self._decay = math.exp(-parameters.omega * period)
         self.clear_state()
 

@@ -25,8 +25,8 @@ def _law(name: str, compensation: str, parameters: Mapping[str, Any], **more: An
     return {"law": name, "laws": {name: dict(parameters)}, "compensation": compensation, **more}
 
 
-PID = {"kp": 1.66, "ki": 0.61, "kd": 0.017, "integral": "speed", "feedforward": False}
-PID_PREVIEW = {"kp": 1.16, "ki": 0.43, "integral": "speed"}
+PID = {"kp": 1.66, "ki": 0.61, "kd": 0.017, "integral": "speed", "integral_limit": 20.0, "feedforward": False}
+PID_PREVIEW = {"kp": 1.16, "ki": 0.43, "integral": "speed", "integral_limit": 20.0}
 RBF = {"phi": 3.0, "eta": 0.03}
 FAST_PHI = 1.0
 RATE = 0.6

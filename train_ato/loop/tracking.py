@@ -1,0 +1,271 @@
+"""Outcome of tracking: tracked, or the deviation of the train from its reference with the figure that decided.
+
+=============== ======================================================================================================
+never departed  the reference left a stop for longer than ``departure_time``, the train stayed at rest
+lost            the position error exceeds the way of ``position_time`` at the largest speed of the profile, at the end
+                of the run or beyond the error at the start; or the speed error exceeds the emergency-brake margin of
+                SUBSET-026 (3.13.9.2) in half of the time, or with one sign in the last ``position_time``
+limit cycle     sustained oscillation of a command (:mod:`train_ato.loop.oscillation`); no disturbance has its period
+disengaged      the ATO was not engaged at the end
+not stopped     no standstill at a planned stop, outside of the stop window ``position_time`` after the arrival
+stopped beyond  the train came to rest beyond a target by more than the stop window
+stopped short   the same, short of it
+saturated       the force was at a limit, and the train too slow at the upper or too fast at the lower one, for
+                longer than ``saturation_time``
+=============== ======================================================================================================
+
+Only ticks with an engaged ATO count.  The limits are in the block ``criteria.tracking`` of a scenario
+(:class:`train_ato.scenario.criteria.TrackingLimits`), with the reasons of their defaults.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from train_ato.control.train_model import STANDSTILL_SPEED
+from train_ato.loop.engaged_run import EngagedRun
+from train_ato.loop.force_limit import time_at_force_limit
+from train_ato.loop.oscillation import Oscillation, share_at_period, sustained_oscillation
+from train_ato.loop.recording import DISTURBANCE, Recording
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.stops import stops_of_run
+from train_ato.loop.verdict import three_digits
+from train_ato.messages.types import Array
+from train_ato.supervision.ceiling import EMERGENCY_MARGIN
+
+TRACKED = "tracked"
+"""Outcome of a run without a finding."""
+OUTCOMES = (
+    "never departed", "lost", "limit cycle", "disengaged", "not stopped", "stopped beyond", "stopped short",
+    "saturated", TRACKED,
+)  # fmt: skip
+"""Outcomes, the worst first."""
+DEFAULT_STOP_WINDOW = 12.0
+"""Stop window of a scenario without one [m]: default accuracy of a location, Q_NVLOCACC of SUBSET-026, A.3.2."""
+LONGEST_PERIOD = 20.0
+"""Longest period of a limit cycle over the dead time of the loop.  A relay with an integrator and dead time oscillates
+with 4 dead times, a slow controller at its stability limit with more; hills of the line are slower."""
+
+FORCED_SHARE = 0.5
+"""Part of the variance of a disturbance at the period of an oscillation above which the disturbance is its cause."""
+SMALLEST_DRIFT = 0.01
+"""Smallest standard deviation of a drift speed [m/s]; an integration of the plant over a tick has less."""
+
+
+@dataclass(frozen=True)
+class TrackingFinding:
+    """Deviation from the reference.
+
+    Attributes
+    ----------
+    outcome
+        Entry of :data:`OUTCOMES`.
+    value, limit, unit
+        Figure that decided, its limit, and their unit.
+    text
+        Figure in words.
+    """
+
+    outcome: str
+    value: float
+    limit: float
+    unit: str
+    text: str
+
+
+def tracking_summary(setup: RunSetup, recording: Recording) -> dict[str, Any]:
+    """Return the outcome of tracking for ``summary.json``.
+
+    Parameters
+    ----------
+    setup
+        The run.
+    recording
+        Its recording with at least one complete tick.
+
+    Returns
+    -------
+    dict
+        ``tracking``: entry of :data:`OUTCOMES`. ``tracking_findings``: rows of :class:`TrackingFinding`, the worst
+        first; [] for a tracked run.
+    """
+    run = EngagedRun(setup, recording)
+    found = sorted(_findings(run), key=lambda finding: OUTCOMES.index(finding.outcome))
+    return {
+        "tracking": found[0].outcome if found else TRACKED,
+        "tracking_findings": [asdict(finding) for finding in found],
+    }
+
+
+def _findings(run: EngagedRun) -> Iterator[TrackingFinding]:
+    """Yield the deviations of a run."""
+    if run.rows.size:
+        yield from _never_departed(run)
+        yield from _lost(run)
+        yield from _lost_speed(run)
+        yield from _limit_cycle(run)
+        yield from _saturated(run)
+    if run.at_end:
+        yield from _stops(run)
+    else:
+        last = float(run.recording.time[run.rows[-1]]) if run.rows.size else 0.0
+        yield TrackingFinding("disengaged", last, float(run.recording.time[-1]), "s", f"the ATO, at {last:.1f} s")
+
+
+def _never_departed(run: EngagedRun) -> Iterator[TrackingFinding]:
+    """Yield the longest motion of the reference during which the train stayed at rest."""
+    recording, limit = run.recording, run.limits.departure_time
+    moving = run.engaged & (np.abs(recording.reference_velocity) >= STANDSTILL_SPEED)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], moving.astype(np.int8), [0]))))
+    waits = [
+        float(last - first) * run.setup.tick
+        for first, last in zip(edges[::2], edges[1::2], strict=True)
+        if np.abs(recording.front_velocity[first:last]).max() < STANDSTILL_SPEED
+    ]
+    if waits and max(waits) >= limit:
+        text = f"at rest for {max(waits):.0f} s while the reference moved"
+        yield TrackingFinding("never departed", max(waits), limit, "s", text)
+
+
+def _lost(run: EngagedRun) -> Iterator[TrackingFinding]:
+    """Yield the largest position error: beyond the limit at the end, or beyond limit and error at the start."""
+    limit = run.limits.position_time * run.top_speed
+    error = run.position_error[run.rows]
+    peak = int(np.abs(error).argmax())
+    if limit <= 0 or (abs(error[-1]) <= limit and abs(error[peak]) <= limit + abs(error[0])):
+        return
+    row = error.size - 1 if abs(error[-1]) > 0.99 * abs(error[peak]) else peak
+    text = f"{_place(error[row])} {run.end_text(int(run.rows[row]))}"
+    if row == peak != error.size - 1:
+        text += f", {_place(error[-1])} {run.end_text(int(run.rows[-1]))}"
+    yield TrackingFinding("lost", float(error[row]), limit, "m", text)
+
+
+def _place(error: float) -> str:
+    """Return a position error as text."""
+    return f"{three_digits(abs(error))} m {'ahead' if error > 0 else 'behind'}"
+
+
+def _lost_speed(run: EngagedRun) -> Iterator[TrackingFinding]:
+    """Yield a speed error beyond the emergency-brake margin: in half of the run, or of one sign at its end."""
+    limit = EMERGENCY_MARGIN.above(run.top_speed)
+    median = float(np.median(np.abs(run.speed_error[run.rows])))
+    if median > limit:
+        text = f"speed error above {three_digits(3.6 * median)} km/h in half of the time"
+        yield TrackingFinding("lost", 3.6 * median, 3.6 * limit, "km/h", text)
+        return
+    count = round(run.limits.position_time / run.setup.tick)
+    if run.rows.size < count or not run.engaged[-count:].all():
+        return
+    errors = run.speed_error[-count:]
+    smallest = float(np.abs(errors).min())
+    if smallest > limit and (errors > 0).all() == (errors > 0).any():
+        side = "too fast" if errors[-1] > 0 else "too slow"
+        text = f"at least {three_digits(3.6 * smallest)} km/h {side} in the last {run.limits.position_time:g} s"
+        yield TrackingFinding("lost", 3.6 * smallest, 3.6 * limit, "km/h", text)
+
+
+def _limit_cycle(run: EngagedRun) -> Iterator[TrackingFinding]:
+    """Yield the oscillation of the command with the largest amplitude of all units."""
+    found: list[tuple[Oscillation, float]] = []
+    seen: list[Array] = []
+    for unit, (force, share) in enumerate(_command_shares(run)):
+        if force <= 0 or any(np.array_equal(share, other) for other in seen):
+            continue
+        seen.append(share)
+        oscillation = sustained_oscillation(
+            run.recording.time,
+            share,
+            amplitude=run.limits.oscillation,
+            max_period=LONGEST_PERIOD * _dead_time(run.setup, unit),
+            min_duration=run.limits.oscillation_time,
+        )
+        if oscillation is not None and not _is_forced(run, oscillation):
+            found.append((oscillation, force))
+    if found:
+        worst, force = max(found, key=lambda entry: entry[0].amplitude * entry[1])
+        value, limit = worst.amplitude * force / 1e3, run.limits.oscillation * force / 1e3
+        text = (
+            f"command ±{three_digits(value)} kN with a period of {three_digits(worst.period)} s "
+            f"for {worst.duration:.0f} s from {worst.begin:.0f} s on"
+        )
+        yield TrackingFinding("limit cycle", value, limit, "kN", text)
+
+
+def _is_forced(run: EngagedRun, oscillation: Oscillation) -> bool:
+    """Return True if a disturbance force, or a drift speed, of any power unit has the period of the oscillation.
+
+    A drift speed is the derivative of the position minus the speed: the unmatched disturbance of paper 002.
+    """
+    recording, tick = run.recording, run.setup.tick
+    first = int(np.searchsorted(recording.time, oscillation.begin))
+    rows = slice(first, int(np.searchsorted(recording.time, oscillation.begin + oscillation.duration)))
+    position, speed = recording.position[rows], recording.velocity[rows]
+    drift = np.diff(position, axis=0) / tick - (speed[1:] + speed[:-1]) / 2
+    drift = drift[:, drift.std(axis=0) > SMALLEST_DRIFT]
+    forces = [] if recording.of(DISTURBANCE, "unit_force") is None else [*recording.disturbance[rows].T]
+    period = oscillation.period / tick
+    return any(share_at_period(values, period) > FORCED_SHARE for values in (*forces, *drift.T))
+
+
+def _command_shares(run: EngagedRun) -> Iterator[tuple[float, Array]]:
+    """Yield largest force [N] of every unit and its command without the inertial force of the reference, over it.
+
+    The command counts as 0 while the ATO is not engaged.
+    """
+    model, recording = run.setup.model, run.recording
+    inertial = model.inertia * recording.reference_acceleration
+    for unit in range(min(model.n_units, recording.units)):
+        force = max(model.traction[unit].largest(), model.brake[unit].largest())
+        free = recording.command[:, unit] - float(model.share[unit]) * inertial
+        yield force, np.where(run.engaged, free, 0.0) / force if force > 0 else free
+
+
+def _dead_time(setup: RunSetup, unit: int) -> float:
+    """Return delay, lag and control period of a unit [s]."""
+    model = setup.model
+    return max(float(model.delay[unit]), float(model.delay_brake[unit])) + model.lag + setup.control_period
+
+
+def _stops(run: EngagedRun) -> Iterator[TrackingFinding]:
+    """Yield the worst stop beyond and short of the stop window, and a train that did not stop."""
+    recording, criteria = run.recording, run.setup.scenario.criteria
+    window = DEFAULT_STOP_WINDOW if criteria.stop_window is None else criteria.stop_window
+    rows = [stop.as_row() for stop in stops_of_run(run.setup, recording)]
+    errors = [row["beyond_m"] for row in rows if row["beyond_m"] is not None]
+    for outcome, worst in (("stopped beyond", max(errors, default=0.0)), ("stopped short", min(errors, default=0.0))):
+        side = outcome.removeprefix("stopped ")
+        if (worst if side == "beyond" else -worst) > window:
+            text = f"{three_digits(abs(worst))} m {side}{' of' if side == 'short' else ''} the target"
+            yield TrackingFinding(outcome, worst, window, "m", text)
+    delay = run.limits.position_time
+    for row in rows:
+        late = (row["planned_s"] or 0.0) + delay
+        if row["beyond_m"] is not None or late > recording.time[-1]:
+            continue
+        tick = int(np.searchsorted(recording.time, late))
+        error = float(run.position_error[tick])
+        if abs(error) > window and abs(recording.reference_velocity[tick]) < STANDSTILL_SPEED:
+            text = f"moving, {_place(error)}, {delay:g} s after a planned arrival"
+            yield TrackingFinding("not stopped", error, window, "m", text)
+
+
+def _saturated(run: EngagedRun) -> Iterator[TrackingFinding]:
+    """Yield the time at a force limit with a speed error that more force would reduce."""
+    at_limit = time_at_force_limit(run.setup, run.recording)
+    if at_limit is None or not run.setup.layout.n_units:
+        return
+    recording, limits = run.recording, run.limits
+    row = np.minimum(np.searchsorted(recording.time, at_limit[0]), recording.time.size - 1)
+    error = run.speed_error[row]
+    lacking = recording.command[row].sum(axis=1) * run.direction[row] * error < 0
+    counted = run.engaged[row] & lacking & (np.abs(error) > limits.saturation_error)
+    total = float(np.diff(at_limit[1], prepend=0.0)[counted].sum())
+    if total > limits.saturation_time:
+        largest = 3.6 * float(np.abs(error[counted]).max())
+        text = f"{total:.0f} s at a force limit with a speed error of up to {three_digits(largest)} km/h"
+        yield TrackingFinding("saturated", total, limits.saturation_time, "s", text)
