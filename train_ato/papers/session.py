@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import train_ato
 import train_ato.papers
 from train_ato.apps.report.print_parts import SHEET_SIZE, styled
 from train_ato.papers.claims import Calculation, Case, FigureFile, Paper, Result
@@ -175,7 +174,7 @@ def _kept(folder: Path, number: str, code: str) -> dict[str, Any] | None:
 def source_hash() -> str:
     """Return the SHA-256 of all source and scenario files of the packages, in hexadecimal digits."""
     digest = hashlib.sha256()
-    root = Path(train_ato.__file__).parents[1]
+    root = Path(train_ato.papers.__path__[0]).parents[1]
     for package in ("plant_sim", "train_ato"):
         for path in sorted((root / package).rglob("*")):
             if path.suffix in (".py", ".yaml", ".csv"):
