@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import judge_trials_p000
 import judge_trials_p001
@@ -15,9 +17,10 @@ from judge_trials import ABSURD, APART, BAD, ELSEWHERE, EVERY, GOOD, Trial
 
 from train_ato.papers.bounds import CLOSE, Bound, Check
 from train_ato.papers.claims import Claim, Paper, Result, Verdict
-from train_ato.papers.judging import judge_paper
+from train_ato.papers.judging import claims_of, judge_paper
 from train_ato.papers.session import load_paper, paper_numbers
 
+ROOT = Path(__file__).resolve().parents[1]
 TRIALS = {
     "000": judge_trials_p000.TRIALS,
     "001": judge_trials_p001.TRIALS,
@@ -150,3 +153,27 @@ def test_a_close_figure_is_marked() -> None:
     assert "within 3 %: no reason given" in str(Check(bound, 1.0 - 0.9 * CLOSE))
     assert "within 3 %: by design" in str(Check(replace(bound, note="by design"), 1.0 + 0.9 * CLOSE))
     assert "within" not in str(Check(bound, 1.0 - 1.1 * CLOSE))
+
+
+PAGE = (ROOT / "msgs_docs" / "reproduction.md").read_text(encoding="utf-8")
+
+
+def test_the_page_explains_close_figures() -> None:
+    """Breaks if a measured figure within 3 % of its bound has no note on the page of the results."""
+    assert "(paper): " in PAGE
+    assert [line for line in PAGE.splitlines() if "no reason given" in line] == []
+
+
+def test_readme_and_page_count_the_same_verdicts() -> None:
+    """Breaks if the page is written again and the table in README keeps the old counts."""
+    pattern = re.compile(r"^\| (\d{3})[,:].*?((?: \| \d+){3}) (?=\|)", re.MULTILINE)
+    page, readme = (dict(pattern.findall(text)) for text in (PAGE, (ROOT / "README.md").read_text(encoding="utf-8")))
+    assert page.keys() == set(PAPERS)
+    assert readme == page
+
+
+@pytest.mark.parametrize("number", PAPERS)
+def test_the_page_has_every_claim(number: str) -> None:
+    """Breaks if a claim changes and the page is not written again."""
+    texts = [claim.text for claim in claims_of(PAPERS[number], False)]
+    assert [text for text in texts if f"| {text.replace('|', chr(92) + '|')} |" not in PAGE] == []
