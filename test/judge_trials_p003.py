@@ -148,6 +148,12 @@ TRIALS = (
         (edge("printed long saturated", "until", 43.8, 44.3),),
     ),
     Trial(
+        "the speed recovers far sooner",
+        saturated,
+        {"printed long saturated": {"speed": 0.011, "length": 2.0, "until": 10.0}},
+        (edge("printed long saturated", "until", 18.0, 18.4),),
+    ),
+    Trial(
         "without handling",
         throughout,
         {"unhandled long": {"place": 5000.0, "speed": 30.0}},

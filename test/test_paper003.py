@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from train_ato.loop.setup import prepare
 from train_ato.papers.claims import Case
 from train_ato.papers.p003_funnel.cases import CASES, LAWS, TRAINS
 from train_ato.papers.p003_funnel.claims import PAPER
+from train_ato.papers.p003_funnel.saturation_checks import recovery_by_38
 from train_ato.papers.p003_funnel.series import boundaries, last_saturation, off_profile
 from train_ato.papers.tracking import position_error, speed_error, time_within, written
 from train_ato.scenario.scenario import load_scenario
@@ -111,3 +113,12 @@ def test_trains_are_variants_of_the_short_run() -> None:
         assert setup.model.lag == nominal.model.lag
         assert list(setup.model.delay) == list(nominal.model.delay)
         assert setup.plant != nominal.plant or setup.links != nominal.links
+
+
+@pytest.mark.parametrize("error", [0.011, 0.1, 4.0])
+def test_time_of_38_is_that_of_the_printed_funnel(error: float) -> None:
+    """(8) without saturation: after the time of (38) a funnel of the width e2(t0) has 1 cm/s."""
+    time = recovery_by_38(error)
+    rest = 3e-7 / 0.0034
+    assert (error - rest) * math.exp(-0.0034 * time) + rest == pytest.approx(0.01, rel=1e-9)
+    assert math.isnan(recovery_by_38(0.005))

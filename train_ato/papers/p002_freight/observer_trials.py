@@ -172,7 +172,13 @@ def observer_accuracy(tick: float, duration: float, settle: float) -> tuple[dict
     series
         Time, true values and estimates for the figures, downsampled.
     """
-    changes = {**UNSUPERVISED, "tick": tick, "step": min(tick, 1e-3), "duration": duration, "profile": {"until": duration}}
+    changes = {
+        **UNSUPERVISED,
+        "tick": tick,
+        "step": min(tick, 1e-3),
+        "duration": duration,
+        "profile": {"until": duration},
+    }
     scenario, path = load_scenario("freight_consensus:aligned", changes=changes)
     setup = prepare(scenario, path)
     outcome = run_engine(setup)
