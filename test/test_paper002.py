@@ -69,6 +69,12 @@ def test_observers_at_1_ms() -> None:
     assert series["levant"].shape == series["truth"].shape == (3, series["time"].size, 5)
 
 
+def test_observers_at_the_finest_sampling_time() -> None:
+    """Breaks if the profile of a short run at 0.01 ms is planned beyond its end, with too many knots."""
+    found, _ = observer_accuracy(1e-5, 0.002, 0.001)
+    assert np.isfinite(found["printed d1"])
+
+
 def drive(name: str, duration: float, **changes: Any) -> Recording:
     outcome = run_engine(prepare(*load_scenario(name, changes={**changes, "duration": duration})))
     assert outcome.recording is not None

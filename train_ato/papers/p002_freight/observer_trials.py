@@ -36,6 +36,8 @@ SETTLED = 0.1
 """Largest error of a settled estimate, as a fraction of the largest magnitude of the disturbance."""
 JUMPS = (10.0, 20.0)
 """Times of the jumps of d21 and d12 [s]."""
+STEPS = ((0.0, 12.0), (JUMPS[0], 0.0), (JUMPS[1], -12.0))
+"""Steps of the reference speed [s, m/s]."""
 MOST = 3000
 """Number of samples for the figures."""
 
@@ -126,7 +128,7 @@ class _Drive:
     period: float
 
     def known(self) -> Array:
-        recording, balance = self.recording, ForceBalance(self.model, "vehicle", 0.0, self.period)
+        recording, balance = self.recording, ForceBalance(self.model, "vehicle", 0.0, "cascaded", self.period)
         zeros = np.zeros(CARS)
         result = np.zeros_like(recording.velocity)
         before: list[BalanceState] = []
@@ -172,13 +174,10 @@ def observer_accuracy(tick: float, duration: float, settle: float) -> tuple[dict
     series
         Time, true values and estimates for the figures, downsampled.
     """
-    changes = {
-        **UNSUPERVISED,
-        "tick": tick,
-        "step": min(tick, 1e-3),
-        "duration": duration,
-        "profile": {"until": duration},
-    }
+    # Only the profile of the run: the whole one would have too many knots at a tick of 0.01 ms.
+    steps = [{"at": at, "speed": speed} for at, speed in STEPS if at < duration]
+    grid = {"tick": tick, "step": min(tick, 1e-3), "duration": duration}
+    changes = {**UNSUPERVISED, **grid, "profile": {"until": duration, "steps": steps}}
     scenario, path = load_scenario("freight_consensus:aligned", changes=changes)
     setup = prepare(scenario, path)
     outcome = run_engine(setup)

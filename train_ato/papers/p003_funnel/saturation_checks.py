@@ -63,8 +63,8 @@ def saturated(results: Results) -> Judgement:
     reason = (
         f"the position error follows from the missing force, under any law (PID {pid}). Time at the limit and speed "
         "depend on the braking of the reference, a choice here: its "
-        f"{demand / 1e3:.1f} kN are chosen for {100 * (1 - LIMIT / demand):.1f} % above the limit (paper: 11.4 %), its "
-        "braking below 85 km/h is not known"
+        f"{demand / 1e3:.1f} kN are chosen with {100 * (1 - LIMIT / demand):.1f} % of them above the limit (paper: "
+        "11.4 %), its braking below 85 km/h is not known"
     )
     checks = [
         *(bound.check(place(result)) for bound in (OVER_40, JUST_OVER_40)),
