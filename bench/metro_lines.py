@@ -1,4 +1,4 @@
-"""Overspeed of the metro train on lines that its law does not know.
+"""Overspeed of the metro train on lines that the model of its law lacks.
 
     python bench/metro_lines.py [--set KEY=VALUE ...]
 

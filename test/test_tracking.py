@@ -11,6 +11,7 @@ import pytest
 from recordings import recording_of, with_final, with_series
 
 from train_ato.cli import main
+from train_ato.loop.engine import run_engine
 from train_ato.loop.recording import ATO_STATE, Recording
 from train_ato.loop.series import TopicSamples
 from train_ato.loop.setup import RunSetup, prepare
@@ -200,14 +201,18 @@ def noise_of(seed: int, smooth: int, count: int = 4000) -> np.ndarray:
     return 0.3 * np.convolve(white, np.ones(smooth) / np.sqrt(smooth), mode="valid")[:count]
 
 
-@pytest.mark.parametrize("smooth", [1, 3, 10, 20, 40])
-def test_noise_is_no_limit_cycle(smooth: int) -> None:
-    """White or coloured noise with a third of the force; breaks without the tests of period and correlation."""
+def test_noise_is_no_limit_cycle() -> None:
+    """White or coloured noise with a third of the force, 1 % of false alarms; breaks without one of the tests."""
     setup = demo()
     recording = run_of(setup, 400.0)
     force = setup.model.traction[0].largest()
-    found = [outcome(setup, with_series(recording, command=force * noise_of(seed, smooth))) for seed in range(24)]
-    assert found == [TRACKED] * 24
+    alarms = [
+        (seed, smooth)
+        for seed in range(24)
+        for smooth in (1, 3, 10, 20, 40)
+        if outcome(setup, with_series(recording, command=force * noise_of(seed, smooth))) != TRACKED
+    ]
+    assert len(alarms) <= 1, alarms
 
 
 def test_a_limit_cycle_between_noise_is_found() -> None:
@@ -379,3 +384,34 @@ def test_a_strict_run_that_is_not_tracked_has_exit_status_1(tmp_path: Any, capsy
     assert main([*compared, "--set=criteria.tracking.position_time=0.001", f"--out={tmp_path / 'f'}"]) == 1
     said = capsys.readouterr()
     assert "lost!" in said.out and "not tracked: pid: lost: " in said.out and "pid: lost: " in said.err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scenario", "changes", "found"),
+    [
+        (
+            "freight_consensus:realistic",
+            {"law": "pid", "observer": "cascaded", "compensation": "train_predictor"},
+            ["lost", "limit cycle", "saturated"],
+        ),
+        ("freight_consensus:realistic", {}, [TRACKED]),
+        ("daqin_heavy_haul", {"law": "gpc", "control_period": 0.2, "duration": 200}, ["limit cycle"]),
+        (
+            "crh380a_gpc:short",
+            {"laws": {"gpc": {"sampling": 0.2}}, "duration": 120},
+            ["never departed", "lost", "saturated"],
+        ),
+        ("xuzhou_metro:long_delay", {"duration": 200, "step": 0.005}, ["limit cycle", "saturated"]),
+        ("xuzhou_metro:disturbed", {"duration": 120, "step": 0.005}, [TRACKED]),
+        ("demo", {"duration": 200}, [TRACKED]),
+    ],
+)
+def test_driven_runs_have_the_outcome_that_their_figures_show(
+    scenario: str, changes: dict[str, Any], found: list[str]
+) -> None:
+    """Breaks if a law that loses the train is called tracked, or the answer to the waves of paper 002 a limit cycle."""
+    summary = run_engine(prepare(*load_scenario(scenario, (), changes))).summary
+    rows = summary["tracking_findings"]
+    assert summary["tracking"] == found[0]
+    assert found == [TRACKED] if not rows else {row["outcome"] for row in rows} <= set(found)

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from train_ato.messages.types import Array
 
-PERIODS = 5
-"""Smallest number of regular periods in a row, as in Thornhill et al. (10 zero crossings)."""
+PERIODS = 6
+"""Smallest number of regular periods in a row; Thornhill, Huang, Zhang, J. Process Control 13 (2003) 91-100: 5."""
 REGULARITY = 0.25
-"""Largest standard deviation over mean of the periods; 1/3 of Thornhill, Huang, Zhang, J. Process Control 13 (2003)
-91-100, also accepts filtered noise."""
-CORRELATION = 0.7
-"""Smallest autocorrelation after one period.  Noise has 0, filtered noise up to the 0.5 of Miao and Seborg, IEEE Conf.
-Control Applications (1999)."""
+"""Largest standard deviation over mean of the periods; 1/3 of Thornhill et al. also accepts filtered noise."""
+EQUALITY = 0.2
+"""Largest standard deviation over mean of the swings; a limit cycle has one amplitude, noise any."""
+CORRELATION = 0.5
+"""Smallest autocorrelation after one period: Miao and Seborg, IEEE Conf. Control Applications (1999).  Noise has 0."""
 LAGS = np.linspace(0.8, 1.2, 9)
 """Lags of the autocorrelation over the median period."""
 BAND = 0.1
@@ -50,9 +50,10 @@ def sustained_oscillation(
 ) -> Oscillation | None:
     """Return the longest sustained oscillation of a series, None without one.
 
-    The swings between turning points are at least twice the amplitude, the period is regular (``REGULARITY``), and the
-    series after one period is similar to itself (``CORRELATION``) over at least ``PERIODS`` periods and
-    ``min_duration``.  Noise has irregular periods and no correlation, a decaying oscillation too few swings.
+    The swings between turning points are at least twice the amplitude and equal (``EQUALITY``), the period is regular
+    (``REGULARITY``), and the series after one period is similar to itself (``CORRELATION``), over at least ``PERIODS``
+    periods and ``min_duration``.  Noise has irregular periods and no correlation, a decaying oscillation
+    has too few swings.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def sustained_oscillation(
     turns = turning_points(values, 2 * amplitude)
     found = [
         _confirmed(time, values, turns[first : last + 1], min_duration)
-        for first, last in _regular_spans(time[turns], max_period)
+        for first, last in _regular_spans(time[turns], np.abs(np.diff(values[turns])), max_period)
     ]
     return max((entry for entry in found if entry is not None), key=lambda entry: entry.duration, default=None)
 
@@ -97,14 +98,16 @@ def turning_points(values: Array, swing: float) -> NDArray[np.intp]:
     return np.array(found, dtype=np.intp)
 
 
-def _regular_spans(turns: Array, max_period: float) -> Iterator[tuple[int, int]]:
-    """Yield first and last turning point of the spans with regular periods; ``turns`` are times [s]."""
+def _regular_spans(turns: Array, swings: Array, max_period: float) -> Iterator[tuple[int, int]]:
+    """Yield first and last turning point of the spans with regular periods and swings; ``turns`` are times [s]."""
     count = 2 * PERIODS - 1
     periods = turns[2:] - turns[:-2]
     if periods.size < count:
         return
     windows = sliding_window_view(periods, count)
     regular = (windows.max(axis=1) <= max_period) & (windows.std(axis=1) <= REGULARITY * windows.mean(axis=1))
+    heights = sliding_window_view(swings, count + 1)
+    regular &= heights.std(axis=1) <= EQUALITY * heights.mean(axis=1)
     covered = np.zeros(turns.size + 1, dtype=np.int64)
     covered[:-1][np.flatnonzero(regular)] += 1
     covered[np.flatnonzero(regular) + count + 1] -= 1
