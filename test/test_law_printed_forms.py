@@ -52,7 +52,7 @@ def test_network_of_paper_000_learns_at_a_limit():
 
 
 def test_observer_of_paper_000_with_the_network_in_its_known_part():
-    """(30)-(35): the sum delta_hat + d_hat is that of an observer that receives delta_hat, for a slow and a fast one."""
+    """(30)-(35): the sum delta_hat + d_hat is that of an observer that receives delta_hat, slow and fast."""
     of = model(SINGLE)
     for omega in (2.0, 1000.0):
         decay = math.exp(-omega * 0.1)
@@ -131,7 +131,7 @@ def test_identified_parameters_of_paper_004_without_a_bound():
 
 
 def test_law_of_paper_002_on_its_estimates():
-    """(36) on x, v, d1, d1' and d2 of the cascade: force of the third vehicle by hand, with a speed offset of 0.5 m/s."""
+    """(36) on x, v, d1, d1' and d2 of the cascade: force of the third vehicle by hand, speed offset 0.5 m/s."""
     of, h, gain = model(FIVE), 1e-3, 0.3
     p = {"surface": gain, "reaching": gain, "unmatched": True, "states": "estimated"}
     law = LAWS.make("fixed_time_smc", p, of, h)

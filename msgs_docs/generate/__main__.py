@@ -17,6 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from msgs_docs.generate import fault_page, hazard_page, node_page, random_page, schemas, topic_page
+from msgs_docs.generate.equations import page as equation_page
+from msgs_docs.generate.equations.check import problems
+from msgs_docs.generate.equations.row import EQUATION_TABLES
 from msgs_docs.generate.law_pages.components import Component, components
 from msgs_docs.generate.law_pages.demo_runs import demo_of
 from msgs_docs.generate.law_pages.measure import command, measure
@@ -54,6 +57,7 @@ def generated() -> dict[Path, str]:
         ROOT / fault_page.PAGE: fault_page.page(ROOT),
         ROOT / hazard_page.PAGE: hazard_page.page(ROOT),
         ROOT / random_page.PAGE: random_page.page(ROOT),
+        ROOT / equation_page.PAGE: equation_page.page(ROOT),
         ROOT / node_page.PAGE: node_page.page(ROOT / node_page.PAGE),
         **{schemas.schema_path(kind): schemas.schema_text(kind) for kind in schemas.MODELS},
         **law_pages(read_measured()),
@@ -137,6 +141,7 @@ def main(arguments: list[str] | None = None) -> int:
         lines = stale(files) + unmeasured(read_measured())
         lines += fault_page.unmeasured_faults(ROOT) + hazard_page.unmeasured_hazards(ROOT)
         lines += random_page.unmeasured_random_runs(ROOT)
+        lines += [line for table in EQUATION_TABLES for line in problems(table, ROOT)]
         sys.stdout.write("".join(f"{line}\n" for line in lines))
         return 1 if lines else 0
     for path, text in files.items():
