@@ -11,7 +11,7 @@ import pytest
 
 from msgs_docs.generate.equations import page as equation_page
 from msgs_docs.generate.equations.check import problems
-from msgs_docs.generate.equations.places import locate
+from msgs_docs.generate.equations.places import source_line
 from msgs_docs.generate.equations.row import EQUATION_TABLES, EquationTable, Form
 from plant_sim.gears import ClipGear
 from plant_sim.library import load_consist
@@ -79,7 +79,7 @@ def test_a_place_is_the_line_of_its_declaration() -> None:
         "plant_sim.brake_data:Shoes.standstill_force": "@property",
         "plant_sim/data/consists/hxd1_c80_105.yaml:default_gear": "default_gear: mt2_mt2",
     }.items():
-        path, line = locate(place, ROOT)
+        path, line = source_line(place, ROOT)
         assert text in (ROOT / path).read_text(encoding="utf-8").splitlines()[line - 1]
 
 

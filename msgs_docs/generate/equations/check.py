@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from msgs_docs.generate.equations.places import locate
+from msgs_docs.generate.equations.places import source_line
 from msgs_docs.generate.equations.row import Equation, EquationTable, Form
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.scenario.scenario import load_scenario
@@ -36,7 +36,7 @@ def _faults(row: Equation, scenario: str, root: Path) -> Iterator[str]:
         yield "no place in the code; name one"
     for place in row.places:
         try:
-            locate(place, root)
+            source_line(place, root)
         except ValueError as error:
             yield str(error)
     if not row.note and row.form in (Form.CORRECTED, Form.DEPARTURE, Form.NOT_NEEDED):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
-from msgs_docs.generate.equations.places import locate
+from msgs_docs.generate.equations.places import source_line
 from msgs_docs.generate.equations.row import EQUATION_TABLES, MEANINGS, Equation, EquationTable, Form
 
 PAGE = Path("msgs_docs", "equations.md")
@@ -59,7 +59,7 @@ def _row(row: Equation, root: Path) -> str:
 
 def _linked(place: str, root: Path) -> str:
     """Return a place as a link to its line."""
-    path, line = locate(place, root)
+    path, line = source_line(place, root)
     where, _, name = place.partition(":")
     link = f"[{path}:{line}](../{path}#L{line})"
     return link if where.endswith(".yaml") else f"`{name}` {link}"

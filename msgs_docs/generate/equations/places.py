@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 
-def locate(place: str, root: Path) -> tuple[str, int]:
+def source_line(place: str, root: Path) -> tuple[str, int]:
     """Return the path from the top folder and the line of a place.
 
     Parameters

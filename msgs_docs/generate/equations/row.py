@@ -81,7 +81,7 @@ class EquationTable:
     rows: tuple[Equation, ...]
 
 
-def read_table(path: Path) -> EquationTable:
+def read_equations(path: Path) -> EquationTable:
     """Return the equations of a file; unknown keys and forms raise TypeError or ValueError."""
     data: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
     rows = []
@@ -91,5 +91,5 @@ def read_table(path: Path) -> EquationTable:
     return EquationTable(rows=tuple(rows), **data)
 
 
-EQUATION_TABLES = tuple(read_table(path) for path in sorted(Path(__file__).parent.glob("paper_*.yaml")))
+EQUATION_TABLES = tuple(read_equations(path) for path in sorted(Path(__file__).parent.glob("paper_*.yaml")))
 """Tables of the papers."""
