@@ -1,4 +1,4 @@
-"""Choices of this project where a paper gives nothing, with the runs of their sensitivity; read from ``choices.yaml``."""
+"""Choices where a paper gives nothing, with the runs of their sensitivity; read from ``choices.yaml``."""
 
 from __future__ import annotations
 
@@ -103,16 +103,17 @@ def _table(data: dict[str, Any]) -> ChoiceTable:
     choices = []
     for row in data["choices"]:
         others = row.pop("others", ())
-        runs = tuple(_other(bases[row["base"]], **other) for other in others)
+        runs = tuple(_other(bases[row["base"]], other) for other in others)
         choices.append(Choice(**row, others=runs))
     return ChoiceTable(data["paper"], data["title"], bases, tuple(choices))
 
 
-def _other(base: ChoiceRun, set: list[str] | str = (), consist: Any = None, variant: str = "") -> ChoiceRun:  # type: ignore[assignment]  # noqa: A002
-    """Return the run of a base with other assignments, keys of the train or variants."""
-    more = (set,) if isinstance(set, str) else tuple(set)
+def _other(base: ChoiceRun, row: dict[str, Any]) -> ChoiceRun:
+    """Return the run of a base with other assignments (``set``), keys of the train (``consist``) or a ``variant``."""
+    given, variant = row.get("set", ()), row.get("variant", "")
+    more = (given,) if isinstance(given, str) else tuple(given)
     name = base.scenario + ("+" if ":" in base.scenario else ":") + variant if variant else base.scenario
-    return ChoiceRun(name, (*base.sets, *more), consist or {})
+    return ChoiceRun(name, (*base.sets, *more), row.get("consist", {}))
 
 
 CHOICES = read_choices(Path(__file__).parent / "choices.yaml")
