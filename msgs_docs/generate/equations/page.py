@@ -62,4 +62,4 @@ def _linked(place: str, root: Path) -> str:
     path, line = source_line(place, root)
     where, _, name = place.partition(":")
     link = f"[{path}:{line}](../{path}#L{line})"
-    return link if where.endswith(".yaml") else f"`{name}` {link}"
+    return link if "/" in where else f"`{name}` {link}"

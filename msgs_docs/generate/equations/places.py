@@ -14,7 +14,7 @@ def source_line(place: str, root: Path) -> tuple[str, int]:
     Parameters
     ----------
     place
-        ``module:qualified.name``, or ``file.yaml:text``.
+        ``module:qualified.name``, or ``folder/file:text``.
     root
         Top folder of the repository.
 
@@ -24,7 +24,7 @@ def source_line(place: str, root: Path) -> tuple[str, int]:
         If the module, the name, the file or the text does not exist.
     """
     where, _, name = place.partition(":")
-    if where.endswith(".yaml"):
+    if "/" in where:
         return where, _line_of_text(root / where, name, place)
     try:
         found: Any = importlib.import_module(where)

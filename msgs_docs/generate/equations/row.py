@@ -42,7 +42,7 @@ class Equation:
     form
         Form in the code.
     places
-        ``module:qualified.name`` of a function or class, or ``file.yaml:text`` with a text of the file; the main place
+        ``module:qualified.name`` of a function or class, or ``folder/file:text`` with a text of the file; main place
         first.
     note
         Addition, correction, reason or effect.

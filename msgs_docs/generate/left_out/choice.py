@@ -63,7 +63,7 @@ class Choice:
     missing, chosen
         Quantity or form that the paper does not give; value or form here.
     where
-        Place of the value: ``module:name``, or ``file:text``.
+        Place of the value: ``module:name``, or ``folder/file:text``.
     base
         Name of the run with the choice.
     metric
