@@ -4,8 +4,8 @@
     python -m msgs_docs.generate --check            list files older than the code; exit status 1 if any
     python -m msgs_docs.generate --measure [NAME]   first make the runs of law pages or tables; default: all
 
-Start it in the top folder of the repository.  Tables: `faults`, `hazards`, `random_runs`.  ``--measure`` of all pages
-takes half an hour on two cores.
+Start it in the top folder of the repository.  Tables: `faults`, `hazards`, `random_runs`, `left_out`.  ``--measure`` of
+all pages takes half an hour on two cores.
 """
 
 from __future__ import annotations
@@ -17,10 +17,15 @@ from pathlib import Path
 from typing import Any
 
 from msgs_docs.generate import fault_page, hazard_page, node_page, random_page, schemas, topic_page
+from msgs_docs.generate.equations import page as equation_page
+from msgs_docs.generate.equations.check import problems
+from msgs_docs.generate.equations.row import EQUATION_TABLES
 from msgs_docs.generate.law_pages.components import Component, components
 from msgs_docs.generate.law_pages.demo_runs import demo_of
 from msgs_docs.generate.law_pages.measure import command, measure
 from msgs_docs.generate.law_pages.pages import Measured, index, page
+from msgs_docs.generate.left_out import choice_page
+from msgs_docs.generate.left_out import runs as choice_runs
 from train_ato.apps.runs.progress import share_bar
 from train_ato.control.parameters import closest
 
@@ -31,6 +36,7 @@ TABLES = {
     fault_page.NAME: fault_page.measure_faults,
     hazard_page.NAME: hazard_page.measure_hazards,
     random_page.NAME: random_page.measure_random_runs,
+    choice_runs.NAME: choice_runs.measure_choices,
 }
 """Measurement of a table of runs by name of its page."""
 
@@ -54,6 +60,8 @@ def generated() -> dict[Path, str]:
         ROOT / fault_page.PAGE: fault_page.page(ROOT),
         ROOT / hazard_page.PAGE: hazard_page.page(ROOT),
         ROOT / random_page.PAGE: random_page.page(ROOT),
+        ROOT / equation_page.PAGE: equation_page.page(ROOT),
+        ROOT / choice_page.PAGE: choice_page.page(ROOT),
         ROOT / node_page.PAGE: node_page.page(ROOT / node_page.PAGE),
         **{schemas.schema_path(kind): schemas.schema_text(kind) for kind in schemas.MODELS},
         **law_pages(read_measured()),
@@ -137,6 +145,8 @@ def main(arguments: list[str] | None = None) -> int:
         lines = stale(files) + unmeasured(read_measured())
         lines += fault_page.unmeasured_faults(ROOT) + hazard_page.unmeasured_hazards(ROOT)
         lines += random_page.unmeasured_random_runs(ROOT)
+        lines += choice_runs.unmeasured_choices(ROOT)
+        lines += [line for table in EQUATION_TABLES for line in problems(table, ROOT)]
         sys.stdout.write("".join(f"{line}\n" for line in lines))
         return 1 if lines else 0
     for path, text in files.items():

@@ -1,0 +1,1 @@
+"""Table of the equations of the papers: declaration, check and page."""

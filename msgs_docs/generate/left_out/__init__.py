@@ -1,0 +1,1 @@
+"""Choices where a paper gives nothing: declaration, measured sensitivity and page."""
