@@ -128,7 +128,7 @@ class _Drive:
     period: float
 
     def known(self) -> Array:
-        recording, balance = self.recording, ForceBalance(self.model, "vehicle", 0.0, "cascaded", self.period)
+        recording, balance = self.recording, ForceBalance(self.model, "vehicle", 0.0, self.period)
         zeros = np.zeros(CARS)
         result = np.zeros_like(recording.velocity)
         before: list[BalanceState] = []
