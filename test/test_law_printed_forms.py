@@ -11,6 +11,7 @@ from law_trains import FIVE, SINGLE, inputs, model
 from train_ato.control.algorithms.diophantine import sampled_actuator
 from train_ato.control.algorithms.identification import Increments
 from train_ato.control.algorithms.predictive_law import linear_law
+from train_ato.control.algorithms.rbf import RBF_CENTERS
 from train_ato.control.laws.fixed_time_smc import alternating
 from train_ato.control.laws.gpc import GpcParameters
 from train_ato.control.laws.rbf_switching_smc import Identification
@@ -85,6 +86,51 @@ def test_identification_of_paper_001_takes_the_whole_command():
             before, last = rate, (law._pull[0], force / MASS)
         assert law._sensitivity[0]._weights.values == pytest.approx(network._weights.values, rel=1e-12)
         assert abs(last[0] - last[1]) > 0.3
+
+
+def test_networks_of_paper_001_without_clips():
+    """(11), (13), (14): e'' beyond 1 m/s² reaches the networks; slope by value; learning at a force limit."""
+    of = model(SINGLE)
+    p = {"objective": "printed_acceleration", "clip": False, "sensitivity": "value", "rbfi_input": "command"}
+    p |= {"anti_windup": False, "eta": 12.0, "eta_v": 0.6, "alpha": 0.0, "weight_limit": 1000.0}
+    law = LAWS.make("rbf_switching_smc", p, of, 0.1)
+    law.step(seen(of, 0.0, 0.0))
+    command = law._last_force[0] / MASS
+    law.step(seen(of, 0.0, 0.15, force_max=np.array([1.0]), force_min=np.array([-1.0])))
+    acceleration, centres = 1.5, np.array(RBF_CENTERS)
+    point = (command, 0.0, 0.0)
+    hidden = np.exp(-sum((value - centres) ** 2 for value in point) / 0.5)
+    first = 0.5 * centres + 0.6 * (0.0 - 0.5 * centres @ hidden) * hidden
+    miss = acceleration - first @ hidden
+    weights = first + 0.6 * miss * hidden
+    slope = float((weights * hidden) @ (centres - command)) / 0.25
+    assert law._sensitivity[0].slope == pytest.approx(slope, rel=1e-9)
+    learnt = np.exp(-((acceleration - centres) ** 2) / 0.5)
+    before = -0.9 * 1.4 * centres
+    expected = before - 12.0 * 0.1 * acceleration * slope * learnt
+    assert law._control[0].values == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("lag", [0.2, 0.8])
+def test_equivalent_control_of_paper_001_from_measured_derivatives(lag):
+    """(5), (9): y'' and y' of the measured motion and a_s' of the sent commands, with the coefficients of Padé."""
+    of = model(SINGLE, lag=lag, delay=0.6)
+    law = LAWS.make("rbf_switching_smc", {"derivatives": "measured", "switching": "sign", "c": 0.0}, of, 0.1)
+    speeds, actuated, sent = [10.0, 10.02, 10.05, 10.06, 10.1], [], [0.0]
+    for step, speed in enumerate(speeds):
+        force = float(law.step(seen(of, 0.0, speed - 10.0, reference_acceleration=np.array([0.3]))).force[0])
+        specific = of.running_resistance(speed) / of.inertia
+        if step:
+            actuated.append((speed - speeds[step - 1]) / 0.1 + specific)
+        switching = -1.4 * ((speed > 10.0) - (speed < 10.0))
+        expected = 0.3 + specific + switching
+        if len(actuated) >= 3:
+            y2, y1, y0 = actuated[-3:]
+            expected += 0.3 * lag * (y0 - 2 * y1 + y2) / 0.01 + (lag + 0.3) * (y0 - y1) / 0.1
+            expected += 0.3 * (sent[-1] - sent[-2]) / 0.1
+        limited = min(max(MASS * expected, -400e3), 400e3)
+        assert force == pytest.approx(limited, rel=1e-9)
+        sent.append(force / MASS)
 
 
 def test_excess_of_paper_003_is_that_of_a_delayed_command():

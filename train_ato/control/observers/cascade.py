@@ -7,7 +7,7 @@ Plant, with d1 unmatched (m/s) and d2 matched (m/s²)::
 The paper (7), (11): xh' = vh + phi1, phi1 = k1 sign(x - xh); vh' = a + phi2, phi2 = k2 sign(v - vh);
 d1h' = k3 (phi1 - d1h) - k4 sign(d1h - d1), d2h = LPF(phi2). Its e3 = d1h - d1 contains the unknown d1, which is
 replaced by the filtered phi1 here. The explicit form needs a very short step (10 % error after 0.02 s at 10 µs, useless
-at 50 ms). Two sampled forms:
+at 50 ms), and is :class:`ExplicitCascade`. Two better sampled forms:
 
 * :class:`ImplicitCascade`: the sign is the projection that brings the error to 0 within one sample, if k is sufficient;
 * :class:`LevantCascade`: robust exact differentiators of the same signals (d1 and d1' from x - int v, d2 from
@@ -61,8 +61,8 @@ class Cascade:
         raise TypeError(f"{type(self).__name__} has no step()")
 
 
-class ImplicitCascade(Cascade):
-    """Observer (7), (11) with implicit signs.
+class ExplicitCascade(Cascade):
+    """Observer (7), (11) as printed: explicit steps and sign functions.
 
     Parameters
     ----------
@@ -83,6 +83,25 @@ class ImplicitCascade(Cascade):
         """Restart at the next sample with estimates of 0."""
         super().reset()
         self._offset = 0.0
+
+    def step(self, x: float, v: float, acceleration: float) -> None:
+        """Update the estimates by position [m], speed [m/s] and mean modelled acceleration of the sample [m/s²]."""
+        if self._x is None:
+            self._x, self._v = x, v
+            return
+        h, decay = self._period, self._decay
+        phi1, phi2 = self._k1 * sign(x - self._x), self._k2 * sign(v - self._v)
+        self._x += h * (self._v + phi1)
+        self._v += h * (acceleration + phi2)
+        self._offset = decay * self._offset + (1.0 - decay) * phi1
+        self.d2 = decay * self.d2 + (1.0 - decay) * phi2
+        rate = self._k3 * (phi1 - self.d1) - self._k4 * sign(self.d1 - self._offset)
+        self.d1 += h * rate
+        self.d1_rate = decay * self.d1_rate + (1.0 - decay) * rate
+
+
+class ImplicitCascade(ExplicitCascade):
+    """Observer (7), (11) with implicit signs; parameters as for :class:`ExplicitCascade`."""
 
     def step(self, x: float, v: float, acceleration: float) -> None:
         """Update the estimates by position [m], speed [m/s] and mean modelled acceleration of the sample [m/s²]."""

@@ -9,6 +9,7 @@ Per unit, with the modelled acceleration a = (u_applied - couplers - resistance 
 
 the force after the change of variable v~ = v + d1 of the paper (12), (35). The sampled forms are in
 :mod:`train_ato.control.observers.cascade`; ``method: levant`` is best up to 1 ms, `eso` is better from 10 ms on.
+``explicit`` is the printed form.
 ``unmatched: false`` omits d1 (the estimate is then m d2).
 
 Needs: measured position, speed and force. As in `ndo`, the balance is that of every unit's vehicle if the coupler
@@ -22,7 +23,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from train_ato.control.contract import parameter
-from train_ato.control.observers.cascade import Cascade, ImplicitCascade, LevantCascade
+from train_ato.control.observers.cascade import Cascade, ExplicitCascade, ImplicitCascade, LevantCascade
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.control.observers.force_balance import BalanceState, ForceBalance
 from train_ato.control.observers.guard import GuardedObserver
@@ -36,7 +37,12 @@ class CascadedParameters:
     """Parameters of :class:`Cascaded`."""
 
     method: str = parameter(
-        "implicit", "", 0, 0, "implicit signs, or Levant's differentiators", choices=("implicit", "levant")
+        "implicit",
+        "",
+        0,
+        0,
+        "implicit signs, Levant's differentiators, or explicit signs as in the paper",
+        choices=("implicit", "levant", "explicit"),
     )
     k1: float = parameter(20.0, "m/s", 0.0, 1e4, "gain of the position channel")
     k2: float = parameter(20.0, "m/s²", 0.0, 1e4, "gain of the speed channel")
@@ -53,7 +59,8 @@ def make_cascade(parameters: CascadedParameters, period: float) -> Cascade:
     p = parameters
     if p.method == "levant":
         return LevantCascade(period, p.jerk_offset, p.jerk)
-    return ImplicitCascade(period, p.k1, p.k2, p.k3, p.k4, p.filter_time)
+    form = ExplicitCascade if p.method == "explicit" else ImplicitCascade
+    return form(period, p.k1, p.k2, p.k3, p.k4, p.filter_time)
 
 
 class Cascaded(GuardedObserver):

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from plant_sim.disturbances import Paper002
-from train_ato.control.algorithms.sliding import sign
 from train_ato.control.laws.fixed_time_smc import SpeedOffset
 from train_ato.control.observers.cascade import Cascade
 from train_ato.control.observers.cascaded import CascadedParameters, make_cascade
@@ -42,34 +41,6 @@ MOST = 3000
 """Number of samples for the figures."""
 
 
-class PrintedCascade:
-    """(7), (11) as printed: explicit steps and sign functions, d1 replaced by the filtered phi1."""
-
-    def __init__(self, period: float) -> None:
-        p = PARAMETERS
-        self._period = period
-        self._k1, self._k2, self._k3, self._k4 = p.k1, p.k2, p.k3, p.k4
-        self._keep = float(np.exp(-period / p.filter_time))
-        self._x: float | None = None
-        self._v, self._offset = 0.0, 0.0
-        self.d1, self.d1_rate, self.d2 = 0.0, 0.0, 0.0
-
-    def step(self, x: float, v: float, acceleration: float) -> None:
-        """Take position, speed [m, m/s] and the known acceleration over the last sample [m/s²]."""
-        if self._x is None:
-            self._x, self._v = x, v
-            return
-        h, keep = self._period, self._keep
-        phi1, phi2 = self._k1 * sign(x - self._x), self._k2 * sign(v - self._v)
-        self._x += h * (self._v + phi1)
-        self._v += h * (acceleration + phi2)
-        self._offset = keep * self._offset + (1.0 - keep) * phi1
-        self.d2 = keep * self.d2 + (1.0 - keep) * phi2
-        rate = self._k3 * (phi1 - self.d1) - self._k4 * sign(self.d1 - self._offset)
-        self.d1 += h * rate
-        self.d1_rate = keep * self.d1_rate + (1.0 - keep) * rate
-
-
 class EsoPair:
     """Two linear extended-state observers: `eso` on the speed for d2, and that of the law on the position for d1."""
 
@@ -94,10 +65,10 @@ class EsoPair:
         self.d2 += self._gain * miss
 
 
-Observer = PrintedCascade | Cascade | EsoPair
+Observer = Cascade | EsoPair
 
 FORMS: Mapping[str, Callable[[float], Observer]] = {
-    "printed": PrintedCascade,
+    "printed": lambda period: make_cascade(CascadedParameters(method="explicit"), period),
     "implicit": lambda period: make_cascade(PARAMETERS, period),
     "levant": lambda period: make_cascade(CascadedParameters(method="levant"), period),
     "eso": lambda period: EsoPair(period, min(500.0, 1.0 / period)),
