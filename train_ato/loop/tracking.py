@@ -184,16 +184,19 @@ def _limit_cycle(run: EngagedRun) -> Iterator[TrackingFinding]:
             max_period=LONGEST_PERIOD * _dead_time(run.setup, unit),
             min_duration=run.limits.oscillation_time,
         )
-        if oscillation is not None and not _is_forced(run, oscillation):
+        if oscillation is not None:
             found.append((oscillation, force))
-    if found:
-        worst, force = max(found, key=lambda entry: entry[0].amplitude * entry[1])
+    found.sort(key=lambda entry: -entry[0].amplitude * entry[1])
+    for worst, force in found:
+        if _is_forced(run, worst):
+            continue
         value, limit = worst.amplitude * force / 1e3, run.limits.oscillation * force / 1e3
         text = (
             f"command ±{three_digits(value)} kN with a period of {three_digits(worst.period)} s "
             f"for {worst.duration:.0f} s from {worst.begin:.0f} s on"
         )
         yield TrackingFinding("limit cycle", value, limit, "kN", text)
+        return
 
 
 def _is_forced(run: EngagedRun, oscillation: Oscillation) -> bool:
