@@ -35,6 +35,8 @@ NO_NOISE: Choice = {"plant": {"sensors": {"velocity_noise": 0.0}}}
 TANH = {"switching": "tanh", "phi": 1.2}
 LITERAL = {"objective": "printed_acceleration", "eta": RATE / 0.05, "weight_limit": 1000.0}
 """The learning rate of the paper at 0.05 s, weights without bound."""
+UNCLIPPED = {"clip": False, "sensitivity": "value", "rbfi_input": "command", "anti_windup": False, "eta_v": 0.6}
+"""The rest of (11)-(14) as printed."""
 ESO: Choice = {"observer": "eso", "observers": {"eso": {"omega": 3.0}}}
 SWITCHING = "rbf_switching_smc"
 
@@ -87,6 +89,8 @@ def _cases() -> dict[str, Case]:
     cases["sign nominal"] = _run(_law(SWITCHING, "preview", {"switching": "sign"}), "")
     cases["literal nominal"] = _run(_law(SWITCHING, "preview", LITERAL), "")
     cases["rbf unidentified disturbed"] = _run(_law(SWITCHING, "preview", RBF | {"identify": False}), ":disturbed")
+    cases["ideal literal unclipped"] = _run(_law(SWITCHING, "none", LITERAL | UNCLIPPED), ":ideal")
+    cases["measured nominal"] = _run(_law(SWITCHING, "none", {"derivatives": "measured", "switching": "tanh"}), "")
     cases["rbf command disturbed"] = _run(_law(SWITCHING, "preview", RBF | {"rbfi_input": "command"}), ":disturbed")
     for compensation in ("none", "pade"):
         cases[f"rbf {compensation}"] = _run(_law(SWITCHING, compensation, RBF), "")
@@ -99,6 +103,18 @@ def _cases() -> dict[str, Case]:
 CASES = _cases()
 PRINTED_FORMS = (
     PrintedForm("objective (13), e''²/2; lag and delay", "literal nominal", "s²/2", "rbf nominal"),
+    PrintedForm(
+        "clips, slope and holding of (11)-(14); printed objective, ideal",
+        "ideal literal unclipped",
+        "clipped, sign, held",
+        "ideal literal",
+    ),
+    PrintedForm(
+        "measured derivatives and a_s' in u_eq (9); lag and delay, tanh",
+        "measured nominal",
+        "those of the profile",
+        "tanh nominal",
+    ),
     PrintedForm("relay (9); lag and delay", "sign nominal", "tanh", "tanh nominal"),
     PrintedForm("first input of (14): u(l-1); disturbed", "rbf command disturbed", "u_n", "rbf disturbed"),
 )

@@ -89,6 +89,7 @@ def _cases() -> dict[str, Case | Calculation]:
     cases["ideal"] = Case("freight_consensus", {})
     implicit = {"observers": {"cascaded": {"method": "implicit"}}}
     cases["ideal implicit"] = Case("freight_consensus", implicit)
+    cases["ideal explicit"] = Case("freight_consensus", {"observers": {"cascaded": {"method": "explicit"}}})
     literal = {"fixed_time_smc": {"states": "estimated", "unmatched": True}}
     cases["ideal estimated"] = Case("freight_consensus", {"observer": "none", "laws": literal})
     cases["printed order"] = Case("freight_consensus:printed_order", {"duration": 10})
@@ -116,6 +117,7 @@ CASES = _cases()
 SETTLED = 3.0
 """Time after which the initial error of 108 m is removed [s]; 1.7 s in the paper."""
 PRINTED_FORMS = (
+    PrintedForm("explicit signs of (7), (11); after 3 s", "ideal explicit", "implicit", "ideal implicit", SETTLED),
     PrintedForm(
         "cascade (7), (11), implicit; after 3 s", "ideal implicit", "Levant's differentiators", "ideal", SETTLED
     ),
