@@ -101,7 +101,8 @@ def test_docstrings_become_markdown() -> None:
 def test_parameter_table_by_hand() -> None:
     """Default, unit, range and choices as declared; a bar in a meaning does not end its cell."""
     rows = parameter_table(COMPONENTS["observer/cascaded"]).splitlines()
-    assert "| `method` | implicit | - | implicit, levant | implicit signs, or Levant's differentiators |" in rows
+    meaning = "implicit signs, Levant's differentiators, or explicit signs as in the paper"
+    assert f"| `method` | implicit | - | implicit, levant, explicit | {meaning} |" in rows
     assert "| `unmatched` | true | - | true, false | estimate the speed offset d1 as well |" in rows
     assert "| `jerk_offset` | 100 | m/s³ | 1e-06 ... 1000000 | bound of \\|d1''\\|, levant only |" in rows
 
