@@ -207,7 +207,7 @@ def test_brake_rules_of_paper_000():
     ("spec", "message"),
     [
         ({"policy": "planned"}, "policy planned needs events"),
-        ({"events": [{"time": 1, "reduction": 5e4}]}, "set policy: planned"),
+        ({"events": [{"time": 1, "reduction": 5e4}]}, "set brake.policy: planned"),
         ({"policy": "planned", "events": [{"reduction": 5e4}]}, "exactly one of time and place"),
     ],
 )
@@ -218,5 +218,5 @@ def test_wrong_brake_plans_are_refused(spec, message):
 
 def test_air_brake_needs_an_air_brake():
     of = model(HAULED)
-    with pytest.raises(ValueError, match="the consist has no air_brake; set policy: none"):
+    with pytest.raises(ValueError, match=r"the consist has no air_brake; set brake\.policy: none"):
         make_brake_policy(BrakeSpec.model_validate({"policy": "trigger"}), of, of.line)

@@ -132,7 +132,10 @@ def test_estimating_a_delay_needs_an_initial_delay():
 
 
 def test_chains_need_every_vehicle_driven():
-    with pytest.raises(ValueError, match="a chain of units needs every vehicle driven, here 1 of 5"):
+    with pytest.raises(
+        ValueError,
+        match=r"train: chain needs every vehicle driven, here 1 of 5; set compensations\.predictor\.train: rigid",
+    ):
         COMPENSATIONS.make("predictor", {"train": "chain"}, model(HAULED, delay=0.5), 0.1)
 
 

@@ -8,6 +8,8 @@ are written.
 
 from __future__ import annotations
 
+import time
+from bisect import bisect_left
 from collections.abc import Mapping
 from operator import itemgetter
 
@@ -39,13 +41,16 @@ class RecorderNode:
         self._ticking = tick_topics(endpoints.wire.layout)
         self._last: dict[str, int] = {}
         self._wrong: ValueError | None = None
+        self._held: list[tuple[int, int, int, bytes]] = []
         names = [topic.name for topic in topics_of(endpoints.wire.layout) if topic.recorded]
         self._takers = [(name, log.numbers[name], *endpoints.taker(name)) for name in names]
 
-    def poll(self) -> int:
-        """Write the messages in the queues in the order of receipt; return their number.
+    def poll(self, *, last: bool = False) -> int:
+        """Read the queues and write the messages in the order of receipt; return the number of messages read.
 
-        Publish time and log time are the stamp, as in the log of the engine.
+        A message received after the begin of this call is written by the next one, or now for the ``last`` call: the
+        queues are read one after the other, so that an older message can be in a queue read before. Publish time and
+        log time are the stamp, as in the log of the engine.
 
         Raises
         ------
@@ -55,6 +60,7 @@ class RecorderNode:
         OSError
             If the disk is full or gone.
         """
+        begin = time.time_ns()
         waiting: list[tuple[int, int, int, bytes]] = []
         wrong: ValueError | None = None
         for name, number, take, source in self._takers:
@@ -72,8 +78,10 @@ class RecorderNode:
                     source.check()
             except ValueError as error:
                 wrong = wrong or error
-        waiting.sort(key=itemgetter(0))
-        self.log.extend((number, stamp, stamp, data) for _, number, stamp, data in waiting)
+        ordered = sorted([*self._held, *waiting], key=itemgetter(0))
+        count = len(ordered) if last else bisect_left(ordered, begin, key=itemgetter(0))
+        self._held = ordered[count:]
+        self.log.extend((number, stamp, stamp, data) for _, number, stamp, data in ordered[:count])
         if wrong is not None and not self.endpoints.wire.layout.supervised:
             raise wrong
         self._wrong = self._wrong or wrong
@@ -106,7 +114,7 @@ class RecorderNode:
         self.closed = True
         try:
             if self.log.failure is None:
-                self.poll()
+                self.poll(last=True)
         finally:
             self.log.close()
         if self._wrong is not None:
