@@ -9,9 +9,10 @@ are written.
 from __future__ import annotations
 
 import time
-from bisect import bisect_left
+from bisect import bisect_right
 from collections.abc import Mapping
 from operator import itemgetter
+from typing import NamedTuple
 
 from train_ato.log.run_log import RunLog
 from train_ato.messages.codec.codec import stamp_of
@@ -22,6 +23,20 @@ from train_ato.ros.nodes.endpoints import NodeEndpoints
 
 ACKNOWLEDGE_EVERY = 100
 """Ticks between two messages on ``recorder/progress``."""
+
+
+HOLD_S = 0.5
+"""Longest wall time for which a message waits for a topic of its tick without messages [s]."""
+
+
+class Received(NamedTuple):
+    """Message of a topic: stamp and time of receipt [ns], number of the topic, bytes, and time of reading [s]."""
+
+    stamp: int
+    received_ns: int
+    number: int
+    data: bytes
+    read_s: float
 
 
 class RecorderNode:
@@ -41,16 +56,16 @@ class RecorderNode:
         self._ticking = tick_topics(endpoints.wire.layout)
         self._last: dict[str, int] = {}
         self._wrong: ValueError | None = None
-        self._held: list[tuple[int, int, int, bytes]] = []
+        self._held: list[Received] = []
         names = [topic.name for topic in topics_of(endpoints.wire.layout) if topic.recorded]
         self._takers = [(name, log.numbers[name], *endpoints.taker(name)) for name in names]
 
     def poll(self, *, last: bool = False) -> int:
-        """Read the queues and write the messages in the order of receipt; return the number of messages read.
+        """Read the queues and write the messages in the order of their stamps; return the number of messages read.
 
-        A message received after the begin of this call is written by the next one, or now for the ``last`` call: the
-        queues are read one after the other, so that an older message can be in a queue read before. Publish time and
-        log time are the stamp, as in the log of the engine.
+        Each topic is received by a thread of its own, so the order of receipt is not that of the run. A message waits
+        until every topic of a tick has its stamp, :data:`HOLD_S` at most; the ``last`` call writes all. Publish time
+        and log time are the stamp, as in the log of the engine.
 
         Raises
         ------
@@ -60,8 +75,8 @@ class RecorderNode:
         OSError
             If the disk is full or gone.
         """
-        begin = time.time_ns()
-        waiting: list[tuple[int, int, int, bytes]] = []
+        now = time.monotonic()
+        waiting: list[Received] = []
         wrong: ValueError | None = None
         for name, number, take, source in self._takers:
             source = source if self._wrong is None else None  # one failure is enough; its search takes time
@@ -73,20 +88,31 @@ class RecorderNode:
                     if name == "/diagnostics" and not of_a_node(data):
                         continue
                     self._last[name] = stamp = _stamp(name, data)
-                    waiting.append((information["received_timestamp"], number, EPOCH_NS + stamp, data))
+                    waiting.append(Received(stamp, information["received_timestamp"], number, data, now))
                 if source is not None:
                     source.check()
             except ValueError as error:
                 wrong = wrong or error
-        ordered = sorted([*self._held, *waiting], key=itemgetter(0))
-        count = len(ordered) if last else bisect_left(ordered, begin, key=itemgetter(0))
-        self._held = ordered[count:]
-        self.log.extend((number, stamp, stamp, data) for _, number, stamp, data in ordered[:count])
+        self._write(waiting, now, whole=last or wrong is not None)
         if wrong is not None and not self.endpoints.wire.layout.supervised:
             raise wrong
         self._wrong = self._wrong or wrong
         self._acknowledge()
         return len(waiting)
+
+    def _write(self, waiting: list[Received], now: float, *, whole: bool) -> None:
+        """Write the held and the waiting messages up to the last complete tick, or all of them."""
+        ordered = sorted([*self._held, *waiting], key=itemgetter(0, 1))
+        count = len(ordered)
+        if not whole:
+            complete = min(self._last.get(name, -1) for name in self._ticking)
+            count = bisect_right(ordered, complete, key=itemgetter(0))
+            while count < len(ordered) and ordered[count].read_s < now - HOLD_S:
+                count += 1
+        self._held = ordered[count:]
+        self.log.extend(
+            (number, EPOCH_NS + stamp, EPOCH_NS + stamp, data) for stamp, _, number, data, _ in ordered[:count]
+        )
 
     def _acknowledge(self) -> None:
         """Publish the stamp up to which all tick topics are recorded."""
