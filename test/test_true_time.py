@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rosbags.rosbag2 import Reader
@@ -15,9 +16,12 @@ from rosbags.rosbag2 import Reader
 from train_ato.cli import main
 from train_ato.log.reading import stream
 from train_ato.log.recover import recover
-from train_ato.log.run_log import LogFile
+from train_ato.log.run_folder import read_run_folder
+from train_ato.log.run_log import LogFile, RunLog
 from train_ato.log.wall_time import WallTime, read_wall_time
-from train_ato.messages.topics import EPOCH_NS
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.topics import EPOCH_NS, topics_of
+from train_ato.ros.nodes import recorder
 
 SECONDS = 20
 """Simulated duration of the runs [s]: many times their wall time, so that the two cannot be mistaken."""
@@ -67,6 +71,51 @@ def test_log_time_is_the_stamp_of_every_message(mode: str, run: Callable[[str], 
         assert message.log_ns == message.publish_ns
         assert message.log_ns >= last - 10**8, "more than a tick out of order"
         last = max(last, message.log_ns)
+
+
+class LateQueues:
+    """Queues of the recorder's topics with recorded bytes; those of one topic arrive later than the others."""
+
+    def __init__(self, folder: Path, late: str) -> None:
+        setup, _ = read_run_folder(folder)
+        self.wire = Wire(setup.layout)
+        self._late, self._queues = late, {}
+        for message in stream(folder / "run.mcap"):
+            self._queues.setdefault(message.channel.topic.removeprefix("/"), []).append(message.data)
+        self.arrived = False
+
+    def taker(self, name: str) -> tuple[Callable[[], Any], None]:
+        """Return the function that takes the next message of a topic."""
+        queue = iter(self._queues.get(name.removeprefix("/"), []))
+
+        def take() -> tuple[bytes, dict[str, int]] | None:
+            data = next(queue, None) if name != self._late or self.arrived else None
+            return None if data is None else (data, {"received_timestamp": 0})
+
+        return take, None
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Accept the progress of the recorder."""
+
+
+@pytest.mark.parametrize("hold", [60.0, 0.0], ids=["waits", "longest wait"])
+def test_messages_wait_for_the_last_topic_of_their_tick(
+    hold: float, run: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if a tick is before the late command of an earlier one, or if a silent topic stops the recording."""
+    monkeypatch.setattr(recorder, "HOLD_S", hold)
+    queues = LateQueues(run("engine"), "ato/command")
+    node = recorder.RecorderNode(RunLog(tmp_path, topics_of(queues.wire.layout)), queues)
+    node.poll()
+    assert node.log.counts["train/measurement"] == 0
+    node.poll()
+    assert (node.log.counts["train/measurement"] == 0) == (hold > 0.0)
+    queues.arrived = True
+    node.poll()
+    node.close(None)
+    times = [message.log_ns for message in stream(tmp_path / "run.mcap")]
+    assert len(times) > 1000
+    assert (times == sorted(times)) == (hold > 0.0)
 
 
 @pytest.mark.parametrize("mode", MODES)
