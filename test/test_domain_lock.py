@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from waiting import wait_for
 
 import train_ato
 from train_ato.ros.graph import domain_lock
@@ -37,6 +38,44 @@ def test_runs_with_another_tmpdir_find_the_lock(tmp_path: Path) -> None:
         assert f"--domain {domain}: another run holds it" in done.stderr
         assert domain in held_domains()
     assert not DomainLock(domain).path.exists()
+
+
+def test_a_domain_is_locked_until_the_last_node_of_a_killed_run_has_ended(tmp_path: Path) -> None:
+    """Breaks if the next run meets the nodes of a killed one, which end about two seconds after it."""
+    with claim_domain() as domain:
+        pass
+    words = ["run", "demo", "--processes", "--rate=5", f"--domain={domain}", f"--out={tmp_path / 'run'}"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(train_ato.__file__).resolve().parents[1])}
+    run = subprocess.Popen(
+        [sys.executable, "-m", "train_ato", *words],
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    partial = tmp_path / "run" / "run.mcap.partial"
+    wait_for(lambda: run.poll() is not None or (partial.exists() and partial.stat().st_size > 0), "the log")
+    nodes = children(run.pid)
+    run.kill()
+    run.wait()
+    following = DomainLock(domain)
+    free = following.acquire()
+    assert len(nodes) == 6 and alive(nodes)
+    assert not free, "the domain is free beside nodes of the killed run"
+    wait_for(lambda: not alive(nodes), "the end of the nodes")
+    wait_for(following.acquire, "the free domain")
+    following.release()
+
+
+def children(parent: int) -> list[int]:
+    """Return the child processes."""
+    text = Path(f"/proc/{parent}/task/{parent}/children").read_text(encoding="ascii")
+    return [int(word) for word in text.split()]
+
+
+def alive(processes: list[int]) -> bool:
+    """Return True if a process has not ended."""
+    found = [Path(f"/proc/{process}/stat") for process in processes]
+    return any(path.exists() and path.read_text().rpartition(")")[2].split()[0] != "Z" for path in found)
 
 
 @pytest.mark.parametrize("kind", ["link", "dangling link", "folder", "pipe"])

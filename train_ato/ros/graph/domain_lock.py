@@ -17,8 +17,20 @@ LOCK_FOLDER = Path("/tmp")
 """Folder of the lock files.  It does not depend on ``TMPDIR``: runs with different ones must find each other."""
 
 
+_held: set[int] = set()
+"""File descriptors of the locks of this process."""
+
+
+def inherited_locks() -> tuple[int, ...]:
+    """Return the file descriptors of the locks of this process, for the processes of its nodes.
+
+    A node outlives a killed run by about two seconds: the domain stays locked until the last node has ended.
+    """
+    return tuple(_held)
+
+
 class DomainLock:
-    """Lock of one domain; the kernel releases it at the end of the process.
+    """Lock of one domain; the kernel releases it at the end of the process and of the processes that inherit it.
 
     Parameters
     ----------
@@ -61,6 +73,7 @@ class DomainLock:
                 return False
             raise
         self._file = file
+        _held.add(file)
         return True
 
     def _open(self) -> int:
@@ -78,6 +91,7 @@ class DomainLock:
         if self._file is not None:
             with suppress(OSError):
                 self.path.unlink()
+            _held.discard(self._file)
             os.close(self._file)
             self._file = None
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from train_ato.arguments import BAD_INPUT
 from train_ato.messages.topics import Role
+from train_ato.ros.graph.domain_lock import inherited_locks
 from train_ato.ros.graph.environment import variables
 from train_ato.ros.standalone.notices import FAILURE, LAST_COUNT, Notice
 
@@ -76,6 +77,7 @@ class NodeProcess:
                 stderr=errors,
                 env=environment,
                 start_new_session=True,
+                pass_fds=inherited_locks(),
                 text=True,
             )
         self._reader = threading.Thread(target=self._read, name=f"report of {role.value}", daemon=True)
