@@ -240,7 +240,7 @@ def test_ctrl_c_ends_a_run_cleanly(way, number, tmp_path):
 def test_a_killed_runner_leaves_no_orphans(setup, tmp_path):
     """The nodes detect the closed pipe and end; the recorder closes the log with all earlier messages."""
     folder = tmp_path / "run"
-    process = _command_line(folder, "--processes", "--no-lockstep", f"--rate={PACED:g}")
+    process = _command_line(folder, "--processes", f"--rate={PACED:g}")  # lockstep: no tick without a command
     log = folder / "run.mcap.partial"
     wait_for(lambda: commands_in(log) > 50)
     assert sorted(processes_of(folder)) == ["controller", "observer", "plant", "profile", "recorder", "supervisor"]

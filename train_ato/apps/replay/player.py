@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from train_ato.apps.replay.log import LogTopic
@@ -181,13 +182,18 @@ class Player:
 
     def others(self) -> dict[str, list[str]]:
         """Return the other publishers of the same topics, by the name of the topic in the graph."""
+        from train_ato.ros.nodes.publishers import wait_for_names
+
         found: dict[str, list[str]] = {}
         for sender in self._senders.values():
             name = sender.publisher.topic_name
-            found[name] = [info.node_name for info in self.node.get_publishers_info_by_topic(name)]
+            found[name] = wait_for_names(partial(self._publishing, name))
         for sender in self._senders.values():
             found[sender.publisher.topic_name].remove(NODE)
         return {name: nodes for name, nodes in found.items() if nodes}
+
+    def _publishing(self, name: str) -> list[str]:
+        return [info.node_name for info in self.node.get_publishers_info_by_topic(name)]
 
     def wait_for_confirmation(self, most_s: float, interrupted: Callable[[], bool]) -> bool:
         """Wait until the readers confirm all messages; return False if they do not in time."""

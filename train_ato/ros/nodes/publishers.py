@@ -8,6 +8,7 @@ checks also that the sequence numbers of the messages are consecutive.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
@@ -17,6 +18,16 @@ from train_ato.messages.topics import Topic
 _NAMING_S = 0.3
 """Maximum wall time until the name of a new node arrives, after its endpoints [s]."""
 _UNKNOWN = "_NODE_NAME_UNKNOWN_"
+
+
+def wait_for_names(read: Callable[[], list[str]], least: int = 0) -> list[str]:
+    """Return the names of the nodes of a topic's endpoints, after a short wait for at least ``least`` known names."""
+    last = time.monotonic() + _NAMING_S
+    names = read()
+    while (len(names) < least or _UNKNOWN in names) and time.monotonic() < last:
+        time.sleep(0.01)
+        names = read()
+    return names
 
 
 class OnePublisher:
@@ -140,11 +151,7 @@ class OnePublisher:
 
     def _others(self) -> str:
         """Return the names of the other nodes that publish the topic, as text."""
-        last = time.monotonic() + _NAMING_S
-        names = self._names()
-        while (len(names) < 2 or _UNKNOWN in names) and time.monotonic() < last:
-            time.sleep(0.01)
-            names = self._names()
+        names = wait_for_names(self._names, 2)
         others = [name for name in names if name != self._role]
         if others:
             return " and ".join(f"node {name}" for name in others)
