@@ -1,7 +1,8 @@
 """Data models of the outside disturbances of a train; :mod:`plant_sim.outside_forces` adds them up.
 
-Every kind computes a whole tick in one call: force F [N], force per speed G [N s/m] (the force is F + G v) and drift
-speed [m/s] of its vehicles. Accelerations are multiplied by the inertial mass.
+Every kind computes a whole tick in one call: force F [N], force per speed G [N s/m], drift speed [m/s] and force per
+cube of the speed H [N s³/m³] of its vehicles. The force is F + (G + H v_0²) v with the speed v_0 at the begin of the
+tick. Accelerations are multiplied by the inertial mass.
 """
 
 from __future__ import annotations
@@ -19,11 +20,15 @@ Vehicles = tuple[int, ...]
 
 
 class OutsideForce(NamedTuple):
-    """Force [N], force per speed [N s/m] and drift speed [m/s], each of shape (steps, vehicles); None is 0."""
+    """Force [N], force per speed [N s/m], drift speed [m/s] and force per cube of the speed [N s³/m³].
+
+    Each of shape (steps, vehicles); None is 0.
+    """
 
     force: Array
     per_speed: Array | None = None
     drift: Array | None = None
+    per_cube: Array | None = None
 
 
 class _Source(SiModel):
@@ -65,10 +70,11 @@ class _Source(SiModel):
 class Equation40(_Source):
     """Disturbance of paper 000, eq. (40): m {.002 + .001 sin(t+1) + .0003 v [sin(2t+2) + cos(3t+1)]}.
 
-    The speed has the power 1 instead of the printed 3, which would give 400-600 kN on the locomotive.
+    Printed is the third power of the speed: 400-600 kN on the locomotive, more than its largest brake force.
     """
 
     kind: Literal["eq40"]
+    speed_power: Literal[1, 3] = Field(1, description="power of the speed; 3 as printed")
     vehicles: Vehicles | None = Field(tuple(range(0, 101, 10)), description="0, 10, ..., 100 in the paper")
     scale: float = 1.0
 
@@ -76,7 +82,10 @@ class Equation40(_Source):
         """Return the forces of a tick."""
         steady = self.scale * (0.002 + 0.001 * np.sin(t + 1.0))
         speed = self.scale * 0.0003 * (np.sin(2.0 * t + 2.0) + np.cos(3.0 * t + 1.0))
-        return OutsideForce(np.outer(steady, mass), per_speed=np.outer(speed, mass))
+        growing = np.outer(speed, mass)
+        if self.speed_power == 3:
+            return OutsideForce(np.outer(steady, mass), per_cube=growing)
+        return OutsideForce(np.outer(steady, mass), per_speed=growing)
 
 
 class Term(SiModel):

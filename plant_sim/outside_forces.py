@@ -108,8 +108,15 @@ class OutsideForces:
         self._arrange()
         return True
 
-    def tick(self, start: float) -> Array:
+    def tick(self, start: float, speed: Array) -> Array:
         """Return force [N], force per speed [N s/m] and drift speed [m/s] of the tick from ``start`` [s] on.
+
+        Parameters
+        ----------
+        start : float
+            Time of the begin of the tick [s].
+        speed : Array, shape (n,)
+            Speed of every vehicle at that time [m/s].
 
         Returns
         -------
@@ -123,7 +130,9 @@ class OutsideForces:
         for source, random, columns, mass in self._sources:
             draws = self._no_draws if random is None else random.standard_normal(len(columns))
             outside = source.tick(t, mass, draws)
-            for row, part in enumerate(outside):
+            for row, part in zip(self._sum, outside, strict=False):
                 if part is not None:
-                    self._sum[row][:, columns] += part
+                    row[:, columns] += part
+            if outside.per_cube is not None:
+                self._sum[1][:, columns] += outside.per_cube * speed[self.vehicles[columns]] ** 2
         return self._sum

@@ -208,7 +208,7 @@ class Train:
             self._pipe.demand(self.time, brake_pipe_pa)
         if self._has_added_gusts:
             self._drop_gusts()
-        outside = self._outside.tick(self.time)
+        outside = self._outside.tick(self.time, self.arrays.state[k.V])
         begin = 0
         for step in self._jumps.steps(self.stamp):
             self._integrate(demand, outside, begin, step)

@@ -22,7 +22,7 @@ _SOURCE: TypeAdapter[Any] = TypeAdapter(DisturbanceSource)
 def acting(t: float, mass: list[float], **data: Any) -> tuple[Array, Array, Array]:
     """Return force, force per speed and drift at one time."""
     parts = _SOURCE.validate_python(data).tick(np.array([t]), np.array(mass), np.zeros(len(mass)))
-    force, per_speed, drift = (np.zeros((1, len(mass))) if part is None else part for part in parts)
+    force, per_speed, drift, _ = (np.zeros((1, len(mass))) if part is None else part for part in parts)
     return force[0], per_speed[0], drift[0]
 
 
@@ -35,6 +35,23 @@ def test_equation_40_by_hand() -> None:
     assert not drift.any()
     default = _SOURCE.validate_python({"kind": "eq40"})
     assert default.listed(106) == (0, 10, 20, 30, 40, 50, 60, 70, 80, 90, 100)
+
+
+def test_equation_40_as_printed() -> None:
+    """The third power of the speed: a rigid train gains the impulse of 1 s; 1 % of (40), almost constant speed."""
+    gained = []
+    for power in (1, 3):
+        disturbance = {"kind": "eq40", "speed_power": power, "scale": 0.01, "vehicles": [0, 1, 2, 3]}
+        plant = train(heavy(RIGID, 3), LEVEL, start={"speed": 20}, disturbances=[disturbance])
+        still = train(heavy(RIGID, 3), LEVEL, start={"speed": 20})
+        for each in (plant, still):
+            drive(each, 1.0)
+        gained.append(plant.velocity[0] - still.velocity[0])
+    t = np.arange(200) / 200  # begins of the plant steps
+    steady, growing = 0.002 + 0.001 * np.sin(t + 1), 0.0003 * (np.sin(2 * t + 2) + np.cos(3 * t + 1))
+    for power, gain in zip((1, 3), gained, strict=True):
+        part = 0.01 * growing.mean() * 20**power
+        assert gain == pytest.approx(0.01 * steady.mean() + part, abs=0.01 * abs(part))
 
 
 def test_paper_002_by_hand() -> None:

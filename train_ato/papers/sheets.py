@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 
 from matplotlib.axes import Axes
@@ -39,12 +40,12 @@ class Sheet:
         found: Axes = self.panels[row, column]
         return found
 
-    def save(self, path: Path, below: str = "time in s", *, legends: int | None = None) -> FigureFile:
-        """Write the sheet with an axis label below and legends in the first rows (default: all); return it."""
+    def save(self, path: Path, below: str = "time in s", *, legends: Collection[int] | None = None) -> FigureFile:
+        """Write the sheet with an axis label below and legends in the given rows (default: all); return it."""
         for row, panels in enumerate(self.panels):
             for panel in panels:
                 panel.margins(x=0.01)
-                if (legends is None or row < legends) and panel.get_legend_handles_labels()[0]:
+                if (legends is None or row in legends) and panel.get_legend_handles_labels()[0]:
                     panel.legend(loc="best", ncols=4 if len(panels) == 1 else 2, fontsize="small")
         for panel in self.panels[-1]:
             if not panel.get_xlabel():

@@ -115,6 +115,8 @@ def _cases() -> dict[str, Case]:
         noise = {"sensors": {"velocity_noise": 0.01}}
         cases[f"ndo {omega:g} noise"] = _ideal(_printed_observer(omega), duration=SHORT, plant=noise)
     cases["rbf_ndo apart disturbed"] = _ideal(_law("rbf_smc", PRINTED_NETWORK, 1000.0), "+disturbed")
+    cubic = {"disturbances": [{"kind": "eq40", "speed_power": 3}]}
+    cases["rbf_ndo cubic"] = _ideal(_printed_observer(1000.0), plant=cubic)
     clamped = _law("smc", PRINTED | {"integral_limit": 100.0})
     cases["smc lagged clamped"] = _lagged(clamped, compensation="none")
     longest = sorted(cases, key=lambda key: -cases[key].changes["duration"] / cases[key].changes.get("tick", PERIOD))
@@ -131,6 +133,9 @@ PRINTED_FORMS = (
         "rbf_ndo disturbed",
         "delta_hat also in d_hat",
         "rbf_ndo apart disturbed",
+    ),
+    PrintedForm(
+        "third power of the speed in (40); RBFNN-SMC + NDO", "rbf_ndo cubic", "first power", "rbf_ndo disturbed"
     ),
     PrintedForm(
         "network without a linear reaching term and without clipped inputs, (21), (25)", "rbf", "both", "rbf_ks"

@@ -7,7 +7,7 @@ from pathlib import Path
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
 from train_ato.papers.checks import recording
 from train_ato.papers.claims import FigureFile, Results
-from train_ato.papers.drawing import COLOURS, HELD, Series, inset, panels, save, trace
+from train_ato.papers.drawing import COLOURS, HELD, Series, blank_figure, inset, panels, save, trace
 from train_ato.papers.p000_heavy_haul.cases import LAGGED_TRAINS, LIMIT_DELAYS, PERIOD, PRINTED_NETWORK
 from train_ato.papers.p000_heavy_haul.series import (
     LOCOMOTIVE,
@@ -20,6 +20,8 @@ from train_ato.papers.p000_heavy_haul.series import (
 LAWS = {"pid": "PID", "smc": "SMC", "rbf": "RBFNN-SMC", "rbf_ndo": "RBFNN-SMC + NDO"}
 BAND = 5e-5
 """Largest error of the network in the paper [m/s²]."""
+NETWORK_DETAIL = (600.0, 630.0)
+"""Range of the enlarged panels of the network [s]."""
 ZOOM = (1302.0, 1312.0)
 """Start of the effect of the first air-brake application [s]."""
 
@@ -61,7 +63,8 @@ def _tracking(results: Results, folder: Path, suffix: str, number: str) -> Figur
 
 
 def _network(results: Results, folder: Path) -> FigureFile:
-    figure, axes = panels(4, "figures 7-8: network estimate of delta = f - f_hat", height=2.3)
+    caption = "figures 7-8: network estimate of delta = f - f_hat; left the whole run, right 30 s"
+    figure, axes = blank_figure(caption, 4, 2, (15, 10), shared=True)
     settings = (
         ("rbf", "as printed", RbfSmcParameters(**PRINTED_NETWORK)),  # type: ignore[arg-type]
         ("rbf_ks", "with ks S, clipped inputs", RbfSmcParameters()),
@@ -70,12 +73,18 @@ def _network(results: Results, folder: Path) -> FigureFile:
         run = recording(results[key])
         truth = unexplained(run, PERIOD, 0.01)
         found = network_estimate(run, parameters, PERIOD)
-        trace(axes[2 * row], [("truth", run.time, truth), (label, run.time, found)], "delta in m/s²")
-        miss = [("error of the estimate", run.time, found - truth)]
-        trace(axes[2 * row + 1], miss, "error in m/s²", color=COLOURS[1])
-        axes[2 * row + 1].axhspan(-BAND, BAND, color="0.3", alpha=0.5, lw=0)
-        axes[2 * row + 1].set_yscale("symlog", linthresh=2 * BAND)
-    axes[-1].set_xlabel("time in min (dark band: +-5e-5 m/s², linear scale up to twice of it)")
+        for column, (begin, end) in enumerate(((0.0, run.time[-1]), NETWORK_DETAIL)):
+            part, whole = (run.time >= begin) & (run.time <= end), column == 0
+            t, width = run.time[part], 0.4 if whole else 0.9
+            upper, lower = axes[2 * row, column], axes[2 * row + 1, column]
+            lines = [("truth", t, truth[part]), (label, t, found[part])]
+            trace(upper, lines, "delta in m/s²", minutes=whole, lw=width)
+            miss = [("error of the estimate", t, (found - truth)[part])]
+            trace(lower, miss, "error in m/s²", minutes=whole, lw=width, color=COLOURS[1])
+            lower.axhspan(-BAND, BAND, color="0.3", alpha=0.5, lw=0)
+            lower.set_yscale("symlog", linthresh=2 * BAND)
+    axes[-1, 0].set_xlabel("time in min (dark band: +-5e-5 m/s², linear scale up to twice of it)")
+    axes[-1, 1].set_xlabel("time in s")
     return save(figure, folder / "paper000_network.png")
 
 

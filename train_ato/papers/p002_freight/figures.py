@@ -10,6 +10,7 @@ import numpy as np
 from train_ato.messages.types import Array
 from train_ato.papers.checks import recording as series_of
 from train_ato.papers.claims import FigureFile, Results
+from train_ato.papers.drawing import HELD
 from train_ato.papers.sheets import COLOURS, Sheet
 from train_ato.papers.tracking import mean_speed_error, position_error
 
@@ -45,7 +46,7 @@ def _observers(results: Results, path: Path) -> FigureFile:
             room = 1.3 * float(np.abs(true).max())
             panel.set_ylim(-room, room if car else 1.7 * room)
             panel.set_ylabel(f"car {car + 1}: {head}")
-    return sheet.save(path, legends=1)
+    return sheet.save(path, legends=(0,))
 
 
 def _tracking(results: Results, path: Path) -> FigureFile:
@@ -70,7 +71,7 @@ def _tracking(results: Results, path: Path) -> FigureFile:
             rows[0].plot(t[part], motion[part, car], **look)
             rows[1].plot(t[part], recording.position[part, car] + OFFSETS[car], **look)
             rows[2].plot(t[part], error[part, car], **look)
-            rows[4].plot(t[part], recording.command[part, car] / MASS, **look)
+            rows[4].plot(t[part], recording.command[part, car] / MASS, **look, **HELD)
         for coupler in range(4):
             rows[3].plot(
                 t[part], stretch[part, coupler], color=COLOURS[coupler], lw=0.9, label=f"coupler {coupler + 1}"
@@ -88,7 +89,7 @@ def _tracking(results: Results, path: Path) -> FigureFile:
         )
         for panel, label in zip(rows, labels, strict=True):
             panel.set_ylabel(label)
-    return sheet.save(path)
+    return sheet.save(path, legends=(0, 3))
 
 
 def _settling(results: Results, path: Path) -> FigureFile:
