@@ -6,12 +6,31 @@ Name in tables, unit and meaning of every field are defined only here (:func:`de
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Message = TypeVar("Message")
+
+
+def frozen_for_types(message: type[Message]) -> type[Message]:
+    """Make a frozen dataclass without the check at run time; mypy refuses assignments to its fields all the same.
+
+    The check is 80 % of the time of a constructor: 1.6 us become 0.3 us for a measurement, and a tick of the loop makes
+    20 messages (``python bench/tick.py``).
+    """
+    entries = dataclasses.fields(message)  # type: ignore[arg-type]
+    plain = dataclasses.make_dataclass(
+        message.__name__,
+        [(e.name, e.type, field(default=e.default, default_factory=e.default_factory)) for e in entries],
+    )
+    message.__init__ = plain.__init__  # type: ignore[method-assign, misc]
+    del message.__setattr__, message.__delattr__
+    return message
 
 
 @dataclass(frozen=True)
@@ -34,6 +53,7 @@ def described(
     return {"description": FieldDescription(column, unit, meaning, permitted)}
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class VehicleStates:
     """True state of every vehicle, shape (n,) each (topic ``train/vehicles``)."""
@@ -48,6 +68,7 @@ class VehicleStates:
     )
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class Measurement:
     """Measured state (topic ``train/measurement``), with noise, quantisation and faults.
@@ -64,6 +85,7 @@ class Measurement:
     force: Array = field(metadata=described("force", "N", "force"))
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class BrakeShoes:
     """Air brake of every vehicle, shape (n,) (topic ``train/brake_shoes``)."""
@@ -72,6 +94,7 @@ class BrakeShoes:
     shoe_force: Array = field(metadata=described("shoe_force", "N", "retarding shoe force"))
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class Disturbance:
     """True outside force on every vehicle, shape (n,) (topic ``train/disturbance``)."""
@@ -82,6 +105,7 @@ class Disturbance:
     )
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class Pipe:
     """Pressure of the brake pipe.
@@ -94,6 +118,7 @@ class Pipe:
     pressure: float = field(metadata=described("pressure", "Pa", "absolute; 600 kPa charged"))
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class Odometry:
     """Odometry of the supervisor, wheel first, then radar, shape (2,) each (topic ``train/odometry``).

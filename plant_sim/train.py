@@ -19,11 +19,12 @@ from plant_sim.parted_couplers import PartedCouplers
 from plant_sim.pipe_pressure import PipePressure
 from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.sensors import SensorSet
-from plant_sim.states import Array, BrakeShoes, Measurement, Pipe, VehicleStates
+from plant_sim.states import Array, BrakeShoes, Measurement, Pipe, VehicleStates, frozen_for_types
 from plant_sim.streams import random_stream
 from plant_sim.totals import Totals, kinetic_energy, totals_of
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class Observation:
     """Messages of the plant at one stamp; those of the brake are None without an air brake.

@@ -18,6 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Protocol
 
+from plant_sim.states import frozen_for_types
 from train_ato.messages.types import Array
 
 __all__ = [
@@ -25,6 +26,7 @@ __all__ = [
 ]  # fmt: skip
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class Preview:
     """Reference samples, one per control period, from the time of effect of the command.
@@ -40,6 +42,7 @@ class Preview:
     acceleration: Array
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class LawInput:
     """Inputs of a law in one step. Arrays have one entry per power unit, front first.
@@ -103,6 +106,7 @@ class LawInput:
     saturated: bool
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class LawOutput:
     """Output of a law in one step.

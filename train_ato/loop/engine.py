@@ -82,8 +82,8 @@ def run_engine(
         watch.fail(loop.active, error)
     wall = time.perf_counter() - begin
     times = loop.controller.step_times
-    recording = loop.recording.finish()
-    return RunResult.of(setup, recording, wall, loop.ticks, times, interrupt.asked, watch.failure, loop.published)
+    published, recording = loop.recording.counts, loop.recording.finish()
+    return RunResult.of(setup, recording, wall, loop.ticks, times, interrupt.asked, watch.failure, published)
 
 
 class _Loop:
@@ -99,14 +99,12 @@ class _Loop:
         self._ato: AtoReport | None = None
         self.ticks = 0
         self.active = "engine"
-        self.published: dict[str, int] = {}
         self._sink = sink
 
     def _publish(self, stamp: int, messages: Published) -> None:
-        for topic, message in messages:
-            self.recording.add(topic, message)
-            self.published[topic] = self.published.get(topic, 0) + 1
-            if self._sink is not None:
+        self.recording.extend(messages)
+        if self._sink is not None:
+            for topic, message in messages:
                 self._sink.add(topic, message, stamp)
 
     def start(self) -> None:

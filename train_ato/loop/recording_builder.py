@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
@@ -83,20 +85,40 @@ class RecordingBuilder:
         self._units = list(self.setup.model.units)
         self._open: dict[str, list[Any]] = {topic: [] for topic in FIELDS}
         self._closed: dict[str, list[TopicSamples]] = {topic: [] for topic in FIELDS}
+        self._others: Counter[str] = Counter()
 
     def add(self, topic: str, message: Any, stamp: int = 0) -> None:
-        """Add one message; topics without a series are ignored."""
-        rows = self._open.get(topic)
-        if rows is not None:
-            rows.append(message)
-            if len(rows) == PORTION:
-                self._close(topic)
-        elif topic == DIAGNOSTICS:
+        """Add one message; topics without a series are counted."""
+        self.extend(((topic, message),))
+
+    def extend(self, messages: Iterable[tuple[str, Any]]) -> None:
+        """Add topics and messages."""
+        series = self._open
+        for topic, message in messages:
+            rows = series.get(topic)
+            if rows is None:
+                self._add_single(topic, message)
+            else:
+                rows.append(message)
+                if len(rows) == PORTION:
+                    self._close(topic)
+
+    def _add_single(self, topic: str, message: Any) -> None:
+        """Add a message of a topic without a series."""
+        self._others[topic] += 1
+        if topic == DIAGNOSTICS:
             self._reports.append(message)
         elif topic == PROFILE:
             self._profiles.append(message)
         elif topic == LIMITS:
             self._limits = message
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of messages by topic."""
+        stacked = {topic: sum(part.time.size for part in parts) for topic, parts in self._closed.items()}
+        series = {topic: stacked[topic] + len(rows) for topic, rows in self._open.items()}
+        return {topic: count for topic, count in (series | self._others).items() if count}
 
     def _close(self, topic: str) -> None:
         """Stack the open messages of a topic."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from plant_sim.states import frozen_for_types
 from train_ato.messages.types import (
     AtoReport,
     BrakeRelease,
@@ -37,6 +38,7 @@ def _present(*messages: tuple[str, Any]) -> Published:
     return [entry for entry in messages if entry[1] is not None]
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class PlantTruth:
     """True state of the train at a stamp; after the last tick without a measurement."""
@@ -62,6 +64,7 @@ class PlantTruth:
         )
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class PlantMessages:
     """Truth and measurement of a stamp, at a step of the supervisor with its inputs."""
@@ -77,6 +80,7 @@ class PlantMessages:
         return [*self.truth.published(), *inputs, ("train/measurement", self.measurement)]
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class SupervisorMessages:
     """Decision of the supervisor."""
@@ -92,6 +96,7 @@ class SupervisorMessages:
         )
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class ProfileStart:
     """Profile and speed limits at the start of a run, latched."""
@@ -104,6 +109,7 @@ class ProfileStart:
         return [("ato/profile", self.profile), ("ato/limits", self.limits)]
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class ProfileMessages:
     """Reference of a stamp, with the new profile after re-planning."""
@@ -119,6 +125,7 @@ class ProfileMessages:
         )
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class ObserverMessages:
     """Disturbance estimate of a stamp."""
@@ -131,6 +138,7 @@ class ObserverMessages:
         return _present(("/diagnostics", self.diagnostics), ("ato/estimate", self.estimate))
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class ControllerMessages:
     """Command of a stamp, with the brake-pipe pressure of a train with an air brake and the state of the ATO."""

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from plant_sim.states import frozen_for_types
 from train_ato.messages.types import (
     DisturbanceEstimate,
     Measurement,
@@ -23,6 +24,7 @@ SUPERVISED_KINDS = ("protection", "speeds")
 """Additional messages of a step of the supervisor."""
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class ControllerInputs:
     """Inputs of one step with the same stamp; ``profile`` is set at the first step of a new profile."""

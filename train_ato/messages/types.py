@@ -21,6 +21,7 @@ from plant_sim.states import (
     Pipe,
     VehicleStates,
     described,
+    frozen_for_types,
 )
 
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
 ]
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class Tick:
     """Simulation stamp (topics ``/clock``, ``train/end`` and ``recorder/progress``)."""
@@ -52,6 +54,7 @@ class Tick:
     stamp: int = field(metadata=described("clock", "s", "simulation time from the epoch 2026-01-01T00:00:00Z"))
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class Reference:
     """Reference of the centre of vehicle 0 (topic ``ato/reference``).
@@ -69,6 +72,7 @@ class Reference:
     )
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class Trajectory:
     """Knots of a whole profile (``ato/profile``) or the steps of the speed limit (``ato/limits``), shape (k,) each.
@@ -84,6 +88,7 @@ class Trajectory:
     acceleration: Array = field(metadata=described("acceleration", "m/s²"))
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class DisturbanceEstimate:
     """Disturbance force per power unit (topic ``ato/estimate``)."""
@@ -92,6 +97,7 @@ class DisturbanceEstimate:
     force: Array = field(metadata=described("disturbance_force", "N", "> 0 forward"))
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class Command:
     """Force demand per power unit as sent (topic ``ato/command``)."""
@@ -100,6 +106,7 @@ class Command:
     force: Array = field(metadata=described("force", "N", "> 0 traction, < 0 electric brake"))
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
     """State of one node (topic ``/diagnostics``), one message per node."""
@@ -111,6 +118,7 @@ class Diagnostic:
     values: dict[str, str] = field(default_factory=dict, metadata=described("", "", "key and value as text, SI"))
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class BrakeRelease:
     """Release of traction, service brake and emergency brake by the supervisor (topic ``atp/brake_release``).
@@ -125,6 +133,7 @@ class BrakeRelease:
     alive: Array = field(metadata=described("alive", "", "alive counter: number of the message, the same for all"))
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class ProtectionState:
     """Traction cut-off and brakes in effect for any reason (topic ``train/protection``)."""
@@ -137,6 +146,7 @@ class ProtectionState:
     )
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class SupervisedSpeeds:
     """Estimated speed and limits of the supervisor (topic ``atp/speeds``), shape (5,) each."""
@@ -164,6 +174,7 @@ class AtoState(IntEnum):
         return self.name.lower().replace("_", " ")
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class AtoReport:
     """State of the ATO with its measured motion (topic ``ato/state``), shape (1,) each."""

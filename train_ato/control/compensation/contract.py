@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+from plant_sim.states import frozen_for_types
 from train_ato.control.contract import LawInput
 from train_ato.messages.types import Array, Measurement, Reference
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["Array", "Compensation", "CompensationInput"]
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class CompensationInput:
     """Inputs of one step, all of the time of a valid measurement.

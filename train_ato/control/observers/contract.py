@@ -7,9 +7,11 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from plant_sim.states import frozen_for_types
 from train_ato.messages.types import Array, Measurement
 
 
+@frozen_for_types
 @dataclass(frozen=True, slots=True)
 class ObserverInput:
     """Inputs of an observer in one tick. Arrays have one entry per power unit, front first.
