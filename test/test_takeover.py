@@ -7,7 +7,7 @@ import pytest
 
 from train_ato.control.takeover import TakeoverRamp
 from train_ato.loop.controller import ControllerStage
-from train_ato.loop.engine import _Loop
+from train_ato.loop.engine import TickLoop
 from train_ato.loop.profile import REJOINED, ProfileStage
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup, prepare
@@ -24,20 +24,20 @@ def metro(*changes: str) -> RunSetup:
     return prepare(*load_scenario("xuzhou_metro:disturbed", ("duration=120", *changes)))
 
 
-def begun(setup: RunSetup) -> _Loop:
+def begun(setup: RunSetup) -> TickLoop:
     """Return a run at the time of the restart, in motion with traction."""
-    loop = _Loop(setup, None)
+    loop = TickLoop(setup, None)
     loop.start()
     go_on(loop, STRUCK_S)
     return loop
 
 
-def go_on(loop: _Loop, time: float) -> None:
+def go_on(loop: TickLoop, time: float) -> None:
     while loop.ticks < round(time / loop.plant.setup.tick):
         loop.tick()
 
 
-def new_controller(loop: _Loop) -> None:
+def new_controller(loop: TickLoop) -> None:
     loop.controller = ControllerStage(loop.plant.setup)
     loop.controller.set_profile(loop.profile.profile)
     loop.controller.join(loop.plant.stamp)
@@ -79,7 +79,7 @@ def test_a_takeover_without_a_valid_measurement_begins_at_no_force() -> None:
 def test_an_engagement_after_the_restart_plans_from_the_place_of_the_train() -> None:
     """Breaks if a request before the restart is repeated, a later one is lost, or the plan begins elsewhere."""
     setup = metro("ato_requests=[{at: 29, do: engage}, {at: 80, do: engage}]", "duration=150")
-    loop = _Loop(setup, None)
+    loop = TickLoop(setup, None)
     loop.start()
     go_on(loop, 5.0)
     new_controller(loop)

@@ -64,7 +64,7 @@ def run_engine(
     if interrupt is None:
         with interruptible() as asked:
             return run_engine(setup, sink=sink, progress=progress, rate=rate, log_folder=log_folder, interrupt=asked)
-    loop = _Loop(setup, sink)
+    loop = TickLoop(setup, sink)
     begin = time.perf_counter()
     clock = RateLimit(rate, setup.tick)
     watch = FirstFailure(log_folder)
@@ -86,7 +86,7 @@ def run_engine(
     return RunResult.of(setup, recording, wall, loop.ticks, times, interrupt.asked, watch.failure, published)
 
 
-class _Loop:
+class TickLoop:
     """The stages in the order of the messages of the nodes."""
 
     def __init__(self, setup: RunSetup, sink: Sink | None) -> None:

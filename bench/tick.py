@@ -1,0 +1,118 @@
+"""Time of a tick of the engine by stage, compared with the compiled kernel, and of the construction of messages.
+
+    python bench/tick.py [SCENARIO ...]
+
+The times are medians over the ticks of a run of 60 s, without the log. The floor is the time of the kernel for the
+steps of a tick. The messages of a tick are dataclasses without the run-time check of frozen fields
+(:func:`plant_sim.states.frozen_for_types`); the last line compares one of them with the frozen form.
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from plant_sim import kernel
+from plant_sim.states import Measurement
+from train_ato.loop.engine import TickLoop
+from train_ato.loop.setup import prepare
+from train_ato.scenario.scenario import load_scenario
+
+SCENARIOS = ("daqin_heavy_haul", "daqin_heavy_haul:twin", "xuzhou_metro", "crh380a_funnel:short", "crh380a_gpc:short")
+SIMULATED_S = 60
+PARTS = (
+    ("plant", "observe"),
+    ("supervisor", "step"),
+    ("profile", "on_measurement"),
+    ("observer", "on_measurement"),
+    ("controller", "step"),
+    ("plant", "act"),
+    ("recording", "extend"),
+)
+"""Attributes of the loop and their methods, in the order of a tick."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrozenMeasurement:
+    """Copy of :class:`plant_sim.states.Measurement` with the run-time check."""
+
+    stamp: int
+    position: Any
+    velocity: Any
+    applied: Any
+    deflection: Any
+    rate: Any
+    force: Any
+
+
+def timed(method: Callable[..., Any], times: list[int]) -> Callable[..., Any]:
+    """Return a method that adds its wall time [ns] to the last entry of a list."""
+
+    def call(*arguments: Any, **more: Any) -> Any:
+        begin = time.perf_counter_ns()
+        result = method(*arguments, **more)
+        times[-1] += time.perf_counter_ns() - begin
+        return result
+
+    return call
+
+
+def stage_times(name: str) -> dict[str, float]:
+    """Return the median time of every part of a tick [us]; the kernel is a part of ``plant.act``."""
+    setup = prepare(*load_scenario(name, (f"duration={SIMULATED_S}",)))
+    loop = TickLoop(setup, None)
+    loop.start()
+    loop.tick()
+    times: dict[str, list[int]] = {"tick": []}
+    for stage, method in PARTS:
+        owner = getattr(loop, stage)
+        if owner is not None:
+            times[f"{stage}.{method}"] = []
+            setattr(owner, method, timed(getattr(owner, method), times[f"{stage}.{method}"]))
+    advance, times["kernel"] = kernel.advance, []
+    kernel.advance = timed(advance, times["kernel"])
+    try:
+        while not loop.plant.finished:
+            for entries in times.values():
+                entries.append(0)
+            timed(loop.tick, times["tick"])()
+    finally:
+        kernel.advance = advance
+    return {part: statistics.median(entries) / 1e3 for part, entries in times.items()}
+
+
+def construction_us(message: type[Any]) -> float:
+    """Return the time of a constructor with seven fields [us], the best of several rounds."""
+    make, count = partial(message, 0, *[np.zeros(1)] * 6), 20_000
+    best = float("inf")
+    for _ in range(7):
+        begin = time.perf_counter_ns()
+        for _ in range(count):
+            make()
+        best = min(best, (time.perf_counter_ns() - begin) / count / 1e3)
+    return best
+
+
+def main() -> int:
+    """Print the table; return the exit status."""
+    for name in sys.argv[1:] or SCENARIOS:
+        times = stage_times(name)
+        parts = "  ".join(f"{part} {value:.1f}" for part, value in times.items() if part not in ("tick", "kernel"))
+        sys.stdout.write(
+            f"{name}: {times['tick']:.0f} us, {times['tick'] / times['kernel']:.1f} times its kernel "
+            f"({times['kernel']:.1f} us)\n    {parts}\n"
+        )
+    frozen, plain = construction_us(FrozenMeasurement), construction_us(Measurement)
+    sys.stdout.write(f"construction of a measurement: {plain:.2f} us, frozen {frozen:.2f} us\n")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
