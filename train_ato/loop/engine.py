@@ -108,12 +108,14 @@ class TickLoop:
                 self._sink.add(topic, message, stamp)
 
     def start(self) -> None:
+        """Send the profile."""
         self.active = "profile"
         start = self.profile.start()
         self._publish(0, start.published())
         self.controller.set_profile(profile_of(start.profile))
 
     def tick(self) -> None:
+        """Run one tick."""
         stamp = self.plant.stamp
         self.active = "plant"
         plant = self.plant.observe()
@@ -143,4 +145,5 @@ class TickLoop:
         self.ticks += 1
 
     def conclude(self) -> None:
+        """Send the state after the last tick."""
         self._publish(self.plant.stamp, self.plant.conclude().published())
