@@ -14,6 +14,8 @@ from __future__ import annotations
 
 from math import copysign
 
+from numpy import uint64
+
 from plant_sim.compiled import compiled
 
 # Rows of `vehicle` (constants), one column per vehicle.
@@ -68,6 +70,7 @@ MIN_POWER_SPEED = 0.1  # m/s; below it power / v is taken at this speed, as in p
 IDLE_CYLINDER = 1e-6  # braking factor below which a releasing cylinder counts as empty
 FULL_RESERVOIR = 1.0 - 1e-9  # filling above which a reservoir counts as full
 KMH = 3.6  # km/h per m/s
+ONE = uint64(1)  # an index without a sign has no test for negative values, with which a loop is not vectorised
 # Speed factor (2 V + 150)/(3 V + 150) of the shoe friction, V in km/h: paper 000, eqs. (11), (12).
 SHOE_A, SHOE_B, SHOE_SPEED = 2.0, 3.0, 150.0
 # Adhesion 0.161 + 7.5/(V + 44), V in km/h, after Curtius and Kniffler.
@@ -75,22 +78,24 @@ ADHESION_HIGH_SPEED, ADHESION_SLOPE, ADHESION_SPEED = 0.161, 7.5, 44.0
 
 
 @compiled
-def _linear(x, v, gap, force, half_slack, stiffness, damping):
+def _linear(a, b, x, v, state, vehicle, gear):
     """Spring and damper beyond the slack (papers 002 and 004).
 
     Usable step: 10 ms for 20-98 MN/m between wagons of 100 t (largest force within 0.1 % of that at 0.25 ms). With
     slack and little damping the rattling of single couplers depends on the step; the largest force does not.
     """
-    for i in range(len(gap)):
-        deflection = x[i] - x[i + 1] - gap[i]
+    gap, force = vehicle[GAP], state[COUPLER]
+    half_slack, stiffness, damping = gear[HALF_SLACK], gear[STIFFNESS], gear[DAMPING]
+    for i in range(uint64(a), uint64(b)):
+        deflection = x[i] - x[i + ONE] - gap[i]
         side = copysign(1.0, deflection)
         d = max(side * deflection - half_slack[i], 0.0)
         contact = 1.0 if d > 0.0 or half_slack[i] == 0.0 else 0.0
-        force[i] = side * stiffness[i] * d + damping[i] * contact * (v[i] - v[i + 1])
+        force[i + ONE] = side * stiffness[i] * d + damping[i] * contact * (v[i] - v[i + ONE])
 
 
 @compiled
-def _clip(x, v, gap, force, half_slack, k, c, f0, x0, a1, a2, ratio, stroke, stop, transition, memory, memory_d):
+def _clip(a, b, x, v, state, vehicle, gear):
     """Spring of stiffness k between the unloading and the loading branch: paper 000, eqs. (7)-(9).
 
     Beyond the stroke an elastic stop adds its force, and the force of the branches keeps its value. Between the
@@ -98,8 +103,12 @@ def _clip(x, v, gap, force, half_slack, k, c, f0, x0, a1, a2, ratio, stroke, sto
     damping acts only there (0 in the paper) and does not change the branches.
     Usable step: 10 ms (largest force of 106 vehicles within 0.1 % of that at 0.25 ms, any coupler within 1 kN).
     """
-    for i in range(len(gap)):
-        deflection = x[i] - x[i + 1] - gap[i]
+    gap, force, half_slack, k, c = vehicle[GAP], state[COUPLER], gear[HALF_SLACK], gear[STIFFNESS], gear[DAMPING]
+    f0, x0, a1, a2, ratio = gear[F0], gear[X0], gear[A1], gear[A2], gear[RATIO]
+    stroke, stop, transition = gear[STROKE], gear[STOP], gear[TRANSITION_DAMPING]
+    memory, memory_d = gear[HYSTERESIS_FORCE], gear[HYSTERESIS_DEFLECTION]
+    for i in range(uint64(a), uint64(b)):
+        deflection = x[i] - x[i + ONE] - gap[i]
         side = copysign(1.0, deflection)
         beyond = max(side * deflection - half_slack[i], 0.0)
         d = min(beyond, stroke[i])
@@ -109,22 +118,31 @@ def _clip(x, v, gap, force, half_slack, k, c, f0, x0, a1, a2, ratio, stroke, sto
         h = min(max(h, ratio[i] * loading), loading)
         memory[i] = side * h
         memory_d[i] = side * d
-        rate = v[i] - v[i + 1]
+        rate = v[i] - v[i + ONE]
         h = min(max(h + side * transition[i] * rate, ratio[i] * loading), loading)
-        force[i] = side * (h + stop[i] * (beyond - d)) + c[i] * q * rate
+        force[i + ONE] = side * (h + stop[i] * (beyond - d)) + c[i] * q * rate
 
 
 @compiled
-def _smoothed(x, v, gap, force, half_slack, c, f0, x0, a1, a2, ratio, stroke, stop, inverse_ve):
+def _smoothed(a, b, x, v, state, vehicle, gear):
     """Branches joined over the switching speed: paper 000, eq. (6) without its factor sgn(dv).
 
     Inside the switching speed ve the gear is a damper of (1 - r) fl / (2 ve), which limits the step. Usable step: 5 ms
     with ve = 0.02 m/s, behind the locomotive up to 1.7 MN, on every coupler up to 0.5 MN; at 10 ms the latter
     chatters and gives 1.6 times the true force.
     """
-    for i in range(len(gap)):
-        deflection = x[i] - x[i + 1] - gap[i]
-        rate = v[i] - v[i + 1]
+    gap, force, half_slack, c, inverse_ve = (
+        vehicle[GAP],
+        state[COUPLER],
+        gear[HALF_SLACK],
+        gear[DAMPING],
+        gear[INVERSE_VE],
+    )
+    f0, x0, a1, a2, ratio = gear[F0], gear[X0], gear[A1], gear[A2], gear[RATIO]
+    stroke, stop = gear[STROKE], gear[STOP]
+    for i in range(uint64(a), uint64(b)):
+        deflection = x[i] - x[i + ONE] - gap[i]
+        rate = v[i] - v[i + ONE]
         side = copysign(1.0, deflection)
         beyond = max(side * deflection - half_slack[i], 0.0)
         d = min(beyond, stroke[i])
@@ -132,14 +150,17 @@ def _smoothed(x, v, gap, force, half_slack, c, f0, x0, a1, a2, ratio, stroke, st
         loading = f0[i] * q + d * (a1[i] + a2[i] * d)
         switch = min(max(side * rate * inverse_ve[i], -1.0), 1.0)
         h = 0.5 * loading * (1.0 + ratio[i] + (1.0 - ratio[i]) * switch)
-        force[i] = side * (h + stop[i] * (beyond - d)) + c[i] * q * rate
+        force[i + ONE] = side * (h + stop[i] * (beyond - d)) + c[i] * q * rate
 
 
 @compiled
-def _tabulated(x, v, gap, force, half_slack, k, c, stroke, stop, which, table, transition, memory, memory_d):
+def _tabulated(a, b, x, v, state, vehicle, gear, table):
     """Spring between tabulated loading and unloading curves, as in :func:`_clip`; the same usable step."""
-    for i in range(len(gap)):
-        deflection = x[i] - x[i + 1] - gap[i]
+    gap, force, half_slack, k, c = vehicle[GAP], state[COUPLER], gear[HALF_SLACK], gear[STIFFNESS], gear[DAMPING]
+    stroke, stop, which, transition = gear[STROKE], gear[STOP], gear[TABLE], gear[TRANSITION_DAMPING]
+    memory, memory_d = gear[HYSTERESIS_FORCE], gear[HYSTERESIS_DEFLECTION]
+    for i in range(uint64(a), uint64(b)):
+        deflection = x[i] - x[i + ONE] - gap[i]
         side = copysign(1.0, deflection)
         beyond = max(side * deflection - half_slack[i], 0.0)
         d = min(beyond, stroke[i])
@@ -156,10 +177,10 @@ def _tabulated(x, v, gap, force, half_slack, k, c, stroke, stop, which, table, t
             h = 0.0
         memory[i] = side * h
         memory_d[i] = side * d
-        rate = v[i] - v[i + 1]
+        rate = v[i] - v[i + ONE]
         contact = 1.0 if beyond > 0.0 or half_slack[i] == 0.0 else 0.0
         h = min(max(h + side * transition[i] * rate, unloading), loading) * contact
-        force[i] = side * (h + stop[i] * (beyond - d)) + c[i] * contact * rate
+        force[i + ONE] = side * (h + stop[i] * (beyond - d)) + c[i] * contact * rate
 
 
 @compiled
@@ -167,26 +188,16 @@ def coupler_forces(x, v, state, vehicle, gear, table, run):
     """Compute the force of every coupler; those of rigid couplers follow in :func:`_bodies`."""
     for r in range(run.shape[0]):
         a, b, kind = run[r, 0], run[r, 1], run[r, 2]
-        xs, vs = x[a : b + 1], v[a : b + 1]
-        gap = vehicle[GAP, a:b]
-        force = state[COUPLER, a + 1 : b + 1]
-        slack, c = gear[HALF_SLACK, a:b], gear[DAMPING, a:b]
-        k, stroke, stop = gear[STIFFNESS, a:b], gear[STROKE, a:b], gear[STOP, a:b]
-        memory, memory_d = gear[HYSTERESIS_FORCE, a:b], gear[HYSTERESIS_DEFLECTION, a:b]
-        transition = gear[TRANSITION_DAMPING, a:b]
-        f0, x0, a1, a2, ratio = gear[F0, a:b], gear[X0, a:b], gear[A1, a:b], gear[A2, a:b], gear[RATIO, a:b]
         if kind == CLIP:
-            _clip(xs, vs, gap, force, slack, k, c, f0, x0, a1, a2, ratio, stroke, stop, transition, memory, memory_d)
+            _clip(a, b, x, v, state, vehicle, gear)
         elif kind == LINEAR:
-            _linear(xs, vs, gap, force, slack, k, c)
+            _linear(a, b, x, v, state, vehicle, gear)
         elif kind == SMOOTHED:
-            _smoothed(xs, vs, gap, force, slack, c, f0, x0, a1, a2, ratio, stroke, stop, gear[INVERSE_VE, a:b])
+            _smoothed(a, b, x, v, state, vehicle, gear)
         elif kind == TABULATED:
-            _tabulated(
-                xs, vs, gap, force, slack, k, c, stroke, stop, gear[TABLE, a:b], table, transition, memory, memory_d
-            )
+            _tabulated(a, b, x, v, state, vehicle, gear, table)
         else:
-            force[:] = 0.0
+            state[COUPLER, a + 1 : b + 1] = 0.0
 
 
 @compiled
@@ -335,18 +346,19 @@ def _cylinders(state, vehicle, setting):
     """Move cylinders and reservoirs, compute the shoe forces; return True if any vehicle brakes or recharges."""
     cylinder, target, reservoir = state[CYLINDER], state[TARGET], state[RESERVOIR]
     v, shoe_force, shoe = state[V], state[SHOE_FORCE], vehicle[SHOE]
-    active = False
+    apply, release, recharge = setting[APPLY_DECAY], setting[RELEASE_DECAY], setting[RECHARGE]
+    active = 0
     for i in range(len(shoe)):
-        decay = setting[APPLY_DECAY] if target[i] > cylinder[i] else setting[RELEASE_DECAY]
-        cylinder[i] = target[i] + decay * (cylinder[i] - target[i])
-        if target[i] == 0.0:
-            reservoir[i] += setting[RECHARGE] * (1.0 - reservoir[i])
-            if cylinder[i] < IDLE_CYLINDER:
-                cylinder[i] = 0.0
-        active = active or cylinder[i] > 0.0 or target[i] > 0.0 or reservoir[i] < FULL_RESERVOIR
+        goal = target[i]
+        moved = goal + (apply if goal > cylinder[i] else release) * (cylinder[i] - goal)
+        moved = 0.0 if (goal == 0.0) & (moved < IDLE_CYLINDER) else moved
+        filling = reservoir[i]
+        filling += recharge * (1.0 - filling) if goal == 0.0 else 0.0
+        cylinder[i], reservoir[i] = moved, filling
+        active += (moved > 0.0) | (goal > 0.0) | (filling < FULL_RESERVOIR)
         speed = KMH * abs(v[i])
-        shoe_force[i] = shoe[i] * cylinder[i] * (SHOE_A * speed + SHOE_SPEED) / (SHOE_B * speed + SHOE_SPEED)
-    return active
+        shoe_force[i] = shoe[i] * moved * (SHOE_A * speed + SHOE_SPEED) / (SHOE_B * speed + SHOE_SPEED)
+    return active > 0
 
 
 @compiled

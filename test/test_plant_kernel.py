@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import platform
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba import njit
 from plant_trains import GEARS, LINEAR, RIGID, SLACK, chain, drive, heavy, plain_line, run_ramps, train
 
 from plant_sim import kernel as k
@@ -205,3 +208,20 @@ def test_demand_is_checked() -> None:
         train(load_consist("xuzhou_metro_3")).advance(np.zeros((20, 1)), 550e3)
     assert plant.stamp == 0
     assert not plant.arrays.state[k.V].any()
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names of the instructions of x86")
+@pytest.mark.parametrize("name", ["_linear", "_clip", "_smoothed", "_speeds", "_cylinders", "_positions"])
+def test_loops_over_vehicles_are_vectorised(name: str) -> None:
+    """Breaks for example after a signed index in the loop of the draft gear: it then takes one vehicle at a time."""
+    a = train(heavy()).arrays
+    couplers = (1, 105, a.state[k.X], a.state[k.V], a.state, a.vehicle, a.gear)
+    arguments: dict[str, tuple[Any, ...]] = {
+        "_speeds": (0.005, 0.0, False, a.state, a.vehicle),
+        "_cylinders": (a.state, a.vehicle, a.setting),
+        "_positions": (0.005, 106, a.state),
+    }
+    fresh = njit(error_model="numpy")(getattr(k, name).py_func)  # the cache keeps no instructions
+    fresh(*arguments.get(name, couplers))
+    (instructions,) = fresh.inspect_asm().values()
+    assert re.search(r"\sv?(mul|add|sub)pd\s", instructions)
