@@ -74,12 +74,14 @@ class OutsideForces:
     def _arrange(self) -> None:
         """Assign a column to every listed vehicle."""
         acting = [*self._acting, *((gust, None, gust.listed(len(self._mass))) for gust in self._added_gusts)]
-        self.vehicles = np.array(sorted({i for _, _, listed in acting for i in listed}), dtype=np.int64)
-        column = {int(vehicle): j for j, vehicle in enumerate(self.vehicles)}
+        listed_vehicles = sorted({i for _, _, listed in acting for i in listed})
+        self.vehicles = np.array(listed_vehicles, dtype=np.int64)
+        column = {vehicle: j for j, vehicle in enumerate(listed_vehicles)}
         self._sources = [
             (source, random, np.array([column[i] for i in listed], dtype=np.int64), self._mass[list(listed)])
             for source, random, listed in acting
         ]
+        self.acts = bool(listed_vehicles)
         self._sum = np.zeros((3, len(self._offsets), len(self.vehicles)))
 
     def add(self, gust: Gust) -> None:

@@ -67,6 +67,7 @@ class TrainProtection:
         self._nominal = round(link.longest * 1e9) + setup.tick_ns
         self._bounds = tuple(round(bound * 1e9) for bound in (spec.hold, spec.coast, spec.service))
         release = setup.links.brake_release
+        self._shortest = min(self._bounds)
         self._release_link = MessageLink(release, setup.step_ns, setup.seed, "brake_release")
         allowed = (setup.supervision_ticks + 1) * setup.tick_ns if spec.release is None else round(spec.release * 1e9)
         self._release_age = allowed + round(release.longest * 1e9)
@@ -92,6 +93,11 @@ class TrainProtection:
     def on_release(self, release: BrakeRelease, received: int | None = None) -> None:
         """Take a brake release of the supervisor and the time of its reception [ns], by default its stamp."""
         self._release = self._release_link.pass_on(release.stamp if received is None else received, release)
+
+    @property
+    def awaits_standstill(self) -> bool:
+        """True while a missing message keeps the emergency brake on; only then :meth:`step` depends on standstill."""
+        return self._unreleased or self._silent is Protection.EMERGENCY_BRAKE
 
     def step(self, stamp: int, *, standstill: bool, separated: bool = False) -> Protection:
         """Return the reaction of the tick at ``stamp`` [ns].
@@ -147,7 +153,7 @@ class TrainProtection:
         self._newest = max(self._newest, int(self._stamps.pop(stamp)[0]))
         age = stamp - self._newest - self._nominal
         emergency = self._silent is Protection.EMERGENCY_BRAKE and not standstill
-        if age <= min(self._bounds) and not emergency:
+        if age <= self._shortest and not emergency:
             self._silent = Protection.NONE
             return Protection.NONE, ""
         late = Protection(sum(age > bound for bound in self._bounds))
