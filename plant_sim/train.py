@@ -296,7 +296,8 @@ class Train:
     def _keep_outside(self, outside: Array) -> None:
         listed = self._outside.vehicles
         speed = self.arrays.state[k.V, listed]
-        self._outside_force[listed] = outside[0].mean(axis=0) + outside[1].mean(axis=0) * speed
+        force, per_speed = np.add.reduce(outside[:2], axis=1) / self.substeps
+        self._outside_force[listed] = force + per_speed * speed
 
     @property
     def totals(self) -> Totals:
