@@ -15,7 +15,7 @@ from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due
 from train_ato.loop.train_interventions import TrainInterventions
 from train_ato.loop.train_protection import Protection, TrainProtection
-from train_ato.messages.links import Link
+from train_ato.messages.links import Link, LinkSpec
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
     Array,
@@ -50,6 +50,9 @@ LOST_KEY, RESTARTS_KEY = "lost", "restarts"
 """Keys in the diagnostics of the plant: nodes without an answer; numbers of restarts by node, as a JSON object."""
 STANDSTILL = 0.05
 """Maximum speed of every vehicle for a release of the emergency brake [m/s]."""
+
+ACTIVE = {level: np.array(level.active, dtype=np.float64) for level in Protection}
+"""Values of the fail-safe state of the train by reaction."""
 
 
 class PlantStage:
@@ -86,7 +89,8 @@ class PlantStage:
         self.train = setup.train()
         self._link = Link(setup.links.command, setup.layout.n_units, setup.step_ns, setup.seed, "command")
         self._interventions = TrainInterventions(setup, self.train, self._link, self.protection, self._inputs)
-        self._pipe_link = Link(setup.links.brake_pipe, 1, setup.step_ns, setup.seed, "brake_pipe")
+        pipe = setup.links.brake_pipe
+        self._pipe_link = None if pipe == LinkSpec() else Link(pipe, 1, setup.step_ns, setup.seed, "brake_pipe")
         self._tick_ns = setup.tick_ns
         self._substeps = setup.tick_ns // setup.step_ns
         self._half = setup.consist.vehicles[0].length / 2.0
@@ -129,7 +133,7 @@ class PlantStage:
         if not self.setup.supervised_at(stamp):
             return None, None
         odometry = self._odometers.observe(stamp, seen.vehicles.velocity.item(0))
-        return odometry, ProtectionState(stamp, np.array(self.protection.level.active, dtype=np.float64))
+        return odometry, ProtectionState(stamp, ACTIVE[self.protection.level].copy())
 
     def request(self, intervention: Intervention) -> None:
         """Add an intervention; it acts from the next observation on, which reports it.
@@ -194,6 +198,8 @@ class PlantStage:
             self.protection.on_command(min(forces.stamp, piped), stamp)
         if not inputs.fresh("ato/brake_pipe_command"):
             return None
+        if self._pipe_link is None:
+            return float(pressure.pressure)
         self._pipe_link.push(stamp, (pressure.pressure,))
         return float(self._pipe_link.pop(stamp)[0])
 
