@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.plant_setup import Freeze, Sensors
-from plant_sim.states import Array, Measurement
+from plant_sim.states import Array, Measurement, VehicleStates
 from plant_sim.streams import random_stream
 
 NOISE_TICKS = 256
@@ -52,10 +54,11 @@ class SensorSet:
     ----------
     sensors : Sensors
         Sensor errors of the scenario.
-    units : int
-        Number of power units.
-    vehicles : int
-        Number of vehicles.
+    units
+        Numbers of the vehicles that are power units, front first.
+    gaps : Array, shape (n,)
+        Distance of the centres of every vehicle and the next one with the coupler at rest [m]; the last is without
+        effect.
     tick : float
         Time between measurements [s].
     seed : int
@@ -67,56 +70,56 @@ class SensorSet:
         If a sensor is on a vehicle or a unit outside the train.
     """
 
-    def __init__(self, sensors: Sensors, units: int, vehicles: int, tick: float, seed: int) -> None:
+    def __init__(self, sensors: Sensors, units: Sequence[int], gaps: Array, tick: float, seed: int) -> None:
         for i in sensors.couplers:
-            if not 0 <= i < vehicles - 1:
+            if not 0 <= i < len(gaps) - 1:
                 raise ValueError(
-                    f"sensors.couplers lists vehicle {i}: no coupler is behind it; give 0 ... {vehicles - 2}"
+                    f"sensors.couplers lists vehicle {i}: no coupler is behind it; give 0 ... {len(gaps) - 2}"
                 )
         for unit in (*(freeze.unit for freeze in sensors.freeze), *(slip.unit for slip in sensors.wheel_slip)):
-            if unit >= units:
-                raise ValueError(f"a sensor fault names unit {unit}: not in the train; give 0 ... {units - 1}")
-        self.couplers: NDArray[np.int64] = np.array(sensors.couplers, dtype=np.int64)
+            if unit >= len(units):
+                raise ValueError(f"a sensor fault names unit {unit}: not in the train; give 0 ... {len(units) - 1}")
+        self._front: NDArray[np.int64] = np.array(sensors.couplers, dtype=np.int64)
+        self._rear = self._front + 1
+        self._gaps = gaps[self._front]
+        self._no_couplers = np.zeros(0)
         self._sensors = sensors
-        self._units = units
+        self._units: NDArray[np.int64] = np.array(units, dtype=np.int64)
         self._tick = tick
         self._position_noise, self._velocity_noise = (
-            _Noise(random_stream(seed, f"sensor/{name}"), np.full(units, deviation)) if deviation > 0.0 else None
+            _Noise(random_stream(seed, f"sensor/{name}"), np.full(len(units), deviation)) if deviation else None
             for name, deviation in (("position", sensors.position_noise), ("velocity", sensors.velocity_noise))
         )
         deviations = np.array(((sensors.deflection_noise,), (sensors.force_noise,)))
         self._coupler_noise = _Noise(
             random_stream(seed, "sensor/coupler"), deviations.repeat(len(sensors.couplers), axis=1)
         )
-        self._odometer = np.zeros(units)
-        self._velocity_bias = np.full(units, sensors.velocity_bias)
+        self._odometer = np.zeros(len(units))
+        self._velocity_bias = np.full(len(units), sensors.velocity_bias)
         self._last: tuple[Array, Array] | None = None
         self._freezes = sensors.freeze
 
     def freeze(self, begin: float, end: float) -> None:
         """Freeze the measurement of all units from a time to another one [s]."""
-        added = tuple(Freeze(unit=unit, begin=begin, end=end) for unit in range(self._units))
+        added = tuple(Freeze(unit=unit, begin=begin, end=end) for unit in range(len(self._units)))
         self._freezes = (*self._freezes, *added)
 
-    def measure(
-        self, stamp: int, position: Array, velocity: Array, applied: Array, coupler: tuple[Array, Array, Array]
-    ) -> Measurement:
+    def measure(self, vehicles: VehicleStates, applied: Array) -> Measurement:
         """Return the measurement of one tick.
 
         Every noise has a stream of its own, so that a change of one error does not change another.
 
         Parameters
         ----------
-        stamp
-            Time of the state [ns].
-        position, velocity, applied : Array, shape (units,)
-            True state [m, m/s] and force [N].
-        coupler
-            True deflection [m], rate [m/s] and force [N] at the sensors.
+        vehicles
+            True state of every vehicle.
+        applied : Array, shape (units,)
+            True force of every unit [N].
         """
-        sensors = self._sensors
+        sensors, stamp = self._sensors, vehicles.stamp
+        position, velocity = vehicles.position[self._units], vehicles.velocity[self._units]
         if sensors.wheel_slip:
-            velocity = self._slipping(stamp * 1e-9, velocity)
+            self._slip(stamp * 1e-9, velocity)
         x, v = position + self._odometer, velocity + self._velocity_bias
         if sensors.position_bias != 0.0:
             x += sensors.position_bias
@@ -128,20 +131,23 @@ class SensorSet:
         if self._freezes:
             self._keep_frozen(stamp * 1e-9, x, v)
         self._last = x, v
-        deflection, rate, force = coupler
-        if sensors.couplers:
-            noise = self._coupler_noise.of_tick()  # also with a deviation of 0: its sign is that of a force of 0
-            deflection, force = deflection + noise[0], force + noise[1]
-        return Measurement(stamp, x, v, applied, deflection, rate, force)
+        return Measurement(stamp, x, v, applied, *self._at_couplers(vehicles))
 
-    def _slipping(self, time: float, velocity: Array) -> Array:
-        """Return the speeds of the wheels [m/s] at a time [s]; count the distance of slipping ones."""
-        velocity = velocity.copy()
+    def _at_couplers(self, vehicles: VehicleStates) -> tuple[Array, Array, Array]:
+        """Return the measured deflection [m], rate [m/s] and force [N] of the couplers with a sensor."""
+        if not self._sensors.couplers:
+            return self._no_couplers, self._no_couplers, self._no_couplers
+        x, v, front, rear = vehicles.position, vehicles.velocity, self._front, self._rear
+        noise = self._coupler_noise.of_tick()  # also with a deviation of 0: its sign is that of a force of 0
+        deflection = x[front] - x[rear] - self._gaps
+        return deflection + noise[0], v[front] - v[rear], vehicles.coupler_force[front] + noise[1]
+
+    def _slip(self, time: float, velocity: Array) -> None:
+        """Make the speeds [m/s] those of the wheels at a time [s]; count the distance of slipping ones."""
         for slip in self._sensors.wheel_slip:
             if slip.begin <= time < slip.end:
                 self._odometer[slip.unit] += slip.slip * velocity[slip.unit] * self._tick
                 velocity[slip.unit] *= 1.0 + slip.slip
-        return velocity
 
     def _keep_frozen(self, time: float, x: Array, v: Array) -> None:
         """Replace the channels that are frozen at a time [s] by their last values."""

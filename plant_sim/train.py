@@ -84,17 +84,12 @@ class Train:
         self.stamp = 0
         self._step = step_ns * 1e-9
         self.arrays = pack(consist, line, setup, self._step)
-        self._unit_vehicles = np.array(self.units, dtype=np.int64)
         self._brake = friction_brake_events(consist)
         self._pipe = self._brake if isinstance(self._brake, PipeEvents) else None
         self._pressure = (
             None if consist.air_brake is None else PipePressure(consist.air_brake, self.arrays.vehicle, (0, self.n - 1))
         )
-        self._sensors = SensorSet(setup.sensors, len(self.units), self.n, tick_ns * 1e-9, seed)
-        front = self._sensors.couplers
-        self._coupled = front, front + 1
-        self._sensor_gaps = self.arrays.vehicle[k.GAP, front]
-        self._no_couplers = np.zeros(0), np.zeros(0), np.zeros(0)
+        self._sensors = SensorSet(setup.sensors, self.units, self.arrays.vehicle[k.GAP], tick_ns * 1e-9, seed)
         sources = [random_stream(seed, f"disturbance/{i}") for i in range(len(setup.disturbances))]
         masses = self.arrays.vehicle[k.MASS]
         self._outside = OutsideForces(setup.disturbances, masses, self._step, tick_ns * 1e-9, sources)
@@ -157,25 +152,13 @@ class Train:
     def observe(self) -> Observation:
         """Return true state and measurement at the present stamp; draws sensor noise, so call it once per tick."""
         n, state = self.n, self.arrays.state
-        x, v, coupler = state[k.X, :n].copy(), state[k.V, :n].copy(), state[k.COUPLER, 1:].copy()
-        vehicles = VehicleStates(self.stamp, x, v, coupler)
-        measured = self._sensors.measure(
-            self.stamp,
-            x[self._unit_vehicles],
-            v[self._unit_vehicles],
-            self.arrays.unit[k.APPLIED].copy(),
-            self._at_couplers(vehicles) if self.sensors else self._no_couplers,
-        )
+        vehicles = VehicleStates(self.stamp, state[k.X, :n].copy(), state[k.V, :n].copy(), state[k.COUPLER, 1:].copy())
+        measured = self._sensors.measure(vehicles, self.arrays.unit[k.APPLIED].copy())
         if self._pipe is None or self._pressure is None:
             return Observation(vehicles, measured, None, None, None)
         head, tail = self._pressures(self._pipe, self._pressure)
         shoes = BrakeShoes(self.stamp, state[k.SHOE_FORCE, :n].copy())
         return Observation(vehicles, measured, Pipe(self.stamp, head), Pipe(self.stamp, tail), shoes)
-
-    def _at_couplers(self, vehicles: VehicleStates) -> tuple[Array, Array, Array]:
-        """Return deflection [m], rate [m/s] and force [N] at the coupler sensors."""
-        x, v, (front, rear) = vehicles.position, vehicles.velocity, self._coupled
-        return x[front] - x[rear] - self._sensor_gaps, v[front] - v[rear], vehicles.coupler_force[front]
 
     def _pressures(self, pipe: PipeEvents, pressure: PipePressure) -> tuple[float, ...]:
         """Return the brake-pipe pressure at the first and the last vehicle [Pa]."""
