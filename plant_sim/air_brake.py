@@ -53,6 +53,7 @@ class BrakeForecast:
         self._since = 0.0
         self._cylinder: Array = np.zeros_like(self._distance)
         self._target: Array = np.zeros_like(self._distance)
+        self._released = True
         self._events: list[tuple[Array, float]] = []
         self._pressure = self._brake.charged
         self._level = 0.0
@@ -60,7 +61,7 @@ class BrakeForecast:
     @property
     def idle(self) -> bool:
         """True if no event acts or propagates."""
-        return not self._events and not self._target.any() and not self._cylinder.any()
+        return self._released and not self._events
 
     def demand(self, time: float, pressure: float) -> None:
         """Add a pressure demanded at the head [Pa] from a time [s] on; times must not decrease."""
@@ -105,6 +106,7 @@ class BrakeForecast:
         ]
         if not self._events and not self._target.any() and self._cylinder.max() < k.IDLE_CYLINDER:
             self._cylinder[:] = 0.0
+        self._released = not self._target.any() and not self._cylinder.any()
 
     def factors(self, time: float) -> Array:
         """Return the braking factor of every vehicle at a time [s], shape (n,)."""

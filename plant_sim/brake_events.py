@@ -76,6 +76,8 @@ class BrakeEvents:
         self.count += 1
 
     def _drop_finished(self) -> None:
+        if not any(reached >= self._vehicles for reached in self.array[k.REACHED, : self.count].tolist()):
+            return
         propagating = self.array[k.REACHED, : self.count] < self._vehicles
         left = self.array[:, : self.count][:, propagating]
         self.array[:, : left.shape[1]] = left

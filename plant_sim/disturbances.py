@@ -82,10 +82,10 @@ class Equation40(_Source):
         """Return the forces of a tick."""
         steady = self.scale * (0.002 + 0.001 * np.sin(t + 1.0))
         speed = self.scale * 0.0003 * (np.sin(2.0 * t + 2.0) + np.cos(3.0 * t + 1.0))
-        growing = np.outer(speed, mass)
+        force, growing = steady[:, None] * mass, speed[:, None] * mass
         if self.speed_power == 3:
-            return OutsideForce(np.outer(steady, mass), per_cube=growing)
-        return OutsideForce(np.outer(steady, mass), per_speed=growing)
+            return OutsideForce(force, per_cube=growing)
+        return OutsideForce(force, per_speed=growing)
 
 
 class Term(SiModel):
@@ -107,7 +107,7 @@ class Harmonic(_Source):
         """Return the forces of a tick."""
         force = np.zeros((len(t), len(mass)))
         for term in self.terms:
-            force += np.outer(np.sin(term.omega * t + term.phase), term.acceleration * mass + term.force)
+            force += np.sin(term.omega * t + term.phase)[:, None] * (term.acceleration * mass + term.force)
         return OutsideForce(force)
 
 
@@ -136,9 +136,8 @@ class Gust(_Source):
 
     def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
         """Return the forces of a tick."""
-        return OutsideForce(
-            np.outer(_window(t, self.begin, self.end, self.ramp), self.acceleration * mass + self.force)
-        )
+        shape = _window(t, self.begin, self.end, self.ramp)
+        return OutsideForce(shape[:, None] * (self.acceleration * mass + self.force))
 
 
 class ExtraGrade(SiModel):
@@ -181,7 +180,7 @@ class Paper001(_Source):
     def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
         """Return the forces of a tick."""
         d = 0.10 * _window(t, 60.0, 80.0, 0.0) - 0.12 * _window(t, 300.0, 312.0, 0.0) + 0.03 * np.sin(0.5 * t)
-        return OutsideForce(np.outer(-self.scale * d, mass))
+        return OutsideForce((-self.scale * d)[:, None] * mass)
 
 
 class Paper002(_Source):
@@ -205,8 +204,8 @@ class Paper002(_Source):
         d21 = np.where(t < 10.0, fast, np.where(t < 20.0, -fast, sine * np.tanh(t)))
         unmatched = (3.0 * np.sin(t + np.pi / 6.0), d21, sine * cosine, np.tanh(sine), 2.0 * np.tanh(t) * sine)
         matched = (d21, fast, 5.0 * np.sin(3.0 * t), 3.0 * np.cos(4.0 * t), 6.0 * np.sin(cosine))
-        force = self.matched_scale * np.column_stack(matched) * mass
-        return OutsideForce(force, drift=self.unmatched_scale * np.column_stack(unmatched))
+        force = self.matched_scale * np.array(matched).T * mass
+        return OutsideForce(force, drift=self.unmatched_scale * np.array(unmatched).T)
 
 
 class TravellingLoad(_Source):

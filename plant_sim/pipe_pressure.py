@@ -93,16 +93,21 @@ class PipePressure:
 
     def at(self, time: float) -> tuple[float, ...]:
         """Return the pressure at every place [Pa] at a time [s]; times must not decrease."""
+        if self._changes:
+            self._take_arrived(time)
+        for place in self._places:
+            place.follow(time)
+        return tuple([place.pressure for place in self._places])
+
+    def _take_arrived(self, time: float) -> None:
+        """Begin the approach to the changes that have arrived until a time [s]; forget those that no place needs."""
         for place in self._places:
             for arrival, number, change in sorted(self._arrived(place, time)):
                 if number > place.newest:
                     place.follow(arrival)
                     place.take(number, change, self._brake)
-            place.follow(time)
-        if self._changes:
-            oldest = min(place.newest for place in self._places)
-            self._changes = {number: change for number, change in self._changes.items() if number > oldest}
-        return tuple(place.pressure for place in self._places)
+        oldest = min(place.newest for place in self._places)
+        self._changes = {number: change for number, change in self._changes.items() if number > oldest}
 
     def _arrived(self, place: _Place, time: float) -> list[tuple[float, int, PressureChange]]:
         """Return time of arrival [s], number and change of every wave that has reached a place since the last one."""

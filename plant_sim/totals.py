@@ -8,6 +8,17 @@ from plant_sim import kernel as k
 from plant_sim.packing import Arrays
 from plant_sim.states import Array
 
+WORKS = [
+    k.WORK_RUNNING,
+    k.WORK_GRADE,
+    k.WORK_CURVE,
+    k.WORK_COUPLER,
+    k.WORK_AIR,
+    k.WORK_HOLD,
+    k.WORK_OUTSIDE,
+]
+"""Rows of the works of forces on the vehicles."""
+
 
 @dataclass(frozen=True, slots=True)
 class Totals:
@@ -78,10 +89,7 @@ def totals_of(arrays: Arrays, vehicles: int, kinetic: float, jump_energy: float)
         Part of it from jumps of mass [J].
     """
     draft, buff = arrays.gear[k.DRAFT, : vehicles - 1].copy(), arrays.gear[k.BUFF, : vehicles - 1].copy()
-
-    def work(row: int) -> float:
-        return float(arrays.state[row, :vehicles].sum())
-
+    work = dict(zip(WORKS, arrays.state[WORKS, :vehicles].sum(axis=1).tolist(), strict=True))
     return Totals(
         draft=draft,
         buff=buff,
@@ -89,13 +97,13 @@ def totals_of(arrays: Arrays, vehicles: int, kinetic: float, jump_energy: float)
         buff_max=float(buff.min(initial=0.0)),
         traction=float(arrays.unit[k.WORK_TRACTION].sum()),
         regenerated=float(arrays.unit[k.WORK_REGENERATED].sum()),
-        running=work(k.WORK_RUNNING),
-        curve=work(k.WORK_CURVE),
-        grade=work(k.WORK_GRADE),
-        air_brake=work(k.WORK_AIR),
-        holding_brake=work(k.WORK_HOLD),
-        couplers=work(k.WORK_COUPLER),
-        outside=work(k.WORK_OUTSIDE) + jump_energy,
+        running=work[k.WORK_RUNNING],
+        curve=work[k.WORK_CURVE],
+        grade=work[k.WORK_GRADE],
+        air_brake=work[k.WORK_AIR],
+        holding_brake=work[k.WORK_HOLD],
+        couplers=work[k.WORK_COUPLER],
+        outside=work[k.WORK_OUTSIDE] + jump_energy,
         kinetic=kinetic,
         saturated=arrays.unit[k.SATURATED_TIME].copy(),
         saturated_any=float(arrays.setting[k.SATURATED_TIME_ANY]),

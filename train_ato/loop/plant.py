@@ -15,7 +15,7 @@ from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due
 from train_ato.loop.train_interventions import TrainInterventions
 from train_ato.loop.train_protection import Protection, TrainProtection
-from train_ato.messages.links import Link
+from train_ato.messages.links import Link, LinkSpec
 from train_ato.messages.topics import Role
 from train_ato.messages.types import (
     Array,
@@ -50,6 +50,9 @@ LOST_KEY, RESTARTS_KEY = "lost", "restarts"
 """Keys in the diagnostics of the plant: nodes without an answer; numbers of restarts by node, as a JSON object."""
 STANDSTILL = 0.05
 """Maximum speed of every vehicle for a release of the emergency brake [m/s]."""
+
+ACTIVE = {level: np.array(level.active, dtype=np.float64) for level in Protection}
+"""Values of the fail-safe state of the train by reaction."""
 
 
 class PlantStage:
@@ -86,7 +89,9 @@ class PlantStage:
         self.train = setup.train()
         self._link = Link(setup.links.command, setup.layout.n_units, setup.step_ns, setup.seed, "command")
         self._interventions = TrainInterventions(setup, self.train, self._link, self.protection, self._inputs)
-        self._pipe_link = Link(setup.links.brake_pipe, 1, setup.step_ns, setup.seed, "brake_pipe")
+        pipe = setup.links.brake_pipe
+        self._pipe_link = None if pipe == LinkSpec() else Link(pipe, 1, setup.step_ns, setup.seed, "brake_pipe")
+        self._tick_ns = setup.tick_ns
         self._substeps = setup.tick_ns // setup.step_ns
         self._half = setup.consist.vehicles[0].length / 2.0
         self._odometers: Odometers | None = None
@@ -99,7 +104,7 @@ class PlantStage:
     @property
     def stamp(self) -> int:
         """Simulation time of the next observation [ns]."""
-        return self.tick * self.setup.tick_ns
+        return self.tick * self._tick_ns
 
     @property
     def finished(self) -> bool:
@@ -116,19 +121,19 @@ class PlantStage:
         self._reported = self.protection.level
         changed |= self._outage_changed
         self._outage_changed = False
-        reported = self._inputs.take_changed() or taken or changed or diagnostics_due(stamp, self.setup.tick_ns)
-        truth = self._truth(seen, self.diagnostic(taken) if reported else None)
+        reported = self._inputs.take_changed() or taken or changed or diagnostics_due(stamp, self._tick_ns)
+        truth = self._truth(stamp, seen, self.diagnostic(taken) if reported else None)
         return PlantMessages(truth, seen.measurement, odometry, protection)
 
     def _for_supervisor(self, stamp: int, seen: Observation) -> tuple[Odometry | None, ProtectionState | None]:
         """Return odometry and fail-safe state at a step of the supervisor, otherwise None."""
         if self._odometers is None:
             return None, None
-        self._odometers.move(stamp, float(seen.vehicles.position[0]) + self._half)
+        self._odometers.move(stamp, seen.vehicles.position.item(0) + self._half)
         if not self.setup.supervised_at(stamp):
             return None, None
-        odometry = self._odometers.observe(stamp, float(seen.vehicles.velocity[0]))
-        return odometry, ProtectionState(stamp, np.array(self.protection.level.active, dtype=np.float64))
+        odometry = self._odometers.observe(stamp, seen.vehicles.velocity.item(0))
+        return odometry, ProtectionState(stamp, ACTIVE[self.protection.level].copy())
 
     def request(self, intervention: Intervention) -> None:
         """Add an intervention; it acts from the next observation on, which reports it.
@@ -157,11 +162,10 @@ class PlantStage:
 
     def conclude(self) -> PlantTruth:
         """Return the state after the last tick."""
-        return self._truth(self.train.observe(), self.diagnostic())
+        return self._truth(self.stamp, self.train.observe(), self.diagnostic())
 
-    def _truth(self, seen: Observation, diagnostics: Diagnostic | None) -> PlantTruth:
+    def _truth(self, stamp: int, seen: Observation, diagnostics: Diagnostic | None) -> PlantTruth:
         """Return the messages of the truth; None for a missing air brake and without disturbances."""
-        stamp = self.stamp
         return PlantTruth(
             Tick(stamp),
             seen.vehicles,
@@ -194,6 +198,8 @@ class PlantStage:
             self.protection.on_command(min(forces.stamp, piped), stamp)
         if not inputs.fresh("ato/brake_pipe_command"):
             return None
+        if self._pipe_link is None:
+            return float(pressure.pressure)
         self._pipe_link.push(stamp, (pressure.pressure,))
         return float(self._pipe_link.pop(stamp)[0])
 
@@ -202,18 +208,16 @@ class PlantStage:
 
         The emergency brake has a path of its own; the electric brake of locomotives acts beside it and counts nowhere.
         """
-        demand: Array = self._link.window(self.stamp, self._substeps)
-        before = self.protection.level
-        level = self.protection.step(self.stamp, standstill=self.standstill, separated=self.train.separation_noticed)
+        stamp, protection = self.stamp, self.protection
+        demand: Array = self._link.window(stamp, self._substeps)
+        before = protection.level
+        level = protection.step(
+            stamp,
+            standstill=protection.awaits_standstill and self.standstill,
+            separated=self.train.separation_noticed,
+        )
         if level is not Protection.NONE:
-            demand[:] = 0.0
-        brake = self.setup.consist.air_brake
-        if level is Protection.SERVICE_BRAKE or (level is Protection.EMERGENCY_BRAKE and brake is not None):
-            demand[:] = self._service_brake.demand(self.train.velocity[list(self.train.units)])
-        if level is Protection.SERVICE_BRAKE and brake is not None:
-            pressure = brake.charged - brake.reduction[-1]
-        elif level is Protection.EMERGENCY_BRAKE:
-            pressure = None
+            pressure = self._brake(level, demand, pressure)
         if level is not before:
             if level is Protection.EMERGENCY_BRAKE:
                 self.train.apply_emergency_brake()
@@ -221,6 +225,16 @@ class PlantStage:
                 self.train.release_emergency_brake()
         self.train.advance(demand, pressure)
         self.tick += 1
+
+    def _brake(self, level: Protection, demand: Array, pressure: float | None) -> float | None:
+        """Put a reaction in place of the demand; return the pressure demanded at the head [Pa], None for no change."""
+        brake = self.setup.consist.air_brake
+        demand[:] = 0.0
+        if level is Protection.SERVICE_BRAKE or (level is Protection.EMERGENCY_BRAKE and brake is not None):
+            demand[:] = self._service_brake.demand(self.train.velocity[list(self.train.units)])
+        if level is Protection.SERVICE_BRAKE and brake is not None:
+            return brake.charged - brake.reduction[-1]
+        return None if level is Protection.EMERGENCY_BRAKE else pressure
 
     def diagnostic(self, taken: Sequence[Intervention] = ()) -> Diagnostic:
         """Return the running totals of the plant as text, with the interventions at this stamp."""

@@ -67,10 +67,12 @@ class TrainProtection:
         self._nominal = round(link.longest * 1e9) + setup.tick_ns
         self._bounds = tuple(round(bound * 1e9) for bound in (spec.hold, spec.coast, spec.service))
         release = setup.links.brake_release
+        self._shortest = min(self._bounds)
         self._release_link = MessageLink(release, setup.step_ns, setup.seed, "brake_release")
         allowed = (setup.supervision_ticks + 1) * setup.tick_ns if spec.release is None else round(spec.release * 1e9)
         self._release_age = allowed + round(release.longest * 1e9)
         self._release: BrakeRelease | None = None
+        self._decision = Protection.NONE
         self._newest = 0
         self._lost = ""
         self._silent = Protection.NONE
@@ -92,6 +94,12 @@ class TrainProtection:
     def on_release(self, release: BrakeRelease, received: int | None = None) -> None:
         """Take a brake release of the supervisor and the time of its reception [ns], by default its stamp."""
         self._release = self._release_link.pass_on(release.stamp if received is None else received, release)
+        self._decision = _decision(self._release)
+
+    @property
+    def awaits_standstill(self) -> bool:
+        """True while a missing message keeps the emergency brake on; only then :meth:`step` depends on standstill."""
+        return self._unreleased or self._silent is Protection.EMERGENCY_BRAKE
 
     def step(self, stamp: int, *, standstill: bool, separated: bool = False) -> Protection:
         """Return the reaction of the tick at ``stamp`` [ns].
@@ -127,29 +135,31 @@ class TrainProtection:
 
         The emergency brake of a missing release lasts until standstill.
         """
-        release = self._release
-        age = stamp - (0 if release is None else release.stamp)
+        age = stamp - (0 if self._release is None else self._release.stamp)
         if age > self._release_age or (self._unreleased and not standstill):
             self._unreleased = True
             return Protection.EMERGENCY_BRAKE, f"no brake release for {age * 1e-9:.1f} s"
         self._unreleased = False
-        if release is None:
-            return Protection.NONE, ""
-        traction, service, emergency = release.released.tolist()
-        if emergency != 1.0:
-            return Protection.EMERGENCY_BRAKE, SUPERVISOR
-        if service != 1.0:
-            return Protection.SERVICE_BRAKE, SUPERVISOR
-        return (Protection.NONE, "") if traction == 1.0 else (Protection.COAST, SUPERVISOR)
+        return self._decision, "" if self._decision is Protection.NONE else SUPERVISOR
 
     def _of_command(self, stamp: int, standstill: bool) -> tuple[Protection, str]:
         """Return the reaction to the age of the newest command; an emergency brake lasts until standstill."""
         self._newest = max(self._newest, int(self._stamps.pop(stamp)[0]))
         age = stamp - self._newest - self._nominal
         emergency = self._silent is Protection.EMERGENCY_BRAKE and not standstill
-        if age <= min(self._bounds) and not emergency:
+        if age <= self._shortest and not emergency:
             self._silent = Protection.NONE
             return Protection.NONE, ""
         late = Protection(sum(age > bound for bound in self._bounds))
         self._silent = Protection.EMERGENCY_BRAKE if emergency else late
         return self._silent, f"no command for {(age + self._nominal) * 1e-9:.1f} s"
+
+
+def _decision(release: BrakeRelease) -> Protection:
+    """Return the reaction that a brake release demands; only the exact value releases."""
+    traction, service, emergency = release.released.tolist()
+    if emergency != 1.0:
+        return Protection.EMERGENCY_BRAKE
+    if service != 1.0:
+        return Protection.SERVICE_BRAKE
+    return Protection.NONE if traction == 1.0 else Protection.COAST

@@ -118,10 +118,20 @@ class Link:
         self._random = random_stream(seed, f"link/{name}") if spec.jitter > 0 or spec.loss > 0 else None
         self._latest_limit = -(2**62)
         self._jumps = () if spec.jump is None else (spec.jump,)
+        self._constant = self._delays(0, 0.0)
         self.lost = 0
 
-    def _rounded(self, seconds: float) -> int:
-        return round(seconds * 1e9 / self._step) * self._step
+    def _delays(self, stamp: int, late: float) -> tuple[list[int], list[int]]:
+        """Return the delays of every unit in traction and in braking [ns] with an additional one [s] at a time [ns]."""
+        factor, add = 1.0, 0.0
+        for jump in self._jumps:
+            if stamp >= round(jump.at * 1e9):
+                factor, add = factor * jump.factor, add + jump.add
+
+        def rounded(delay: float) -> int:
+            return round(min(max(0.0, delay * factor + add + late), NEVER) * 1e9 / self._step) * self._step
+
+        return [rounded(delay) for delay in self._forward], [rounded(delay) for delay in self._backward]
 
     def jump(self, change: DelayJump) -> None:
         """Add a change: the delay is multiplied by the product of all factors, then the sum of all ``add`` is added."""
@@ -136,14 +146,11 @@ class Link:
             if draws[1] < self.spec.loss:
                 self.lost += 1
                 return
-        factor, add = 1.0, 0.0
-        for jump in self._jumps:
-            if stamp >= round(jump.at * 1e9):
-                factor, add = factor * jump.factor, add + jump.add
-        for unit, queue in enumerate(self._in_flight):
-            command = float(value[unit])
-            delay = self._backward[unit] if command < 0 else self._forward[unit]
-            due = stamp + self._rounded(min(max(0.0, delay * factor + add + late), NEVER))
+        changing = self._jumps or self._random is not None
+        forward, backward = self._delays(stamp, late) if changing else self._constant
+        commands = value.tolist() if isinstance(value, np.ndarray) else value
+        for queue, command, in_traction, in_braking in zip(self._in_flight, commands, forward, backward, strict=True):
+            due = stamp + (in_braking if command < 0 else in_traction)
             while queue and queue[-1][0] >= due:
                 queue.pop()
             queue.append((due, command))

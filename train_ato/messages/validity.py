@@ -28,8 +28,9 @@ class AliveCheck:
 
     def problem(self, message: BrakeRelease) -> str:
         """Return the problem of a message as text, "" with a counter above that of the last valid message."""
-        alive = float(message.alive[0])
-        if not alive >= 0.0 or (message.alive != alive).any():
+        counters = message.alive.tolist()
+        alive = counters[0]
+        if not alive >= 0.0 or counters.count(alive) < len(counters):
             return f"alive counter {alive:g} not possible"
         if alive <= self._last:
             return f"alive counter {alive:g} repeated"
