@@ -67,6 +67,10 @@ class CompensationBase:
         """Clear the brake events."""
         self.shoes = ShoeForecast(self.model)
 
+    def shoes_along(self, t: float) -> ShoeForces:
+        """Return the shoe forces at a time [s] and the speed of the profile then."""
+        return self.shoes.at(t, 0.0 if self.shoes.idle else self.rigid.profile.at(t)[1])
+
     def shared(self, force: float) -> Array:
         """Return a total force split over the units by their shares [N], shape (units,)."""
         return np.array([force * share for share in self._share])

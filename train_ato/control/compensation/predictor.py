@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from train_ato.control.algorithms.coupled_units import CoupledUnits
-from train_ato.control.algorithms.force_shares import mean_over_units
+from train_ato.control.algorithms.force_shares import mean_over_units, total_of_units
 from train_ato.control.compensation.base import UnitState
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.delay_estimate import DelayEstimate
@@ -83,11 +83,11 @@ class Predictor(PreviewFeedforward):
         if self._estimate is not None:
             ticks = 1 if self._last_step is None else max(1, round((now - self._last_step) / self.model.tick))
             self._last_step = now
-            sent = self._estimate.step(inputs.commands_in_flight, float(measured.applied.sum()), ticks)
+            sent = self._estimate.step(inputs.commands_in_flight, total_of_units(measured.applied), ticks)
             self.forward = self.backward = [self._estimate.delay] * self.model.n_units
         delay = self.mean_delay(inputs.commands_in_flight)
         effect = now + delay
-        shoes = self.shoes.at(effect, self.rigid.profile.at(effect)[1])
+        shoes = self.shoes_along(effect)
         state = UnitState(measured.position, measured.velocity, measured.applied)
         if delay > 0.0:
             state = self._predict(inputs, state, sent, delay, shoes.total)
@@ -107,7 +107,7 @@ class Predictor(PreviewFeedforward):
             more = np.array(resisting) - float(own.sum())
             others = disturbance - own - np.outer(more, self._coupled_units.weight)
             return UnitState(*self._coupled_units.predict(*now, due, h, decay, lasting, others))
-        force, wanted = float(now.applied.sum()), due.sum(axis=1).tolist()
+        force, wanted = total_of_units(now.applied), due.sum(axis=1).tolist()
         push, mass = float(disturbance.sum()), self.model.inertia
         speed, moved = 0.0, 0.0
         start = mean_over_units(self._share, now.velocity.tolist())

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-
 from train_ato.control.train_model import TrainModel, interpolated
 from train_ato.messages.types import Array
 
@@ -55,10 +53,11 @@ class RigidForce:
     def __init__(self, model: TrainModel, profile: ProfileLike) -> None:
         self.model = model
         self.profile = profile
-        places, speeds = profile.position.tolist(), profile.velocity.tolist()
-        self.inertial: list[float] = (model.inertia * profile.acceleration).tolist()
-        self.resisting = [model.resisting_force(place, speed) for place, speed in zip(places, speeds, strict=True)]
-        self._total: list[float] = np.add(self.inertial, self.resisting).tolist()
+        inertial = model.inertia * profile.acceleration
+        resisting = model.resisting_forces(profile.position, profile.velocity)
+        self.inertial: list[float] = inertial.tolist()
+        self.resisting: list[float] = resisting.tolist()
+        self._total: list[float] = (inertial + resisting).tolist()
         self._begin = float(profile.time[0])
         last = len(self._total) - 1
         self._spacing = float(profile.time[-1] - profile.time[0]) / last if last else 1.0

@@ -104,6 +104,7 @@ class TrainPredictor(CompensationBase):
         self._copy = nominal_copy(self.model, self.rigid.profile, t, self.period, self.parameters.step)
         self._start = self._t = t
         self._sent = np.zeros(self.model.n_units)
+        self._demand = np.zeros((self._copy.substeps, self.model.n_units))
         for _ in range(self._ticks):
             self._remember()
             self._advance()
@@ -120,4 +121,5 @@ class TrainPredictor(CompensationBase):
         if self._policy is not None:
             front = float(self._copy.position[0])
             pressure = self._policy.step(self._start + self._copy.time, front, float(self._copy.velocity[0]))
-        self._copy.advance(np.broadcast_to(self._sent, (self._copy.substeps, self._sent.size)), pressure)
+        self._demand[:] = self._sent
+        self._copy.advance(self._demand, pressure)
