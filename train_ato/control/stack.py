@@ -241,7 +241,7 @@ class ControlStack:
         sent = []
         self._saturated = False
         for force, least, most in zip(wanted, low, high, strict=True):
-            limited = min(max(force, least), most)
+            limited = least if force < least else most if force > most else force
             sent.append(limited)
             if limited and not least < limited < most:
                 self._saturated = True

@@ -28,7 +28,7 @@ class ShoeForecast:
 
     def __init__(self, model: TrainModel) -> None:
         self._consist = model.consist
-        self._units = list(model.units)
+        self._units = np.array(model.units, dtype=np.int64)
         self.fitted = model.consist.air_brake is not None
         self._none = ShoeForces(0.0, np.zeros(model.n_units))
         self.reset()

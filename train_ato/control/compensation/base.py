@@ -49,7 +49,6 @@ class CompensationBase:
         self.model = model
         self.period = period
         self._share = model.share.tolist()
-        self._one = np.ones(model.n_units)
         self._rigid: RigidForce | None = None
         self.shoes = ShoeForecast(model)
 
@@ -116,8 +115,8 @@ class CompensationBase:
             velocity=state.velocity,
             applied=state.applied,
             reference_position=place - self.model.offsets,
-            reference_velocity=speed * self._one,
-            reference_acceleration=pull * self._one,
+            reference_velocity=np.array([speed] * self.model.n_units),
+            reference_acceleration=np.array([pull] * self.model.n_units),
             delay_to_effect=lead,
             acceleration_at_effect=acceleration,
             jerk_at_effect=jerk,

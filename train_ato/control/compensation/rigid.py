@@ -64,11 +64,11 @@ class RigidForce:
 
     def total(self, t: float) -> float:
         """Return the total force at a time [s] in N."""
-        return self._between(self._total, t)
+        return interpolated(self._total, (t - self._begin) / self._spacing)
 
     def resistance(self, t: float) -> float:
         """Return running and line resistance at a time [s] in N."""
-        return self._between(self.resisting, t)
+        return interpolated(self.resisting, (t - self._begin) / self._spacing)
 
     def slope(self, t: float) -> float:
         """Return the central difference quotient of :meth:`total` at a time [s] in N/s."""
@@ -78,6 +78,3 @@ class RigidForce:
     def ahead(self, t: float, lag: float) -> float:
         """Return the demand F + lag F' that gives :meth:`total` at a time [s] through a first-order lag [s], in N."""
         return self.total(t) if lag <= 0.0 else self.total(t) + lag * self.slope(t)
-
-    def _between(self, table: list[float], t: float) -> float:
-        return interpolated(table, (t - self._begin) / self._spacing)

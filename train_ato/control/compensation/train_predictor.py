@@ -53,6 +53,7 @@ class TrainPredictor(CompensationBase):
     def __init__(self, parameters: TrainPredictorParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         lead = float(model.delay.mean()) * parameters.delay_factor + (model.lag if parameters.lag else 0.0)
+        self._units, self._couplers = np.array(model.units, dtype=np.int64), np.array(model.sensors, dtype=np.int64)
         self._ticks = round(lead / period)
         self._lead = self._ticks * period
         self._policy: BrakePolicy | None = None
@@ -93,10 +94,10 @@ class TrainPredictor(CompensationBase):
             position + measured.position - then_position, velocity + measured.velocity - then_velocity, copy.applied
         )
         forces = copy.shoe_force
-        shoes = ShoeForces(float(forces.sum()), forces[list(self.model.units)])
+        shoes = ShoeForces(float(forces.sum()), forces[self._units])
         effect = t + self._lead
         feedforward = self.shared(self.rigid.total(effect) + shoes.total)
-        couplers = copy.coupler_force[list(self.model.sensors)]
+        couplers = copy.coupler_force[self._couplers]
         return self.law_input(inputs, effect, feedforward, shoes, state, couplers)
 
     def _begin(self, t: float) -> None:
@@ -111,8 +112,7 @@ class TrainPredictor(CompensationBase):
 
     def _remember(self) -> None:
         assert self._copy is not None
-        units = list(self.model.units)
-        self._past.append((self._copy.position[units], self._copy.velocity[units]))
+        self._past.append((self._copy.position[self._units], self._copy.velocity[self._units]))
 
     def _advance(self) -> None:
         assert self._copy is not None

@@ -128,8 +128,6 @@ class AheadTrain:
         self._train = nominal_copy(model, profile, start, parameters.period, parameters.step)
         self._period = round(parameters.period * 1e9) * 1e-9
         self._start = start
-        self._units = np.array(model.units)
-        self._front = np.array([vehicle - 1 for vehicle in model.units])  # -1 is the last coupler, without force
         self._inertia, self._offsets = model.unit_inertia.tolist(), model.offsets.tolist()
         self._demand = np.zeros((self._train.substeps, model.n_units))
         self._forces: deque[list[float]] = deque()
@@ -159,19 +157,19 @@ class AheadTrain:
             pressure = self._policy.step(t, float(position[0]), float(velocity[0]), total_of_units(train.applied))
         place, speed, _, _ = self.profile.at(t)
         _, _, pull, _ = self.profile.at(t + 0.5 * self._period)
-        places, speeds = position[self._units].tolist(), velocity[self._units].tolist()
+        places, speeds = [position.item(i) for i in model.units], [velocity.item(i) for i in model.units]
         low, high = model.limits_of_units(speeds)
         sent = []
         for unit, against in enumerate(self._opposing(places, speeds)):
             error = places[unit] + self._offsets[unit] - place
             wanted = against + self._inertia[unit] * (pull - L1 * (speeds[unit] - speed) - L2 * error)
-            sent.append(min(max(wanted, low[unit]), high[unit]))
+            sent.append(low[unit] if wanted < low[unit] else high[unit] if wanted > high[unit] else wanted)
         self._demand[:] = sent
         train.advance(self._demand, pressure)
         return sent
 
     def _opposing(self, places: list[float], speeds: list[float]) -> list[float]:
         """Return coupler forces, shoe force and resistance against the motion of every unit's vehicle [N]."""
-        force = self._train.coupler_force
-        outside = force[self._units] - force[self._front] + self._train.shoe_force[self._units]
-        return list(map(add, outside.tolist(), self._model.own_resistances(speeds, places)))
+        force, shoes = self._train.coupler_force, self._train.shoe_force
+        outside = [force.item(i) - force.item(i - 1) + shoes.item(i) for i in self._model.units]  # item -1 is 0 N
+        return list(map(add, outside, self._model.own_resistances(speeds, places)))
