@@ -160,8 +160,11 @@ class TrainModel:
 
     def limits_of_units(self, velocity: list[float]) -> tuple[list[float], list[float]]:
         """Return :meth:`force_limits` for and as lists, for use in every tick."""
-        low = [-brake.force(abs(v)) for brake, v in zip(self.brake, velocity, strict=True)]
-        high = [traction.force(abs(v)) for traction, v in zip(self.traction, velocity, strict=True)]
+        low, high = [], []
+        for v, brake, traction in zip(velocity, self.brake, self.traction, strict=True):
+            speed = abs(v)
+            low.append(-brake.force(speed))
+            high.append(traction.force(speed))
         return low, high
 
     def rigid_force(self, position: float, velocity: float, acceleration: float, shoe_force: float = 0.0) -> float:
