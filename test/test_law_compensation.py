@@ -46,6 +46,15 @@ def plant(of, position, speed, lag, step_ns=1_000_000):
     return Train(of.consist, of.line, setup, step_ns, TICK_NS)
 
 
+def test_resistance_of_many_points_equals_that_of_one():
+    """Same bits along and beyond the line, on and between the points of the table, forwards, at rest and backwards."""
+    of = model(FIVE, HILLY)
+    place = np.concatenate((np.linspace(HILLY.begin - 400.0, HILLY.end + 400.0, 701), np.arange(900.0, 1100.0)))
+    speed = np.tile(np.linspace(-1.0, 1.0, 17), 53)
+    single = [of.resisting_force(x, v) for x, v in zip(place.tolist(), speed.tolist(), strict=True)]
+    assert of.resisting_forces(place, speed).tolist() == single
+
+
 @pytest.mark.parametrize(("train", "how"), [(SINGLE, "rigid"), (FIVE, "chain"), (FIVE, "rigid")])
 def test_prediction_equals_the_simulated_train(train, how):
     """0.8 s of changing commands through lag 0.4 s: within 2 mm, 2 mm/s and 1 % of the force."""

@@ -6,9 +6,10 @@ import os
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from threading import get_ident
+from time import monotonic
 from types import FrameType
 from typing import Any, ClassVar
 
@@ -39,10 +40,12 @@ class ComponentCall:
         self.name = name
 
     def __enter__(self) -> None:
-        self._since[threading.get_ident()] = time.monotonic()
+        self._since[get_ident()] = monotonic()
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
-        del self._since[threading.get_ident()]
+        del self._since[get_ident()]
+        if error is None:
+            return
         if isinstance(error, SystemExit):
             raise RunFailed(f"{self.name} called sys.exit({error.code!r})") from error
         if isinstance(error, KeyboardInterrupt):
@@ -52,7 +55,7 @@ class ComponentCall:
     def overdue(cls) -> bool:
         """Return True if the main thread is inside a call that takes longer than :data:`RETURN_S`."""
         since = cls._since.get(threading.main_thread().ident or 0)
-        return since is not None and time.monotonic() - since > RETURN_S
+        return since is not None and monotonic() - since > RETURN_S
 
 
 class Interrupt:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,21 +27,19 @@ class CommandHistory:
     def __init__(self, model: TrainModel, tick: float) -> None:
         longest = max(float(model.delay.max()), float(model.delay_brake.max()))
         self._length = math.ceil(longest / tick - 1e-9)
-        self._none = np.zeros((0, model.n_units))
-        self._queue: deque[Array] = deque(
-            (np.zeros(model.n_units) for _ in range(self._length)), maxlen=max(1, self._length)
-        )
+        self._commands = np.zeros((self._length, model.n_units))
 
     def append(self, force: Array) -> None:
         """Add the command of a tick [N], shape (units,)."""
         if self._length:
-            self._queue.append(force)
+            self._commands[:-1] = self._commands[1:]
+            self._commands[-1] = force
 
     def replace(self, force: Array) -> None:
         """Replace the newest command by another one [N], shape (units,)."""
         if self._length:
-            self._queue[-1] = force
+            self._commands[-1] = force
 
     def in_flight(self) -> Array:
         """Return the commands in flight [N], shape (d, units)."""
-        return np.array(self._queue) if self._length else self._none
+        return self._commands.copy() if self._length else self._commands

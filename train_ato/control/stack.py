@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from train_ato.control.algorithms.force_shares import total_of_units
 from train_ato.control.algorithms.guard import all_within, is_valid_state
 from train_ato.control.command_history import CommandHistory
 from train_ato.control.command_hold import CommandHold
@@ -186,7 +187,7 @@ class ControlStack:
                 measurement.stamp * 1e-9,
                 float(measurement.position[0]),
                 float(measurement.velocity[0]),
-                float(measurement.applied.sum()),
+                total_of_units(measurement.applied),
             )
         if due and not valid:
             self._hold.hold("no valid measurement of the power units")
@@ -219,8 +220,8 @@ class ControlStack:
     def _decide(
         self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate | None
     ) -> list[float]:
-        low, high = self.model.force_limits(measurement.velocity)
-        output = self._law.step(self._law_input(measurement, reference, estimate, low, high))
+        low, high = self.model.limits_of_units(measurement.velocity.tolist())
+        output = self._law.step(self._law_input(measurement, reference, estimate, np.array(low), np.array(high)))
         wanted = output.force.tolist()
         if not all(map(math.isfinite, wanted)) or len(wanted) != self.model.n_units:
             self._hold.hold(f"law '{self._name}' returned {str(wanted)[:60]} N")
@@ -233,9 +234,17 @@ class ControlStack:
             self._pressure = min(max(output.brake_pipe, 0.0), self.model.consist.air_brake.charged)  # type: ignore[union-attr]
         if self._offset is not None:
             wanted = self._bumpless(wanted)
-        limits = list(zip(low.tolist(), high.tolist(), strict=True))
-        sent = [min(max(force, a), b) for force, (a, b) in zip(wanted, limits, strict=True)]
-        self._saturated = any(force and (force <= a or force >= b) for force, (a, b) in zip(sent, limits, strict=True))
+        return self._limited(wanted, low, high)
+
+    def _limited(self, wanted: list[float], low: list[float], high: list[float]) -> list[float]:
+        """Return the force of every unit inside its limits [N], and note whether one is at a limit."""
+        sent = []
+        self._saturated = False
+        for force, least, most in zip(wanted, low, high, strict=True):
+            limited = least if force < least else most if force > most else force
+            sent.append(limited)
+            if limited and not least < limited < most:
+                self._saturated = True
         self._saturated_steps += self._saturated
         return sent
 

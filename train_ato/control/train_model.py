@@ -6,7 +6,6 @@ The plant may differ from it: a mismatch changes the block ``plant:`` only.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -96,9 +95,13 @@ class TrainModel:
         self.air_brake = BrakeForecast(consist) if consist.air_brake is not None else None
         polynomials = np.array([vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles])
         self._c0, self._c1, self._c2 = (float(total) for total in polynomials.sum(axis=0))
-        self._unit_polynomials = [tuple(float(c) for c in polynomials[unit]) for unit in self.units]
-        self._specific, self._begin = _specific_line_force(consist, line, over_length)
-        self._total = self._weighted(np.array([vehicle.mass for vehicle in vehicles]), np.array(consist.offsets))
+        specific, self._begin = _specific_line_force(consist, line, over_length)
+        masses = np.array([vehicle.mass for vehicle in vehicles])
+        self._line_force = _over_train(specific, masses, np.array(consist.offsets))
+        # lists for single places: reading an entry of an array takes three times as long
+        self._specific: list[float] = specific.tolist()
+        self._total: list[float] = self._line_force.tolist()
+        self._own = [(vehicles[unit].mass, *polynomials[unit].tolist()) for unit in self.units]
 
     def _shares(self) -> Array:
         largest = np.array([envelope.largest() for envelope in self.traction])
@@ -108,15 +111,6 @@ class TrainModel:
             largest / largest.sum() if largest.sum() > 0 else np.full(self.n_units, 1 / max(1, self.n_units))
         )
         return shares
-
-    def _weighted(self, masses: Array, offsets: Array) -> Array:
-        """Sum the line force over the train for vehicle 0 at every grid point [N]."""
-        total = np.zeros_like(self._specific)
-        for mass, offset in zip(masses, offsets, strict=True):
-            shift = round(float(offset) / GRID)
-            total[shift:] += mass * self._specific[: total.size - shift]
-            total[:shift] += mass * self._specific[0]
-        return total
 
     def running_resistance(self, velocity: float) -> float:
         """Return the running resistance of the train [N]: odd in the speed, 0 at standstill."""
@@ -131,29 +125,46 @@ class TrainModel:
         """Return running, line and shoe force on the train [N], > 0 resists, for vehicle 0's centre at a position."""
         return self.running_resistance(velocity) + self.line_force(position) + shoe_force
 
+    def resisting_forces(self, position: Array, velocity: Array) -> Array:
+        """Return :meth:`resisting_force` without shoes at many positions and speeds [N], equal to it bit for bit."""
+        speed = np.abs(velocity)
+        fading = np.array(list(map(math.tanh, (velocity / DRY_FRICTION_SPEED).tolist())))  # np.tanh has other bits
+        running = (self._c0 + self._c1 * speed + self._c2 * speed * speed) * fading
+        place = np.clip((position - self._begin) / GRID, 0.0, self._line_force.size - 1)
+        index = np.minimum(place.astype(np.int64), self._line_force.size - 2)
+        low, high = self._line_force[index], self._line_force[index + 1]
+        line = np.where(place == index + 1, high, low + (place - index) * (high - low))
+        return np.asarray(running + line)
+
     def front(self, position: Array) -> float:
         """Return the position of vehicle 0's centre [m] for positions of the units, shape (units,)."""
         return float(position[0] + self.offsets[0])
 
     def own_resistance(self, velocity: Array, position: Array) -> Array:
         """Return running and line resistance of every unit's own vehicle [N], shape (units,)."""
-        result = np.empty(self.n_units)
-        for unit, (c0, c1, c2) in enumerate(self._unit_polynomials):
-            v = float(velocity[unit])
+        return np.array(self.own_resistances(velocity.tolist(), position.tolist()))
+
+    def own_resistances(self, velocity: list[float], position: list[float]) -> list[float]:
+        """Return :meth:`own_resistance` for and as lists, for use in every tick."""
+        result = []
+        for v, place, (mass, c0, c1, c2) in zip(velocity, position, self._own, strict=True):
             speed = abs(v)
-            result[unit] = (c0 + c1 * speed + c2 * speed * speed) * math.tanh(v / DRY_FRICTION_SPEED)
-            result[unit] += float(self.unit_mass[unit]) * interpolated(
-                self._specific, (float(position[unit]) - self._begin) / GRID
-            )
+            running = (c0 + c1 * speed + c2 * speed * speed) * math.tanh(v / DRY_FRICTION_SPEED)
+            result.append(running + mass * interpolated(self._specific, (place - self._begin) / GRID))
         return result
 
     def force_limits(self, velocity: Array) -> tuple[Array, Array]:
         """Return the smallest and largest force of every unit at its speed [N], each of shape (units,)."""
-        low, high = np.empty(self.n_units), np.empty(self.n_units)
-        for unit in range(self.n_units):
-            speed = abs(float(velocity[unit]))
-            low[unit] = -self.brake[unit].force(speed)
-            high[unit] = self.traction[unit].force(speed)
+        low, high = self.limits_of_units(velocity.tolist())
+        return np.array(low), np.array(high)
+
+    def limits_of_units(self, velocity: list[float]) -> tuple[list[float], list[float]]:
+        """Return :meth:`force_limits` for and as lists, for use in every tick."""
+        low, high = [], []
+        for v, brake, traction in zip(velocity, self.brake, self.traction, strict=True):
+            speed = abs(v)
+            low.append(-brake.force(speed))
+            high.append(traction.force(speed))
         return low, high
 
     def rigid_force(self, position: float, velocity: float, acceleration: float, shoe_force: float = 0.0) -> float:
@@ -161,15 +172,25 @@ class TrainModel:
         return self.inertia * acceleration + self.running_resistance(velocity) + self.line_force(position) + shoe_force
 
 
-def interpolated(table: Sequence[float] | Array, place: float) -> float:
+def interpolated(table: list[float], place: float) -> float:
     """Return the value of a table at a place between its entries, 0 the first; the ends hold beyond them."""
     if place <= 0.0:
-        return float(table[0])
+        return table[0]
     index = int(place)
     if index >= len(table) - 1:
-        return float(table[-1])
-    low = float(table[index])
-    return low + (place - index) * (float(table[index + 1]) - low)
+        return table[-1]
+    low = table[index]
+    return low + (place - index) * (table[index + 1] - low)
+
+
+def _over_train(specific: Array, masses: Array, offsets: Array) -> Array:
+    """Sum the line force over the train for vehicle 0 at every grid point [N]."""
+    total = np.zeros_like(specific)
+    for mass, offset in zip(masses, offsets, strict=True):
+        shift = round(float(offset) / GRID)
+        total[shift:] += mass * specific[: total.size - shift]
+        total[:shift] += mass * specific[0]
+    return total
 
 
 def _specific_line_force(consist: Consist, line: Line, over_length: bool) -> tuple[Array, float]:

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from plant_sim.units import Pressure, Ratio, SiModel, Speed, Time
+from train_ato.control.algorithms.force_shares import total_of_units
 from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 
 
@@ -64,7 +65,7 @@ class BlendedBrake:
     def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
         """Return the pressure demanded [Pa]; ``applied`` is the measured force of all units [N], < 0 braking."""
         rules = self._rules
-        available = -float(self._model.force_limits(np.full(self._model.n_units, velocity))[0].sum())
+        available = total_of_units(np.array([brake.force(abs(velocity)) for brake in self._model.brake]))
         share = -applied / available if available > 0 else 0.0
         if self._applied:
             self._stood = self._stood or abs(velocity) < STANDSTILL_SPEED

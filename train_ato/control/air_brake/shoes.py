@@ -28,7 +28,7 @@ class ShoeForecast:
 
     def __init__(self, model: TrainModel) -> None:
         self._consist = model.consist
-        self._units = list(model.units)
+        self._units = np.array(model.units, dtype=np.int64)
         self.fitted = model.consist.air_brake is not None
         self._none = ShoeForces(0.0, np.zeros(model.n_units))
         self.reset()
@@ -37,18 +37,29 @@ class ShoeForecast:
         """Clear all events: brake released."""
         self._forecast = BrakeForecast(self._consist) if self.fitted else None
         self._calls = 0
+        self._pressure: float | None = None
+        self._idle = True
 
     def demand(self, t: float, pressure: float | None) -> None:
         """Add the pressure demanded from a time on [s, Pa]; None without an air brake."""
-        if self._forecast is not None and pressure is not None:
+        if self._forecast is None or pressure is None:
+            return
+        if pressure != self._pressure:
             self._forecast.demand(t, pressure)
-            self._calls += 1
-            if self._calls % COMMIT_EVERY == 0 and not self._forecast.idle:
-                self._forecast.commit(t)
+            self._pressure, self._idle = pressure, self._forecast.idle
+        self._calls += 1
+        if self._calls % COMMIT_EVERY == 0 and not self._idle:
+            self._forecast.commit(t)
+            self._idle = self._forecast.idle
+
+    @property
+    def idle(self) -> bool:
+        """True if all forces are 0: no air brake, or no event that acts or propagates."""
+        return self._idle
 
     def at(self, t: float, velocity: float) -> ShoeForces:
         """Return the forces at a time [s], not before the last demand, and a speed of the train [m/s]."""
-        if self._forecast is None or self._forecast.idle:
+        if self._forecast is None or self._idle:
             return self._none
         forces = self._forecast.forces(t, velocity)
         return ShoeForces(float(forces.sum()), forces[self._units])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import add
 from typing import NamedTuple, Protocol
 
 from plant_sim.gears import LinearGear
@@ -63,22 +64,25 @@ class UnitCouplers:
         self._model = model
         last = len(model.consist.vehicles) - 1
         gears = model.consist.gears
-        self._sensor = {coupler: index for index, coupler in enumerate(model.sensors)}
-        self._unit = {vehicle: unit for unit, vehicle in enumerate(model.units)}
+        sensor = {coupler: index for index, coupler in enumerate(model.sensors)}
+        unit_of = {vehicle: unit for unit, vehicle in enumerate(model.units)}
         self._offset = model.offsets.tolist()
         self._beside: list[tuple[int | None, int | None]] = []
+        self._sensor: dict[int, int] = {}
         self._spring: dict[int, tuple[int, int, float, float]] = {}
         unknown = set()
         for vehicle in model.units:
             front, behind = (vehicle - 1 if vehicle > 0 else None), (vehicle if vehicle < last else None)
             self._beside.append((front, behind))
             for coupler in (front, behind):
-                if coupler is None or coupler in self._sensor:
+                if coupler is None:
                     continue
                 gear = gears[coupler]
-                between = coupler in self._unit and coupler + 1 in self._unit
-                if between and isinstance(gear, LinearGear) and gear.slack == 0.0:
-                    a, b = self._unit[coupler], self._unit[coupler + 1]
+                between = coupler in unit_of and coupler + 1 in unit_of
+                if coupler in sensor:
+                    self._sensor[coupler] = sensor[coupler]
+                elif between and isinstance(gear, LinearGear) and gear.slack == 0.0:
+                    a, b = unit_of[coupler], unit_of[coupler + 1]
                     self._spring[coupler] = (a, b, gear.stiffness, gear.damping)
                 else:
                     unknown.add(coupler)
@@ -94,8 +98,9 @@ class UnitCouplers:
 
     def opposing(self, inputs: UnitForces) -> list[OpposingForces]:
         """Return the forces against the motion of every unit's vehicle, front first."""
-        pulls = self.pull(inputs.position.tolist(), inputs.velocity.tolist(), inputs.coupler_force.tolist())
-        own = self._model.own_resistance(inputs.velocity, inputs.position).tolist()
+        position, velocity = inputs.position.tolist(), inputs.velocity.tolist()
+        pulls = self.pull(position, velocity, inputs.coupler_force.tolist())
+        own = self._model.own_resistances(velocity, position)
         return list(map(OpposingForces, pulls, own, inputs.shoe_force.tolist()))
 
     def pull(self, position: list[float], velocity: list[float], measured: list[float]) -> list[float]:
@@ -108,17 +113,11 @@ class UnitCouplers:
         measured
             Measured coupler forces [N], in the order of ``model.sensors``.
         """
-        place = [x + offset for x, offset in zip(position, self._offset, strict=True)]
-        return [
-            self._force(behind, place, velocity, measured) - self._force(front, place, velocity, measured)
-            for front, behind in self._beside
-        ]
-
-    def _force(self, coupler: int | None, place: list[float], velocity: list[float], measured: list[float]) -> float:
-        if coupler is None:
-            return 0.0
-        index = self._sensor.get(coupler)
-        if index is not None:
-            return measured[index]
-        a, b, stiffness, damping = self._spring[coupler]
-        return stiffness * (place[a] - place[b]) + damping * (velocity[a] - velocity[b])
+        force: dict[int | None, float] = {None: 0.0}
+        for coupler, index in self._sensor.items():
+            force[coupler] = measured[index]
+        if self._spring:
+            place = list(map(add, position, self._offset))
+            for coupler, (a, b, stiffness, damping) in self._spring.items():
+                force[coupler] = stiffness * (place[a] - place[b]) + damping * (velocity[a] - velocity[b])
+        return [force[behind] - force[front] for front, behind in self._beside]

@@ -49,7 +49,6 @@ class CompensationBase:
         self.model = model
         self.period = period
         self._share = model.share.tolist()
-        self._one = np.ones(model.n_units)
         self._rigid: RigidForce | None = None
         self.shoes = ShoeForecast(model)
 
@@ -66,6 +65,10 @@ class CompensationBase:
     def reset(self) -> None:
         """Clear the brake events."""
         self.shoes = ShoeForecast(self.model)
+
+    def shoes_along(self, t: float) -> ShoeForces:
+        """Return the shoe forces at a time [s] and the speed of the profile then."""
+        return self.shoes.at(t, 0.0 if self.shoes.idle else self.rigid.profile.at(t)[1])
 
     def shared(self, force: float) -> Array:
         """Return a total force split over the units by their shares [N], shape (units,)."""
@@ -112,8 +115,8 @@ class CompensationBase:
             velocity=state.velocity,
             applied=state.applied,
             reference_position=place - self.model.offsets,
-            reference_velocity=speed * self._one,
-            reference_acceleration=pull * self._one,
+            reference_velocity=np.array([speed] * self.model.n_units),
+            reference_acceleration=np.array([pull] * self.model.n_units),
             delay_to_effect=lead,
             acceleration_at_effect=acceleration,
             jerk_at_effect=jerk,

@@ -23,12 +23,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from train_ato.control.algorithms.coupled_units import CoupledUnits
-from train_ato.control.algorithms.force_shares import mean_over_units
+from train_ato.control.algorithms.force_shares import mean_over_units, total_of_units
 from train_ato.control.compensation.base import UnitState
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.delay_estimate import DelayEstimate
@@ -83,11 +85,11 @@ class Predictor(PreviewFeedforward):
         if self._estimate is not None:
             ticks = 1 if self._last_step is None else max(1, round((now - self._last_step) / self.model.tick))
             self._last_step = now
-            sent = self._estimate.step(inputs.commands_in_flight, float(measured.applied.sum()), ticks)
+            sent = self._estimate.step(inputs.commands_in_flight, total_of_units(measured.applied), ticks)
             self.forward = self.backward = [self._estimate.delay] * self.model.n_units
         delay = self.mean_delay(inputs.commands_in_flight)
         effect = now + delay
-        shoes = self.shoes.at(effect, self.rigid.profile.at(effect)[1])
+        shoes = self.shoes_along(effect)
         state = UnitState(measured.position, measured.velocity, measured.applied)
         if delay > 0.0:
             state = self._predict(inputs, state, sent, delay, shoes.total)
@@ -105,9 +107,9 @@ class Predictor(PreviewFeedforward):
         if self._coupled_units is not None:
             own = self.model.own_resistance(now.velocity, now.position)
             more = np.array(resisting) - float(own.sum())
-            others = disturbance - own - np.outer(more, self._coupled_units.weight)
+            others = disturbance - own - more[:, None] * self._coupled_units.weight
             return UnitState(*self._coupled_units.predict(*now, due, h, decay, lasting, others))
-        force, wanted = float(now.applied.sum()), due.sum(axis=1).tolist()
+        force, wanted = total_of_units(now.applied), due.sum(axis=1).tolist()
         push, mass = float(disturbance.sum()), self.model.inertia
         speed, moved = 0.0, 0.0
         start = mean_over_units(self._share, now.velocity.tolist())
@@ -138,15 +140,20 @@ class Predictor(PreviewFeedforward):
         if oldest == 0:
             return np.zeros((count, self.model.n_units))
         if self.forward == self.backward and min(self.forward) == max(self.forward):
-            ages = [self.forward[0] - (k + 0.5) * h for k in range(count)]
-            rows = [oldest - min(max(math.ceil(age / tick - 1e-9), 1), oldest) for age in ages]
-            return np.asarray(sent[rows])
+            return np.asarray(sent[_rows_due(oldest, count, self.forward[0], h, tick)])
         due = np.empty((count, self.model.n_units))
         for unit, column in enumerate(sent.T.tolist()):
             forward, backward = self.forward[unit], self.backward[unit]
             for k in range(count):
                 due[k, unit] = _newest_arrived(column, (k + 0.5) * h, tick, forward, backward)
         return due
+
+
+@lru_cache(maxsize=16)  # the same in every tick of a constant delay: 5 us
+def _rows_due(oldest: int, count: int, delay: float, h: float, tick: float) -> NDArray[np.intp]:
+    """Return the rows of ``oldest`` commands in flight that are due in the middle of every sub-interval."""
+    ages = [delay - (k + 0.5) * h for k in range(count)]
+    return np.array([oldest - min(max(math.ceil(age / tick - 1e-9), 1), oldest) for age in ages], dtype=np.intp)
 
 
 def _newest_arrived(column: list[float], later: float, tick: float, forward: float, backward: float) -> float:

@@ -58,8 +58,7 @@ class PreviewFeedforward(CompensationBase):
         t = inputs.t
         self.shoes.demand(t, inputs.pressure)
         effect = t + self.mean_delay(inputs.commands_in_flight)
-        speed = self.rigid.profile.at(effect)[1]
-        feedforward = self.feedforward(t, self.shoes.at(effect, speed).total)
+        feedforward = self.feedforward(t, self.shoes_along(effect).total)
         return self.law_input(inputs, effect, feedforward, self.shoes.at(t, inputs.reference.velocity))
 
     def feedforward(self, t: float, shoes: float) -> Array:

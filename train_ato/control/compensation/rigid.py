@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Protocol
 
-import numpy as np
-
 from train_ato.control.train_model import TrainModel, interpolated
 from train_ato.messages.types import Array
 
@@ -55,21 +53,22 @@ class RigidForce:
     def __init__(self, model: TrainModel, profile: ProfileLike) -> None:
         self.model = model
         self.profile = profile
-        places, speeds = profile.position.tolist(), profile.velocity.tolist()
-        self.inertial: list[float] = (model.inertia * profile.acceleration).tolist()
-        self.resisting = [model.resisting_force(place, speed) for place, speed in zip(places, speeds, strict=True)]
-        self._total: list[float] = np.add(self.inertial, self.resisting).tolist()
+        inertial = model.inertia * profile.acceleration
+        resisting = model.resisting_forces(profile.position, profile.velocity)
+        self.inertial: list[float] = inertial.tolist()
+        self.resisting: list[float] = resisting.tolist()
+        self._total: list[float] = (inertial + resisting).tolist()
         self._begin = float(profile.time[0])
         last = len(self._total) - 1
         self._spacing = float(profile.time[-1] - profile.time[0]) / last if last else 1.0
 
     def total(self, t: float) -> float:
         """Return the total force at a time [s] in N."""
-        return self._between(self._total, t)
+        return interpolated(self._total, (t - self._begin) / self._spacing)
 
     def resistance(self, t: float) -> float:
         """Return running and line resistance at a time [s] in N."""
-        return self._between(self.resisting, t)
+        return interpolated(self.resisting, (t - self._begin) / self._spacing)
 
     def slope(self, t: float) -> float:
         """Return the central difference quotient of :meth:`total` at a time [s] in N/s."""
@@ -79,6 +78,3 @@ class RigidForce:
     def ahead(self, t: float, lag: float) -> float:
         """Return the demand F + lag F' that gives :meth:`total` at a time [s] through a first-order lag [s], in N."""
         return self.total(t) if lag <= 0.0 else self.total(t) + lag * self.slope(t)
-
-    def _between(self, table: list[float], t: float) -> float:
-        return interpolated(table, (t - self._begin) / self._spacing)

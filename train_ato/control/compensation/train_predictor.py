@@ -53,6 +53,7 @@ class TrainPredictor(CompensationBase):
     def __init__(self, parameters: TrainPredictorParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         lead = float(model.delay.mean()) * parameters.delay_factor + (model.lag if parameters.lag else 0.0)
+        self._units, self._couplers = np.array(model.units, dtype=np.int64), np.array(model.sensors, dtype=np.int64)
         self._ticks = round(lead / period)
         self._lead = self._ticks * period
         self._policy: BrakePolicy | None = None
@@ -93,10 +94,10 @@ class TrainPredictor(CompensationBase):
             position + measured.position - then_position, velocity + measured.velocity - then_velocity, copy.applied
         )
         forces = copy.shoe_force
-        shoes = ShoeForces(float(forces.sum()), forces[list(self.model.units)])
+        shoes = ShoeForces(float(forces.sum()), forces[self._units])
         effect = t + self._lead
         feedforward = self.shared(self.rigid.total(effect) + shoes.total)
-        couplers = copy.coupler_force[list(self.model.sensors)]
+        couplers = copy.coupler_force[self._couplers]
         return self.law_input(inputs, effect, feedforward, shoes, state, couplers)
 
     def _begin(self, t: float) -> None:
@@ -104,14 +105,14 @@ class TrainPredictor(CompensationBase):
         self._copy = nominal_copy(self.model, self.rigid.profile, t, self.period, self.parameters.step)
         self._start = self._t = t
         self._sent = np.zeros(self.model.n_units)
+        self._demand = np.zeros((self._copy.substeps, self.model.n_units))
         for _ in range(self._ticks):
             self._remember()
             self._advance()
 
     def _remember(self) -> None:
         assert self._copy is not None
-        units = list(self.model.units)
-        self._past.append((self._copy.position[units], self._copy.velocity[units]))
+        self._past.append((self._copy.position[self._units], self._copy.velocity[self._units]))
 
     def _advance(self) -> None:
         assert self._copy is not None
@@ -120,4 +121,5 @@ class TrainPredictor(CompensationBase):
         if self._policy is not None:
             front = float(self._copy.position[0])
             pressure = self._policy.step(self._start + self._copy.time, front, float(self._copy.velocity[0]))
-        self._copy.advance(np.broadcast_to(self._sent, (self._copy.substeps, self._sent.size)), pressure)
+        self._demand[:] = self._sent
+        self._copy.advance(self._demand, pressure)

@@ -25,10 +25,12 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from operator import add
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from train_ato.control.algorithms.force_shares import total_of_units
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.nominal_train import nominal_copy
 from train_ato.control.compensation.preview import PreviewFeedforward, PreviewParameters
@@ -60,6 +62,7 @@ class Twin(PreviewFeedforward):
 
     def __init__(self, parameters: TwinParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
+        self._longest = max(*self.forward, *self.backward)
         self._policy: BrakePolicy | None = None
         self._ahead: AheadTrain | None = None
 
@@ -84,7 +87,7 @@ class Twin(PreviewFeedforward):
     def _read(self, t: float) -> Array:
         assert self._ahead is not None
         self._ahead.profile = self.rigid.profile
-        self._ahead.run(t + max(max(self.forward), max(self.backward)) + self.lag, keep_from=t)
+        self._ahead.run(t + self._longest + self.lag, keep_from=t)
         wanted = []
         for unit, (forward, backward) in enumerate(zip(self.forward, self.backward, strict=True)):
             force = self._ahead.force(unit, t + forward + self.lag)
@@ -123,10 +126,10 @@ class AheadTrain:
         self._model = model
         self._policy = policy if model.consist.air_brake is not None else None
         self._train = nominal_copy(model, profile, start, parameters.period, parameters.step)
-        self._substeps, self._period = self._train.substeps, round(parameters.period * 1e9) * 1e-9
+        self._period = round(parameters.period * 1e9) * 1e-9
         self._start = start
-        self._units = np.array(model.units)
-        self._front = np.array([vehicle - 1 for vehicle in model.units])
+        self._inertia, self._offsets = model.unit_inertia.tolist(), model.offsets.tolist()
+        self._demand = np.zeros((self._train.substeps, model.n_units))
         self._forces: deque[list[float]] = deque()
         self._first = 0
 
@@ -151,19 +154,22 @@ class AheadTrain:
         pressure = None
         position, velocity = train.position, train.velocity
         if self._policy is not None:
-            pressure = self._policy.step(t, float(position[0]), float(velocity[0]), float(train.applied.sum()))
+            pressure = self._policy.step(t, float(position[0]), float(velocity[0]), total_of_units(train.applied))
         place, speed, _, _ = self.profile.at(t)
         _, _, pull, _ = self.profile.at(t + 0.5 * self._period)
-        own_place, own_speed = position[self._units], velocity[self._units]
-        force = train.coupler_force
-        opposing = (
-            force[self._units] - np.where(self._front >= 0, force[self._front], 0.0) + train.shoe_force[self._units]
-        )
-        opposing += model.own_resistance(own_speed, own_place)
-        error = own_place + model.offsets - place
-        wanted = opposing + model.unit_inertia * (pull - L1 * (own_speed - speed) - L2 * error)
-        low, high = model.force_limits(own_speed)
-        wanted = np.minimum(np.maximum(wanted, low), high)
-        train.advance(np.broadcast_to(wanted, (self._substeps, wanted.size)), pressure)
-        sent: list[float] = wanted.tolist()
+        places, speeds = [position.item(i) for i in model.units], [velocity.item(i) for i in model.units]
+        low, high = model.limits_of_units(speeds)
+        sent = []
+        for unit, against in enumerate(self._opposing(places, speeds)):
+            error = places[unit] + self._offsets[unit] - place
+            wanted = against + self._inertia[unit] * (pull - L1 * (speeds[unit] - speed) - L2 * error)
+            sent.append(low[unit] if wanted < low[unit] else high[unit] if wanted > high[unit] else wanted)
+        self._demand[:] = sent
+        train.advance(self._demand, pressure)
         return sent
+
+    def _opposing(self, places: list[float], speeds: list[float]) -> list[float]:
+        """Return coupler forces, shoe force and resistance against the motion of every unit's vehicle [N]."""
+        force, shoes = self._train.coupler_force, self._train.shoe_force
+        outside = [force.item(i) - force.item(i - 1) + shoes.item(i) for i in self._model.units]  # item -1 is 0 N
+        return list(map(add, outside, self._model.own_resistances(speeds, places)))

@@ -35,6 +35,7 @@ feed-forward are rejected. With ``equivalent: feedforward`` any train without se
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import sub
 from typing import TYPE_CHECKING, ClassVar
 
 from train_ato.control.algorithms.couplers import UnitCouplers
@@ -106,8 +107,8 @@ class Smc(GuardedLaw):
 
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force demand of every unit [N]."""
-        errors = (inputs.position - inputs.reference_position).tolist()
-        rates = (inputs.velocity - inputs.reference_velocity).tolist()
+        errors = list(map(sub, inputs.position.tolist(), inputs.reference_position.tolist()))
+        rates = list(map(sub, inputs.velocity.tolist(), inputs.reference_velocity.tolist()))
         equivalent = self.equivalent(inputs)
         disturbance = inputs.disturbance.tolist()
         wanted = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import isfinite
+from math import copysign, isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -72,7 +72,9 @@ class GuardedObserver:
             return np.array(self._last_estimate)
         found = self.estimate(inputs)
         if all(map(isfinite, found)):
-            self._last_estimate = [min(max(force, -MAX_FORCE), MAX_FORCE) for force in found]
+            self._last_estimate = [
+                force if -MAX_FORCE <= force <= MAX_FORCE else copysign(MAX_FORCE, force) for force in found
+            ]
         else:
             self.clear_state()
         return np.array(self._last_estimate)

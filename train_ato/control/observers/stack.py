@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from train_ato.control.air_brake.shoes import ShoeForecast
+from train_ato.control.algorithms.force_shares import total_of_units
 from train_ato.control.algorithms.guard import is_valid_state
 from train_ato.control.observers.contract import ObserverInput
 from train_ato.messages.types import DisturbanceEstimate, Measurement
@@ -44,7 +45,7 @@ class ObserverStack:
             t = measurement.stamp * 1e-9
             if is_valid_state(measurement):
                 self._speed = float(measurement.velocity[0])
-                position, applied = float(measurement.position[0]), float(measurement.applied.sum())
+                position, applied = float(measurement.position[0]), total_of_units(measurement.applied)
                 self._shoes.demand(t, self._policy.step(t, position, self._speed, applied))
             shoes = self._shoes.at(t, self._speed)
         return ObserverInput.of(measurement, shoes.own, shoes.total)
