@@ -237,7 +237,7 @@ class ControlStack:
         return self._limited(wanted, low, high)
 
     def _limited(self, wanted: list[float], low: list[float], high: list[float]) -> list[float]:
-        """Return the force of every unit inside its limits [N], and note whether one is at a limit."""
+        """Return the force of every unit inside its limits [N]; ``_saturated`` is True if one is at a limit."""
         sent = []
         self._saturated = False
         for force, least, most in zip(wanted, low, high, strict=True):
