@@ -54,7 +54,7 @@ def broken(number: int, changes: dict[str, Any]) -> list[str]:
         (1, {"places": (f"{HXD1}:pull:",)}, ["does not contain this text"]),
         (1, {"places": ("plant_sim/data/consists/hxd1.yaml:mass_t",)}, ["no such file"]),
         (18, {"places": ()}, ["(18): no place"]),
-        (40, {"note": ""}, ["(40): departure without a note"]),
+        (40, {"form": Form.DEPARTURE, "settings": (), "note": ""}, ["(40): departure without a note"]),
         (21, {"settings": ()}, ["(21): option without settings"]),
         (18, {"settings": ("laws.smc.ks=0",)}, ["(18): literal with settings"]),
         (21, {"settings": ("laws.smc.kss=0",)}, ["smc.kss: no such parameter (did you mean 'ks'?)"]),

@@ -138,3 +138,21 @@ def test_a_delay_on_a_topic_reaches_the_law(topic: str) -> None:
         return outcome.recording.command
 
     assert not np.array_equal(commands(), commands(f"links.{topic}.delay=0.5"))
+
+
+def test_the_pipe_stays_charged_until_the_first_command_arrives() -> None:
+    """Breaks if a delayed brake-pipe command begins with 0 Pa, which is an emergency application."""
+    outcome = run_engine(prepare(*load_scenario("demo", ("duration=5", "links.brake_pipe.delay=2"))))
+    assert outcome.recording is not None
+    assert outcome.recording.topics["train/brake_pipe"]["pressure"].min() == 600e3
+
+
+def test_varying_delay_computed_in_blocks_is_that_of_single_steps() -> None:
+    """Breaks at the end of a block, or if a link read at fewer times uses another delay."""
+    varying = LinkSpec(varying=VaryingDelay(amplitude=0.2, omega=1.3))
+    values = [float(tick) for tick in range(200)]
+    whole, single = (run(Link(varying, 1, STEP, 1, "x"), values, window) for window in (20, 1))
+    assert (whole == single).all()
+    late = np.rint(0.2 * np.abs(np.sin(1.3 * STEP * 1e-9 * np.arange(4000))) / 0.005).astype(int)
+    newest = np.maximum.accumulate(np.arange(4000) - late)
+    assert (whole == np.maximum(newest // 20, 0)).all()

@@ -90,7 +90,10 @@ class PlantStage:
         self._link = Link(setup.links.command, setup.layout.n_units, setup.step_ns, setup.seed, "command")
         self._interventions = TrainInterventions(setup, self.train, self._link, self.protection, self._inputs)
         pipe = setup.links.brake_pipe
-        self._pipe_link = None if pipe == LinkSpec() else Link(pipe, 1, setup.step_ns, setup.seed, "brake_pipe")
+        self._pipe_link: Link | None = None
+        if setup.consist.air_brake is not None and pipe != LinkSpec():
+            charged = setup.consist.air_brake.charged  # demanded until the first command arrives
+            self._pipe_link = Link(pipe, 1, setup.step_ns, setup.seed, "brake_pipe", initial=charged)
         self._tick_ns = setup.tick_ns
         self._substeps = setup.tick_ns // setup.step_ns
         self._half = setup.consist.vehicles[0].length / 2.0

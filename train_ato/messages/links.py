@@ -22,6 +22,8 @@ from train_ato.messages.types import Array
 
 MAX_DELAY = 600.0
 """Maximum delay of a topic [s]."""
+BLOCK = 64
+"""Number of calls for which a varying delay is computed at once."""
 NEVER = 1e6
 """Delay of a command that does not arrive in any run [s]; a product of factors can exceed every number."""
 
@@ -105,18 +107,22 @@ class Link:
         Grid of the delays [ns]: the step of the plant.
     seed, name
         Seed and key of the random stream.
+    initial
+        Value of every unit before the first arrival.
     """
 
-    def __init__(self, spec: LinkSpec, width: int, step_ns: int, seed: int, name: str) -> None:
+    def __init__(self, spec: LinkSpec, width: int, step_ns: int, seed: int, name: str, *, initial: float = 0.0) -> None:
         self.spec = spec
         self._step = step_ns
         traction, brake = spec.per_unit(width, f"links.{name}")
         self._forward = [float(delay) for delay in traction]
         self._backward = [float(delay) for delay in brake]
         self._in_flight: list[deque[tuple[int, float]]] = [deque() for _ in range(width)]
-        self._held = np.zeros(width)
+        self._held = np.full(width, initial)
         self._random = random_stream(seed, f"link/{name}") if spec.jitter > 0 or spec.loss > 0 else None
         self._latest_limit = -(2**62)
+        self._block: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        self._block_start = 0
         self._jumps = () if spec.jump is None else (spec.jump,)
         self._constant = self._delays(0, 0.0)
         self.lost = 0
@@ -171,15 +177,26 @@ class Link:
         return result
 
     def _due_by(self, start: int, count: int) -> NDArray[np.int64]:
-        """Return the stamps of the newest values that have arrived at every step under a varying delay [ns]."""
+        """Return the stamps of the newest values that have arrived at every step under a varying delay [ns].
+
+        They are computed for :data:`BLOCK` calls at once, which takes a fifth of the time; times must not decrease.
+        """
+        first = (start - self._block_start) // self._step
+        if not 0 <= first <= self._block.size - count:
+            now = start + self._step * np.arange(BLOCK * count, dtype=np.int64)
+            limit = np.maximum.accumulate(now - self._late(now))
+            self._block, self._block_start, first = np.maximum(limit, self._latest_limit), start, 0
+        due = self._block[first : first + count]
+        self._latest_limit = int(due[-1])
+        return due
+
+    def _late(self, now: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the varying delay at the receiver at times [ns]."""
         varying = self.spec.varying
         assert varying is not None
-        now = start + self._step * np.arange(count, dtype=np.int64)
         late = varying.amplitude * np.abs(np.sin(varying.omega * (now * 1e-9) + varying.phase))
-        limit = now - np.rint(late * 1e9 / self._step).astype(np.int64) * self._step
-        limit = np.maximum(np.maximum.accumulate(limit), self._latest_limit)
-        self._latest_limit = int(limit[-1])
-        return limit
+        delay: NDArray[np.int64] = np.rint(late * 1e9 / self._step).astype(np.int64) * self._step
+        return delay
 
     def pop(self, now: int) -> Array:
         """Return the newest value that has arrived at ``now`` [ns], shape (width,)."""
