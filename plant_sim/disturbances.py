@@ -52,7 +52,7 @@ class _Source(SiModel):
             raise ValueError(f"a disturbance lists a vehicle twice in {list(chosen)[:20]}; list each one once")
         return chosen
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+    def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces of a tick.
 
         Parameters
@@ -61,8 +61,6 @@ class _Source(SiModel):
             Times of the plant steps [s].
         mass : Array, shape (vehicles,)
             Inertial masses of its vehicles [kg].
-        draws : Array, shape (vehicles,)
-            Random numbers, N(0, 1).
         """
         raise TypeError(f"{type(self).__name__} acts through the line and has no forces")
 
@@ -78,7 +76,7 @@ class Equation40(_Source):
     vehicles: Vehicles | None = Field(tuple(range(0, 101, 10)), description="0, 10, ..., 100 in the paper")
     scale: float = 1.0
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+    def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces of a tick."""
         steady = self.scale * (0.002 + 0.001 * np.sin(t + 1.0))
         speed = self.scale * 0.0003 * (np.sin(2.0 * t + 2.0) + np.cos(3.0 * t + 1.0))
@@ -103,7 +101,7 @@ class Harmonic(_Source):
     kind: Literal["harmonic"]
     terms: tuple[Term, ...] = Field(min_length=1)
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+    def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces of a tick."""
         force = np.zeros((len(t), len(mass)))
         for term in self.terms:
@@ -134,7 +132,7 @@ class Gust(_Source):
             raise ValueError(f"gust: end {self.end:g} s must be after begin {self.begin:g} s")
         return self
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+    def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces of a tick."""
         shape = _window(t, self.begin, self.end, self.ramp)
         return OutsideForce(shape[:, None] * (self.acceleration * mass + self.force))
@@ -177,7 +175,7 @@ class Paper001(_Source):
     kind: Literal["paper001"]
     scale: float = 1.0
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+    def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces of a tick."""
         d = 0.10 * _window(t, 60.0, 80.0, 0.0) - 0.12 * _window(t, 300.0, 312.0, 0.0) + 0.03 * np.sin(0.5 * t)
         return OutsideForce((-self.scale * d)[:, None] * mass)
@@ -197,7 +195,7 @@ class Paper002(_Source):
             raise ValueError("the disturbances of paper 002 need exactly five vehicles; list five")
         return self
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+    def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces and drift speeds of a tick; the last part of d21 continues beyond 30 s."""
         sine, cosine = np.sin(t), np.cos(t)
         fast = 6.0 * np.sin(3.0 * t) * cosine
@@ -221,7 +219,7 @@ class TravellingLoad(_Source):
     interval: Time = Field(0.0, ge=0, description="from one listed vehicle to the next")
     period: Time | None = Field(None, gt=0, description="period of its repetition; default: once")
 
-    def tick(self, t: Array, mass: Array, draws: Array) -> OutsideForce:
+    def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces of a tick."""
         local = t[:, None] - self.begin - self.interval * np.arange(len(mass))
         if self.period is not None:

@@ -92,7 +92,7 @@ class Train:
         self._sensors = SensorSet(setup.sensors, self.units, self.arrays.vehicle[k.GAP], tick_ns * 1e-9, seed)
         sources = [random_stream(seed, f"disturbance/{i}") for i in range(len(setup.disturbances))]
         masses = self.arrays.vehicle[k.MASS]
-        self._outside = OutsideForces(setup.disturbances, masses, self._step, tick_ns * 1e-9, sources)
+        self._outside = OutsideForces(setup.disturbances, masses, step_ns, tick_ns, sources)
         self.arrays.setting[k.HAS_DRIFT] = float(self._outside.has_drift)
         if self._outside.has_drift and len(self.arrays.body) - 1 < self.n:
             raise ValueError(
@@ -200,7 +200,7 @@ class Train:
             self._pipe.demand(time, brake_pipe_pa)
         if self._has_added_gusts:
             self._drop_gusts()
-        outside = self._outside.tick(time, self.arrays.state[k.V])
+        outside = self._outside.tick(self.stamp, self.arrays.state[k.V])
         begin = 0
         if self._jumps.waiting:
             for step in self._jumps.steps(self.stamp):
@@ -209,7 +209,7 @@ class Train:
                 self._jumps.apply(self.stamp, begin)
         self._integrate(demand, outside, begin, self.substeps)
         if self._outside.acts:
-            self._keep_outside(outside)
+            self._keep_outside()
         self.stamp += self.tick_ns
 
     def add_gust(self, gust: Gust) -> None:
@@ -276,10 +276,10 @@ class Train:
             outside, self._outside.vehicles, a.setting,
         )  # fmt: skip
 
-    def _keep_outside(self, outside: Array) -> None:
+    def _keep_outside(self) -> None:
         listed = self._outside.vehicles
         speed = self.arrays.state[k.V, listed]
-        force, per_speed = np.add.reduce(outside[:2], axis=1) / self.substeps
+        force, per_speed = self._outside.mean
         self._outside_force[listed] = force + per_speed * speed
 
     @property

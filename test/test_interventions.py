@@ -201,14 +201,14 @@ def test_a_train_with_dead_drives_is_stopped():
 
 def test_gusts_that_are_over_are_forgotten_one_by_one():
     """Breaks if a second gust ends with the first, or a vehicle keeps a column that nothing fills."""
-    forces = OutsideForces((), np.full(3, 100.0), 0.5, 1.0, ())
+    forces = OutsideForces((), np.full(3, 100.0), 500_000_000, SECOND, ())
     forces.add(Gust(kind="gust", begin=0.0, end=2.0, ramp=0.0, force=5.0, vehicles=(0,)))
     forces.add(Gust(kind="gust", begin=0.0, end=3.0, ramp=0.0, acceleration=0.1, vehicles=(2,)))
-    assert forces.tick(0.0, np.zeros(3))[0].tolist() == [[5.0, 10.0]] * 2
+    assert forces.tick(0, np.zeros(3))[0].tolist() == [[5.0, 10.0]] * 2
     assert not forces.drop_over(1.0)
     assert forces.drop_over(2.0)
     assert forces.vehicles.tolist() == [2]
-    assert forces.tick(2.0, np.zeros(3))[0].tolist() == [[10.0]] * 2
+    assert forces.tick(2 * SECOND, np.zeros(3))[0].tolist() == [[10.0]] * 2
     assert forces.drop_over(3.0)
     assert not forces.gusty
 

@@ -21,7 +21,7 @@ _SOURCE: TypeAdapter[Any] = TypeAdapter(DisturbanceSource)
 
 def acting(t: float, mass: list[float], **data: Any) -> tuple[Array, Array, Array]:
     """Return force, force per speed and drift at one time."""
-    parts = _SOURCE.validate_python(data).tick(np.array([t]), np.array(mass), np.zeros(len(mass)))
+    parts = _SOURCE.validate_python(data).tick(np.array([t]), np.array(mass))
     force, per_speed, drift, _ = (np.zeros((1, len(mass))) if part is None else part for part in parts)
     return force[0], per_speed[0], drift[0]
 

@@ -81,7 +81,7 @@ def truth(t: Array) -> tuple[Array, Array, Array]:
     source, h = Paper002(kind="paper002"), 1e-6
 
     def offsets(at: Array) -> tuple[Array, Array]:
-        outside = source.tick(at, np.ones(CARS), np.zeros(CARS))
+        outside = source.tick(at, np.ones(CARS))
         assert outside.drift is not None, "the set has speed offsets"
         return outside.force, outside.drift
 
