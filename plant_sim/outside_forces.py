@@ -18,7 +18,7 @@ from plant_sim.disturbances import (
 from plant_sim.states import Array
 
 BLOCK = 16
-"""Number of ticks for which the disturbances are computed at once: 2 instead of 40 us per tick for equation (40)."""
+"""Number of ticks for which the disturbances are computed at once: 7 instead of 21 us per tick for equation (40)."""
 
 
 class _Wind:
