@@ -66,6 +66,8 @@ CASES: list[tuple[str, list[str], str]] = [
     ("law that needs a sensor", ["run", "demo", "--law", "smc", "--set", "plant.sensors.couplers=[]"], "sensor"),
     ("delay NaN", ["run", "demo", "--set", "links.command.delay=.nan"], r"links\.command\.delay = nan: .*finite"),
     ("delay negative", ["run", "demo", "--set", "links.command.delay=-1"], r"links\.command\.delay: -1.*negative"),
+    ("delay of the pipe", ["run", "demo", "--set", "links.brake_pipe.delay=-1"], r"yaml: links: brake_pipe\.delay: -1"),
+    ("delays of a message", ["run", "demo", "--set", "links.estimate.delay=[1,2]"], r"estimate\.delay: 2 values for 1"),
     ("delay believed negative", ["run", "demo", "--set", "model.delay=-1"], r": model\.delay: -1.*negative"),
     ("no kind", ["run", "demo", "--set", "plant.disturbances=[{kin: gust}]"],
      r"plant\.disturbances\.0 = \{'kin': 'gust'\}: 'kind' is missing; add it"),

