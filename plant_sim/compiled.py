@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from numba import njit
@@ -12,19 +15,39 @@ from numba.core.event import Listener, install_listener
 _uncached: list[str] = []
 
 
-def compiled(function: Any) -> Any:
+def compiled(function: Any = None, *, uses: tuple[ModuleType, ...] = ()) -> Any:
     """Compile a function without fast-math, so that every run on one machine gives the same bits.
 
     The cache is beside the source or, if that is not writable, in the cache folder of the user (``NUMBA_CACHE_DIR``
     sets another). If neither is writable, every process compiles again.
+
+    Parameters
+    ----------
+    function
+        The function; without one, a decorator is returned.
+    uses
+        Other modules whose compiled functions it calls: a change of their files also makes its cache invalid.
     """
+    if function is None:
+        return partial(compiled, uses=uses)
     try:
-        return njit(cache=True, error_model="numpy")(function)
+        dispatcher = njit(cache=True, error_model="numpy")(function)
     except RuntimeError as error:
         if "cannot cache" not in str(error):
             raise
         _uncached.append(function.__name__)
         return njit(error_model="numpy")(function)
+    if uses:
+        _stamp_with(dispatcher, uses)
+    return dispatcher
+
+
+def _stamp_with(dispatcher: Any, modules: tuple[ModuleType, ...]) -> None:
+    """Add the source files of other modules to the stamp of a cached function; numba compares its own file only."""
+    file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)  # missing with NUMBA_DISABLE_JIT
+    if file is not None:
+        stamps = [Path(str(module.__file__)).stat() for module in modules]
+        file._source_stamp = (file._source_stamp, *((stamp.st_mtime, stamp.st_size) for stamp in stamps))
 
 
 def results_are_kept() -> bool:

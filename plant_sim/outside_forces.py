@@ -167,6 +167,37 @@ class OutsideForces:
         self.mean = np.add.reduce(self._sum[:2], axis=1) / self._steps
         return self._sum
 
+    def ahead(self, stamp: int, count: int) -> tuple[Array, Array, Array]:
+        """Return the forces of the ticks from a stamp on, at most to the end of the block, without added gusts.
+
+        Parameters
+        ----------
+        stamp : int
+            Begin of the first tick [ns]; the tick before has been taken.
+        count : int
+            Maximum number of ticks.
+
+        Returns
+        -------
+        forces : Array, shape (ticks, 3, steps, listed vehicles)
+            A copy of force [N], force per speed [N s/m] and drift speed [m/s].
+        cubes : Array, shape (ticks, steps, listed vehicles)
+            Force per third power of the speed [N s³/m³]; its part is not in ``forces``.
+        means : Array, shape (ticks, 2, listed vehicles)
+            Means over the ticks, without the cubes.
+        """
+        if not self.acts:
+            none = np.zeros((count, self._steps, 0))
+            return np.zeros((count, *self._sum.shape)), none, np.zeros((count, 2, 0))
+        index = (stamp - self._block_begin) // self._tick_ns
+        if not 0 <= index < BLOCK:
+            index = 0
+            self._compute_block(stamp)
+        part = slice(index, min(index + count, BLOCK))
+        block = self._block[part]
+        cubes = self._cubes[part] if self._cubes.size else np.zeros((len(block), self._steps, 0))
+        return block.copy(), cubes, self._means[part]
+
     def _compute_block(self, begin: int) -> None:
         """Compute the disturbances of the scenario for :data:`BLOCK` ticks from a stamp [ns] on."""
         starts = (begin + self._tick_ns * np.arange(BLOCK)) * 1e-9

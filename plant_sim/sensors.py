@@ -37,10 +37,24 @@ class _Noise:
     def of_tick(self) -> Array:
         """Return the noise of the next tick."""
         if self._next == len(self._drawn):
-            self._drawn = self._scale * self._stream.standard_normal((NOISE_TICKS, *self._scale.shape))
-            self._next = 0
+            self._draw()
         self._next += 1
         return np.asarray(self._drawn[self._next - 1])
+
+    def ahead(self, count: int) -> Array:
+        """Return the noise of the next ticks without use of them, shape (count, ...)."""
+        while self._next + count > len(self._drawn):
+            self._draw()
+        return self._drawn[self._next : self._next + count]
+
+    def _draw(self) -> None:
+        more = self._scale * self._stream.standard_normal((NOISE_TICKS, *self._scale.shape))
+        self._drawn = np.concatenate((self._drawn[self._next :], more))
+        self._next = 0
+
+    def skip(self, count: int) -> None:
+        """Use the noise of some ticks."""
+        self._next += count
 
 
 def _rounded(values: Array, quantum: float) -> Array:

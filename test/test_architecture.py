@@ -36,7 +36,7 @@ CONTROL_LAYERS = (
     ("air_brake",),
     ("observers", "compensation"),
     ("laws",),
-    ("registry",),
+    ("registry", "compiled"),
     ("standstill", "command_hold", "command_history", "stack", "ato_state", "assurance", "plausibility", "takeover"),
 )
 """Modules and packages of ``train_ato.control`` from lowest to highest; those of one layer may import each other."""

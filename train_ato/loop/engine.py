@@ -17,10 +17,15 @@ from train_ato.loop.rate_limit import RateLimit
 from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.result import Progress, RunResult
 from train_ato.loop.setup import RunSetup
+from train_ato.loop.spans import CompiledSpans, spans_possible
 from train_ato.loop.stage_messages import Published
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.loop.trajectories import profile_of
 from train_ato.messages.types import AtoReport
+
+
+COMPILED_FROM = 2000
+"""Number of ticks from which a run uses compiled ticks: loading them takes as long as some hundred ticks."""
 
 
 class Sink(Protocol):
@@ -38,6 +43,7 @@ def run_engine(
     rate: float = 0.0,
     log_folder: Path | None = None,
     interrupt: Interrupt | None = None,
+    compiled: bool | None = None,
 ) -> RunResult:
     """Run a scenario to its end.
 
@@ -55,6 +61,9 @@ def run_engine(
         Folder for the traceback of a failure.
     interrupt
         Flag that ends the run after the current tick; None: set by Ctrl-C and SIGTERM.
+    compiled
+        Run ticks without events in compiled code, if the run permits it; the numbers are the same. None: for runs of
+        at least :data:`COMPILED_FROM` ticks.
 
     Returns
     -------
@@ -63,8 +72,12 @@ def run_engine(
     """
     if interrupt is None:
         with interruptible() as asked:
-            return run_engine(setup, sink=sink, progress=progress, rate=rate, log_folder=log_folder, interrupt=asked)
-    loop = TickLoop(setup, sink)
+            return run_engine(
+                setup, sink=sink, progress=progress, rate=rate, log_folder=log_folder, interrupt=asked,
+                compiled=compiled,
+            )  # fmt: skip
+    wanted = setup.ticks >= COMPILED_FROM and not rate if compiled is None else compiled
+    loop = TickLoop(setup, sink, compiled=wanted)
     begin = time.perf_counter()
     clock = RateLimit(rate, setup.tick)
     watch = FirstFailure(log_folder)
@@ -73,6 +86,7 @@ def run_engine(
         loop.start()
         while not (loop.plant.finished or interrupt.asked):
             loop.tick()
+            loop.span()
             clock.wait(loop.ticks)
             if progress is not None and (now := time.perf_counter()) >= next_report:
                 progress(Progress(loop.ticks * setup.tick, setup.ticks * setup.tick, now - begin))
@@ -89,7 +103,7 @@ def run_engine(
 class TickLoop:
     """The stages in the order of the messages of the nodes."""
 
-    def __init__(self, setup: RunSetup, sink: Sink | None) -> None:
+    def __init__(self, setup: RunSetup, sink: Sink | None, *, compiled: bool = False) -> None:
         self.plant = PlantStage(setup)
         self.profile = ProfileStage(setup)
         self.observer = ObserverStage(setup)
@@ -100,6 +114,9 @@ class TickLoop:
         self.ticks = 0
         self.active = "engine"
         self._sink = sink
+        self._spans: CompiledSpans | None = None
+        if compiled and spans_possible(setup):
+            self._spans = CompiledSpans(setup, self.plant, self.profile, self.controller, self._publish)
 
     def _publish(self, stamp: int, messages: Published) -> None:
         self.recording.extend(messages)
@@ -143,6 +160,12 @@ class TickLoop:
         self.plant.act(controller.command, controller.brake_pipe_command, release)
         self._ato = controller.state or self._ato
         self.ticks += 1
+
+    def span(self) -> None:
+        """Run the ticks up to the next event in compiled code, if the run permits it."""
+        if self._spans is not None:
+            self.active = "compiled ticks"
+            self.ticks += self._spans.run()
 
     def conclude(self) -> None:
         """Send the state after the last tick."""

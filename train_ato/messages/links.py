@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ MAX_DELAY = 600.0
 """Maximum delay of a topic [s]."""
 BLOCK = 64
 """Number of calls for which a varying delay is computed at once."""
+NO_JUMP = 2**62
+"""Time of a jump that does not happen [ns]."""
 NEVER = 1e6
 """Delay of a command that does not arrive in any run [s]; a product of factors can exceed every number."""
 
@@ -92,6 +94,18 @@ def _for_units(value: float | tuple[float, ...], width: int, key: str) -> Array:
     if max(values, default=0.0) > MAX_DELAY:
         raise ValueError(f"{key}: {max(values):g} s is longer than {MAX_DELAY:g} s; check its unit")
     return np.array(values, dtype=np.float64)
+
+
+class PackedQueues(NamedTuple):
+    """Queues of a link as arrays: stamps of arrival [ns] and values, shape (width, room); see :meth:`Link.packed`.
+
+    ``bounds`` are first entry and end of every queue, shape (2, width); ``held`` are the values that arrived last.
+    """
+
+    due: NDArray[np.int64]
+    value: Array
+    bounds: NDArray[np.int64]
+    held: Array
 
 
 class Link:
@@ -197,6 +211,46 @@ class Link:
         late = varying.amplitude * np.abs(np.sin(varying.omega * (now * 1e-9) + varying.phase))
         delay: NDArray[np.int64] = np.rint(late * 1e9 / self._step).astype(np.int64) * self._step
         return delay
+
+    @property
+    def is_random(self) -> bool:
+        """True with jitter or loss."""
+        return self._random is not None
+
+    def next_jump(self, stamp: int) -> int:
+        """Return the time of the next jump after a stamp [ns], :data:`NO_JUMP` without one."""
+        times = (round(jump.at * 1e9) for jump in self._jumps)
+        return min((time for time in times if time > stamp), default=NO_JUMP)
+
+    def delays(self, stamp: int) -> NDArray[np.int64]:
+        """Return the delays in traction and in braking at a stamp [ns], shape (2, width)."""
+        return np.array(self._delays(stamp, 0.0) if self._jumps else self._constant, dtype=np.int64)
+
+    def newest_due(self, start: int, count: int) -> NDArray[np.int64]:
+        """Return the stamps of the newest values that have arrived at ``start``, ``start + step``, ... [ns]."""
+        now = start + self._step * np.arange(count, dtype=np.int64)
+        if self.spec.varying is None:
+            return now
+        return np.maximum(np.maximum.accumulate(now - self._late(now)), self._latest_limit)
+
+    def packed(self, room: int) -> PackedQueues:
+        """Return the queues as arrays with room for more values in every queue."""
+        width, longest = self._held.size, max(map(len, self._in_flight), default=0)
+        due, value = np.zeros((width, longest + room), dtype=np.int64), np.zeros((width, longest + room))
+        bounds: NDArray[np.int64] = np.zeros((2, width), dtype=np.int64)
+        for unit, queue in enumerate(self._in_flight):
+            bounds[1, unit] = len(queue)
+            if queue:
+                due[unit, : len(queue)], value[unit, : len(queue)] = zip(*queue, strict=True)
+        return PackedQueues(due, value, bounds, self._held)
+
+    def take_packed(self, queues: PackedQueues, newest_due: int) -> None:
+        """Replace the queues by packed ones, whose values up to a stamp [ns] have arrived."""
+        for unit, (first, end) in enumerate(queues.bounds.T.tolist()):
+            entries = zip(queues.due[unit, first:end].tolist(), queues.value[unit, first:end].tolist(), strict=True)
+            self._in_flight[unit] = deque(entries)
+        if self.spec.varying is not None:
+            self._latest_limit = newest_due
 
     def pop(self, now: int) -> Array:
         """Return the newest value that has arrived at ``now`` [ns], shape (width,)."""

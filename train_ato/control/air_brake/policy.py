@@ -96,6 +96,11 @@ class ReleasedBrake:
         """Return the charged pressure [Pa]."""
         return self._charged
 
+    @property
+    def next_event(self) -> BrakeEvent | None:
+        """None: no event changes the pressure."""
+        return None
+
 
 class PlannedBrake:
     """Policy with events at fixed times or positions, in the order of the list."""
@@ -116,6 +121,11 @@ class PlannedBrake:
             self._pressure = self._charged - event.reduction
             self._next += 1
         return self._pressure
+
+    @property
+    def next_event(self) -> BrakeEvent | None:
+        """The next event that changes the pressure, None after the last one."""
+        return self._events[self._next] if self._next < len(self._events) else None
 
 
 class TriggeredBrake:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -51,6 +52,12 @@ class ShoeForecast:
         if self._calls % COMMIT_EVERY == 0 and not self._idle:
             self._forecast.commit(t)
             self._idle = self._forecast.idle
+
+    def copy(self) -> ShoeForecast:
+        """Return a forecast with the same events."""
+        other = copy.copy(self)
+        other._forecast = copy.copy(self._forecast)  # its steps replace arrays and lists, they do not change them
+        return other
 
     @property
     def idle(self) -> bool:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
+
 from train_ato.control.train_model import TrainModel, interpolated
 from train_ato.messages.types import Array
 
@@ -65,6 +67,23 @@ class RigidForce:
     def total(self, t: float) -> float:
         """Return the total force at a time [s] in N."""
         return interpolated(self._total, (t - self._begin) / self._spacing)
+
+    def totals(self, t: Array) -> Array:
+        """Return :meth:`total` at many times [s] in N, equal bit for bit."""
+        table = np.array(self._total)
+        place = (t - self._begin) / self._spacing
+        index = np.clip(place.astype(np.int64), 0, max(0, len(table) - 2))
+        low = table[index]
+        between = low + (place - index) * (table[np.minimum(index + 1, len(table) - 1)] - low)
+        held = np.where(place <= 0.0, table[0], table[-1])
+        return np.where((place <= 0.0) | (place.astype(np.int64) >= len(table) - 1), held, between)
+
+    def aheads(self, t: Array, lag: float) -> Array:
+        """Return :meth:`ahead` at many times [s] in N, equal bit for bit."""
+        if lag <= 0.0:
+            return self.totals(t)
+        h = 0.5 * self._spacing
+        return self.totals(t) + lag * ((self.totals(t + h) - self.totals(t - h)) / self._spacing)
 
     def resistance(self, t: float) -> float:
         """Return running and line resistance at a time [s] in N."""

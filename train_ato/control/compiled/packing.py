@@ -1,0 +1,150 @@
+"""Laws as arrays of their compiled steps, and back."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.compiled import laws as c
+from train_ato.control.laws.funnel import (
+    A1,
+    A2,
+    BETA1,
+    FILTER_STEP,
+    GAMMA_M,
+    IOTA,
+    MAX_FUNNEL,
+    P1,
+    Funnel,
+)
+from train_ato.control.laws.pid import Pid
+from train_ato.control.laws.smc import Smc
+from train_ato.messages.types import Array
+
+
+class CompiledLaw:
+    """Constants and state of a law as arrays; the law keeps its state between the compiled spans.
+
+    Parameters
+    ----------
+    law
+        Law with a compiled step.
+
+    Attributes
+    ----------
+    number : int
+        Number of the law in :mod:`train_ato.control.compiled.laws`.
+    constant : Array
+        Constants of the law.
+    sensors : list of tuple
+        Index of the sensor in front of and behind every unit, -1 without a coupler; of a law that measures couplers.
+    """
+
+    def __init__(self, law: GuardedLaw) -> None:
+        self._law = law
+        if type(law) is Pid:
+            self.number, self.constant = c.PID, _pid_constants(law)
+        elif type(law) is Funnel:
+            self.number, self.constant = c.FUNNEL, _funnel_constants(law)
+        else:
+            assert type(law) is Smc
+            self.number, self.constant = c.SMC, _smc_constants(law)
+        couplers = getattr(law, "_couplers", None)
+        beside = [] if couplers is None or not law._measured else couplers._beside  # type: ignore[attr-defined]
+        self.sensors = [
+            tuple(-1 if coupler is None else couplers._sensor[coupler] for coupler in pair)  # type: ignore[union-attr]
+            for pair in beside
+        ]
+
+    def state(self) -> Array:
+        """Return the present state of the law."""
+        law: Any = self._law
+        if self.number == c.PID:
+            flags = [float(law._before is not None), float(law._filtered is not None)]
+            before, filtered = (values or [0.0] * law.n for values in (law._before, law._filtered))
+            return np.array([*flags, *law._integral, *law._rate, *before, *filtered])
+        if self.number == c.FUNNEL:
+            return _funnel_state(law)
+        rows = [(surface._before is not None, surface._before or 0.0, surface._integral) for surface in law._surfaces]
+        return np.array(rows, dtype=np.float64).ravel()
+
+    def take_state(self, state: Array) -> None:
+        """Set the state of the law."""
+        law: Any = self._law
+        values = state.tolist()
+        if self.number == c.PID:
+            n, first = law.n, c.PID_UNITS
+            law._integral, law._rate, before, filtered = (
+                values[first + row * n : first + (row + 1) * n] for row in range(4)
+            )
+            law._before = before if values[c.HAS_BEFORE] else None
+            law._filtered = filtered if values[c.HAS_FILTERED] else None
+        elif self.number == c.FUNNEL:
+            _take_funnel_state(law, values)
+        else:
+            for surface, (known, before, integral) in zip(law._surfaces, state.reshape(-1, 3).tolist(), strict=True):
+                surface._before, surface._integral = before if known else None, integral
+
+
+def has_compiled_step(law: Any) -> bool:
+    """Return True for a law with a compiled step for its parameters."""
+    if type(law) is Pid:
+        return True
+    if type(law) is Funnel:
+        return bool(law.parameters.resistance == "network")
+    return type(law) is Smc and not (law._measured and law._couplers._spring)
+
+
+def _pid_constants(law: Pid) -> Array:
+    p = law.parameters
+    head = [law._of_position, p.integral_limit, law._filter_decay, law._derivative_decay, law.period,
+            law.uses_feedforward]  # fmt: skip
+    return np.array([*map(float, head), *np.ravel(law._gains).tolist()])
+
+
+def _funnel_constants(law: Funnel) -> Array:
+    p = law.parameters
+    constant = np.zeros(c.FUNNEL_CONSTANTS)
+    values = {
+        c.F_PRINTED: law._printed, c.F_K10: law._k10, c.F_K20: law._k20, c.F_BETA2: law._beta2, c.F_LEAK: law._leak,
+        c.F_DECAY: law._decay, c.F_CHARGE: law._charge, c.F_CLIP: law._clip, c.F_NEGATIVE: law._negative_gains,
+        c.F_NARROW: law._narrow, c.F_INERTIA: law.model.inertia, c.F_PERIOD: law.period,
+        c.F_DELAY_STATE: p.delay_state, c.F_GAMMA_W: p.gamma_w, c.F_BIAS_RATE: p.bias_rate,
+        c.F_WEIGHT_LIMIT: p.weight_limit, c.F_FIXED: p.funnel == "fixed", c.F_DYNAMIC: p.funnel == "dynamic",
+        c.F_PRINTED_KAPPA: p.kappa == "printed", c.F_DELTA: p.delta, c.F_WIDTH: law._width, c.F_TWO: 2.0,
+        c.F_CENTRES: p.rbf_centers, c.F_A1: A1, c.F_A2: A2, c.F_BETA1: BETA1, c.F_P1: P1,
+        c.F_MAX_FUNNEL: MAX_FUNNEL, c.F_IOTA: IOTA, c.F_GAMMA_M: GAMMA_M,
+        c.F_FILTER_STEPS: max(1, math.ceil(law.period / FILTER_STEP - 1e-9)),
+    }  # fmt: skip
+    constant[list(values)] = list(values.values())
+    return constant
+
+
+def _funnel_state(law: Any) -> Array:
+    room, weights = law._excess.maxlen, law._weights.values
+    head = [
+        law._bias, law.phi1, law.phi2, law._h, law._bound, law._t, float(law._alpha is not None), law._alpha or 0.0,
+        float(law._wanted is not None), law._wanted or 0.0, float(len(law._excess)), float(room),
+    ]  # fmt: skip
+    return np.array([*head, *weights, *law._excess, *[0.0] * (room - len(law._excess))])
+
+
+def _take_funnel_state(law: Any, values: list[float]) -> None:
+    law._bias, law.phi1, law.phi2, law._h, law._bound, law._t = values[: c.H_HAS_ALPHA]
+    law._alpha = values[c.H_ALPHA] if values[c.H_HAS_ALPHA] else None
+    law._wanted = values[c.H_WANTED] if values[c.H_HAS_WANTED] else None
+    excess = c.H_WEIGHTS + len(law._weights.values)
+    law._weights.values[:] = values[c.H_WEIGHTS : excess]
+    count = int(values[c.H_EXCESS_COUNT])
+    law._excess = deque(values[excess : excess + count], maxlen=law._excess.maxlen)
+
+
+def _smc_constants(law: Smc) -> Array:
+    p = law.parameters
+    head = [p.l1, p.l2, p.xi, p.alpha, p.kappa, p.ks, p.phi, 1.0 / (1.0 + p.model_error), p.integral_limit,
+            p.anti_windup, law._measured, law.period]  # fmt: skip
+    return np.array([*map(float, head), *law._mass])

@@ -1,0 +1,222 @@
+"""Compiled ticks: sensors, law, delay line and train of consecutive ticks in one call."""
+
+# mypy: allow-untyped-defs
+
+from __future__ import annotations
+
+from math import tanh
+
+import numpy as np
+
+from plant_sim import compiled as compilation
+from plant_sim import kernel as k
+from plant_sim.compiled import compiled
+from train_ato.control.compiled import laws as c
+
+# Rows of `measured` (ticks, rows, units).
+MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_FORCE = range(3)
+# Rows of `couplers` (ticks, rows, sensors).
+DEFLECTION, RATE, COUPLER_FORCE = range(3)
+# Entries of `sensor`: errors of the sensors.
+POSITION_BIAS, VELOCITY_BIAS, POSITION_QUANTUM, VELOCITY_QUANTUM = range(4)
+# Entries of `bound`: values outside which a tick is left to Python.
+MAX_POSITION, MAX_SPEED, MAX_FORCE, STANDSTILL_SPEED, NEXT_PLACE, NEXT_TIME, NEXT_JUMP_PLACE = range(7)
+# Entries of `count`: first tick, ticks between the steps of the law, steps at a force limit, 1 if the last step was.
+FIRST_TICK, EVERY, SATURATED_STEPS, AT_LIMIT = range(4)
+# Columns of `own`, one row per unit: constants of the vehicle and of the line of the model.
+MASS, C0, C1, C2, FADING_SPEED, LINE_BEGIN, LINE_GRID, OFFSET = range(8)
+
+
+@compiled(uses=(k, compilation))
+def _measure(tick, arrays, noise, sensor, units, sensors, gaps, measured, couplers):
+    """Write the measurement of a tick."""
+    state, unit = arrays
+    for u in range(len(units)):
+        x, v = state[k.X, units[u]] + 0.0, state[k.V, units[u]] + sensor[VELOCITY_BIAS]
+        if sensor[POSITION_BIAS] != 0.0:
+            x += sensor[POSITION_BIAS]
+        if noise[0].shape[0]:
+            x += noise[0][tick, u]
+        if noise[1].shape[0]:
+            v += noise[1][tick, u]
+        if sensor[POSITION_QUANTUM] > 0.0:
+            x = sensor[POSITION_QUANTUM] * np.rint(x / sensor[POSITION_QUANTUM])
+        if sensor[VELOCITY_QUANTUM] > 0.0:
+            v = sensor[VELOCITY_QUANTUM] * np.rint(v / sensor[VELOCITY_QUANTUM])
+        measured[tick, MEASURED_POSITION, u], measured[tick, MEASURED_VELOCITY, u] = x, v
+        measured[tick, MEASURED_FORCE, u] = unit[k.APPLIED, u]
+    for j in range(len(sensors)):
+        front = sensors[j]
+        deflection = state[k.X, front] - state[k.X, front + 1] - gaps[j]
+        couplers[tick, DEFLECTION, j] = deflection + noise[2][tick, 0, j]
+        couplers[tick, RATE, j] = state[k.V, front] - state[k.V, front + 1]
+        couplers[tick, COUPLER_FORCE, j] = state[k.COUPLER, front + 1] + noise[2][tick, 1, j]
+
+
+@compiled
+def _envelope(rows, first, end, speed):
+    """Return the largest force at a speed [N], as :meth:`plant_sim.traction.Envelope.force`."""
+    for row in range(first, end):
+        if speed <= rows[row, 0]:
+            force = rows[row, 1] + rows[row, 2] * speed + rows[row, 3] / (speed if speed > 0.1 else 0.1)
+            return force if force > 0.0 else 0.0
+    return 0.0
+
+
+@compiled
+def _interpolated(table, place):
+    """Return the value of a table between its entries, as :func:`train_ato.control.train_model.interpolated`."""
+    if place <= 0.0:
+        return table[0]
+    index = int(place)
+    if index >= len(table) - 1:
+        return table[-1]
+    return table[index] + (place - index) * (table[index + 1] - table[index])
+
+
+@compiled
+def _opposing(tick, measured, couplers, beside, own, table, shoes, inputs):
+    """Write the forces against the motion of every unit's vehicle [N]."""
+    for u in range(len(beside)):
+        front, behind = beside[u, 0], beside[u, 1]
+        pull = 0.0 if behind < 0 else couplers[tick, COUPLER_FORCE, behind]
+        pull -= 0.0 if front < 0 else couplers[tick, COUPLER_FORCE, front]
+        v = measured[tick, MEASURED_VELOCITY, u]
+        speed = abs(v)
+        running = (own[u, C0] + own[u, C1] * speed + own[u, C2] * speed * speed) * tanh(v / own[u, FADING_SPEED])
+        place = (measured[tick, MEASURED_POSITION, u] - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
+        resistance = running + own[u, MASS] * _interpolated(table, place)
+        inputs[c.OPPOSING, u] = pull + resistance + shoes[tick, 1 + u]
+
+
+@compiled
+def _must_leave(tick, t, measured, couplers, x_front, bound, event, events, n):
+    """Return True for a tick that is left to Python: standstill, events of brakes and jumps, impossible values."""
+    fastest = 0.0
+    for u in range(measured.shape[2]):
+        v = abs(measured[tick, MEASURED_VELOCITY, u])
+        if not (v < bound[MAX_SPEED] and abs(measured[tick, MEASURED_POSITION, u]) < bound[MAX_POSITION]):
+            return True
+        if not abs(measured[tick, MEASURED_FORCE, u]) < bound[MAX_FORCE]:
+            return True
+        fastest = v if v > fastest else fastest
+    for j in range(couplers.shape[2]):
+        if not abs(couplers[tick, COUPLER_FORCE, j]) < bound[MAX_FORCE]:
+            return True
+    if measured[tick, MEASURED_POSITION, 0] >= bound[NEXT_PLACE] or t >= bound[NEXT_TIME]:
+        return True
+    if fastest < bound[STANDSTILL_SPEED] or x_front >= bound[NEXT_JUMP_PLACE]:
+        return True
+    for j in range(events):
+        if event[k.REACHED, j] >= n:
+            return True
+    return False
+
+
+@compiled
+def _command(inputs, wanted, sent, bound):
+    """Limit the demands as law and control stack; return 1 at a limit, 0 inside, -1 for a demand left to Python."""
+    for u in range(len(wanted)):
+        if not abs(wanted[u]) < bound[MAX_FORCE] * 1e3:
+            return -1
+    at_limit = 0
+    for u in range(len(wanted)):
+        low, high = inputs[c.FORCE_MIN, u], inputs[c.FORCE_MAX, u]
+        limited = low if wanted[u] < low else high if wanted[u] > high else wanted[u]
+        inputs[c.SATURATED, u], inputs[c.LAST_FORCE, u] = 1.0 if limited != wanted[u] else 0.0, limited
+        sent[u] = limited
+        if limited != 0.0 and not low < limited < high:
+            at_limit = 1
+    return at_limit
+
+
+@compiled
+def _push(stamp, sent, delays, due, value, bounds):
+    """Queue the commands of a stamp, as :meth:`train_ato.messages.links.Link.push`."""
+    for u in range(len(sent)):
+        arrival = stamp + (delays[1, u] if sent[u] < 0 else delays[0, u])
+        while bounds[1, u] > bounds[0, u] and due[u, bounds[1, u] - 1] >= arrival:
+            bounds[1, u] -= 1
+        due[u, bounds[1, u]], value[u, bounds[1, u]] = arrival, sent[u]
+        bounds[1, u] += 1
+
+
+@compiled
+def _arrived(newest, due, value, bounds, held, window):
+    """Write the arrived commands at every plant step, as :meth:`train_ato.messages.links.Link.window`."""
+    steps = len(newest)
+    for u in range(len(held)):
+        for step in range(steps):
+            window[step, u] = held[u]
+        while bounds[1, u] > bounds[0, u] and due[u, bounds[0, u]] <= newest[steps - 1]:
+            head = bounds[0, u]
+            for step in range(steps):
+                if newest[step] >= due[u, head]:
+                    window[step, u] = value[u, head]
+            held[u] = value[u, head]
+            bounds[0, u] += 1
+
+
+@compiled(uses=(k, c, compilation))
+def run_span(
+    stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensor, units, sensors, gaps,
+    law, constant, law_state, inputs, reference, feedforward, shoes, beside, own, table, limits, segments,
+    bound, count, delays, newest, due, value, bounds, held, history, truth, measured, couplers, sent,
+):  # fmt: skip
+    """Run consecutive ticks until a tick that is left to Python; return the number of ticks run.
+
+    All arrays are changed in place. Outputs have one row per tick: ``truth`` (ticks, 4, vehicles) with position, speed,
+    coupler and shoe force, ``measured``, ``couplers``; ``sent`` begins with the command before the first tick.
+    """
+    state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
+    outside, cubes, cubed = forces
+    n, steps, nu = vehicle.shape[1], newest.shape[1], len(units)
+    saved, kept = law_state.copy(), inputs.copy()
+    wanted, now, window = np.zeros(nu), np.zeros(c.NOW_ENTRIES), np.zeros((steps, nu))
+    for tick in range(len(newest)):
+        _measure(tick, (state, unit), noise, sensor, units, sensors, gaps, measured, couplers)
+        at = stamp + tick * tick_ns
+        t = at * 1e-9
+        if _must_leave(tick, t, measured, couplers, state[k.X, 0], bound, event, events, n):
+            return tick
+        if (count[FIRST_TICK] + tick) % count[EVERY] == 0:
+            saved[:], kept[:] = law_state, inputs
+            for u in range(nu):
+                speed = abs(measured[tick, MEASURED_VELOCITY, u])
+                inputs[c.POSITION, u] = measured[tick, MEASURED_POSITION, u]
+                inputs[c.VELOCITY, u] = measured[tick, MEASURED_VELOCITY, u]
+                inputs[c.APPLIED, u] = measured[tick, MEASURED_FORCE, u]
+                inputs[c.REFERENCE_POSITION, u] = reference[0, tick] - own[u, OFFSET]
+                inputs[c.FEEDFORWARD, u] = feedforward[tick, u]
+                inputs[c.FORCE_MIN, u] = -_envelope(limits, segments[u, 0], segments[u, 1], speed)
+                inputs[c.FORCE_MAX, u] = _envelope(limits, segments[u, 2], segments[u, 3], speed)
+            now[c.REFERENCE_VELOCITY], now[c.REFERENCE_ACCELERATION] = reference[1, tick], reference[2, tick]
+            now[c.ACCELERATION_AT_EFFECT] = reference[3, tick]
+            _opposing(tick, measured, couplers, beside, own, table, shoes, inputs)
+            c.demand(law, constant, law_state, inputs, now, wanted)
+            at_limit = _command(inputs, wanted, sent[tick + 1], bound)
+            if at_limit < 0:
+                law_state[:], inputs[:] = saved, kept
+                return tick
+            count[SATURATED_STEPS] += at_limit
+            count[AT_LIMIT] = at_limit
+        else:
+            sent[tick + 1] = sent[tick]
+        for i in range(n):
+            truth[tick, 0, i], truth[tick, 1, i] = state[k.X, i], state[k.V, i]
+            truth[tick, 2, i], truth[tick, 3, i] = state[k.COUPLER, i + 1], state[k.SHOE_FORCE, i]
+        for row in range(len(history) - 1):
+            history[row] = history[row + 1]
+        if len(history):
+            history[len(history) - 1] = sent[tick + 1]
+        _push(at, sent[tick + 1], delays, due, value, bounds)
+        _arrived(newest[tick], due, value, bounds, held, window)
+        for j in range(len(cubed)):
+            speed = state[k.V, vehicles[cubed[j]]]
+            for step in range(steps):
+                outside[tick, 1, step, cubed[j]] += cubes[tick, step, j] * (speed * speed)
+        k.advance(
+            t, dt, state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece,
+            event, events, window, outside[tick], vehicles, setting,
+        )  # fmt: skip
+    return len(newest)
