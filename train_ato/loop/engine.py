@@ -116,7 +116,10 @@ class TickLoop:
         self._sink = sink
         self._spans: CompiledSpans | None = None
         if compiled and spans_possible(setup):
-            self._spans = CompiledSpans(setup, self.plant, self.profile, self.controller, self._publish)
+            publish = None if sink is None else self._publish
+            self._spans = CompiledSpans(
+                setup, self.plant, self.profile, self.controller, self.recording, publish
+            )
 
     def _publish(self, stamp: int, messages: Published) -> None:
         self.recording.extend(messages)

@@ -29,6 +29,19 @@ from train_ato.loop import span_kernel as kernel
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
+from train_ato.loop.recording import (
+    BRAKE_PIPE,
+    BRAKE_PIPE_COMMAND,
+    BRAKE_PIPE_TAIL,
+    BRAKE_SHOES,
+    COMMAND,
+    DISTURBANCE,
+    ESTIMATE,
+    MEASUREMENT,
+    REFERENCE,
+    TRUTH,
+)
+from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import SECOND_NS, Published
 from train_ato.messages.links import LinkSpec, PackedQueues
@@ -91,15 +104,24 @@ class CompiledSpans:
         Prepared run, of which :func:`spans_possible` is True.
     plant, profile, controller
         Stages of the loop.
+    recording
+        Recording of the run in memory.
     publish
-        Called with stamp and messages of every stage of every tick, in the order of the loop.
+        Called with stamp and messages of every stage of every tick, in the order of the loop; None if only the
+        recording needs them.
     """
 
     def __init__(
-        self, setup: RunSetup, plant: PlantStage, profile: ProfileStage, controller: ControllerStage, publish: Publish
+        self,
+        setup: RunSetup,
+        plant: PlantStage,
+        profile: ProfileStage,
+        controller: ControllerStage,
+        recording: RecordingBuilder,
+        publish: Publish | None,
     ) -> None:
         self._setup, self._plant, self._profile, self._controller = setup, plant, profile, controller
-        self._publish = publish
+        self._recording, self._publish = recording, publish
         self._zero = np.zeros(setup.model.n_units)
         self._known: _Known | None = None
         self._law: CompiledLaw | None = None
@@ -212,7 +234,10 @@ class _Span:
         )  # fmt: skip
         if done:
             self._store(done, queues, int(newest[done - 1, -1]))
-            self._publish(done)
+            if self.spans._publish is None:
+                self._record(done)
+            else:
+                self._publish(done, self.spans._publish)
         return int(done)
 
     def _forecast(self, known: _Known, part: slice) -> tuple[Array, Array]:
@@ -289,9 +314,35 @@ class _Span:
         train.stamp += done * train.tick_ns
         self.plant.tick += done
 
-    def _publish(self, done: int) -> None:
+    def _record(self, done: int) -> None:
+        """Add the messages of the ticks to the recording as arrays."""
+        add, train = self.spans._recording.extend_rows, self.train
+        stamps = self.stamp + self.setup.tick_ns * np.arange(done, dtype=np.int64)
+        truth, measured, reference = self.truth[:done], self.measured[:done], self.reference[:, :done, None]
+        add("/clock", stamps, {})
+        add(TRUTH, stamps, {"position": truth[:, 0], "velocity": truth[:, 1], "coupler_force": truth[:, 2]})
+        if train._pipe is not None and train._pressure is not None:
+            pipe, pressure = train._pipe, train._pressure
+            ends = np.array([train._pressures(pipe, pressure, t) for t in (stamps * 1e-9).tolist()])
+            add(BRAKE_PIPE, stamps, {"pressure": ends[:, :1]})
+            add(BRAKE_PIPE_TAIL, stamps, {"pressure": ends[:, 1:]})
+            add(BRAKE_SHOES, stamps, {"shoe_force": truth[:, 3]})
+            add(BRAKE_PIPE_COMMAND, stamps, {"pressure": np.full((done, 1), self.stack._pressure)})
+        if self.setup.layout.disturbed:
+            forces = np.empty((done, train.n))
+            for index in range(done):
+                forces[index] = train._outside_force
+                self._keep_outside(index)
+            add(DISTURBANCE, stamps, {"force": forces})
+        values = {"position": measured[:, 0], "velocity": measured[:, 1], "applied": measured[:, 2]}
+        add(MEASUREMENT, stamps, values)
+        add(REFERENCE, stamps, dict(zip(("position", "velocity", "acceleration"), reference[:3], strict=True)))
+        add(ESTIMATE, stamps, {"force": np.zeros((done, self._zero.size))})
+        add(COMMAND, stamps, {"force": self.sent[1 : done + 1]})
+
+    def _publish(self, done: int, publish: Publish) -> None:
         """Publish the messages of the ticks."""
-        planned, publish = self.spans._profile.planned, self.spans._publish
+        planned = self.spans._profile.planned
         pressure, tick_ns = self.stack._pressure, self.setup.tick_ns
         references = self.reference[:3, :done].T.tolist()
         for index in range(done):
