@@ -149,9 +149,9 @@ class OutsideForces:
         if not self.acts:
             return self._sum
         index = (stamp - self._block_begin) // self._tick_ns
-        if self._planned and not 0 <= index < BLOCK:
+        if self._planned and not 0 <= index < len(self._block):
             index = 0
-            self._compute_block(stamp)
+            self._keep(stamp, *self._block_from(stamp))
         if not (self._gusts or self._cubes.size):
             self.mean = self._means[index]
             block: Array = self._block[index]
@@ -168,14 +168,14 @@ class OutsideForces:
         return self._sum
 
     def ahead(self, stamp: int, count: int) -> tuple[Array, Array, Array]:
-        """Return the forces of the ticks from a stamp on, at most to the end of the block, without added gusts.
+        """Return the forces of the ticks from a stamp on, without added gusts.
 
         Parameters
         ----------
         stamp : int
             Begin of the first tick [ns]; the tick before has been taken.
         count : int
-            Maximum number of ticks.
+            Number of ticks.
 
         Returns
         -------
@@ -190,16 +190,23 @@ class OutsideForces:
             none = np.zeros((count, self._steps, 0))
             return np.zeros((count, *self._sum.shape)), none, np.zeros((count, 2, 0))
         index = (stamp - self._block_begin) // self._tick_ns
-        if not 0 <= index < BLOCK:
+        if not 0 <= index < len(self._block):
             index = 0
-            self._compute_block(stamp)
-        part = slice(index, min(index + count, BLOCK))
-        block = self._block[part]
-        cubes = self._cubes[part] if self._cubes.size else np.zeros((len(block), self._steps, 0))
-        return block.copy(), cubes, self._means[part]
+            self._keep(stamp, *self._block_from(stamp))
+        while index + count > len(self._block):
+            kept = (self._block[index:], self._means[index:], self._cubes[index:])
+            more = self._block_from(stamp + len(kept[0]) * self._tick_ns)
+            self._keep(stamp, *(np.concatenate(parts) for parts in zip(kept, more, strict=True)))
+            index = 0
+        part = slice(index, index + count)
+        cubes = self._cubes[part] if self._cubes.size else np.zeros((count, self._steps, 0))
+        return self._block[part].copy(), cubes, self._means[part]
 
-    def _compute_block(self, begin: int) -> None:
-        """Compute the disturbances of the scenario for :data:`BLOCK` ticks from a stamp [ns] on."""
+    def _keep(self, begin: int, block: Array, means: Array, cubes: Array) -> None:
+        self._block_begin, self._block, self._means, self._cubes = begin, block, means, cubes
+
+    def _block_from(self, begin: int) -> tuple[Array, Array, Array]:
+        """Return forces, their means, and cubes of the scenario for :data:`BLOCK` ticks from a stamp [ns] on."""
         starts = (begin + self._tick_ns * np.arange(BLOCK)) * 1e-9
         t = np.add.outer(starts, self._offsets).ravel()
         total, cubes = np.zeros((3, len(t), len(self._planned))), np.zeros((len(t), len(self._planned)))
@@ -212,7 +219,6 @@ class OutsideForces:
             if outside.per_cube is not None:
                 cubes[:, columns] += outside.per_cube
                 cubic = True
-        self._block_begin = begin
-        self._block = np.ascontiguousarray(total.reshape(3, BLOCK, self._steps, -1).swapaxes(0, 1))
-        self._means = np.add.reduce(self._block[:, :2], axis=2) / self._steps
-        self._cubes = cubes.reshape(BLOCK, self._steps, -1) if cubic else np.zeros(0)
+        block = np.ascontiguousarray(total.reshape(3, BLOCK, self._steps, -1).swapaxes(0, 1))
+        means = np.add.reduce(block[:, :2], axis=2) / self._steps
+        return block, means, cubes.reshape(BLOCK, self._steps, -1) if cubic else np.zeros(0)

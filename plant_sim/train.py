@@ -15,7 +15,7 @@ from plant_sim.disturbances import Gust
 from plant_sim.jumps import Jumps
 from plant_sim.line import Line
 from plant_sim.outside_forces import OutsideForces
-from plant_sim.packing import pack
+from plant_sim.packing import Arrays, pack
 from plant_sim.parted_couplers import PartedCouplers
 from plant_sim.pipe_pressure import PipePressure
 from plant_sim.plant_setup import Jump, PlantSetup
@@ -285,7 +285,12 @@ class Train:
     @property
     def totals(self) -> Totals:
         """Extremes and works since the start."""
-        return totals_of(self.arrays, self.n, self.kinetic_energy - self._kinetic_start, self._jumps.energy)
+        return self.totals_at(self.arrays)
+
+    def totals_at(self, arrays: Arrays) -> Totals:
+        """Return extremes and works up to an earlier state of the arrays, after the last jump."""
+        change = kinetic_energy(arrays, self.n) - self._kinetic_start
+        return totals_of(arrays, self.n, change, self._jumps.energy)
 
 
 def compile_kernel() -> bool:

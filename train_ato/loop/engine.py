@@ -85,8 +85,7 @@ def run_engine(
     try:
         loop.start()
         while not (loop.plant.finished or interrupt.asked):
-            loop.tick()
-            loop.span()
+            loop.advance()
             clock.wait(loop.ticks)
             if progress is not None and (now := time.perf_counter()) >= next_report:
                 progress(Progress(loop.ticks * setup.tick, setup.ticks * setup.tick, now - begin))
@@ -118,7 +117,7 @@ class TickLoop:
         if compiled and spans_possible(setup):
             publish = None if sink is None else self._publish
             self._spans = CompiledSpans(
-                setup, self.plant, self.profile, self.controller, self.recording, publish
+                setup, self.plant, self.profile, self.observer, self.controller, self.recording, publish
             )
 
     def _publish(self, stamp: int, messages: Published) -> None:
@@ -164,11 +163,14 @@ class TickLoop:
         self._ato = controller.state or self._ato
         self.ticks += 1
 
-    def span(self) -> None:
-        """Run the ticks up to the next event in compiled code, if the run permits it."""
+    def advance(self) -> None:
+        """Run the ticks up to the next event in compiled code if the run permits it, otherwise one tick."""
         if self._spans is not None:
             self.active = "compiled ticks"
-            self.ticks += self._spans.run()
+            if done := self._spans.run():
+                self.ticks += done
+                return
+        self.tick()
 
     def conclude(self) -> None:
         """Send the state after the last tick."""

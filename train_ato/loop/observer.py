@@ -43,6 +43,10 @@ class ObserverStage:
         stamp = measurement.stamp
         estimate, report = self.step(measurement), None
         if self._inputs.take_changed() or diagnostics_due(stamp, self.setup.tick_ns):
-            values = {"observer": self.setup.observer, **self._inputs.diagnostics()}
-            report = Diagnostic(stamp, "observer", 0, "observing", values)
+            report = self.diagnostic(stamp)
         return ObserverMessages(estimate, report)
+
+    def diagnostic(self, stamp: int) -> Diagnostic:
+        """Return the state of the observer at a stamp [ns]."""
+        values = {"observer": self.setup.observer, **self._inputs.diagnostics()}
+        return Diagnostic(stamp, "observer", 0, "observing", values)

@@ -9,6 +9,7 @@ import numpy as np
 
 from plant_sim.odometry import Odometers
 from plant_sim.service_brake import FullServiceBrake
+from plant_sim.totals import Totals
 from plant_sim.train import Observation
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
@@ -241,7 +242,10 @@ class PlantStage:
 
     def diagnostic(self, taken: Sequence[Intervention] = ()) -> Diagnostic:
         """Return the running totals of the plant as text, with the interventions at this stamp."""
-        totals = self.train.totals
+        return self.diagnostic_at(self.stamp, self.train.totals, taken)
+
+    def diagnostic_at(self, stamp: int, totals: Totals, taken: Sequence[Intervention] = ()) -> Diagnostic:
+        """Return the diagnostics of a stamp with the totals up to it."""
         values = {name: repr(float(getattr(totals, attribute))) for name, attribute in TOTALS}
         values["commands_lost"] = str(self._link.lost)
         values |= self._inputs.diagnostics()
@@ -251,10 +255,10 @@ class PlantStage:
             values[LOST_KEY] = self.lost
         if self.restarts:
             values[RESTARTS_KEY] = json.dumps(self.restarts)
-        if self.finished:
-            return Diagnostic(self.stamp, "plant", 0, "finished", values)
+        if stamp >= self.setup.ticks * self._tick_ns:
+            return Diagnostic(stamp, "plant", 0, "finished", values)
         protection = self.protection
         if protection.level is Protection.NONE:
-            return Diagnostic(self.stamp, "plant", 0, "running", values)
+            return Diagnostic(stamp, "plant", 0, "running", values)
         values["protection"] = protection.reason
-        return Diagnostic(self.stamp, "plant", 1, protection.level.text, values)
+        return Diagnostic(stamp, "plant", 1, protection.level.text, values)

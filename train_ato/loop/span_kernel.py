@@ -21,8 +21,8 @@ DEFLECTION, RATE, COUPLER_FORCE = range(3)
 POSITION_BIAS, VELOCITY_BIAS, POSITION_QUANTUM, VELOCITY_QUANTUM = range(4)
 # Entries of `bound`: values outside which a tick is left to Python.
 MAX_POSITION, MAX_SPEED, MAX_FORCE, STANDSTILL_SPEED, NEXT_PLACE, NEXT_TIME, NEXT_JUMP_PLACE = range(7)
-# Entries of `count`: first tick, ticks between the steps of the law, steps at a force limit, 1 if the last step was.
-FIRST_TICK, EVERY, SATURATED_STEPS, AT_LIMIT = range(4)
+# Entries of `count`: first tick, ticks between the steps of the law, 1 if the last step was at a limit, reports.
+FIRST_TICK, EVERY, AT_LIMIT, REPORTS = range(4)
 # Columns of `own`, one row per unit: constants of the vehicle and of the line of the model.
 MASS, C0, C1, C2, FADING_SPEED, LINE_BEGIN, LINE_GRID, OFFSET = range(8)
 
@@ -161,15 +161,17 @@ def _arrived(newest, due, value, bounds, held, window):
 def run_span(
     stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensor, units, sensors, gaps,
     law, constant, law_state, inputs, reference, feedforward, shoes, beside, own, table, limits, segments,
-    bound, count, delays, newest, due, value, bounds, held, history, truth, measured, couplers, sent,
+    bound, count, delays, newest, due, value, bounds, held, history, truth, measured, couplers, sent, at_limit, reports,
 ):  # fmt: skip
     """Run consecutive ticks until a tick that is left to Python; return the number of ticks run.
 
     All arrays are changed in place. Outputs have one row per tick: ``truth`` (ticks, 4, vehicles) with position, speed,
-    coupler and shoe force, ``measured``, ``couplers``; ``sent`` begins with the command before the first tick.
+    coupler and shoe force, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with command and number of steps
+    at a limit before the first tick. ``reports`` has the state of the train at the ticks with diagnostics.
     """
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     outside, cubes, cubed = forces
+    every, states, gears, unit_states, settings = reports
     n, steps, nu = vehicle.shape[1], newest.shape[1], len(units)
     saved, kept = law_state.copy(), inputs.copy()
     wanted, now, window = np.zeros(nu), np.zeros(c.NOW_ENTRIES), np.zeros((steps, nu))
@@ -194,14 +196,18 @@ def run_span(
             now[c.ACCELERATION_AT_EFFECT] = reference[3, tick]
             _opposing(tick, measured, couplers, beside, own, table, shoes, inputs)
             c.demand(law, constant, law_state, inputs, now, wanted)
-            at_limit = _command(inputs, wanted, sent[tick + 1], bound)
-            if at_limit < 0:
+            limited = _command(inputs, wanted, sent[tick + 1], bound)
+            if limited < 0:
                 law_state[:], inputs[:] = saved, kept
                 return tick
-            count[SATURATED_STEPS] += at_limit
-            count[AT_LIMIT] = at_limit
+            at_limit[tick + 1] = at_limit[tick] + limited
+            count[AT_LIMIT] = limited
         else:
-            sent[tick + 1] = sent[tick]
+            sent[tick + 1], at_limit[tick + 1] = sent[tick], at_limit[tick]
+        if at % every < tick_ns:
+            states[count[REPORTS]], gears[count[REPORTS]] = state, gear
+            unit_states[count[REPORTS]], settings[count[REPORTS]] = unit, setting
+            count[REPORTS] += 1
         for i in range(n):
             truth[tick, 0, i], truth[tick, 1, i] = state[k.X, i], state[k.V, i]
             truth[tick, 2, i], truth[tick, 3, i] = state[k.COUPLER, i + 1], state[k.SHOE_FORCE, i]

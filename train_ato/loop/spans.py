@@ -9,7 +9,7 @@ value) is left to the stages in Python.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from train_ato.control.stack import ControlStack
 from train_ato.control.train_model import DRY_FRICTION_SPEED, GRID, STANDSTILL_SPEED
 from train_ato.loop import span_kernel as kernel
 from train_ato.loop.controller import ControllerStage
+from train_ato.loop.observer import ObserverStage
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
 from train_ato.loop.recording import (
@@ -43,12 +44,13 @@ from train_ato.loop.recording import (
 )
 from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.setup import RunSetup
-from train_ato.loop.stage_messages import SECOND_NS, Published
+from train_ato.loop.stage_messages import SECOND_NS, Published, diagnostics_due
 from train_ato.messages.links import LinkSpec, PackedQueues
 from train_ato.messages.types import (
     Array,
     BrakeShoes,
     Command,
+    Diagnostic,
     Disturbance,
     DisturbanceEstimate,
     Measurement,
@@ -59,8 +61,8 @@ from train_ato.messages.types import (
 )
 from train_ato.scenario.changes import requested_stamp
 
-SHORTEST = 4
-"""Shortest span that is worth its preparation [ticks]."""
+SHORTEST, LONGEST, BRAKED = 4, 256, 32
+"""Shortest span that is worth its preparation, longest span, and longest one with forecasts of shoe forces [ticks]."""
 FAR = 1e300
 """Place or time that is never reached [m, s]."""
 LIMITS = (1e6, 100.0, 1e7)
@@ -102,7 +104,7 @@ class CompiledSpans:
     ----------
     setup
         Prepared run, of which :func:`spans_possible` is True.
-    plant, profile, controller
+    plant, profile, observer, controller
         Stages of the loop.
     recording
         Recording of the run in memory.
@@ -116,16 +118,19 @@ class CompiledSpans:
         setup: RunSetup,
         plant: PlantStage,
         profile: ProfileStage,
+        observer: ObserverStage,
         controller: ControllerStage,
         recording: RecordingBuilder,
         publish: Publish | None,
     ) -> None:
         self._setup, self._plant, self._profile, self._controller = setup, plant, profile, controller
+        self._observer = observer
         self._recording, self._publish = recording, publish
         self._zero = np.zeros(setup.model.n_units)
         self._known: _Known | None = None
         self._law: CompiledLaw | None = None
         self._compiled: Any = None
+        self._retry = 0
         self._own, self._table = _own_constants(setup)
         self._limits, self._segments = _envelopes(setup)
         sensors = plant.train._sensors
@@ -139,18 +144,24 @@ class CompiledSpans:
         """Run the ticks up to the next event; return their number, 0 if the next tick is left to Python."""
         plant, stack = self._plant, self._controller._stack
         assert stack is not None
-        count = self._ticks_to_event()
+        if plant.stamp < self._retry:
+            return 0
+        count = self._ticks_to_event(stack)
         if count < SHORTEST or not self._ready(stack):
             return 0
-        return _Span(self, stack, plant.stamp, count).run()
+        done = _Span(self, stack, plant.stamp, count).run()
+        if not done:  # standstill: the next ticks are probably left to Python, too
+            self._retry = plant.stamp + SECOND_NS
+        return done
 
-    def _ticks_to_event(self) -> int:
-        """Return the number of ticks before the next diagnostics, change, jump, or end of the run."""
+    def _ticks_to_event(self, stack: ControlStack) -> int:
+        """Return the number of ticks before the next change, jump, or end of the run; 0 at the start."""
         plant, tick = self._plant, self._setup.tick_ns
         stamp = plant.stamp
-        if stamp % SECOND_NS < tick:
+        if stamp == 0:
             return 0
-        ends = [stamp - stamp % SECOND_NS + SECOND_NS, self._setup.ticks * tick, plant._link.next_jump(stamp)]
+        longest = LONGEST if stack._compensation.shoes.idle else BRAKED
+        ends = [stamp + longest * tick, self._setup.ticks * tick, plant._link.next_jump(stamp)]
         ends += [requested_stamp(change) for change in self._controller._planned]
         ends += [round(jump.at * 1e9) // tick * tick for jump in plant.train._jumps._waiting if jump.at is not None]
         return int(-((stamp - min(ends)) // tick))
@@ -215,11 +226,16 @@ class _Span:
         self.measured, self.couplers = np.empty((count, 3, len(train.units))), np.empty((count, 3, len(train.sensors)))
         self.sent = np.empty((count + 1, len(train.units)))
         self.sent[0] = stack._last
-        self.counts = np.array((stack._ticks, stack._every, 0, stack._saturated), dtype=np.int64)
+        self.counts = np.array((stack._ticks, stack._every, stack._saturated, 0), dtype=np.int64)
+        self.at_limit = np.zeros(count + 1, dtype=np.int64)
+        self.at_limit[0] = stack._saturated_steps
+        a, events = train.arrays, train._brake.propagating()
+        most = count * train.tick_ns // SECOND_NS + 2
+        changing = (a.state, a.gear, a.unit, a.setting)
+        self.reports = [np.empty((most, *values.shape)) for values in changing]
         link = self.plant._link
         newest = link.newest_due(self.stamp, count * train.substeps).reshape(count, train.substeps)
         queues = link.packed(count)
-        a, events = train.arrays, train._brake.propagating()
         cubed = np.arange(train._outside.vehicles.size if self.cubes.shape[2] else 0)
         done = kernel.run_span(
             self.stamp, train.tick_ns, train._step,
@@ -230,12 +246,15 @@ class _Span:
             self.law.number, self.law.constant, self.state, inputs, self.reference, feedforward, shoes,
             self._beside(), self.spans._own, self.spans._table, self.spans._limits, self.spans._segments,
             self._bounds(), self.counts, link.delays(self.stamp), newest, *queues, stack._history._commands,
-            self.truth, self.measured, self.couplers, self.sent,
+            self.truth, self.measured, self.couplers, self.sent, self.at_limit, (SECOND_NS, *self.reports),
         )  # fmt: skip
         if done:
             self._store(done, queues, int(newest[done - 1, -1]))
             if self.spans._publish is None:
                 self._record(done)
+                self.spans._recording.extend(
+                    ("/diagnostics", report) for group in self._diagnostics(done).values() for report in group
+                )
             else:
                 self._publish(done, self.spans._publish)
         return int(done)
@@ -298,7 +317,7 @@ class _Span:
         law._last_force = self.inputs[c.LAST_FORCE].tolist()
         stack._ticks += done
         stack._last = self.sent[done].tolist()
-        stack._saturated_steps += int(self.counts[kernel.SATURATED_STEPS])
+        stack._saturated_steps = int(self.at_limit[done])
         stack._saturated = bool(self.counts[kernel.AT_LIMIT])
         if self._shoes is not None and done < self.count:
             forecast = stack._compensation.shoes = self._shoes
@@ -313,6 +332,23 @@ class _Span:
         sensors._last = (self.measured[done - 1, 0].copy(), self.measured[done - 1, 1].copy())
         train.stamp += done * train.tick_ns
         self.plant.tick += done
+
+    def _diagnostics(self, done: int) -> dict[int, tuple[Diagnostic, ...]]:
+        """Return the diagnostics of plant, profile, observer and controller by the tick of the span."""
+        spans, stack, tick_ns = self.spans, self.stack, self.setup.tick_ns
+        due = [index for index in range(done) if diagnostics_due(self.stamp + index * tick_ns, tick_ns)]
+        found = {}
+        for number, index in enumerate(due):
+            stamp = self.stamp + index * tick_ns
+            state, gear, unit, setting = (values[number] for values in self.reports)
+            arrays = replace(self.train.arrays, state=state, gear=gear, unit=unit, setting=setting)
+            now, stack._saturated_steps = stack._saturated_steps, int(self.at_limit[index + 1])
+            controller = spans._controller.diagnostic(stamp)
+            stack._saturated_steps = now
+            assert controller is not None
+            plant = self.plant.diagnostic_at(stamp, self.train.totals_at(arrays))
+            found[index] = (plant, spans._profile.diagnostic(stamp), spans._observer.diagnostic(stamp), controller)
+        return found
 
     def _record(self, done: int) -> None:
         """Add the messages of the ticks to the recording as arrays."""
@@ -344,21 +380,26 @@ class _Span:
         """Publish the messages of the ticks."""
         planned = self.spans._profile.planned
         pressure, tick_ns = self.stack._pressure, self.setup.tick_ns
-        references = self.reference[:3, :done].T.tolist()
+        references, diagnostics = self.reference[:3, :done].T.tolist(), self._diagnostics(done)
         for index in range(done):
             stamp = self.stamp + index * tick_ns
-            messages = self._of_plant(stamp, index)
-            messages.append(("ato/reference", Reference(stamp, *references[index], planned)))
-            messages.append(("ato/estimate", DisturbanceEstimate(stamp, self._zero)))
+            plant, *others = diagnostics.get(index, (None,) * 4)
+            reports: list[Published] = [[] if report is None else [("/diagnostics", report)] for report in others]
+            messages = self._of_plant(stamp, index, plant)
+            messages += [*reports[0], ("ato/reference", Reference(stamp, *references[index], planned))]
+            messages += [*reports[1], ("ato/estimate", DisturbanceEstimate(stamp, self._zero))]
             if pressure is not None:
                 messages.append(("ato/brake_pipe_command", Pipe(stamp, pressure)))
-            messages.append(("ato/command", Command(stamp, self.sent[index + 1])))
+            messages += [*reports[2], ("ato/command", Command(stamp, self.sent[index + 1]))]
             publish(stamp, messages)
 
-    def _of_plant(self, stamp: int, index: int) -> Published:
+    def _of_plant(self, stamp: int, index: int, report: Diagnostic | None) -> Published:
         """Return the messages of the plant at a tick; the disturbance is that of the tick before."""
         train, (position, velocity, coupler, shoe) = self.train, self.truth[index]
-        messages: Published = [("/clock", Tick(stamp)), ("train/vehicles", VehicleStates(stamp, position, velocity, coupler))]
+        messages: Published = [
+            ("/clock", Tick(stamp)),
+            ("train/vehicles", VehicleStates(stamp, position, velocity, coupler)),
+        ]
         if train._pipe is not None and train._pressure is not None:
             head, tail = train._pressures(train._pipe, train._pressure, stamp * 1e-9)
             messages.append(("train/brake_pipe", Pipe(stamp, head)))
@@ -367,6 +408,8 @@ class _Span:
         if self.setup.layout.disturbed:
             messages.append(("train/disturbance", Disturbance(stamp, train.outside_force)))
             self._keep_outside(index)
+        if report is not None:
+            messages.append(("/diagnostics", report))
         messages.append(("train/measurement", Measurement(stamp, *self.measured[index], *self.couplers[index])))
         return messages
 
