@@ -19,6 +19,7 @@ from plant_sim.plant_setup import Jump
 from train_ato.control.air_brake.policy import PlannedBrake, ReleasedBrake
 from train_ato.control.compensation.none import NoCompensation
 from train_ato.control.compensation.preview import PreviewFeedforward
+from train_ato.control.compensation.twin import Twin
 from train_ato.control.compiled import laws as c
 from train_ato.control.compiled.packing import CompiledLaw, has_compiled_step
 from train_ato.control.observers.none import NoObserver
@@ -79,7 +80,9 @@ def spans_possible(setup: RunSetup) -> bool:
     steady = undelayed and links.brake_pipe == LinkSpec() and not (links.command.jitter or links.command.loss)
     sensors = setup.plant.sensors
     compensation = COMPENSATIONS.get(setup.compensation)
-    known = OBSERVERS.get(setup.observer) is NoObserver and compensation in (NoCompensation, PreviewFeedforward)
+    known = OBSERVERS.get(setup.observer) is NoObserver and compensation in (NoCompensation, PreviewFeedforward, Twin)
+    if compensation is PreviewFeedforward and setup.layout.air_brake:  # its shoe forces are those of one time
+        known = known and np.array_equal(setup.model.delay, setup.model.delay_brake)
     return bool(
         plain and steady and known and not sensors.freeze and not sensors.wheel_slip and setup.model.n_units > 0
     )
@@ -92,7 +95,7 @@ class _Known:
     reference: Array
     """Position, speed, acceleration, and acceleration at the effect of the command, shape (4, ticks)."""
     force: Array
-    """Force of the rigid train that the feed-forward is a share of [N], shape (ticks, units)."""
+    """Force of the rigid train of which the feed-forward is a share, in traction and in braking, (2, ticks, units)."""
     effect: Array
     """Speed of the profile for which the shoe force of the feed-forward is computed [m/s], shape (ticks,)."""
 
@@ -173,6 +176,11 @@ class CompiledSpans:
             self._compiled = stack._law
             self._law = CompiledLaw(stack._law) if has_compiled_step(stack._law) else None
         known = type(policy) in (ReleasedBrake, PlannedBrake) and self._law is not None
+        compensation = stack._compensation
+        if self._law is not None and isinstance(compensation, PreviewFeedforward):
+            known = known and not (self._law.sensors and compensation.forward != compensation.backward)
+        if isinstance(compensation, Twin):
+            known = known and compensation.started
         pipe = train._brake
         if isinstance(pipe, PipeEvents):
             known = known and stack._pressure == pipe.pressure and not pipe._vented
@@ -188,13 +196,13 @@ class CompiledSpans:
             t = stamps * 1e-9
             now = profile._evaluate(stamps)
             share = setup.model.share
+            effect, total = now, np.repeat(rigid.totals(t)[:, None], share.size, axis=1)
+            force = np.array([total, total])
             if isinstance(compensation, PreviewFeedforward):
-                delays = compensation.forward
-                ahead = [rigid.aheads(t + delay, compensation.lag) for delay in delays]
-                effect = profile._evaluate(np.rint((t + _mean(share, delays)) * 1e9).astype(np.int64))
-                force = np.array(ahead).T
-            else:
-                effect, force = now, np.repeat(rigid.totals(t)[:, None], share.size, axis=1)
+                delays = (compensation.forward, compensation.backward)
+                effect = profile._evaluate(np.rint((t + _mean(share, delays[0])) * 1e9).astype(np.int64))
+                parts = [[rigid.aheads(t + delay, compensation.lag) for delay in kind] for kind in delays]
+                force = np.array(parts).swapaxes(1, 2)
             self._known = _Known(np.array([*now, effect[2]]), force, effect[1])
         return self._known
 
@@ -248,7 +256,9 @@ class _Span:
             self._bounds(), self.counts, link.delays(self.stamp), newest, *queues, stack._history._commands,
             self.truth, self.measured, self.couplers, self.sent, self.at_limit, (SECOND_NS, *self.reports),
         )  # fmt: skip
-        if done:
+        if not done:
+            self._forget_forecast()
+        else:
             self._store(done, queues, int(newest[done - 1, -1]))
             if self.spans._publish is None:
                 self._record(done)
@@ -262,13 +272,12 @@ class _Span:
     def _forecast(self, known: _Known, part: slice) -> tuple[Array, Array]:
         """Return shoe forces, of the train and of the units' vehicles [N], and feed-forward of every tick and unit."""
         units, compensation = self.setup.model.n_units, self.stack._compensation
-        shoes = np.zeros((self.count, 1 + units))
+        shoes, totals = np.zeros((self.count, 1 + units)), np.zeros((self.count, 1))
         self._shoes = None
         if not compensation.shoes.idle and self._uses_shoes():
             self._shoes = compensation.shoes.copy()
             ahead = isinstance(compensation, PreviewFeedforward)
-            totals = np.empty((self.count, 1))
-            for index, tick in enumerate(range(part.start, part.start + self.count)):
+            for index, tick in enumerate(range(part.start, part.stop)):
                 t, speed = self.setup.tick_ns * tick * 1e-9, float(self.reference[1, index])
                 compensation.shoes.demand(t, self.stack._pressure)
                 found = compensation.shoes.at(t, speed)
@@ -277,12 +286,26 @@ class _Span:
                     effect = t + compensation.mean_delay(self.stack._history._commands)
                     found = compensation.shoes.at(effect, float(known.effect[tick]))
                 totals[index] = found.total
-            return shoes, (known.force[part] + totals) * self.setup.model.share
-        return shoes, (known.force[part] + 0.0) * self.setup.model.share
+        if isinstance(compensation, Twin):
+            times = (self.setup.tick_ns * np.arange(part.start, part.stop) * 1e-9).tolist()
+            return shoes, compensation.feedforwards(times)
+        forward, backward = known.force[0, part] + totals, known.force[1, part] + totals
+        braking = np.where(backward < 0.0, backward, 0.0)
+        differ = np.array(self._delays_differ())
+        return shoes, np.where((forward < 0.0) & differ, braking, forward) * self.setup.model.share
+
+    def _delays_differ(self) -> list[bool]:
+        """Return True for every unit whose delay in braking is another than in traction, under `preview`."""
+        compensation = self.stack._compensation
+        if not isinstance(compensation, PreviewFeedforward):
+            return [False] * self.setup.model.n_units
+        return [a != b for a, b in zip(compensation.forward, compensation.backward, strict=True)]
 
     def _uses_shoes(self) -> bool:
         """Return True if this law, or one after a planned change, uses the shoe forces."""
-        return bool(self.setup.law_changes or self.stack._law.uses_feedforward or self.law.sensors)
+        law, compensation = self.stack._law, self.stack._compensation
+        used = self.law.sensors or (law.uses_feedforward and not isinstance(compensation, Twin))
+        return bool(self.setup.law_changes or used)
 
     def _noise(self) -> tuple[Array, Array, Array]:
         """Return the noise of positions, speeds and couplers of the ticks; empty without noise."""
@@ -309,6 +332,16 @@ class _Span:
         jump = min((FAR if at is None else at for at in places), default=FAR)
         return np.array((*LIMITS, STANDSTILL_SPEED, place, time, jump))
 
+    def _forget_forecast(self, done: int = 0) -> None:
+        """Set shoe forecast and twin to their states after the ticks that were run."""
+        stack = self.stack
+        if self._shoes is not None:
+            stack._compensation.shoes = self._shoes
+            for tick in range(self.first, self.first + done):
+                self._shoes.demand(self.setup.tick_ns * tick * 1e-9, stack._pressure)
+        if isinstance(stack._compensation, Twin):
+            stack._compensation.rewind(done)
+
     def _store(self, done: int, queues: PackedQueues, newest_due: int) -> None:
         """Set the states of stages, stack, law, link and sensors to those after the span."""
         stack, law, train, sensors = self.stack, self.stack._law, self.train, self.train._sensors
@@ -319,10 +352,8 @@ class _Span:
         stack._last = self.sent[done].tolist()
         stack._saturated_steps = int(self.at_limit[done])
         stack._saturated = bool(self.counts[kernel.AT_LIMIT])
-        if self._shoes is not None and done < self.count:
-            forecast = stack._compensation.shoes = self._shoes
-            for tick in range(self.first, self.first + done):
-                forecast.demand(self.setup.tick_ns * tick * 1e-9, stack._pressure)
+        if done < self.count:
+            self._forget_forecast(done)
         self.plant._link.take_packed(queues, newest_due)
         for noise in (sensors._position_noise, sensors._velocity_noise):
             if noise is not None:

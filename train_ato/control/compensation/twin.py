@@ -24,6 +24,7 @@ effect on them.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import add
 from typing import TYPE_CHECKING, ClassVar
@@ -84,6 +85,26 @@ class Twin(PreviewFeedforward):
         shoes = self.shoes.at(t, inputs.reference.velocity)
         return self.law_input(inputs, t + self.mean_delay(inputs.commands_in_flight), self._read(t), shoes)
 
+    def feedforwards(self, times: Sequence[float]) -> Array:
+        """Return the feed-forward at consecutive times [N], shape (times, units); :meth:`rewind` makes some unread."""
+        assert self._ahead is not None
+        self._ahead.begin_record()
+        found = np.empty((len(times), self.model.n_units))
+        for index, t in enumerate(times):
+            self._ahead.mark()
+            found[index] = self._read(t)
+        return found
+
+    def rewind(self, read: int) -> None:
+        """Set the twin to its state after the first ``read`` times of the last :meth:`feedforwards`."""
+        assert self._ahead is not None
+        self._ahead.rewind(read)
+
+    @property
+    def started(self) -> bool:
+        """True after the first step."""
+        return self._ahead is not None
+
     def _read(self, t: float) -> Array:
         assert self._ahead is not None
         self._ahead.profile = self.rigid.profile
@@ -132,11 +153,31 @@ class AheadTrain:
         self._demand = np.zeros((self._train.substeps, model.n_units))
         self._forces: deque[list[float]] = deque()
         self._first = 0
+        self._computed: deque[list[float]] = deque()
+        self._made: list[list[float]] = []
+        self._marks: list[tuple[int, int]] = []
+
+    def begin_record(self) -> None:
+        """Begin a record of reads that :meth:`rewind` can undo."""
+        self._made, self._marks = list(self._forces), []
+
+    def mark(self) -> None:
+        """Mark the state before a read."""
+        self._marks.append((self._first, len(self._made)))
+
+    def rewind(self, read: int) -> None:
+        """Return to the state before the read of this number; the forces computed since are used again."""
+        first, made = self._marks[read]
+        self._computed.extendleft(reversed(self._made[made:]))
+        self._forces = deque(self._made[first - self._marks[0][0] : made])
+        self._first = first
 
     def run(self, until: float, keep_from: float) -> None:
         """Advance the train until the forces up to ``until`` exist; drop those before ``keep_from`` [s]."""
         while self._start + (self._first + len(self._forces) - 1) * self._period < until:
-            self._forces.append(self._step())
+            force = self._computed.popleft() if self._computed else self._step()
+            self._forces.append(force)
+            self._made.append(force)
         while len(self._forces) > 2 and self._start + (self._first + 1) * self._period < keep_from:
             self._forces.popleft()
             self._first += 1
