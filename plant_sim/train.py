@@ -156,17 +156,19 @@ class Train:
         measured = self._sensors.measure(vehicles, self.arrays.unit[k.APPLIED].copy())
         if self._pipe is None or self._pressure is None:
             return Observation(vehicles, measured, None, None, None)
-        head, tail = self._pressures(self._pipe, self._pressure, self.time)
+        head, tail = self.pipe_pressures(self.time)
         shoes = BrakeShoes(self.stamp, state[k.SHOE_FORCE, :n].copy())
         return Observation(vehicles, measured, Pipe(self.stamp, head), Pipe(self.stamp, tail), shoes)
 
-    def _pressures(self, pipe: PipeEvents, pressure: PipePressure, time: float) -> tuple[float, ...]:
-        """Return the brake-pipe pressure at the first and the last vehicle [Pa] at a time [s]."""
-        if pipe.changes:
-            for change in pipe.changes:
-                pressure.add(change)
-            pipe.changes.clear()
-        return pressure.at(time)
+    def pipe_pressures(self, time: float) -> tuple[float, ...]:
+        """Return the brake-pipe pressure at the first and the last vehicle [Pa]; times [s] must not decrease."""
+        assert self._pipe is not None
+        assert self._pressure is not None
+        if self._pipe.changes:
+            for change in self._pipe.changes:
+                self._pressure.add(change)
+            self._pipe.changes.clear()
+        return self._pressure.at(time)
 
     def advance(self, demand: Array, brake_pipe_pa: float | None = None) -> None:
         """Integrate one tick.

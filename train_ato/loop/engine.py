@@ -17,12 +17,14 @@ from train_ato.loop.rate_limit import RateLimit
 from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.result import Progress, RunResult
 from train_ato.loop.setup import RunSetup
-from train_ato.loop.spans import CompiledSpans, spans_possible
+from train_ato.loop.spans.conditions import spans_possible
+from train_ato.loop.spans.messages import Stages
+from train_ato.loop.spans.span import CompiledSpans
 from train_ato.loop.stage_messages import Published
+from train_ato.loop.step_times import StepTimes
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.loop.trajectories import profile_of
 from train_ato.messages.types import AtoReport
-
 
 COMPILED_FROM = 2000
 """Number of ticks from which a run uses compiled ticks: loading them takes as long as some hundred ticks."""
@@ -94,7 +96,7 @@ def run_engine(
     except (Exception, SystemExit) as error:  # a user-defined law may raise any; the failure names the stage
         watch.fail(loop.active, error)
     wall = time.perf_counter() - begin
-    times = loop.controller.step_times
+    times = StepTimes([]) if loop.compiled else loop.controller.step_times
     published, recording = loop.recording.counts, loop.recording.finish()
     return RunResult.of(setup, recording, wall, loop.ticks, times, interrupt.asked, watch.failure, published)
 
@@ -115,10 +117,8 @@ class TickLoop:
         self._sink = sink
         self._spans: CompiledSpans | None = None
         if compiled and spans_possible(setup):
-            publish = None if sink is None else self._publish
-            self._spans = CompiledSpans(
-                setup, self.plant, self.profile, self.observer, self.controller, self.recording, publish
-            )
+            stages = Stages(setup, self.plant, self.profile, self.observer, self.controller)
+            self._spans = CompiledSpans(stages, self.recording, None if sink is None else self._publish)
 
     def _publish(self, stamp: int, messages: Published) -> None:
         self.recording.extend(messages)
@@ -162,6 +162,11 @@ class TickLoop:
         self.plant.act(controller.command, controller.brake_pipe_command, release)
         self._ato = controller.state or self._ato
         self.ticks += 1
+
+    @property
+    def compiled(self) -> bool:
+        """True if ticks have run in compiled code; the law then has no time of its own."""
+        return self._spans is not None and self._spans.ticks > 0
 
     def advance(self) -> None:
         """Run the ticks up to the next event in compiled code if the run permits it, otherwise one tick."""

@@ -53,6 +53,10 @@ class ShoeForecast:
             self._forecast.commit(t)
             self._idle = self._forecast.idle
 
+    def skip(self, calls: int) -> None:
+        """Count calls of :meth:`demand` with the present pressure, without a forecast in effect."""
+        self._calls += calls if self.fitted else 0
+
     def copy(self) -> ShoeForecast:
         """Return a forecast with the same events."""
         other = copy.copy(self)

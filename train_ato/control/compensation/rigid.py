@@ -76,7 +76,8 @@ class RigidForce:
         low = table[index]
         between = low + (place - index) * (table[np.minimum(index + 1, len(table) - 1)] - low)
         held = np.where(place <= 0.0, table[0], table[-1])
-        return np.where((place <= 0.0) | (place.astype(np.int64) >= len(table) - 1), held, between)
+        outside = (place <= 0.0) | (place.astype(np.int64) >= len(table) - 1)
+        return np.asarray(np.where(outside, held, between))
 
     def aheads(self, t: Array, lag: float) -> Array:
         """Return :meth:`ahead` at many times [s] in N, equal bit for bit."""

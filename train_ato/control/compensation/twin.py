@@ -166,18 +166,21 @@ class AheadTrain:
         self._marks.append((self._first, len(self._made)))
 
     def rewind(self, read: int) -> None:
-        """Return to the state before the read of this number; the forces computed since are used again."""
-        first, made = self._marks[read]
-        self._computed.extendleft(reversed(self._made[made:]))
-        self._forces = deque(self._made[first - self._marks[0][0] : made])
-        self._first = first
+        """Return to the state after a number of recorded reads; forces computed since then are used again."""
+        marks, self._marks = self._marks, []
+        if read < len(marks):
+            first, made = marks[read]
+            self._computed.extendleft(reversed(self._made[made:]))
+            self._forces = deque(self._made[first - marks[0][0] : made])
+            self._first = first
 
     def run(self, until: float, keep_from: float) -> None:
         """Advance the train until the forces up to ``until`` exist; drop those before ``keep_from`` [s]."""
         while self._start + (self._first + len(self._forces) - 1) * self._period < until:
             force = self._computed.popleft() if self._computed else self._step()
             self._forces.append(force)
-            self._made.append(force)
+            if self._marks:
+                self._made.append(force)
         while len(self._forces) > 2 and self._start + (self._first + 1) * self._period < keep_from:
             self._forces.popleft()
             self._first += 1

@@ -8,7 +8,7 @@ changes the state. The caller restores the state if a demand is not usable.
 
 from __future__ import annotations
 
-from math import copysign, exp, pow, sqrt, tanh  # noqa: A004 - the power of the C library, as ** of Python
+from math import copysign, exp, pow, sqrt, tanh
 
 from plant_sim.compiled import compiled
 

@@ -53,11 +53,10 @@ class CompiledLaw:
         else:
             assert type(law) is Smc
             self.number, self.constant = c.SMC, _smc_constants(law)
-        couplers = getattr(law, "_couplers", None)
-        beside = [] if couplers is None or not law._measured else couplers._beside  # type: ignore[attr-defined]
+        measured: Any = law._couplers if type(law) is Smc and law._measured else None
+        beside = [] if measured is None else measured._beside
         self.sensors = [
-            tuple(-1 if coupler is None else couplers._sensor[coupler] for coupler in pair)  # type: ignore[union-attr]
-            for pair in beside
+            tuple(-1 if coupler is None else measured._sensor[coupler] for coupler in pair) for pair in beside
         ]
 
     def state(self) -> Array:

@@ -107,10 +107,10 @@ def _must_leave(tick, t, measured, couplers, x_front, bound, event, events, n):
         return True
     if fastest < bound[STANDSTILL_SPEED] or x_front >= bound[NEXT_JUMP_PLACE]:
         return True
+    reached = False
     for j in range(events):
-        if event[k.REACHED, j] >= n:
-            return True
-    return False
+        reached |= event[k.REACHED, j] >= n
+    return reached
 
 
 @compiled

@@ -1,0 +1,209 @@
+"""Compiled ticks give the messages and the recording of the ticks in Python, bit for bit."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from plant_sim.plant_setup import Sensors
+from plant_sim.sensors import SensorSet
+from plant_sim.states import VehicleStates
+from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.loop.engine import COMPILED_FROM, TickLoop, run_engine
+from train_ato.loop.result import RunResult
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.spans import kernel
+from train_ato.loop.spans.conditions import spans_possible
+from train_ato.messages.links import DelayJump, Link, LinkSpec, VaryingDelay
+
+FREE = {"supervision.enabled": False}
+HEAVY = {**FREE, "duration": 60, "tick": 0.05}
+NOISE = {
+    "plant.sensors": {
+        "couplers": [0, 52], "position_noise": 0.1, "velocity_noise": 0.02, "force_noise": 1e3,
+        "deflection_noise": 1e-4, "position_bias": 0.3, "velocity_bias": 0.01, "position_quantum": 0.01,
+        "velocity_quantum": 0.001,
+    }
+}  # fmt: skip
+BRAKE = {"brake": {"policy": "planned", "events": [{"time": 20, "reduction": 5e4}, {"place": 900, "reduction": 0}]}}
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    "pid, air brake by time and place": ("daqin_heavy_haul", {**HEAVY, **BRAKE}),
+    "pid under preview, air brake": ("daqin_heavy_haul", {**HEAVY, **BRAKE, "compensation": "preview"}),
+    "pid under twin, air brake": ("daqin_heavy_haul:twin", {**HEAVY, **BRAKE}),
+    "pid with filters, noise": (
+        "daqin_heavy_haul",
+        {**HEAVY, **NOISE, "laws.pid": {"kp": 0.03, "kd": 0.1, "filter_time": 0.5, "integral": "speed"}},
+    ),
+    "pid, forces, without feed-forward": (
+        "xuzhou_metro",
+        {"duration": 60, "law": "pid", "compensation": "none",
+         "laws.pid": {"gains": "force", "kp": 3e5, "ki": 1e3, "feedforward": False}},
+    ),
+    "pid, slow control": ("crh380a_funnel:short", {**FREE, "duration": 60, "control_period": 0.2}),
+    "smc, couplers measured": ("daqin_heavy_haul:ideal", {**HEAVY, **BRAKE, "law": "smc"}),
+    "smc, feed-forward": (
+        "xuzhou_metro", {"duration": 60, "law": "smc", "laws.smc": {"equivalent": "feedforward", "phi": 0.1}}
+    ),
+    "funnel": ("crh380a_funnel:short", {**FREE, "duration": 60, "law": "funnel", "compensation": "none"}),
+    "funnel, printed": (
+        "crh380a_funnel:short",
+        {**FREE, "duration": 60, "law": "funnel", "compensation": "none",
+         "laws.funnel": {"variant": "printed", "outside_funnel": "printed", "kappa": "printed"}},
+    ),
+    "funnel, three units": ("crh380a_gpc:short", {**FREE, "duration": 60, "law": "funnel", "compensation": "none"}),
+    "pid, delays by unit and sign, jump": (
+        "crh380a_gpc:jump", {**FREE, "duration": 300, "law": "pid", "compensation": "preview"}
+    ),
+    "law changes": (
+        "demo", {**FREE, "duration": 60, "law_changes": [{"at": 20.05, "law": "smc"}, {"at": 40, "law": "pid"}],
+                 "plant.sensors.couplers": [0]},
+    ),
+    "disturbances": (
+        "daqin_heavy_haul",
+        {**HEAVY, "plant.disturbances": [
+            {"kind": "eq40"}, {"kind": "turbulence", "acceleration_rms": 0.01, "correlation": 3.0},
+            {"kind": "gust", "begin": 10.0, "end": 30.0, "acceleration": 0.05},
+        ]},
+    ),
+    "jumps by time and place, separation": (
+        "daqin_heavy_haul",
+        {**HEAVY, "plant.jumps": [
+            {"at": 20.01, "what": "mass", "factor": 1.1}, {"place": 700, "what": "gain", "factor": 0.9},
+            {"at": 40, "what": "coupler", "vehicles": [50]},
+        ]},
+    ),
+    "to the stop": ("xuzhou_metro", {"law": "pid"}),
+}  # fmt: skip
+"""Scenario and changes; together they contain every kind of event that ends a span."""
+
+
+class Messages:
+    """All messages of a run as bytes."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[str, int, bytes]] = []
+
+    def add(self, topic: str, message: Any, stamp: int) -> None:
+        values = [getattr(message, entry.name) for entry in dataclasses.fields(message)]
+        parts = [value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode() for value in values]
+        self.rows.append((topic, stamp, b"|".join(parts)))
+
+
+def setup_of(name: str, changes: dict[str, Any]) -> RunSetup:
+    return choose_scenario(name).changed(changes, None).prepare()
+
+
+def compiled_part(setup: RunSetup) -> float:
+    """Return the part of the ticks of a run that are compiled."""
+    loop = TickLoop(setup, None, compiled=True)
+    loop.start()
+    while not loop.plant.finished:
+        loop.advance()
+    assert loop._spans is not None
+    return loop._spans.ticks / loop.ticks
+
+
+def assert_same_recording(one: RunResult, other: RunResult) -> None:
+    assert one.recording is not None and other.recording is not None
+    a, b = one.recording, other.recording
+    assert a.topics.keys() == b.topics.keys()
+    for topic, samples in a.topics.items():
+        found = b.topics[topic]
+        assert samples.time.tobytes() == found.time.tobytes(), topic
+        assert samples.values.keys() == found.values.keys(), topic
+        for name, values in samples.values.items():
+            assert (values.shape, values.tobytes()) == (found[name].shape, found[name].tobytes()), (topic, name)
+    assert repr(a.reports) == repr(b.reports)
+    assert one.published == other.published
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_compiled_ticks_send_the_messages_of_python(case: str) -> None:
+    """Breaks if law, sensor, delay line, disturbance, brake or diagnostics of compiled ticks differ in one bit."""
+    sinks = [Messages(), Messages()]
+    for sink, compiled in zip(sinks, (False, True), strict=True):
+        assert run_engine(setup_of(*CASES[case]), sink=sink, compiled=compiled).failure is None
+    first = next((pair for pair in zip(sinks[0].rows, sinks[1].rows, strict=False) if pair[0] != pair[1]), None)
+    assert first is None
+    assert len(sinks[0].rows) == len(sinks[1].rows)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_compiled_ticks_give_the_recording_of_python(case: str) -> None:
+    """Breaks if an array of a span is added in another order, shape or reduction than the messages."""
+    python, compiled = (run_engine(setup_of(*CASES[case]), compiled=chosen) for chosen in (False, True))
+    assert_same_recording(python, compiled)
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_most_ticks_are_compiled(case: str) -> None:
+    """Breaks if a condition leaves a whole run to Python: the tests above would then compare it with itself."""
+    assert compiled_part(setup_of(*CASES[case])) > 0.4
+
+
+def test_the_kernel_is_compiled_once() -> None:
+    """Breaks if a run gives an array in another layout: the kernel would be compiled again, for 10 s."""
+    for case in ("funnel", "funnel, three units", "pid, air brake by time and place", "disturbances"):
+        run_engine(setup_of(*CASES[case]), compiled=True)
+    signatures = getattr(kernel.run_span, "signatures", [None])  # missing with NUMBA_DISABLE_JIT
+    assert len(signatures) == 1
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"supervision.enabled": True},
+        {"observer": "ndo"},
+        {"compensation": "predictor"},
+        {"links.command.jitter": 0.1},
+        {"links.measurement.delay": 0.1},
+        {"plant.sensors.freeze": [{"unit": 0, "begin": 5, "end": 6}]},
+        {"faults": [{"do": "message_loss", "at": 5, "topic": "ato/reference", "duration": 1}]},
+    ],
+)
+def test_other_runs_are_left_to_python(changes: dict[str, Any]) -> None:
+    """Breaks if a run is compiled although its ticks contain what the compiled ticks lack."""
+    assert not spans_possible(setup_of("demo", {**FREE, **changes}))
+
+
+def test_a_long_run_is_compiled_by_default_and_has_no_step_time() -> None:
+    """Breaks if long runs stay in Python, or if the time of the first tick counts as that of the law."""
+    name, changes = CASES["pid, slow control"]
+    long = run_engine(setup_of(name, {**changes, "duration": COMPILED_FROM * 0.05}))
+    short = run_engine(setup_of(name, {**changes, "duration": 10}))
+    assert long.summary.get("step_time_us_median") is None
+    assert short.summary["step_time_us_median"] > 0.0
+
+
+@pytest.mark.parametrize("spec", [
+    LinkSpec(delay=(0.3, 0.5), delay_brake=0.1),
+    LinkSpec(delay=0.2, varying=VaryingDelay(amplitude=0.5, omega=3.0)),
+    LinkSpec(delay=0.4, jump=DelayJump(at=2.0, factor=0.25)),
+], ids=["by sign", "varying", "jump"])  # fmt: skip
+def test_packed_queues_continue_a_link(spec: LinkSpec) -> None:
+    """Breaks if queues lose a value, its order or the held value on their way through arrays."""
+    links = [Link(spec, 2, 10_000_000, 1, "command") for _ in range(2)]
+    force = np.random.default_rng(1).normal(size=(80, 2))
+    for tick, value in enumerate(force):
+        for link in links:
+            link.push(tick * 50_000_000, value)
+        windows = [link.window(tick * 50_000_000, 5) for link in links]
+        assert windows[0].tobytes() == windows[1].tobytes()
+        queues = links[1].packed(3)
+        links[1].take_packed(queues, int(links[1].newest_due(tick * 50_000_000, 5)[-1]))
+
+
+def test_noise_ahead_is_the_noise_of_the_ticks() -> None:
+    """Breaks if a look ahead at the noise of coming ticks draws other numbers or loses some."""
+    sensors = Sensors(position_noise=0.1, velocity_noise=0.01)
+    plain, ahead = (SensorSet(sensors, (0, 1), np.zeros(2), 0.05, 7) for _ in range(2))
+    state = VehicleStates(0, np.array([10.0, 0.0]), np.array([1.0, 1.0]), np.zeros(2))
+    for count in (1, 200, 40, 300, 5):
+        assert ahead._position_noise is not None and ahead._velocity_noise is not None
+        expected = np.array(ahead._position_noise.ahead(count))
+        measured = [plain.measure(state, np.zeros(2)).position - state.position for _ in range(count)]
+        assert np.abs(np.array(measured) - expected).max() < 1e-14
+        ahead._position_noise.skip(count)

@@ -1,0 +1,73 @@
+"""Conditions for compiled ticks: kinds of runs, states of train and control stack, and the next event."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant_sim.brake_events import PipeEvents
+from plant_sim.train import Train
+from train_ato.control.air_brake.policy import PlannedBrake, ReleasedBrake
+from train_ato.control.compensation.none import NoCompensation
+from train_ato.control.compensation.preview import PreviewFeedforward
+from train_ato.control.compensation.twin import Twin
+from train_ato.control.compiled.packing import CompiledLaw
+from train_ato.control.observers.none import NoObserver
+from train_ato.control.registry import COMPENSATIONS, OBSERVERS
+from train_ato.control.stack import ControlStack
+from train_ato.loop.controller import ControllerStage
+from train_ato.loop.plant import PlantStage
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.links import LinkSpec
+from train_ato.scenario.changes import requested_stamp
+
+LONGEST, BRAKED = 256, 32
+"""Longest span, and longest one with forecasts of shoe forces, which cost more [ticks]."""
+
+
+def spans_possible(setup: RunSetup) -> bool:
+    """Return True for a run whose ticks can be compiled.
+
+    It has the observer `none`, the compensation `none`, `preview` or `twin`, no supervision, re-planning, faults and
+    interventions, delays on the command only and without random parts, and no sensor that freezes or slips.
+    """
+    scenario, links, sensors = setup.scenario, setup.links, setup.plant.sensors
+    if setup.layout.supervised or scenario.faults or scenario.replan or scenario.interventions:
+        return False
+    delayed = any(link != LinkSpec() for link in (links.measurement, links.reference, links.estimate, links.brake_pipe))
+    if delayed or links.command.jitter or links.command.loss or sensors.freeze or sensors.wheel_slip:
+        return False
+    compensation = COMPENSATIONS.get(setup.compensation)
+    if compensation is PreviewFeedforward and setup.layout.air_brake:  # its shoe forces are those of one time
+        known = np.array_equal(setup.model.delay, setup.model.delay_brake)
+    else:
+        known = compensation in (NoCompensation, PreviewFeedforward, Twin)
+    return known and OBSERVERS.get(setup.observer) is NoObserver and setup.model.n_units > 0
+
+
+def ticks_to_event(setup: RunSetup, plant: PlantStage, controller: ControllerStage, stack: ControlStack) -> int:
+    """Return the number of ticks before the next change, jump, or end of the run, at most :data:`LONGEST`.
+
+    It is 0 for the first tick, at which the control stack has no pressure of the brake pipe yet.
+    """
+    tick, stamp = setup.tick_ns, plant.stamp
+    if stamp == 0:
+        return 0
+    longest = LONGEST if stack._compensation.shoes.idle else BRAKED  # type: ignore[attr-defined]
+    ends = [stamp + longest * tick, setup.ticks * tick, plant._link.next_jump(stamp)]
+    ends += [requested_stamp(change) for change in controller._planned]
+    ends += [round(jump.at * 1e9) // tick * tick for jump in plant.train._jumps._waiting if jump.at is not None]
+    return int(-((stamp - min(ends)) // tick))
+
+
+def is_regular(train: Train, controller: ControllerStage, stack: ControlStack, law: CompiledLaw) -> bool:
+    """Return True if train and control stack are in a state that the compiled ticks contain."""
+    if stack.holding or stack._offset is not None or controller._asked or train._parted._since is not None:
+        return False
+    pipe, compensation = train._brake, stack._compensation
+    if isinstance(pipe, PipeEvents) and (stack._pressure != pipe.pressure or pipe._vented):
+        return False
+    if isinstance(compensation, Twin) and not compensation.started:
+        return False
+    if isinstance(compensation, PreviewFeedforward) and law.sensors and compensation.forward != compensation.backward:
+        return False
+    return type(stack._policy) in (ReleasedBrake, PlannedBrake) and not train._has_added_gusts

@@ -1,0 +1,115 @@
+"""Values of the ticks of a span that do not depend on the state of the train: reference, feed-forward, shoe forces."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from train_ato.control.air_brake.shoes import ShoeForecast
+from train_ato.control.algorithms.force_shares import mean_over_units
+from train_ato.control.compensation.base import CompensationBase
+from train_ato.control.compensation.preview import PreviewFeedforward
+from train_ato.control.compensation.twin import Twin
+from train_ato.control.stack import ControlStack
+from train_ato.loop.setup import RunSetup
+from train_ato.messages.types import Array
+from train_ato.profile.profile import Profile
+
+
+class Forecast:
+    """Reference, feed-forward and shoe forces by tick.
+
+    Parameters
+    ----------
+    setup
+        Prepared run.
+    profile
+        Profile of the whole run.
+    compensation
+        Compensation with its profile.
+
+    Attributes
+    ----------
+    reference : Array, shape (4, ticks)
+        Position [m], speed [m/s], acceleration, and acceleration at the effect of the command [m/s²].
+    """
+
+    def __init__(self, setup: RunSetup, profile: Profile, compensation: CompensationBase) -> None:
+        self._setup, self._compensation = setup, compensation
+        self._stamps = setup.tick_ns * np.arange(setup.ticks, dtype=np.int64)
+        self._times: Array = np.asarray(self._stamps * 1e-9, dtype=np.float64)
+        now = effect = profile._evaluate(self._stamps)
+        units, rigid = setup.model.n_units, compensation.rigid
+        if isinstance(compensation, PreviewFeedforward):
+            delays = (compensation.forward, compensation.backward)
+            mean = mean_over_units(setup.model.share.tolist(), compensation.forward)
+            effect = profile._evaluate(np.rint((self._times + mean) * 1e9).astype(np.int64))
+            parts = [[rigid.aheads(self._times + delay, compensation.lag) for delay in kind] for kind in delays]
+            self._force = np.array(parts).swapaxes(1, 2)
+            self._differ = np.array([a != b for a, b in zip(*delays, strict=True)])
+            self._effects: list[float] = (self._times + mean).tolist()
+        else:
+            self._force = np.repeat(np.repeat(rigid.totals(self._times)[None, :, None], units, axis=2), 2, axis=0)
+            self._differ = np.zeros(units, dtype=np.bool_)
+            self._effects = []
+        self.reference: Array = np.array([*now, effect[2]])
+        self._effect_speed = effect[1]
+
+    def of(self, first: int, count: int, stack: ControlStack, *, shoes_used: bool) -> SpanForecast:
+        """Return the values of some ticks from a tick on, with the events of the brake so far."""
+        forecast = SpanForecast(self._compensation, self._times[first : first + count], stack._pressure)
+        part, units = slice(first, first + count), self._setup.model.n_units
+        forecast.shoes, totals = np.zeros((count, 1 + units)), np.zeros((count, 1))
+        if shoes_used and not self._compensation.shoes.idle:
+            forecast.keep_shoes()
+            speeds = self.reference[1, part].tolist()
+            for index, (t, speed) in enumerate(zip(forecast.times, speeds, strict=True)):
+                self._compensation.shoes.demand(t, stack._pressure)
+                now = effect = self._compensation.shoes.at(t, speed)
+                if self._effects:
+                    speed_then = float(self._effect_speed[first + index])
+                    effect = self._compensation.shoes.at(self._effects[first + index], speed_then)
+                forecast.shoes[index] = (now.total, *now.own)
+                totals[index] = effect.total
+        if isinstance(self._compensation, Twin):
+            forecast.feedforward = self._compensation.feedforwards(forecast.times)
+            return forecast
+        forward, backward = self._force[0, part] + totals, self._force[1, part] + totals
+        braking = np.where(backward < 0.0, backward, 0.0)
+        force = np.where((forward < 0.0) & self._differ, braking, forward) * self._setup.model.share
+        forecast.feedforward = np.ascontiguousarray(force)  # another layout would be compiled again
+        return forecast
+
+
+class SpanForecast:
+    """Feed-forward and shoe forces of the ticks of one span; the part of ticks that were not run can be taken back.
+
+    Attributes
+    ----------
+    feedforward : Array, shape (ticks, units)
+        Feed-forward of every unit [N].
+    shoes : Array, shape (ticks, 1 + units)
+        Shoe force of the train and of every unit's vehicle [N].
+    """
+
+    feedforward: Array
+    shoes: Array
+
+    def __init__(self, compensation: CompensationBase, times: Array, pressure: float | None) -> None:
+        self._compensation, self._pressure = compensation, pressure
+        self.times: list[float] = times.tolist()
+        self._kept: ShoeForecast | None = None
+
+    def keep_shoes(self) -> None:
+        """Keep the state of the shoe forecast before the span."""
+        self._kept = self._compensation.shoes.copy()
+
+    def take_back(self, done: int) -> None:
+        """Set shoe forecast and twin to their states after the first ``done`` ticks."""
+        if self._kept is None:
+            self._compensation.shoes.skip(done)
+        elif done < len(self.times):
+            self._compensation.shoes = self._kept
+            for t in self.times[:done]:
+                self._kept.demand(t, self._pressure)
+        if isinstance(self._compensation, Twin):
+            self._compensation.rewind(done)

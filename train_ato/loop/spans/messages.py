@@ -1,0 +1,204 @@
+"""Messages of the ticks of a span, from its arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from plant_sim import kernel as k
+from train_ato.loop.controller import ControllerStage
+from train_ato.loop.observer import ObserverStage
+from train_ato.loop.plant import PlantStage
+from train_ato.loop.profile import ProfileStage
+from train_ato.loop.recording import (
+    BRAKE_PIPE,
+    BRAKE_PIPE_COMMAND,
+    BRAKE_PIPE_TAIL,
+    BRAKE_SHOES,
+    COMMAND,
+    DIAGNOSTICS,
+    DISTURBANCE,
+    ESTIMATE,
+    MEASUREMENT,
+    REFERENCE,
+    TRUTH,
+)
+from train_ato.loop.recording_builder import RecordingBuilder
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.stage_messages import Published, diagnostics_due
+from train_ato.messages.types import (
+    Array,
+    BrakeShoes,
+    Command,
+    Diagnostic,
+    Disturbance,
+    DisturbanceEstimate,
+    Measurement,
+    Pipe,
+    Reference,
+    Tick,
+    VehicleStates,
+)
+
+Publish = Callable[[int, Published], None]
+Reports = tuple[Diagnostic, Diagnostic, Diagnostic, Diagnostic]
+"""Diagnostics of plant, profile, observer and controller at a tick."""
+
+
+@dataclass(frozen=True)
+class Stages:
+    """Setup and stages of the loop."""
+
+    setup: RunSetup
+    plant: PlantStage
+    profile: ProfileStage
+    observer: ObserverStage
+    controller: ControllerStage
+
+
+@dataclass
+class SpanArrays:
+    """Results of the compiled ticks, one row per tick.
+
+    Attributes
+    ----------
+    truth : Array, shape (ticks, 4, vehicles)
+        Position [m], speed [m/s], coupler and shoe force [N].
+    measured : Array, shape (ticks, 3, units)
+        Position [m], speed [m/s] and force [N].
+    couplers : Array, shape (ticks, 3, sensors)
+        Deflection [m], rate [m/s] and force [N].
+    sent, at_limit : Array, shape (ticks + 1, units) and (ticks + 1,)
+        Commands [N] and steps of the law at a force limit so far, those before the first tick first.
+    reference : Array, shape (4, ticks)
+        See :class:`train_ato.loop.spans.forecast.Forecast`.
+    outside, cubes, means : Array
+        Disturbances, see :meth:`plant_sim.outside_forces.OutsideForces.ahead`.
+    reports : list of Array
+        State, gear, unit and setting of the kernel at the ticks with diagnostics.
+    """
+
+    truth: Array
+    measured: Array
+    couplers: Array
+    sent: Array
+    at_limit: np.ndarray[tuple[int, ...], np.dtype[np.int64]]
+    reference: Array
+    outside: Array
+    cubes: Array
+    means: Array
+    reports: list[Array]
+
+
+class SpanMessages:
+    """Messages of the ticks of one span that have been run.
+
+    Parameters
+    ----------
+    stages
+        Setup and stages of the loop, in their states after the span.
+    arrays
+        Results of the compiled ticks.
+    first : int
+        Stamp of the first tick [ns].
+    done : int
+        Number of ticks that were run.
+    """
+
+    def __init__(self, stages: Stages, arrays: SpanArrays, first: int, done: int) -> None:
+        self._stages, self._arrays, self._done = stages, arrays, done
+        self._tick = stages.setup.tick_ns
+        self._stamps = first + self._tick * np.arange(done, dtype=np.int64)
+        self._train = stages.plant.train
+        stack = stages.controller._stack
+        assert stack is not None
+        self._stack = stack
+        self._zero = np.zeros(stages.setup.model.n_units)
+
+    def record(self, recording: RecordingBuilder) -> None:
+        """Add the messages to a recording as arrays."""
+        a, done, stamps, train, add = self._arrays, self._done, self._stamps, self._train, recording.extend_rows
+        truth, measured, reference = a.truth[:done], a.measured[:done], a.reference[:3, :done, None]
+        add("/clock", stamps, {})
+        add(TRUTH, stamps, {"position": truth[:, 0], "velocity": truth[:, 1], "coupler_force": truth[:, 2]})
+        if train._pipe is not None:
+            ends = np.array([train.pipe_pressures(t) for t in (stamps * 1e-9).tolist()])
+            add(BRAKE_PIPE, stamps, {"pressure": ends[:, :1]})
+            add(BRAKE_PIPE_TAIL, stamps, {"pressure": ends[:, 1:]})
+            add(BRAKE_SHOES, stamps, {"shoe_force": truth[:, 3]})
+            add(BRAKE_PIPE_COMMAND, stamps, {"pressure": np.full((done, 1), self._stack._pressure)})
+        if self._stages.setup.layout.disturbed:
+            add(DISTURBANCE, stamps, {"force": np.array([self._next_disturbance(index) for index in range(done)])})
+        values = {"position": measured[:, 0], "velocity": measured[:, 1], "applied": measured[:, 2]}
+        add(MEASUREMENT, stamps, values)
+        add(REFERENCE, stamps, dict(zip(("position", "velocity", "acceleration"), reference, strict=True)))
+        add(ESTIMATE, stamps, {"force": np.zeros((done, self._zero.size))})
+        add(COMMAND, stamps, {"force": a.sent[1 : done + 1]})
+        reports = self._diagnostics()
+        recording.extend((DIAGNOSTICS, report) for group in reports.values() for report in group)
+
+    def publish(self, publish: Publish) -> None:
+        """Publish the messages tick by tick, in the order of the loop."""
+        pressure, planned = self._stack._pressure, self._stages.profile.planned
+        references, diagnostics = self._arrays.reference[:3].T.tolist(), self._diagnostics()
+        for index, stamp in enumerate(self._stamps.tolist()):
+            reports = diagnostics.get(index)
+            place, speed, acceleration = references[index]
+            plant, profile, observer, controller = (
+                ([],) * 4 if reports is None else ([(DIAGNOSTICS, r)] for r in reports)
+            )
+            messages = [*self._of_train(stamp, index), *plant, (MEASUREMENT, self._measurement(stamp, index))]
+            messages += [*profile, (REFERENCE, Reference(stamp, place, speed, acceleration, planned))]
+            messages += [*observer, (ESTIMATE, DisturbanceEstimate(stamp, self._zero))]
+            if pressure is not None:
+                messages.append((BRAKE_PIPE_COMMAND, Pipe(stamp, pressure)))
+            messages += [*controller, (COMMAND, Command(stamp, self._arrays.sent[index + 1]))]
+            publish(stamp, messages)
+
+    def _of_train(self, stamp: int, index: int) -> Published:
+        """Return the truth of a tick; the disturbance is the mean over the tick before."""
+        position, velocity, coupler, shoe = self._arrays.truth[index]
+        messages: Published = [("/clock", Tick(stamp)), (TRUTH, VehicleStates(stamp, position, velocity, coupler))]
+        if self._train._pipe is not None:
+            head, tail = self._train.pipe_pressures(stamp * 1e-9)
+            messages += [(BRAKE_PIPE, Pipe(stamp, head)), (BRAKE_PIPE_TAIL, Pipe(stamp, tail))]
+            messages.append((BRAKE_SHOES, BrakeShoes(stamp, shoe)))
+        if self._stages.setup.layout.disturbed:
+            messages.append((DISTURBANCE, Disturbance(stamp, self._next_disturbance(index))))
+        return messages
+
+    def _measurement(self, stamp: int, index: int) -> Measurement:
+        return Measurement(stamp, *self._arrays.measured[index], *self._arrays.couplers[index])
+
+    def _next_disturbance(self, index: int) -> Array:
+        """Return the disturbance to publish at a tick [N], and keep the mean over this tick for the next one."""
+        train, outside = self._train, self._train._outside
+        published = train.outside_force
+        if outside.acts:
+            mean = self._arrays.means[index]
+            if self._arrays.cubes.shape[2]:
+                mean = np.add.reduce(self._arrays.outside[index, :2], axis=1) / train.substeps
+            outside.mean = mean
+            speed = train.arrays.state[k.V] if index + 1 == self._done else self._arrays.truth[index + 1, 1]
+            force, per_speed = mean
+            train._outside_force[outside.vehicles] = force + per_speed * speed[outside.vehicles]
+        return published
+
+    def _diagnostics(self) -> dict[int, Reports]:
+        """Return the diagnostics by the number of their tick."""
+        stages, stack, arrays = self._stages, self._stack, self._arrays
+        due = [index for index, stamp in enumerate(self._stamps.tolist()) if diagnostics_due(stamp, self._tick)]
+        found = {}
+        for number, index in enumerate(due):
+            stamp = int(self._stamps[index])
+            state, gear, unit, setting = (values[number] for values in arrays.reports)
+            then = replace(self._train.arrays, state=state, gear=gear, unit=unit, setting=setting)
+            plant = stages.plant.diagnostic_at(stamp, self._train.totals_at(then))
+            now, stack._saturated_steps = stack._saturated_steps, int(arrays.at_limit[index + 1])
+            controller = stages.controller.diagnostic(stamp)
+            stack._saturated_steps = now
+            assert controller is not None
+            found[index] = (plant, stages.profile.diagnostic(stamp), stages.observer.diagnostic(stamp), controller)
+        return found

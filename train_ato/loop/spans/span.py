@@ -1,0 +1,238 @@
+"""Compiled ticks of a run: preparation of their arrays, the compiled call, and the states after it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from plant_sim.plant_setup import Jump
+from train_ato.control.compensation.base import CompensationBase
+from train_ato.control.compensation.twin import Twin
+from train_ato.control.compiled import laws as c
+from train_ato.control.compiled.packing import CompiledLaw, has_compiled_step
+from train_ato.control.stack import ControlStack
+from train_ato.control.train_model import DRY_FRICTION_SPEED, GRID, STANDSTILL_SPEED
+from train_ato.loop.recording_builder import RecordingBuilder
+from train_ato.loop.setup import RunSetup
+from train_ato.loop.spans import kernel
+from train_ato.loop.spans.conditions import is_regular, ticks_to_event
+from train_ato.loop.spans.forecast import Forecast
+from train_ato.loop.spans.messages import Publish, SpanArrays, SpanMessages, Stages
+from train_ato.loop.stage_messages import SECOND_NS
+from train_ato.messages.links import PackedQueues
+from train_ato.messages.types import Array
+
+SHORTEST = 4
+"""Shortest span that is worth its preparation [ticks]."""
+FAR = 1e300
+"""Place or time that is never reached [m, s]."""
+LIMITS = (1e6, 100.0, 1e7)
+"""Position [m], speed [m/s] and force [N] beyond which a tick is left to Python, far inside the limits of validity."""
+
+
+class CompiledSpans:
+    """Runs the ticks between two events in compiled code.
+
+    Parameters
+    ----------
+    stages
+        Setup, of which :func:`~train_ato.loop.spans.conditions.spans_possible` is True, and stages of the loop.
+    recording
+        Recording of the run in memory.
+    publish
+        Called with stamp and messages of every tick; None if only the recording needs them.
+
+    Attributes
+    ----------
+    ticks : int
+        Number of compiled ticks so far.
+    """
+
+    def __init__(self, stages: Stages, recording: RecordingBuilder, publish: Publish | None) -> None:
+        self.stages, self._recording, self._publish = stages, recording, publish
+        self._forecast: Forecast | None = None
+        self._law: Any = None
+        self._compiled: CompiledLaw | None = None
+        self._retry = self.ticks = 0
+        self.model = _model_arrays(stages.setup)
+        values = stages.setup.plant.sensors
+        self.sensor_errors = np.array(
+            (values.position_bias, values.velocity_bias, values.position_quantum, values.velocity_quantum)
+        )
+
+    def run(self) -> int:
+        """Run the ticks up to the next event; return their number, 0 if the next tick is left to Python."""
+        plant, controller = self.stages.plant, self.stages.controller
+        stack = controller._stack
+        assert stack is not None
+        if plant.stamp < self._retry:
+            return 0
+        count, law = ticks_to_event(self.stages.setup, plant, controller, stack), self._compiled_law(stack)
+        if law is None or count < SHORTEST or not is_regular(plant.train, controller, stack, law):
+            return 0
+        stamp = plant.stamp
+        span = _Span(self, stack, law, count)
+        done = span.run()
+        if not done:  # at standstill the next ticks, too, are left to Python
+            self._retry = stamp + SECOND_NS
+            return 0
+        self.ticks += done
+        messages = SpanMessages(self.stages, span.arrays, stamp, done)
+        if self._publish is None:
+            messages.record(self._recording)
+        else:
+            messages.publish(self._publish)
+        return done
+
+    def _compiled_law(self, stack: ControlStack) -> CompiledLaw | None:
+        """Return the present law of the stack as arrays, None without a compiled step."""
+        if self._law is not stack._law:
+            self._law = stack._law
+            self._compiled = CompiledLaw(stack._law) if has_compiled_step(stack._law) else None  # type: ignore[arg-type]
+        return self._compiled
+
+    def forecast(self, compensation: CompensationBase) -> Forecast:
+        """Return reference and feed-forward of all ticks, computed once."""
+        if self._forecast is None:
+            self._forecast = Forecast(self.stages.setup, self.stages.profile.profile, compensation)
+        return self._forecast
+
+
+class _Span:
+    """One span.
+
+    Attributes
+    ----------
+    arrays : SpanArrays
+        Results of its ticks.
+    """
+
+    def __init__(self, spans: CompiledSpans, stack: ControlStack, law: CompiledLaw, count: int) -> None:
+        self._spans, self._stack, self._law, self._count = spans, stack, law, count
+        self._setup, self._plant = spans.stages.setup, spans.stages.plant
+        self._train = train = self._plant.train
+        self._first, self._stamp = self._plant.tick, self._plant.stamp
+        compensation: Any = stack._compensation
+        forecast = spans.forecast(compensation)
+        self._forecast = forecast.of(self._first, count, stack, shoes_used=self._uses_shoes())
+        units, sensors = len(train.units), len(train.sensors)
+        most, changing = count * train.tick_ns // SECOND_NS + 2, train.arrays
+        self.arrays = SpanArrays(
+            np.empty((count, 4, train.n)),
+            np.empty((count, 3, units)),
+            np.empty((count, 3, sensors)),
+            np.empty((count + 1, units)),
+            np.zeros(count + 1, dtype=np.int64),
+            np.ascontiguousarray(forecast.reference[:, self._first : self._first + count]),
+            *train._outside.ahead(self._stamp, count),
+            [np.empty((most, *a.shape)) for a in (changing.state, changing.gear, changing.unit, changing.setting)],
+        )
+        self.arrays.sent[0], self.arrays.at_limit[0] = stack._last, stack._saturated_steps
+        self._inputs = np.zeros((c.INPUT_ROWS, units))
+        own: Any = stack._law
+        self._inputs[[c.SHARE, c.SATURATED, c.LAST_FORCE]] = own.share, own.saturated, own._last_force
+        self._state = law.state()
+        self._counts = np.array((stack._ticks, stack._every, stack._saturated, 0), dtype=np.int64)
+
+    def run(self) -> int:
+        """Run the ticks; return the number of them that were run."""
+        train, link, out, spans = self._train, self._plant._link, self.arrays, self._spans
+        newest = link.newest_due(self._stamp, self._count * train.substeps).reshape(self._count, train.substeps)
+        queues, a, events = link.packed(self._count), train.arrays, train._brake.propagating()
+        cubed = np.arange(train._outside.vehicles.size if out.cubes.shape[2] else 0)
+        sensors = train._sensors
+        done = int(kernel.run_span(
+            self._stamp, train.tick_ns, train._step,
+            (a.state, a.vehicle, a.vehicle_index, a.gear, a.table, a.run, a.body, a.unit, a.unit_index, a.envelope,
+             a.piece),
+            train._brake.array, events, (out.outside, out.cubes, cubed), train._outside.vehicles, a.setting,
+            self._noise(), spans.sensor_errors, sensors._units, sensors._front, sensors._gaps,
+            self._law.number, self._law.constant, self._state, self._inputs, out.reference,
+            self._forecast.feedforward, self._forecast.shoes, self._beside(), *spans.model,
+            self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
+            out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
+        ))  # fmt: skip
+        self._forecast.take_back(done)
+        if done:
+            self._store(done, queues, int(newest[done - 1, -1]))
+        return done
+
+    def _uses_shoes(self) -> bool:
+        """Return True if this law, or one after a planned change, uses the forecast of the shoe forces."""
+        uses_feedforward = getattr(self._stack._law, "uses_feedforward", True)
+        used = self._law.sensors or (uses_feedforward and not isinstance(self._stack._compensation, Twin))
+        return bool(self._setup.law_changes or used)
+
+    def _noise(self) -> tuple[Array, Array, Array]:
+        """Return the noise of positions, speeds and couplers of the ticks; empty without noise."""
+        sensors, none = self._train._sensors, np.zeros((0, len(self._train.units)))
+        noises = (sensors._position_noise, sensors._velocity_noise)
+        position, velocity = (none if noise is None else noise.ahead(self._count) for noise in noises)
+        couplers = sensors._coupler_noise.ahead(self._count) if self._train.sensors else np.zeros((0, 2, 0))
+        return position, velocity, couplers
+
+    def _beside(self) -> Any:
+        """Return the sensors in front of and behind every unit, shape (units, 2), -1 for none."""
+        return np.array(self._law.sensors, dtype=np.int64).reshape(-1, 2)
+
+    def _bounds(self) -> Array:
+        """Return the values from which on a tick is left to Python."""
+        policy: Any = self._stack._policy
+        event = policy.next_event if self._setup.layout.air_brake else None
+        place = FAR if event is None or event.place is None else event.place
+        time = FAR if event is None or event.time is None else event.time
+        jumps = [jump.place for jump in self._train._jumps._waiting if isinstance(jump, Jump) and jump.at is None]
+        jumps += [jump.place for jump in self._train._jumps._waiting if not isinstance(jump, Jump) and jump.at is None]
+        jump_place = min((at for at in jumps if at is not None), default=FAR)
+        return np.array((*LIMITS, STANDSTILL_SPEED, place, time, jump_place))
+
+    def _store(self, done: int, queues: PackedQueues, newest_due: int) -> None:
+        """Set the states of stages, stack, law, link and sensors to those after the span."""
+        stack, train, sensors, out = self._stack, self._train, self._train._sensors, self.arrays
+        law: Any = stack._law
+        self._law.take_state(self._state)
+        law.saturated = [bool(value) for value in self._inputs[c.SATURATED]]
+        law._last_force = self._inputs[c.LAST_FORCE].tolist()
+        stack._ticks += done
+        stack._last = out.sent[done].tolist()
+        stack._saturated_steps = int(out.at_limit[done])
+        stack._saturated = bool(self._counts[kernel.AT_LIMIT])
+        self._plant._link.take_packed(queues, newest_due)
+        for noise in (sensors._position_noise, sensors._velocity_noise):
+            if noise is not None:
+                noise.skip(done)
+        if train.sensors:
+            sensors._coupler_noise.skip(done)
+        sensors._last = (out.measured[done - 1, 0].copy(), out.measured[done - 1, 1].copy())
+        train.stamp += done * train.tick_ns
+        self._plant.tick += done
+
+
+def _model_arrays(setup: RunSetup) -> tuple[Array, Array, Array, Any]:
+    """Return the constants of the nominal model.
+
+    Returns
+    -------
+    own : Array, shape (units, 8)
+        Constants of every unit's vehicle and of the line, by the names in the kernel.
+    table : Array
+        Line force per mass [N/kg] on the grid of the model.
+    segments : Array, shape (segments, 4)
+        Segments of all envelopes.
+    bounds : Array of int, shape (units, 4)
+        First segment and end of brake and of traction.
+    """
+    model = setup.model
+    rows = [
+        (*own, DRY_FRICTION_SPEED, model._begin, GRID, offset)
+        for own, offset in zip(model._own, model.offsets.tolist(), strict=True)
+    ]
+    segments, bounds, end = [np.zeros((0, 4))], [], 0
+    for brake, traction in zip(model.brake, model.traction, strict=True):
+        middle, last = end + len(brake.rows), end + len(brake.rows) + len(traction.rows)
+        segments += [brake.rows, traction.rows]
+        bounds.append((end, middle, middle, last))
+        end = last
+    table = np.array(model._specific)
+    return np.array(rows, dtype=np.float64), table, np.concatenate(segments), np.array(bounds, dtype=np.int64)
