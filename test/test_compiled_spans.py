@@ -161,7 +161,7 @@ def test_the_kernel_is_compiled_once() -> None:
         {"links.command.jitter": 0.1},
         {"links.measurement.delay": 0.1},
         {"plant.sensors.freeze": [{"unit": 0, "begin": 5, "end": 6}]},
-        {"faults": [{"do": "message_loss", "at": 5, "topic": "ato/reference", "duration": 1}]},
+        {"faults": [{"do": "drop", "topic": "ato/reference", "begin": 5, "end": 6}]},
     ],
 )
 def test_other_runs_are_left_to_python(changes: dict[str, Any]) -> None:
