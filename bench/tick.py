@@ -3,8 +3,9 @@
     python bench/tick.py [SCENARIO ...]
 
 The times are medians over the ticks of a run of 60 s, without the log. The floor is the time of the kernel for the
-steps of a tick. The messages of a tick are dataclasses without the run-time check of frozen fields
-(:func:`plant_sim.states.frozen_for_types`); the last line compares one of them with the frozen form.
+steps of a tick. Runs without supervision are also measured whole, in Python and in compiled spans
+(:mod:`train_ato.loop.spans`), with equal numbers. The messages of a tick are dataclasses without the run-time check of
+frozen fields (:func:`plant_sim.states.frozen_for_types`); the last line compares one of them with the frozen form.
 """
 
 from __future__ import annotations
@@ -21,12 +22,19 @@ import numpy as np
 
 from plant_sim import kernel
 from plant_sim.states import Measurement
-from train_ato.loop.engine import TickLoop
+from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 
 SCENARIOS = ("daqin_heavy_haul", "daqin_heavy_haul:twin", "xuzhou_metro", "crh380a_funnel:short", "crh380a_gpc:short")
 SIMULATED_S = 60
+COMPILED = (
+    ("daqin_heavy_haul", ("supervision.enabled=false",)),
+    ("daqin_heavy_haul:twin", ("supervision.enabled=false",)),
+    ("xuzhou_metro", ("law=pid", "duration=200")),
+    ("crh380a_funnel:short", ("supervision.enabled=false", "law=funnel", "compensation=none")),
+)
+"""Runs with a compiled law: scenario and assignments."""
 PARTS = (
     ("plant", "observe"),
     ("supervisor", "step"),
@@ -88,6 +96,17 @@ def stage_times(name: str) -> dict[str, float]:
     return {part: statistics.median(entries) / 1e3 for part, entries in times.items()}
 
 
+def run_times(name: str, assignments: tuple[str, ...]) -> tuple[float, float, float]:
+    """Return CPU time per tick in Python and in compiled spans [us], and the latter as times of real time."""
+    setup = prepare(*load_scenario(name, assignments))
+    found = []
+    for compiled in (True, False, True):  # the first one loads the compiled code
+        begin = time.process_time()
+        run_engine(setup, compiled=compiled)
+        found.append((time.process_time() - begin) / setup.ticks)
+    return found[1] * 1e6, found[2] * 1e6, setup.tick / found[2]
+
+
 def construction_us(message: type[Any]) -> float:
     """Return the time of a constructor with seven fields [us], the best of several rounds."""
     make, count = partial(message, 0, *[np.zeros(1)] * 6), 20_000
@@ -108,6 +127,12 @@ def main() -> int:
         sys.stdout.write(
             f"{name}: {times['tick']:.0f} us, {times['tick'] / times['kernel']:.1f} times its kernel "
             f"({times['kernel']:.1f} us)\n    {parts}\n"
+        )
+    for name, assignments in () if sys.argv[1:] else COMPILED:
+        python, compiled, factor = run_times(name, assignments)
+        sys.stdout.write(
+            f"{name}, whole run, {' '.join(assignments)}: {python:.0f} us a tick, in compiled spans {compiled:.1f} us "
+            f"({python / compiled:.1f} times faster, {factor:.0f} times real time)\n"
         )
     frozen, plain = construction_us(FrozenMeasurement), construction_us(Measurement)
     sys.stdout.write(f"construction of a measurement: {plain:.2f} us, frozen {frozen:.2f} us\n")

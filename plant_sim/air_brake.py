@@ -6,10 +6,13 @@ the shoe forces of any later time in closed form, for laws and planners.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from plant_sim import kernel as k
 from plant_sim.brake_data import AirBrake
+from plant_sim.compiled import compiled
 from plant_sim.consist import Consist
 from plant_sim.packing import pipe_distances
 from plant_sim.states import Array
@@ -21,6 +24,41 @@ MIN_PRESSURE_CHANGE = 1.0
 def braking_factor(brake: AirBrake, pressure: float) -> float:
     """Return the braking factor beta_c for a brake-pipe pressure [Pa, absolute]; constant beyond the table."""
     return float(np.interp(brake.charged - pressure, brake.reduction, brake.braking_factor))
+
+
+@compiled
+def _approached(value, goal, duration, apply_time, release_time):  # type: ignore[no-untyped-def]
+    """Return a braking factor after an exponential approach of some duration [s]."""
+    constant = apply_time if goal > value else release_time
+    return goal + (value - goal) * math.exp(-max(duration, 0.0) / constant)
+
+
+@compiled
+def _braking_factors(  # type: ignore[no-untyped-def]
+    times, since, cylinder, target, arrivals, levels, apply_time, release_time
+):
+    """Return present and final braking factor of every vehicle at times [s], shape (times, n) each.
+
+    Every event acts from its arrival until the arrival of a newer one; ``arrivals`` has the shape (events, n).
+    """
+    n, events = len(cylinder), len(levels)
+    present, final = np.empty((len(times), n)), np.empty((len(times), n))
+    newest = np.empty(events + 1)
+    for i in range(n):
+        newest[events] = np.inf
+        for event in range(events - 1, -1, -1):
+            newest[event] = min(newest[event + 1], arrivals[event, i])
+        for row in range(len(times)):
+            time, value, goal = times[row], cylinder[i], target[i]
+            value = _approached(value, goal, min(newest[0], time) - since, apply_time, release_time)
+            for event in range(events):
+                arrival, newer = arrivals[event, i], newest[event + 1]
+                if arrival <= time and arrival < newer:
+                    duration = min(newer, time) - max(arrival, since)
+                    value = _approached(value, levels[event], duration, apply_time, release_time)
+                    goal = levels[event]
+            present[row, i], final[row, i] = value, goal
+    return present, final
 
 
 class BrakeForecast:
@@ -78,28 +116,20 @@ class BrakeForecast:
         self._events = [(np.where(old < arrival, old, np.inf), reached) for old, reached in self._events]
         self._events.append((arrival, level))
 
-    def _at(self, time: float) -> tuple[Array, Array]:
-        """Return the present and the final braking factor of every vehicle at a time [s]."""
-        following = [np.full_like(self._distance, np.inf)]
-        for arrival, _ in reversed(self._events):
-            following.append(np.minimum(following[-1], arrival))
-        following.reverse()
-        cylinder = self._approach(self._cylinder, self._target, np.minimum(following[0], time) - self._since)
-        target = self._target.copy()
-        for (arrival, level), newer in zip(self._events, following[1:], strict=True):
-            duration = np.minimum(newer, time) - np.maximum(arrival, self._since)
-            acts = (arrival <= time) & (arrival < newer)
-            cylinder = np.where(acts, self._approach(cylinder, level, duration), cylinder)
-            target = np.where(acts, level, target)
-        return cylinder, target
-
-    def _approach(self, cylinder: Array, target: Array | float, duration: Array) -> Array:
-        constant = np.where(target > cylinder, self._brake.apply_time, self._brake.release_time)
-        return np.asarray(target + (cylinder - target) * np.exp(-np.maximum(duration, 0.0) / constant))
+    def _at(self, times: Array) -> tuple[Array, Array]:
+        """Return the present and the final braking factor of every vehicle at times [s], shape (times, n) each."""
+        arrivals = np.array([arrival for arrival, _ in self._events]).reshape(-1, self._distance.size)
+        levels = np.array([level for _, level in self._events])
+        found: tuple[Array, Array] = _braking_factors(
+            times, self._since, self._cylinder, self._target, arrivals, levels,
+            float(self._brake.apply_time), float(self._brake.release_time),
+        )  # fmt: skip
+        return found
 
     def commit(self, time: float) -> None:
         """Make the state at a time [s] the initial state; later calls must not be for an earlier time."""
-        self._cylinder, self._target = self._at(time)
+        cylinder, target = self._at(np.array([time]))
+        self._cylinder, self._target = cylinder[0], target[0]
         self._since = time
         self._events = [
             (arrival, level) for arrival, level in self._events if ((arrival > time) & (arrival < np.inf)).any()
@@ -110,12 +140,16 @@ class BrakeForecast:
 
     def factors(self, time: float) -> Array:
         """Return the braking factor of every vehicle at a time [s], shape (n,)."""
-        return self._at(time)[0]
+        return np.asarray(self._at(np.array([time]))[0][0])
 
     def forces(self, time: float, velocity: float | Array) -> Array:
         """Return the shoe force of every vehicle [N] at a time [s] and speed [m/s], shape (n,)."""
+        return np.asarray(self.forces_at(np.array([time]), velocity)[0])
+
+    def forces_at(self, times: Array, velocity: float | Array) -> Array:
+        """Return the shoe forces [N], shape (times, n), at times [s] and a speed, or one in every row [m/s]."""
         speed = k.KMH * np.abs(velocity)
-        full = self._full * self.factors(time)
+        full = self._full * self._at(times)[0]
         return np.asarray(full * (k.SHOE_A * speed + k.SHOE_SPEED) / (k.SHOE_B * speed + k.SHOE_SPEED))
 
     def force(self, time: float, velocity: float | Array) -> float:

@@ -54,8 +54,20 @@ class ShoeForecast:
             self._idle = self._forecast.idle
 
     def skip(self, calls: int) -> None:
-        """Count calls of :meth:`demand` with the present pressure, without a forecast in effect."""
+        """Count calls of :meth:`demand` with the present pressure that do not reach the next restart."""
         self._calls += calls if self.fitted else 0
+
+    def calls_to_restart(self) -> int:
+        """Return the number of calls of :meth:`demand` up to the next restart of the forecast."""
+        return COMMIT_EVERY - self._calls % COMMIT_EVERY
+
+    def at_each(self, times: Array, velocity: Array) -> Array:
+        """Return :meth:`at` for many times [s] and speeds [m/s]: totals, then units, shape (times, 1 + units)."""
+        found = np.zeros((len(times), 1 + len(self._units)))
+        if self._forecast is not None and not self._idle:
+            forces = self._forecast.forces_at(times, velocity[:, None])
+            found[:, 0], found[:, 1:] = forces.sum(axis=1), forces[:, self._units]
+        return found
 
     def copy(self) -> ShoeForecast:
         """Return a forecast with the same events."""

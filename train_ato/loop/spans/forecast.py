@@ -46,11 +46,11 @@ class Forecast:
             parts = [[rigid.aheads(self._times + delay, compensation.lag) for delay in kind] for kind in delays]
             self._force = np.array(parts).swapaxes(1, 2)
             self._differ = np.array([a != b for a, b in zip(*delays, strict=True)])
-            self._effects: list[float] = (self._times + mean).tolist()
+            self._effects = self._times + mean
         else:
             self._force = np.repeat(np.repeat(rigid.totals(self._times)[None, :, None], units, axis=2), 2, axis=0)
             self._differ = np.zeros(units, dtype=np.bool_)
-            self._effects = []
+            self._effects = self._times
         self.reference: Array = np.array([*now, effect[2]])
         self._effect_speed = effect[1]
 
@@ -61,15 +61,15 @@ class Forecast:
         forecast.shoes, totals = np.zeros((count, 1 + units)), np.zeros((count, 1))
         if shoes_used and not self._compensation.shoes.idle:
             forecast.keep_shoes()
-            speeds = self.reference[1, part].tolist()
-            for index, (t, speed) in enumerate(zip(forecast.times, speeds, strict=True)):
-                self._compensation.shoes.demand(t, stack._pressure)
-                now = effect = self._compensation.shoes.at(t, speed)
-                if self._effects:
-                    speed_then = float(self._effect_speed[first + index])
-                    effect = self._compensation.shoes.at(self._effects[first + index], speed_then)
-                forecast.shoes[index] = (now.total, *now.own)
-                totals[index] = effect.total
+            index, known = 0, self._compensation.shoes
+            while index < count:
+                known.demand(forecast.times[index], stack._pressure)
+                run = min(count - index, known.calls_to_restart())
+                known.skip(run - 1)
+                ticks, rows = slice(first + index, first + index + run), slice(index, index + run)
+                forecast.shoes[rows] = known.at_each(self._times[ticks], self.reference[1, ticks])
+                totals[rows] = known.at_each(self._effects[ticks], self._effect_speed[ticks])[:, :1]
+                index += run
         if isinstance(self._compensation, Twin):
             forecast.feedforward = self._compensation.feedforwards(forecast.times)
             return forecast
