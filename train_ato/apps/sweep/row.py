@@ -1,0 +1,93 @@
+"""One run of a sweep and its row: values, end of the run, metrics, hash of the resolved scenario."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from train_ato.apps.runs.scenario_choice import ScenarioChoice
+from train_ato.loop.engine import run_engine
+from train_ato.loop.part_cache import PartCache
+from train_ato.loop.setup import RunSetup
+
+__all__ = ["WALL_TIMES", "Row", "drive_point", "numbers_of", "scenario_hash"]
+
+Row = dict[str, Any]
+"""Run, point, status, reason, metrics of one run as plain data."""
+WALL_TIMES = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99")
+"""Metrics of the machine, different in every run."""
+
+
+def drive_point(base: ScenarioChoice, number: int, point: Mapping[str, Any], parts: PartCache) -> Row:
+    """Run one point in the engine and return its row.
+
+    Parameters
+    ----------
+    base
+        Scenario with the fixed keys.
+    number
+        Number of the run, from 1.
+    point
+        Values by key.
+    parts
+        Parts of former runs of this process.
+
+    Returns
+    -------
+    dict
+        Plain data.  ``status``: ``done``; ``failed`` with the reason; ``refused`` with the reason if the combination of
+        values is no valid run.  ``sha256``: hash of the resolved scenario.  ``wall_s``: wall time of the loop of the
+        engine, ``overhead_s``: that of all else of this run.
+    """
+    begin = time.perf_counter()
+    row: Row = {"run": number, "point": dict(point), "status": "refused", "reason": ""}
+    try:
+        setup = base.with_(point).prepare(parts=parts)
+    except ValueError as error:
+        return {**row, "reason": one_line(error, base), **_times(begin, 0.0)}
+    row |= {
+        "sha256": scenario_hash(setup),
+        "law": setup.controller,
+        "observer": setup.observer,
+        "compensation": setup.compensation,
+        "seed": setup.seed,
+    }
+    try:
+        result = run_engine(setup)
+    except (Exception, SystemExit) as error:  # the constructor of a user's component may raise any
+        return {**row, "status": "failed", "reason": f"{type(error).__name__}: {error}", **_times(begin, 0.0)}
+    summary = result.summary
+    return {
+        **row,
+        "status": summary["status"],
+        "reason": " ".join(str(summary.get("failure", "")).split()),
+        "verdict": summary.get("verdict"),
+        "tracking": summary.get("tracking"),
+        "metrics": numbers_of(summary),
+        **_times(begin, float(summary["wall_s"])),
+    }
+
+
+def _times(begin: float, loop: float) -> dict[str, float]:
+    return {"wall_s": loop, "overhead_s": time.perf_counter() - begin - loop}
+
+
+def one_line(error: Exception, base: ScenarioChoice) -> str:
+    """Return the message of a refusal without the scenario's file."""
+    return " ".join(str(error).split()).removeprefix(f"{base.path}: ")
+
+
+def numbers_of(summary: Mapping[str, Any]) -> dict[str, float | int]:
+    """Return the numeric metrics of a run, without wall times and seed."""
+    return {
+        key: value
+        for key, value in summary.items()
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and key not in (*WALL_TIMES, "seed")
+    }
+
+
+def scenario_hash(setup: RunSetup) -> str:
+    """Return the SHA-256 of the resolved scenario of a run, the text of its ``scenario.yaml``."""
+    return hashlib.sha256(setup.resolved_yaml().encode()).hexdigest()
