@@ -14,10 +14,9 @@ from train_ato.apps.sweep.groups import BORDERS, grouped, inside, list_key, metr
 from train_ato.apps.sweep.rerun import run_row_again
 from train_ato.apps.sweep.result import ERROR_METRIC, SweepResult
 from train_ato.apps.sweep.spec import read_sweep
-from train_ato.apps.sweep.sweep import PreparedSweep, prepare_sweep
+from train_ato.apps.sweep.sweep import prepare_sweep
 from train_ato.cli.screen import note_compilation, print_json, print_table
 from train_ato.errors import RunFailed
-from train_ato.log.run_folder import RunFolder
 
 COLUMNS = ("runs", "done", "tracked", "passed", "median", "largest")
 
@@ -58,22 +57,16 @@ def execute(options: argparse.Namespace) -> int:
     """Run the sweep, or one row of it again."""
     if options.row is not None:
         return _run_row(options)
-    folder, new = None, None
+    folder = None
     if SweepFolder.holds(options.sweep):
         if options.out is not None:
             raise ValueError(f"--out {options.out}: {options.sweep} is the folder of the sweep already; remove --out")
         folder = SweepFolder(options.sweep)
-        spec = folder.spec()
-    else:
-        spec = read_sweep(options.sweep)
-        if options.out is not None and SweepFolder.holds(options.out):
-            folder = SweepFolder(options.out)
+    spec = read_sweep(options.sweep) if folder is None else folder.spec()
     note_compilation()
     prepared = prepare_sweep(spec, jobs=options.jobs, scheduler=options.scheduler, dash="--")
-    if folder is None:
-        new = RunFolder.make(options.out, "sweep")
-        folder = SweepFolder(new.path)
-    result = _swept(prepared, folder, new)
+    folder = folder or SweepFolder.opened(options.out)
+    result = prepared.run(folder, announce=lambda text: print(f"train-ato: {text}", file=sys.stderr))
     with activity("drawing the figures"):
         figures = result.figures(folder.path, options.metric, options.border)
     _print(result, folder, figures, options.metric, options.json)
@@ -83,16 +76,6 @@ def execute(options: argparse.Namespace) -> int:
         raise RunFailed(f"{len(failed)} of {len(result.table)} runs failed; first: run {first['run']}: "
                         f"{first['reason']}")  # fmt: skip
     return 0
-
-
-def _swept(prepared: PreparedSweep, folder: SweepFolder, new: RunFolder | None) -> SweepResult:
-    """Run the sweep; a new folder without a finished run is removed."""
-    try:
-        return prepared.run(folder, announce=lambda text: print(f"train-ato: {text}", file=sys.stderr))
-    except BaseException:
-        if new is not None and not folder.rows():
-            new.discard()
-        raise
 
 
 def _print(result: SweepResult, folder: SweepFolder, figures: dict[str, Path], metric: str, as_json: bool) -> None:
@@ -118,7 +101,7 @@ def _print(result: SweepResult, folder: SweepFolder, figures: dict[str, Path], m
             "groups": rows, "figures": {name: str(file) for name, file in figures.items()},
         })  # fmt: skip
         return
-    title = f"{result.spec.scenario}, {result.spec.design}: {words} of the tracked runs"
+    title = f"{result.spec.title}, {result.spec.design}: {words} of the tracked runs"
     print_table((key or "", *COLUMNS), (tuple(row.values()) for row in rows), title)
     for _, row in result.table[result.table["status"] != "done"].head(5).iterrows():
         sys.stdout.write(f"{row['status']}: run {row['run']}: {row['point']}: {row['reason']}\n")

@@ -341,9 +341,7 @@ def _prepare(scenario: Scenario, folder: Path, parts: PartCache) -> RunSetup:
     return setup
 
 
-def _profile(
-    scenario: Scenario, consist: Consist, line: Line, tick_ns: int, folder: Path, parts: PartCache
-) -> Profile:
+def _profile(scenario: Scenario, consist: Consist, line: Line, tick_ns: int, folder: Path, parts: PartCache) -> Profile:
     """Return the profile of a scenario, from former runs if train, line, block ``profile`` and tick are equal."""
     spec, plant = scenario.profile, scenario.plant
     file = None if spec.file is None else file_state(folder / spec.file)

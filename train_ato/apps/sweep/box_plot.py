@@ -62,7 +62,7 @@ def box_plot(spec: SweepSpec, table: pd.DataFrame, metric: str) -> Figure:
     _use_logarithm(axes, np.concatenate(values))
     axes.set_ylabel(words)
     axes.set_xlabel(key)
-    figure.suptitle(f"{spec.scenario}: {words} of the tracked runs by {key}", fontsize=8.5)
+    figure.suptitle(f"{spec.title}: {words} of the tracked runs by {key}", fontsize=8.5)
     return figure
 
 

@@ -52,14 +52,14 @@ def sweep_client(scheduler: str | None, jobs: int | None) -> Iterator[Any]:
         import distributed  # noqa: F401
     except ImportError:
         raise ValueError(f"sweep: {MISSING}") from None
-    quiet = {"logging": {name: "critical" for name in LOGGERS}}
+    quiet = {"logging": dict.fromkeys(LOGGERS, "critical")}
     before = {name: logging.getLogger(name).level for name in LOGGERS}
     for name in LOGGERS:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
-        with dask.config.set({**quiet, "distributed.admin.tick.limit": "1h"}):
-            with _remote(scheduler) if scheduler is not None else _local(jobs or available_cores()) as client:
-                yield client
+        chosen = _remote(scheduler) if scheduler is not None else _local(jobs or available_cores())
+        with dask.config.set({**quiet, "distributed.admin.tick.limit": "1h"}), chosen as client:
+            yield client
     finally:
         for name, level in before.items():
             logging.getLogger(name).setLevel(level)

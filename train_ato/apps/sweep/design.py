@@ -35,10 +35,9 @@ def design_points(spec: SweepSpec) -> list[Point]:
     >>> design_points(read_sweep({"scenario": "demo", "over": {"law": ["pid", "smc"], "seed": [1, 2]}}))[1]
     {'law': 'pid', 'seed': 2}
     """
-    keys = [dimension.key for dimension in spec.dimensions]
     if spec.design == "grid":
         values = (dimension.values for dimension in spec.dimensions)
-        return [dict(zip(keys, combination, strict=True)) for combination in product(*values)]
+        return [dict(zip(spec.keys, combination, strict=True)) for combination in product(*values)]
     shares = _shares(spec)
     return [
         {dimension.key: dimension.at(float(share)) for dimension, share in zip(spec.dimensions, row, strict=True)}

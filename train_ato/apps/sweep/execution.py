@@ -9,7 +9,7 @@ from typing import Any
 
 from train_ato.apps.sweep.batch import Batch, SweepBase, run_batch
 from train_ato.apps.sweep.design import Point
-from train_ato.apps.sweep.row import Row
+from train_ato.apps.sweep.row import TIMES, Row
 from train_ato.errors import RunFailed
 
 __all__ = ["execute_points"]
@@ -75,7 +75,7 @@ class _Execution:
             rows = self._result(future, batch)
             future.release()
             if rows:
-                self._seconds += sum(row["wall_s"] + row["overhead_s"] for row in rows)
+                self._seconds += sum(row[name] for row in rows for name in TIMES)
                 self._rows += len(rows)
                 self._take(rows)
             self._fill()
@@ -134,5 +134,4 @@ class _Execution:
 
 
 def _failed(number: int, point: Point, reason: str) -> Row:
-    times = {"wall_s": 0.0, "overhead_s": 0.0}
-    return {"run": number, "point": dict(point), "status": "failed", "reason": reason, **times}
+    return {"run": number, "point": dict(point), "status": "failed", "reason": reason, **dict.fromkeys(TIMES, 0.0)}

@@ -19,6 +19,7 @@ from plant_sim.data_text import parse_json
 from train_ato.apps.sweep.batch import SweepBase
 from train_ato.apps.sweep.row import Row
 from train_ato.apps.sweep.spec import SweepSpec, read_sweep
+from train_ato.log.run_folder import RunFolder
 from train_ato.log.versions import versions
 from train_ato.log.whole_file import write_whole
 
@@ -55,10 +56,32 @@ class SweepFolder:
     ----------
     path
         An existing folder.
+    new
+        The same folder, if it was made for this sweep.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, new: RunFolder | None = None) -> None:
         self.path = path
+        self._new = new
+
+    @classmethod
+    def opened(cls, path: Path | None, option: str = "--out") -> SweepFolder:
+        """Return the folder of an earlier sweep, or a new one; None: ``runs/sweep-N``.
+
+        Raises
+        ------
+        ValueError
+            If it exists and is no folder of a sweep, or cannot be written.
+        """
+        if path is not None and cls.holds(path):
+            return cls(path)
+        new = RunFolder.make(path, "sweep", option)
+        return cls(new.path, new)
+
+    def discard_empty(self) -> None:
+        """Remove a new folder without a finished run."""
+        if self._new is not None and not self.rows():
+            self._new.discard()
 
     @property
     def results(self) -> Path:

@@ -16,7 +16,7 @@ __all__ = ["BORDERS", "Group", "NotDrawable", "grouped", "inside", "list_key", "
 
 BORDERS = {"tracking": ("tracking", "tracked"), "verdict": ("verdict", "passed")}
 """Border of stability: column of the table, and its value inside."""
-NOT_METRICS = ("run", "seed", "wall_s", "overhead_s")
+NOT_METRICS = ("run", "seed", "wall_s", "evaluation_s", "overhead_s")
 
 
 class NotDrawable(ValueError):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from train_ato.apps.report.print_parts import add_print_legend, sheet, styled
 from train_ato.apps.report.quantities import COLOURS
@@ -20,7 +21,7 @@ __all__ = ["pareto_figure", "pareto_front"]
 VARIATION = "command_variation_kn_per_s"
 
 
-def pareto_front(first: Array, second: Array) -> Array:
+def pareto_front(first: Array, second: Array) -> NDArray[np.intp]:
     """Return the indices of the runs that no other run beats in both values, by rising first value.
 
     Parameters
@@ -35,7 +36,7 @@ def pareto_front(first: Array, second: Array) -> Array:
     """
     order = np.lexsort((second, first))
     best = np.concatenate(([np.inf], np.minimum.accumulate(second[order])[:-1]))
-    return order[second[order] < best]
+    return np.asarray(order[second[order] < best], dtype=np.intp)
 
 
 @styled()

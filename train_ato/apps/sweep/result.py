@@ -99,7 +99,7 @@ class SweepResult:
         """
         from train_ato.apps.sweep.pareto import pareto_figure
 
-        return self._saved(pareto_figure(self.table, metric, self.spec.scenario), path)
+        return self._saved(pareto_figure(self.table, metric, self.spec.title), path)
 
     def figures(self, folder: str | Path, metric: str = ERROR_METRIC, border: str = "tracking") -> dict[str, Path]:
         """Write the figures that the design permits into a folder, and return their files by name."""
@@ -128,7 +128,7 @@ class SweepResult:
 
     def __repr__(self) -> str:
         counts = ", ".join(f"{count} {status}" for status, count in self.counts.items())
-        return f"<SweepResult {self.spec.scenario}, {self.spec.design}: {counts}>"
+        return f"<SweepResult {self.spec.title}, {self.spec.design}: {counts}>"
 
     def _repr_html_(self) -> str:
         return str(self.table.drop(columns=["point", "sha256"]).to_html(max_rows=20))

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
 from train_ato.apps.report.print_parts import LEGEND, WIDTH, NotebookFigure, styled
 from train_ato.apps.report.quantities import FAINT, INK, VERMILLION, none_to_full
@@ -49,7 +50,7 @@ class MapCells:
     second: Array
     stable: Array
     value: Array
-    nearest: np.ndarray
+    nearest: NDArray[np.intp]
 
 
 def map_cells(first: Array, second: Array, stable: Array, value: Array) -> MapCells:
@@ -62,7 +63,8 @@ def map_cells(first: Array, second: Array, stable: Array, value: Array) -> MapCe
     """
     from scipy.spatial import KDTree
 
-    places, index = np.unique(np.round(np.column_stack((first, second)), 9), axis=0, return_inverse=True)
+    coordinates = np.asarray(np.round(np.column_stack((first, second)), 9), dtype=np.float64)
+    places, index = np.unique(coordinates, axis=0, return_inverse=True)
     worst = np.full(len(places), -np.inf)
     np.maximum.at(worst, index.ravel(), np.nan_to_num(np.abs(value), nan=-np.inf))
     kept = np.ones(len(places))
@@ -99,7 +101,7 @@ def robustness_map(spec: SweepSpec, table: pd.DataFrame, metric: str, border: st
     figure = NotebookFigure(figsize=(WIDTH, 0.9 + rows * (3.6 if columns == 1 else 2.5)), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     top = max((float(cells.value[cells.stable > 0].max()) for cells in maps if cells.stable.any()), default=1.0)
-    image = None
+    image: Any = None
     for panel, group, cells in zip(panels, groups, maps, strict=False):
         image = _draw(panel, cells, ranges[0], ranges[1], top)
         panel.set_title(f"{group.label}: {int(inside(group.runs, border).sum())} of {len(group.runs)} inside")
@@ -114,17 +116,16 @@ def robustness_map(spec: SweepSpec, table: pd.DataFrame, metric: str, border: st
     bar.set_label(words)
     bar.outline.set_linewidth(0.5)
     figure.legend(handles=_legend(border), loc="outside lower center", ncols=3, **LEGEND)
-    figure.suptitle(f"{spec.scenario}: {words}, and the border of stability", fontsize=8.5)
+    figure.suptitle(f"{spec.title}: {words}, and the border of stability", fontsize=8.5)
     return figure
 
 
 def _cells_of(group: Group, first: Dimension, second: Dimension, metric: str, border: str) -> MapCells:
     """Return places and picture of the runs of a group."""
-    coordinates = [
+    shares = [
         np.array([dimension.share(value) for value in group.runs[dimension.key]]) for dimension in (first, second)
     ]
-    value = group.runs[metric].to_numpy(dtype=float)
-    return map_cells(*coordinates, inside(group.runs, border), value)
+    return map_cells(shares[0], shares[1], inside(group.runs, border), group.runs[metric].to_numpy(dtype=float))
 
 
 def _draw(panel: Any, cells: MapCells, first: Dimension, second: Dimension, top: float) -> Any:

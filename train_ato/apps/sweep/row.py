@@ -12,8 +12,10 @@ from train_ato.loop.engine import run_engine
 from train_ato.loop.part_cache import PartCache
 from train_ato.loop.setup import RunSetup
 
-__all__ = ["WALL_TIMES", "Row", "drive_point", "numbers_of", "scenario_hash"]
+__all__ = ["TIMES", "WALL_TIMES", "Row", "drive_point", "numbers_of", "one_line", "scenario_hash"]
 
+TIMES = ("wall_s", "evaluation_s", "overhead_s")
+"""Wall times of a run [s]: loop of the engine, its start and metrics, all else."""
 Row = dict[str, Any]
 """Run, point, status, reason, metrics of one run as plain data."""
 WALL_TIMES = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99")
@@ -38,15 +40,15 @@ def drive_point(base: ScenarioChoice, number: int, point: Mapping[str, Any], par
     -------
     dict
         Plain data.  ``status``: ``done``; ``failed`` with the reason; ``refused`` with the reason if the combination of
-        values is no valid run.  ``sha256``: hash of the resolved scenario.  ``wall_s``: wall time of the loop of the
-        engine, ``overhead_s``: that of all else of this run.
+        values is no valid run.  ``sha256``: hash of the resolved scenario.  Wall times: ``wall_s`` of the loop of the
+        engine, ``evaluation_s`` of its start and its metrics, ``overhead_s`` of all else.
     """
     begin = time.perf_counter()
     row: Row = {"run": number, "point": dict(point), "status": "refused", "reason": ""}
     try:
         setup = base.with_(point).prepare(parts=parts)
     except ValueError as error:
-        return {**row, "reason": one_line(error, base), **_times(begin, 0.0)}
+        return {**row, "reason": one_line(error, base), **_times(begin)}
     row |= {
         "sha256": scenario_hash(setup),
         "law": setup.controller,
@@ -54,11 +56,13 @@ def drive_point(base: ScenarioChoice, number: int, point: Mapping[str, Any], par
         "compensation": setup.compensation,
         "seed": setup.seed,
     }
+    start = time.perf_counter()
     try:
-        result = run_engine(setup)
+        summary = run_engine(setup).summary
     except (Exception, SystemExit) as error:  # the constructor of a user's component may raise any
-        return {**row, "status": "failed", "reason": f"{type(error).__name__}: {error}", **_times(begin, 0.0)}
-    summary = result.summary
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        return {**row, "status": "failed", "reason": reason, **_times(begin)}
+    engine = time.perf_counter() - start
     return {
         **row,
         "status": summary["status"],
@@ -66,12 +70,13 @@ def drive_point(base: ScenarioChoice, number: int, point: Mapping[str, Any], par
         "verdict": summary.get("verdict"),
         "tracking": summary.get("tracking"),
         "metrics": numbers_of(summary),
-        **_times(begin, float(summary["wall_s"])),
+        **_times(begin, engine, float(summary["wall_s"])),
     }
 
 
-def _times(begin: float, loop: float) -> dict[str, float]:
-    return {"wall_s": loop, "overhead_s": time.perf_counter() - begin - loop}
+def _times(begin: float, engine: float = 0.0, loop: float = 0.0) -> dict[str, float]:
+    """Return the wall times of a run [s] from its begin, the time of the engine and that of its loop."""
+    return {"wall_s": loop, "evaluation_s": engine - loop, "overhead_s": time.perf_counter() - begin - engine}
 
 
 def one_line(error: Exception, base: ScenarioChoice) -> str:

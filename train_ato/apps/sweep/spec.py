@@ -54,9 +54,16 @@ class SweepSpec:
     data: dict[str, Any]
     source: str
 
-    def dimension(self, key: str) -> Dimension:
-        """Return the dimension of a key."""
-        return next(dimension for dimension in self.dimensions if dimension.key == key)
+    @property
+    def title(self) -> str:
+        """Name of the scenario without the folder of its file."""
+        stem, colon, variants = self.scenario.partition(":")
+        return f"{Path(stem).stem}{colon}{variants}"
+
+    @property
+    def keys(self) -> list[str]:
+        """Varied keys."""
+        return [dimension.key for dimension in self.dimensions]
 
 
 def read_sweep(spec: str | Path | Mapping[str, Any], source: str | None = None) -> SweepSpec:
@@ -160,5 +167,5 @@ def _scenario(name: Any, folder: Path, source: str) -> str:
     if not isinstance(name, (str, Path)) or not str(name):
         raise ValueError(f"{source}: scenario: {name!r}: is no scenario; name one of `train-ato list`, or a file")
     stem, colon, variants = str(name).partition(":")
-    beside = folder / stem
-    return f"{beside if beside.is_file() else stem}{colon}{variants}"
+    file = next((path for path in (folder / stem, Path(stem)) if path.is_file()), None)
+    return f"{stem if file is None else file.resolve()}{colon}{variants}"

@@ -19,7 +19,6 @@ from train_ato.apps.sweep.row import Row
 from train_ato.apps.sweep.spec import SweepSpec, read_sweep
 from train_ato.apps.sweep.table import sweep_table, write_results
 from train_ato.errors import RunInterrupted
-from train_ato.log.run_folder import RunFolder
 
 __all__ = ["PreparedSweep", "prepare_sweep", "sweep"]
 
@@ -76,12 +75,7 @@ def sweep(
     [[1, 'pid', 1], [2, 'pid', 2], [3, 'smc', 1], [4, 'smc', 2]]
     """
     prepared = prepare_sweep(read_sweep(spec), jobs=jobs, scheduler=scheduler)
-    folder = None
-    if out is not None:
-        folder = SweepFolder(Path(out))
-        if not SweepFolder.holds(folder.path):
-            RunFolder.make(folder.path, "sweep", "out")
-    return prepared.run(folder, shown=progress)
+    return prepared.run(None if out is None else SweepFolder.opened(Path(out), "out"), shown=progress)
 
 
 def prepare_sweep(
@@ -161,6 +155,8 @@ class PreparedSweep:
             finally:
                 if folder is not None and rows:
                     write_results(folder.results, self._table(rows), self.identity)
+                elif folder is not None:
+                    folder.discard_empty()
         return SweepResult(self.spec, self._table(rows), None if folder is None else folder.path)
 
     def _run_missing(
@@ -180,7 +176,7 @@ class PreparedSweep:
             with activity("starting the workers"):
                 client = stack.enter_context(sweep_client(self._scheduler, self._jobs))
             announce(f"Dask dashboard: {client.dashboard_link}")
-            bar = stack.enter_context(share_bar(f"sweep {self.spec.scenario}", shown))
+            bar = stack.enter_context(share_bar(f"sweep {self.spec.title}", shown))
             self._report(bar, rows)
 
             def take(new: list[Row]) -> None:
@@ -198,5 +194,4 @@ class PreparedSweep:
         bar(len(rows) / len(self.points), f"{len(rows)} of {len(self.points)} runs{more}")
 
     def _table(self, rows: list[Row]) -> Any:
-        keys = [dimension.key for dimension in self.spec.dimensions]
-        return sweep_table(sorted(rows, key=lambda row: int(row["run"])), keys)
+        return sweep_table(sorted(rows, key=lambda row: int(row["run"])), self.spec.keys)

@@ -18,7 +18,7 @@ __all__ = ["METADATA", "read_results", "sweep_table", "write_results"]
 METADATA = b"train_ato.sweep"
 """Key of the Parquet metadata with specification, hashes and versions as JSON."""
 FIRST = ("law", "observer", "compensation", "seed", "status", "reason", "verdict", "tracking")
-LAST = ("sha256", "wall_s", "overhead_s", "point")
+LAST = ("sha256", "wall_s", "evaluation_s", "overhead_s", "point")
 
 
 def sweep_table(rows: Sequence[Row], keys: Sequence[str]) -> pd.DataFrame:
@@ -35,9 +35,9 @@ def sweep_table(rows: Sequence[Row], keys: Sequence[str]) -> pd.DataFrame:
     -------
     pandas.DataFrame
         ``run``; the varied keys; law, observer, compensation, seed; ``status``, ``reason``, ``verdict``, ``tracking``;
-        the numeric metrics of ``summary.json``, NaN without a value; ``sha256`` of the resolved scenario; ``wall_s``,
-        ``overhead_s``; ``point``, the values of the varied keys as JSON.  A key whose values are not of one type, or
-        not scalar, is a column of JSON texts.
+        the numeric metrics of ``summary.json``, NaN without a value; ``sha256`` of the resolved scenario; wall times
+        ``wall_s``, ``evaluation_s``, ``overhead_s``; ``point``, the values of the varied keys as JSON.  A key whose
+        values are not of one type, or not scalar, is a column of JSON texts.
     """
     import pandas as pd
 
