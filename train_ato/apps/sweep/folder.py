@@ -169,11 +169,12 @@ class RowWriter:
 
     def __init__(self, file: Any) -> None:
         self._file = file
-        if file.tell() > 0:
-            file.write(b"\n")  # ends the incomplete line of a killed process
+        self._begin = "\n" if file.tell() > 0 else ""  # ends the incomplete line of a killed process
 
     def add(self, rows: Iterable[Row]) -> None:
         """Append rows."""
-        self._file.write("".join(f"{json.dumps(row, ensure_ascii=False)}\n" for row in rows).encode())
+        lines = "".join(f"{json.dumps(row, ensure_ascii=False)}\n" for row in rows)
+        self._file.write(f"{self._begin}{lines}".encode())
         self._file.flush()
         os.fsync(self._file.fileno())
+        self._begin = ""
