@@ -22,6 +22,13 @@ WORKERS_S = 30.0
 """Longest wait for the first worker of a scheduler [s]."""
 CLOSE_S = 5.0
 """Longest wait for the end of the local workers [s]."""
+SETTINGS = {
+    "distributed.scheduler.allowed-failures": 1,  # of the workers of a batch, before its points run alone
+    "distributed.deploy.lost-worker-timeout": "1 day",  # on a busy machine a new worker needs more than the default
+    "distributed.comm.timeouts.connect": "120s",
+    "distributed.admin.tick.limit": "1h",
+}
+"""Settings of Dask."""
 LOGGERS = ("distributed", "bokeh", "tornado", "asyncio")
 """Loggers of Dask, whose messages are not for users of a sweep."""
 
@@ -58,7 +65,7 @@ def sweep_client(scheduler: str | None, jobs: int | None) -> Iterator[Any]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         chosen = _remote(scheduler) if scheduler is not None else _local(jobs or available_cores())
-        with dask.config.set({**quiet, "distributed.admin.tick.limit": "1h"}), chosen as client:
+        with dask.config.set({**quiet, **SETTINGS}), chosen as client:
             yield client
     finally:
         for name, level in before.items():
@@ -69,10 +76,11 @@ def sweep_client(scheduler: str | None, jobs: int | None) -> Iterator[Any]:
 def _remote(scheduler: str) -> Iterator[Any]:
     """Yield a client of a running scheduler."""
     from distributed import Client
+    from distributed import TimeoutError as NoAnswer  # in Python 3.10 not the TimeoutError of Python
 
     try:
         client = Client(scheduler, timeout=SCHEDULER_S, set_as_default=False)
-    except (OSError, ValueError, TypeError, ImportError) as error:
+    except (OSError, NoAnswer, ValueError, TypeError, ImportError) as error:
         reason = " ".join(str(error).split())[:120] or type(error).__name__
         raise ValueError(
             f"--scheduler {scheduler}: no Dask scheduler answers ({reason}); start one with `dask scheduler`"
@@ -80,7 +88,7 @@ def _remote(scheduler: str) -> Iterator[Any]:
     try:
         try:
             client.wait_for_workers(1, timeout=WORKERS_S)
-        except TimeoutError:
+        except NoAnswer:
             raise ValueError(
                 f"--scheduler {scheduler}: has no worker; start one with `dask worker {scheduler} --nthreads 1`"
             ) from None

@@ -12,7 +12,7 @@ from train_ato.apps.sweep.spec import SweepSpec
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["BORDERS", "Group", "NotDrawable", "grouped", "inside", "list_key", "metric_words", "numeric_metrics"]
+__all__ = ["BORDERS", "NotDrawable", "RunGroup", "grouped", "inside", "list_key", "metric_words", "numeric_metrics"]
 
 BORDERS = {"tracking": ("tracking", "tracked"), "verdict": ("verdict", "passed")}
 """Border of stability: column of the table, and its value inside."""
@@ -24,7 +24,7 @@ class NotDrawable(ValueError):
 
 
 @dataclass(frozen=True)
-class Group:
+class RunGroup:
     """Runs with one value of a list.
 
     Attributes
@@ -45,13 +45,13 @@ def list_key(spec: SweepSpec) -> str | None:
     return "law" if "law" in keys else (keys[0] if keys else None)
 
 
-def grouped(table: pd.DataFrame, key: str | None) -> Iterator[Group]:
+def grouped(table: pd.DataFrame, key: str | None) -> Iterator[RunGroup]:
     """Yield the runs for every value of a key, in the order of the values; without a key, all runs."""
     if key is None:
-        yield Group("all runs", table)
+        yield RunGroup("all runs", table)
         return
     for value in sorted(table[key].dropna().unique()):
-        yield Group(str(value), table[table[key] == value])
+        yield RunGroup(str(value), table[table[key] == value])
 
 
 def inside(table: pd.DataFrame, border: str = "tracking") -> Any:

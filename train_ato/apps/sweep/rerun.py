@@ -13,7 +13,7 @@ from train_ato.apps.runs.drive import RunMode, drive
 from train_ato.apps.runs.scenario_choice import ScenarioChoice
 from train_ato.apps.sweep.check import sweep_base
 from train_ato.apps.sweep.folder import SweepFolder
-from train_ato.apps.sweep.row import Row, numbers_of, one_line, scenario_hash
+from train_ato.apps.sweep.row import Row, one_line, row_metrics, scenario_hash
 from train_ato.apps.sweep.spec import read_sweep
 from train_ato.apps.sweep.table import FIRST, LAST, read_results
 from train_ato.errors import RunFailed, RunInterrupted
@@ -149,7 +149,7 @@ def _run(
         "verdict": summary.get("verdict"),
         "tracking": summary.get("tracking"),
         "sha256": scenario_hash(setup),
-        "metrics": numbers_of(summary),
+        "metrics": row_metrics(summary),
     }
     return row, folder
 

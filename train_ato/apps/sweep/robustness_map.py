@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from train_ato.apps.report.print_parts import LEGEND, WIDTH, NotebookFigure, styled
 from train_ato.apps.report.quantities import FAINT, INK, VERMILLION, none_to_full
 from train_ato.apps.sweep.dimensions import Dimension
-from train_ato.apps.sweep.groups import Group, NotDrawable, grouped, inside, list_key, metric_words
+from train_ato.apps.sweep.groups import NotDrawable, RunGroup, grouped, inside, list_key, metric_words
 from train_ato.apps.sweep.spec import SweepSpec
 from train_ato.messages.types import Array
 
@@ -120,7 +120,7 @@ def robustness_map(spec: SweepSpec, table: pd.DataFrame, metric: str, border: st
     return figure
 
 
-def _cells_of(group: Group, first: Dimension, second: Dimension, metric: str, border: str) -> MapCells:
+def _cells_of(group: RunGroup, first: Dimension, second: Dimension, metric: str, border: str) -> MapCells:
     """Return places and picture of the runs of a group."""
     shares = [
         np.array([dimension.share(value) for value in group.runs[dimension.key]]) for dimension in (first, second)

@@ -12,7 +12,7 @@ from train_ato.loop.engine import run_engine
 from train_ato.loop.part_cache import PartCache
 from train_ato.loop.setup import RunSetup
 
-__all__ = ["TIMES", "WALL_TIMES", "Row", "drive_point", "numbers_of", "one_line", "scenario_hash"]
+__all__ = ["TIMES", "WALL_TIMES", "Row", "drive_point", "one_line", "row_metrics", "scenario_hash"]
 
 TIMES = ("wall_s", "evaluation_s", "overhead_s")
 """Wall times of a run [s]: loop of the engine, its start and metrics, all else."""
@@ -69,7 +69,7 @@ def drive_point(base: ScenarioChoice, number: int, point: Mapping[str, Any], par
         "reason": " ".join(str(summary.get("failure", "")).split()),
         "verdict": summary.get("verdict"),
         "tracking": summary.get("tracking"),
-        "metrics": numbers_of(summary),
+        "metrics": row_metrics(summary),
         **_times(begin, engine, float(summary["wall_s"])),
     }
 
@@ -84,7 +84,7 @@ def one_line(error: Exception, base: ScenarioChoice) -> str:
     return " ".join(str(error).split()).removeprefix(f"{base.path}: ")
 
 
-def numbers_of(summary: Mapping[str, Any]) -> dict[str, float | int]:
+def row_metrics(summary: Mapping[str, Any]) -> dict[str, float | int]:
     """Return the numeric metrics of a run, without wall times and seed."""
     return {
         key: value
