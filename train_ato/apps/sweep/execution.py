@@ -16,7 +16,7 @@ from train_ato.errors import RunFailed
 __all__ = ["execute_points"]
 
 TASK_S = 2.0
-"""Duration of a batch that is aimed at [s]: long against the 5 ms of a task, short against a sweep."""
+"""Duration of a batch that is aimed at [s]: long against the transfer of a task, short against a sweep."""
 MAX_BATCH = 64
 QUEUED = 2
 """Batches for every worker, running and waiting."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from train_ato.apps.report.print_parts import LEGEND, WIDTH, NotebookFigure, styled
 from train_ato.apps.report.quantities import FAINT, INK, VERMILLION, none_to_full
+from train_ato.apps.sweep.design import MISSING_SCIPY
 from train_ato.apps.sweep.dimensions import Dimension
 from train_ato.apps.sweep.groups import NotDrawable, RunGroup, grouped, inside, list_key, metric_words
 from train_ato.apps.sweep.spec import SweepSpec
@@ -61,7 +62,10 @@ def map_cells(first: Array, second: Array, stable: Array, value: Array) -> MapCe
     first, second, stable, value : Array, shape (runs,)
         Coordinates 0 to 1, 1 inside of the border, metric.
     """
-    from scipy.spatial import KDTree
+    try:
+        from scipy.spatial import KDTree
+    except ImportError:
+        raise NotDrawable(MISSING_SCIPY) from None
 
     coordinates = np.asarray(np.round(np.column_stack((first, second)), 9), dtype=np.float64)
     places, index = np.unique(coordinates, axis=0, return_inverse=True)
