@@ -26,7 +26,11 @@ SETTINGS = {
     "distributed.scheduler.allowed-failures": 1,  # of the workers of a batch, before its points run alone
     "distributed.deploy.lost-worker-timeout": "1 day",  # on a busy machine a new worker needs more than the default
     "distributed.comm.timeouts.connect": "120s",
+    # without the profiler and the frequent checks of the event loop, which take processor time in every process
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
     "distributed.admin.tick.limit": "1h",
+    "distributed.admin.system-monitor.interval": "5s",
 }
 """Settings of Dask."""
 LOGGERS = ("distributed", "bokeh", "tornado", "asyncio")

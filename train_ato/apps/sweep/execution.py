@@ -15,7 +15,7 @@ from train_ato.errors import RunFailed
 
 __all__ = ["execute_points"]
 
-TASK_S = 2.0
+TASK_S = 8.0
 """Duration of a batch that is aimed at [s]: long against the transfer of a task, short against a sweep."""
 MAX_BATCH = 64
 QUEUED = 2
