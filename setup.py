@@ -7,6 +7,8 @@ from setuptools import find_packages, setup
 
 HERE = Path(__file__).parent
 NAME = "train_ato"
+SWEEP = ["distributed>=2024.8", "scipy>=1.15"]
+"""Packages of the command sweep."""
 
 
 def version() -> str:
@@ -82,8 +84,10 @@ setup(
         *ros_wheels(),
     ],
     extras_require={
+        "sweep": SWEEP,
         "rerun": ["rerun-sdk>=0.24; python_version >= '3.11'"],
         "test": [
+            *SWEEP,
             "pytest>=8",
             "pytest-xdist>=3.5",
             "pytest-timeout>=2.3",

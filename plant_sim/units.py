@@ -8,6 +8,7 @@ that editors complete and check them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Annotated, Any, get_args
 
 from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler, ValidationError, model_validator
@@ -123,6 +124,17 @@ def _described(part: dict[str, Any], unit: str) -> dict[str, Any]:
     return {**part, "description": f"{part.get('description', '')} [{unit}]".strip()}
 
 
+@cache
+def _suffixed_keys(model: type[BaseModel]) -> dict[str, tuple[str, float]]:
+    """Return the field and the divisor of every key with a suffix; every validation of the model needs them."""
+    keys: dict[str, tuple[str, float]] = {}
+    for name, field in model.model_fields.items():
+        unit = _unit_of(list(field.metadata), field.annotation)
+        for suffix, divisor in unit.suffixes if unit else ():
+            keys[f"{name}_{suffix}"] = (name, divisor)
+    return keys
+
+
 class SiModel(BaseModel):
     """Base of the models of data files: no unknown keys, finite numbers, unit suffixes."""
 
@@ -131,12 +143,7 @@ class SiModel(BaseModel):
     @classmethod
     def suffixed_keys(cls) -> dict[str, tuple[str, float]]:
         """Return the field and the divisor of every key with a suffix."""
-        keys: dict[str, tuple[str, float]] = {}
-        for name, field in cls.model_fields.items():
-            unit = _unit_of(list(field.metadata), field.annotation)
-            for suffix, divisor in unit.suffixes if unit else ():
-                keys[f"{name}_{suffix}"] = (name, divisor)
-        return keys
+        return dict(_suffixed_keys(cls))
 
     @model_validator(mode="before")
     @classmethod

@@ -385,7 +385,9 @@ def test_importing_the_package_is_light():
 
 
 MODULES = ["train_ato", "train_ato.scenario.overlays"] + [
-    f"train_ato.apps.runs.{path.stem}" for path in sorted((ROOT / "train_ato/apps/runs").glob("[a-z]*.py"))
+    f"train_ato.apps.{path.parent.name}.{path.stem}"
+    for folder in ("runs", "sweep")
+    for path in sorted((ROOT / "train_ato/apps" / folder).glob("[a-z]*.py"))
 ]
 
 

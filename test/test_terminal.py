@@ -161,6 +161,8 @@ def completed(line: str, folder: Path) -> list[str]:
     ("line", "names"),
     [
         ("train-ato co", {"compare", "completion"}),
+        ("train-ato sw", {"sweep"}),
+        ("train-ato sweep spec.yaml --sch", {"--scheduler"}),
         ("train-ato run de", {"demo"}),
         ("train-ato run daqin_heavy_haul:id", {"daqin_heavy_haul:ideal"}),
         ("train-ato run demo --la", {"--law"}),

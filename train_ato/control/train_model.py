@@ -24,6 +24,36 @@ STANDSTILL_SPEED = 0.05
 """Speed below which a train counts as standing [m/s]; the default of ``plant.holding_speed``."""
 
 
+class LineForceTable:
+    """Grade, curve and tunnel force of a train over its line.
+
+    Parameters
+    ----------
+    consist, line
+        Nominal data.
+    over_length
+        Average grades over the length of the first vehicle.
+
+    Attributes
+    ----------
+    begin : float
+        Position of the first entry [m]; the others follow at :data:`GRID`.
+    specific : list of float
+        Force per mass at a place [N/kg].
+    total : Array, shape (places,)
+        Force on the train with vehicle 0's centre at a place [N].
+    totals : list of float
+        The same as a list: reading an entry of an array takes three times as long.
+    """
+
+    def __init__(self, consist: Consist, line: Line, *, over_length: bool = False) -> None:
+        specific, self.begin = _specific_line_force(consist, line, over_length)
+        masses = np.array([vehicle.mass for vehicle in consist.vehicles])
+        self.total = _over_train(specific, masses, np.array(consist.offsets))
+        self.specific: list[float] = specific.tolist()
+        self.totals: list[float] = self.total.tolist()
+
+
 class TrainModel:
     """Nominal longitudinal model of the whole train.
 
@@ -43,6 +73,8 @@ class TrainModel:
         Average grades over the length of the first vehicle (for a train as one mass).
     reversing
         A negative force also drives backwards.
+    line_force
+        Table of another model with this consist, line and ``over_length``; default: a new one.
 
     Attributes
     ----------
@@ -72,6 +104,7 @@ class TrainModel:
         *,
         over_length: bool = False,
         reversing: bool = False,
+        line_force: LineForceTable | None = None,
     ) -> None:
         self.consist = consist
         self.line = line
@@ -95,12 +128,9 @@ class TrainModel:
         self.air_brake = BrakeForecast(consist) if consist.air_brake is not None else None
         polynomials = np.array([vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles])
         self._c0, self._c1, self._c2 = (float(total) for total in polynomials.sum(axis=0))
-        specific, self._begin = _specific_line_force(consist, line, over_length)
-        masses = np.array([vehicle.mass for vehicle in vehicles])
-        self._line_force = _over_train(specific, masses, np.array(consist.offsets))
-        # lists for single places: reading an entry of an array takes three times as long
-        self._specific: list[float] = specific.tolist()
-        self._total: list[float] = self._line_force.tolist()
+        table = line_force or LineForceTable(consist, line, over_length=over_length)
+        self._begin, self._specific = table.begin, table.specific
+        self._line_force, self._total = table.total, table.totals
         self._own = [(vehicles[unit].mass, *polynomials[unit].tolist()) for unit in self.units]
 
     def _shares(self) -> Array:

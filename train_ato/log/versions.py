@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import platform
 import sys
 import zlib
@@ -33,6 +34,18 @@ def versions() -> dict[str, str]:
         "machine": platform.machine(),
         "processor": _processor(),
     }
+
+
+def source_hash() -> str:
+    """Return the SHA-256 of all source and scenario files of the packages, in hexadecimal digits."""
+    digest = hashlib.sha256()
+    root = Path(__file__).parents[2]
+    for package in ("plant_sim", "train_ato"):
+        for path in sorted((root / package).rglob("*")):
+            if path.suffix in (".py", ".yaml", ".csv"):
+                digest.update(str(path.relative_to(root)).encode())
+                digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 def versions_yaml() -> str:

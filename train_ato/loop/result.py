@@ -87,6 +87,7 @@ class RunResult:
         failure = failure or (None if interrupted else _failure_of_ato(recording))
         complete = recording.time.size > 0
         simulated = ticks * setup.tick
+        median, p99 = step_times.percentiles_us(50, 99)
         summary: dict[str, Any] = {
             **identity(setup, ticks),
             "wall_s": wall,
@@ -94,8 +95,8 @@ class RunResult:
             **(summarise(setup, recording) if complete else {}),
             **(protection_summary(recording.reports) if setup.layout.supervised else {}),
             "changes": changes.rows(setup.scenario),
-            "step_time_us_median": step_times.percentile_us(50),
-            "step_time_us_p99": step_times.percentile_us(99),
+            "step_time_us_median": median,
+            "step_time_us_p99": p99,
             "status": "failed" if failure else "interrupted" if interrupted else "done",
             "version": VERSION,
         }

@@ -9,21 +9,36 @@ import numpy as np
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
-from train_ato.control.train_model import TrainModel
+from train_ato.control.train_model import LineForceTable, TrainModel
+from train_ato.loop.part_cache import PartCache, file_state
 from train_ato.messages.layout import TrainLayout
 from train_ato.scenario.scenario import Scenario
 
-__all__ = ["nominal_model", "scenario_consist", "scenario_line", "with_start_position"]
+__all__ = ["data_key", "nominal_model", "scenario_consist", "scenario_line", "with_start_position"]
 
 
-def scenario_consist(named: str | Consist, folder: Path) -> Consist:
+def scenario_consist(named: str | Consist, folder: Path, parts: PartCache | None = None) -> Consist:
     """Return a consist of a scenario: defined there, or a file beside it, or a shipped one."""
-    return named if isinstance(named, Consist) else load_consist(_beside(named, folder))
+    if isinstance(named, Consist):
+        return named
+    parts = parts or PartCache()
+    return parts.get(("consist", data_key(named, folder)), lambda: load_consist(_beside(named, folder)))
 
 
-def scenario_line(named: str | Line, folder: Path) -> Line:
+def scenario_line(named: str | Line, folder: Path, parts: PartCache | None = None) -> Line:
     """Return a line of a scenario: defined there, or a file beside it, or a shipped one."""
-    return named if isinstance(named, Line) else load_line(_beside(named, folder))
+    if isinstance(named, Line):
+        return named
+    parts = parts or PartCache()
+    return parts.get(("line", data_key(named, folder)), lambda: load_line(_beside(named, folder)))
+
+
+def data_key(named: str | Consist | Line, folder: Path) -> tuple[object, ...]:
+    """Return the values that determine a consist or a line: its data, or its file with the state of the file."""
+    if not isinstance(named, str):
+        return (named,)
+    path = _beside(named, folder)
+    return path, file_state(Path(path))
 
 
 def _beside(name: str, folder: Path) -> str:
@@ -32,24 +47,36 @@ def _beside(name: str, folder: Path) -> str:
     return str(path) if path.is_file() else name
 
 
-def nominal_model(scenario: Scenario, consist: Consist, line: Line, layout: TrainLayout, folder: Path) -> TrainModel:
-    """Return the nominal model of a scenario; without a block ``model`` it has the data of plant and links."""
+def nominal_model(
+    scenario: Scenario, consist: Consist, line: Line, layout: TrainLayout, folder: Path, parts: PartCache | None = None
+) -> TrainModel:
+    """Return the nominal model of a scenario; without a block ``model`` it has the data of plant and links.
+
+    ``parts`` has the tables of the line force of former models.
+    """
+    parts = parts or PartCache()
     block = scenario.model
     link = scenario.links.command
     delay, delay_brake = link.per_unit(layout.n_units, "links.command")
     if block.delay is not None:
         nominal = link.model_copy(update={"delay": block.delay, "delay_brake": block.delay_brake})
         delay, delay_brake = nominal.per_unit(layout.n_units, "model")
+    consist = consist if block.consist is None else scenario_consist(block.consist, folder, parts)
+    line = line if block.line is None else scenario_line(block.line, folder, parts)
+    named = (block.consist or scenario.plant.consist, block.line or scenario.plant.line)
+    over_length = scenario.plant.grade_over_length
+    key = ("line force", over_length, *(data_key(data, folder) for data in named))
     return TrainModel(
-        consist if block.consist is None else scenario_consist(block.consist, folder),
-        line if block.line is None else scenario_line(block.line, folder),
+        consist,
+        line,
         np.asarray(delay),
         np.asarray(delay_brake),
         float(np.max(scenario.plant.lag)) if block.lag is None else block.lag,
         scenario.tick,
         tuple(layout.sensors),
-        over_length=scenario.plant.grade_over_length,
+        over_length=over_length,
         reversing=scenario.plant.reversing,
+        line_force=parts.get(key, lambda: LineForceTable(consist, line, over_length=over_length)),
     )
 
 

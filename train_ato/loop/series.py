@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ class DiagnosticSeries:
     time: Array
     level: Array
     message: list[str]
-    values: dict[str, Any]
+    values: Mapping[str, Any]
 
     def numbers(self, key: str) -> Array | None:
         """Return a value over time, NaN if missing; None for a key without a number."""
@@ -89,13 +90,33 @@ def diagnostic_series(messages: Iterable[Diagnostic]) -> dict[str, DiagnosticSer
 
 
 def _of_node(rows: list[Diagnostic]) -> DiagnosticSeries:
-    keys = dict.fromkeys(key for row in rows for key in row.values)
+    keys = dict.fromkeys(chain.from_iterable(row.values for row in rows))
     return DiagnosticSeries(
         seconds([row.stamp for row in rows]),
         np.array([row.level for row in rows], dtype=np.int64),
         [row.message for row in rows],
-        {key: _column([row.values.get(key) for row in rows]) for key in keys},
+        _Columns(rows, keys),
     )
+
+
+class _Columns(Mapping[str, Any]):
+    """Values of the diagnostics of a node by key; a column is converted at its first use, most are not used."""
+
+    def __init__(self, rows: list[Diagnostic], keys: Iterable[str]) -> None:
+        self._rows = rows
+        self._columns: dict[str, Any] = dict.fromkeys(keys)
+
+    def __getitem__(self, key: str) -> Any:
+        column = self._columns[key]
+        if column is None:
+            column = self._columns[key] = _column([row.values.get(key) for row in self._rows])
+        return column
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        return len(self._columns)
 
 
 def _column(texts: list[str | None]) -> Any:

@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,8 @@ from train_ato.control.contract import Law
 from train_ato.control.parameters import RefusedParameter
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.control.train_model import TrainModel
-from train_ato.loop.scenario_data import nominal_model, scenario_consist, scenario_line, with_start_position
+from train_ato.loop.part_cache import PartCache, file_state
+from train_ato.loop.scenario_data import data_key, nominal_model, scenario_consist, scenario_line, with_start_position
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.topics import BY_NAME
 from train_ato.profile.profile import Profile
@@ -242,7 +243,7 @@ class RunSetup:
 
     @cached_property
     def _resolved(self) -> str:
-        return yaml.safe_dump(self._resolved_data, sort_keys=False, allow_unicode=True, width=120)
+        return "".join(_block_yaml(key, value) for key, value in self._resolved_data.items())
 
     @cached_property
     def _resolved_data(self) -> dict[str, Any]:
@@ -259,8 +260,29 @@ class RunSetup:
         return data
 
 
-def prepare(scenario: Scenario, path: Path) -> RunSetup:
+def _block_yaml(key: str, value: Any) -> str:
+    """Return a top-level key of a resolved scenario with its value as YAML."""
+    if not isinstance(value, dict) or not value:
+        return _yaml_of(json.dumps({key: value}))
+    parts = [_yaml_of(json.dumps({key: {name: entry}})) for name, entry in value.items()]
+    return f"{key}:\n" + "".join(part.partition("\n")[2] for part in parts)
+
+
+@lru_cache(maxsize=256)
+def _yaml_of(text: str) -> str:
+    """Return JSON as YAML; the runs of a study have most of their text in common."""
+    return yaml.safe_dump(json.loads(text), sort_keys=False, allow_unicode=True, width=120)
+
+
+def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None) -> RunSetup:
     """Return the prepared run of a scenario: load data, build model and profile, check their combination.
+
+    Parameters
+    ----------
+    scenario, path
+        Checked scenario, and its file.
+    parts
+        Parts of former runs, reused where the values that determine them are equal; default: none.
 
     Raises
     ------
@@ -269,7 +291,7 @@ def prepare(scenario: Scenario, path: Path) -> RunSetup:
     """
     folder = path.parent
     try:
-        return _prepare(scenario, folder)
+        return _prepare(scenario, folder, parts or PartCache())
     except ValueError as error:
         message = str(error)
         raise ValueError(message if message.startswith(str(path)) else f"{path}: {message}") from None
@@ -289,10 +311,10 @@ def _with_current_names(scenario: Scenario) -> Scenario:
     return scenario.model_copy(update=update)
 
 
-def _prepare(scenario: Scenario, folder: Path) -> RunSetup:
+def _prepare(scenario: Scenario, folder: Path, parts: PartCache) -> RunSetup:
     scenario = _with_current_names(scenario)
-    consist = scenario_consist(scenario.plant.consist, folder)
-    line = scenario_line(scenario.plant.line, folder)
+    consist = scenario_consist(scenario.plant.consist, folder, parts)
+    line = scenario_line(scenario.plant.line, folder, parts)
     layout = TrainLayout(
         n_vehicles=len(consist.vehicles),
         n_units=len(consist.power_units),
@@ -302,13 +324,13 @@ def _prepare(scenario: Scenario, folder: Path) -> RunSetup:
         supervised=_is_supervised(scenario, line),
     )
     tick_ns, step_ns = round(scenario.tick * 1e9), round(scenario.step * 1e9)
-    profile = scenario.profile.build(consist, line, tick_ns * 1e-9, folder, scenario.brake.deepest)
+    profile = _profile(scenario, consist, line, tick_ns, folder, parts)
     setup = RunSetup(
         scenario=with_start_position(scenario, float(profile.position[0])),
         folder=folder,
         consist=consist,
         line=line,
-        model=nominal_model(scenario, consist, line, layout, folder),
+        model=nominal_model(scenario, consist, line, layout, folder, parts),
         profile=profile,
         layout=layout,
         step_ns=step_ns,
@@ -317,6 +339,15 @@ def _prepare(scenario: Scenario, folder: Path) -> RunSetup:
     )
     _check_choices(setup)
     return setup
+
+
+def _profile(scenario: Scenario, consist: Consist, line: Line, tick_ns: int, folder: Path, parts: PartCache) -> Profile:
+    """Return the profile of a scenario, from former runs if train, line, block ``profile`` and tick are equal."""
+    spec, plant = scenario.profile, scenario.plant
+    file = None if spec.file is None else file_state(folder / spec.file)
+    data = (data_key(plant.consist, folder), data_key(plant.line, folder))
+    key = ("profile", spec, folder, file, *data, tick_ns, scenario.brake.deepest)
+    return parts.get(key, lambda: spec.build(consist, line, tick_ns * 1e-9, folder, scenario.brake.deepest))
 
 
 def _is_supervised(scenario: Scenario, line: Line) -> bool:

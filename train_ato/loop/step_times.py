@@ -13,8 +13,8 @@ class StepTimes:
 
     nanoseconds: list[int]
 
-    def percentile_us(self, percent: float) -> float | None:
-        """Return a percentile in microseconds, None before the first step."""
+    def percentiles_us(self, *percents: float) -> tuple[float | None, ...]:
+        """Return percentiles in microseconds, each None before the first step."""
         if not self.nanoseconds:
-            return None
-        return float(np.percentile(np.array(self.nanoseconds), percent)) / 1e3
+            return (None,) * len(percents)
+        return tuple(float(value) / 1e3 for value in np.percentile(np.array(self.nanoseconds), percents))

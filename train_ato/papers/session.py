@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import json
 import pkgutil
@@ -13,6 +12,7 @@ from typing import Any
 
 import train_ato.papers
 from train_ato.apps.report.print_parts import SHEET_SIZE, styled
+from train_ato.log.versions import source_hash
 from train_ato.papers.claims import Calculation, Case, FigureFile, Paper, Result
 from train_ato.papers.judging import Row, cases_of, claims_of, judge_paper
 from train_ato.papers.page import papers_overview, section
@@ -169,18 +169,6 @@ def _kept(folder: Path, number: str, code: str) -> dict[str, Any] | None:
         return None
     same = isinstance(found, dict) and found.get("code") == code and {"rows", "section", "cases"} <= set(found)
     return found if same else None
-
-
-def source_hash() -> str:
-    """Return the SHA-256 of all source and scenario files of the packages, in hexadecimal digits."""
-    digest = hashlib.sha256()
-    root = Path(train_ato.papers.__path__[0]).parents[1]
-    for package in ("plant_sim", "train_ato"):
-        for path in sorted((root / package).rglob("*")):
-            if path.suffix in (".py", ".yaml", ".csv"):
-                digest.update(str(path.relative_to(root)).encode())
-                digest.update(path.read_bytes())
-    return digest.hexdigest()
 
 
 def _plan(papers: list[Paper], full: bool) -> tuple[list[_Pending], dict[str, Case | Calculation]]:

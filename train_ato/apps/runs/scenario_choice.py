@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from train_ato.loop.part_cache import PartCache
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.scenario.overlays import assign, put
 from train_ato.scenario.scenario import Scenario, check_scenario, raw_scenario, variants_of
@@ -58,6 +59,11 @@ class ScenarioChoice:
         """Text of the scenario with its base, variants and changes."""
         return yaml.safe_dump(self._data, sort_keys=False, allow_unicode=True, width=120)
 
+    @property
+    def data(self) -> dict[str, Any]:
+        """Content of the scenario with its base, variants and changes; a copy."""
+        return copy.deepcopy(self._data)
+
     @cached_property
     def variants(self) -> dict[str, str]:
         """Variants of the scenario file and their descriptions."""
@@ -103,9 +109,9 @@ class ScenarioChoice:
             assign(data, text)
         return ScenarioChoice(self._given, self.path, data, (*self._changes, *(("--set", text) for text in texts)))
 
-    def prepare(self, scenario: Scenario | None = None) -> RunSetup:
-        """Return the setup of a run; ``scenario`` replaces the checked one."""
-        return prepare(scenario or self.checked, self.path)
+    def prepare(self, scenario: Scenario | None = None, parts: PartCache | None = None) -> RunSetup:
+        """Return the setup of a run; ``scenario`` replaces the checked one, ``parts`` are those of former runs."""
+        return prepare(scenario or self.checked, self.path, parts)
 
     def __repr__(self) -> str:
         changes = f".with_({dict(self._changes)})" if self._changes else ""

@@ -1,0 +1,282 @@
+"""Sweeps on Dask workers: killed workers and sweeps, failed and refused rows, one row again, figures."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+import yaml
+from waiting import wait_for
+
+import train_ato as ta
+from train_ato.apps.sweep.folder import SweepFolder
+from train_ato.apps.sweep.groups import NotDrawable
+from train_ato.apps.sweep.rerun import run_row_again
+from train_ato.apps.sweep.result import SweepResult
+from train_ato.apps.sweep.row import WALL_TIMES
+from train_ato.apps.sweep.spec import read_sweep
+from train_ato.apps.sweep.table import METADATA, read_results
+from train_ato.cli.main import main
+from train_ato.log.run_folder import read_summary
+
+ROOT = Path(__file__).resolve().parents[1]
+LAWS = '''
+import os
+import signal
+from dataclasses import dataclass
+from train_ato.control.algorithms.guard import GuardedLaw
+
+
+@dataclass
+class Breaks(GuardedLaw):
+    """Law with an error."""
+
+    def demand(self, inputs):
+        raise RuntimeError("broken on purpose")
+
+
+@dataclass
+class Kills(GuardedLaw):
+    """Law that kills its process."""
+
+    def demand(self, inputs):
+        os.kill(os.getpid(), signal.SIGKILL)
+'''
+SPEC: dict[str, Any] = {
+    "scenario": "demo",
+    "design": "latin_hypercube",
+    "runs": 24,
+    "seed": 2,
+    "over": {
+        "law": ["pid", "smc"],
+        "links.command.delay": {"from": 0.1, "to": 3.0},
+        "plant.mismatch.mass_scale": {"from": 0.7, "to": 1.3},
+    },
+    "set": {"duration": 60},
+}
+
+
+def start(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    """Start the command in a folder, in a process group of its own."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "train_ato", "sweep", *arguments],
+        cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        text=True, start_new_session=True,
+    )  # fmt: skip
+
+
+def rows_in(folder: Path) -> list[dict[str, Any]]:
+    """Return the finished runs, also those that are there twice."""
+    file = folder / "runs.jsonl"
+    lines = file.read_text().split("\n") if file.is_file() else []
+    return [json.loads(line) for line in lines[:-1] if line]
+
+
+def worker_of(process: subprocess.Popen[str]) -> psutil.Process:
+    """Return the child that has worked most: a Dask worker."""
+    children = psutil.Process(process.pid).children(recursive=True)
+    return max(children, key=lambda child: child.cpu_times().user)
+
+
+def listening(process: subprocess.Popen[str]) -> set[str]:
+    """Return the addresses on which a process and its children listen."""
+    me = psutil.Process(process.pid)
+    found = [entry for part in (me, *me.children(recursive=True)) for entry in part.net_connections("inet")]
+    return {entry.laddr.ip for entry in found if entry.status == psutil.CONN_LISTEN}
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, set[str], str, str]:
+    """Return the folder of a sweep with a killed worker, its listening addresses, standard output and error."""
+    folder = tmp_path_factory.mktemp("sweep")
+    (folder / "spec.yaml").write_text(yaml.safe_dump(SPEC))
+    process = start(folder, "spec.yaml", "--out", "out", "--jobs", "2", "--json")
+    wait_for(lambda: len(rows_in(folder / "out")) >= 2 or process.poll() is not None, "two rows")
+    addresses = listening(process)
+    worker_of(process).kill()
+    output, error = process.communicate()
+    assert process.returncode == 0, error
+    return folder / "out", addresses, output, error
+
+
+def test_a_killed_worker_loses_and_doubles_nothing(swept: tuple[Path, set[str], str, str]) -> None:
+    """Breaks if the runs of a killed worker are missing or there twice, or its death is an error of the sweep."""
+    folder, _, output, error = swept
+    assert sorted(row["run"] for row in rows_in(folder)) == list(range(1, 25))
+    assert json.loads(output)["counts"] == {"done": 24}
+    assert [line.partition(":")[0] for line in error.splitlines()] == ["train-ato"], error
+
+
+def test_nothing_listens_beyond_this_machine(swept: tuple[Path, set[str], str, str]) -> None:
+    """Breaks if scheduler, worker or dashboard can be reached from another machine, or the address is not printed."""
+    assert swept[1] == {"127.0.0.1"}
+    assert "Dask dashboard: http://127.0.0.1:" in swept[3]
+
+
+def test_rows_are_those_of_runs_alone(swept: tuple[Path, set[str], str, str]) -> None:
+    """Breaks if a part of another run, or the worker, changes a metric: compared with ``ta.run``, bit for bit."""
+    table, identity = read_results(swept[0] / "results.parquet")
+    assert identity["spec"]["runs"] == 24 and identity["versions"]["train_ato"] == ta.__version__
+    for index in (0, 11, 23):
+        row = table.iloc[index]
+        run = ta.run(ta.scenario("demo").with_(SPEC["set"]), set=json.loads(row["point"]))
+        numbers = {
+            key: value
+            for key, value in run.metrics.items()
+            if type(value) in (int, float) and key not in (*WALL_TIMES, "seed")
+        }
+        assert {key: row[key] for key in numbers} == numbers
+        assert (row["verdict"], row["tracking"]) == (run.metrics.get("verdict"), run.metrics["tracking"])
+
+
+def test_one_row_again_is_equal_and_a_changed_one_is_found(
+    swept: tuple[Path, set[str], str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a row cannot be run from the table alone, or a changed figure or hash in it is not found."""
+    import pyarrow.parquet
+
+    results = swept[0] / "results.parquet"
+    found = run_row_again(results, 5, tmp_path / "run")
+    assert found.difference == "" and found.folder == tmp_path / "run"
+    assert read_summary(tmp_path / "run")["controller"] == found.point["law"]
+    table = pyarrow.parquet.read_table(results)
+    for name, value in (("position_rmse_m", 1.0), ("sha256", "0" * 64)):
+        frame = table.to_pandas()
+        frame.loc[4, name] = value
+        changed = tmp_path / f"{name}.parquet"
+        again = pyarrow.Table.from_pandas(frame).replace_schema_metadata({METADATA: table.schema.metadata[METADATA]})
+        pyarrow.parquet.write_table(again, changed)
+        assert main(["sweep", str(changed), "--row", "5", "--out", str(tmp_path / f"run_{name}")]) == 1
+        assert f"row 5: {name}: " in capsys.readouterr().err
+    assert main(["sweep", str(results), "--row", "25"]) == 2
+    assert "no such run; give 1 to 24" in capsys.readouterr().err
+
+
+def test_a_sweep_continues_with_the_missing_runs(swept: tuple[Path, set[str], str, str], tmp_path: Path) -> None:
+    """Breaks if finished runs are run again, an incomplete last line is a row, or missing runs are not run."""
+    folder = tmp_path / "out"
+    shutil.copytree(swept[0], folder)
+    lines = (folder / "runs.jsonl").read_text().splitlines(keepends=True)
+    (folder / "runs.jsonl").write_text("".join(lines[:20]) + lines[20][:40])
+    kept = (folder / "runs.jsonl").read_bytes()
+    result = ta.sweep(SPEC, out=folder, jobs=1, progress=False)
+    assert (folder / "runs.jsonl").read_bytes().startswith(kept)
+    whole, _ = read_results(swept[0] / "results.parquet")
+    timed = ["wall_s", "evaluation_s", "overhead_s"]
+    assert result.table.drop(columns=timed).equals(whole.drop(columns=timed))
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"seed": 3}, "the specification is another one"),
+        ({"scenario": "own.yaml"}, "the specification is another one"),
+        ({}, "train_ato has changed"),
+    ],
+)
+def test_another_sweep_is_not_continued(
+    swept: tuple[Path, set[str], str, str], tmp_path: Path, change: dict[str, Any], text: str
+) -> None:
+    """Breaks if rows of another specification or of other code are mixed with those of this sweep."""
+    folder = tmp_path / "out"
+    shutil.copytree(swept[0], folder)
+    if not change:
+        identity = json.loads((folder / "sweep.json").read_text())
+        (folder / "sweep.json").write_text(json.dumps(identity | {"code": "0" * 64}))
+    spec = SPEC | change
+    if "scenario" in change:
+        spec["scenario"] = str(tmp_path / "own.yaml")
+        (tmp_path / "own.yaml").write_text(ta.scenario("demo").yaml)
+    with pytest.raises(ValueError, match=text):
+        ta.sweep(spec, out=folder, jobs=1, progress=False)
+    assert (folder / "runs.jsonl").read_bytes() == (swept[0] / "runs.jsonl").read_bytes()
+
+
+def test_two_sweeps_do_not_write_into_one_folder(swept: tuple[Path, set[str], str, str]) -> None:
+    """Breaks if two processes append to the same file."""
+    with SweepFolder(swept[0]).appending(), pytest.raises(ValueError, match="another sweep writes"):
+        ta.sweep(SPEC, out=swept[0], jobs=1, progress=False)
+
+
+def test_only_the_figures_of_the_design_are_drawn(swept: tuple[Path, set[str], str, str], tmp_path: Path) -> None:
+    """Breaks if a figure of the design is missing, or one is drawn that the design does not permit."""
+    table, _ = read_results(swept[0] / "results.parquet")
+    result = SweepResult(read_sweep(SPEC), table)
+    assert set(result.figures(tmp_path)) == {"box", "map", "pareto"}
+    assert {path.name for path in swept[0].glob("*.png")} == {"box.png", "map.png", "pareto.png"}
+    one = SweepResult(read_sweep({**SPEC, "over": {"plant.lag": {"from": 0.1, "to": 0.2}}}), table)
+    for plot in (one.plot_box, one.plot_map):
+        with pytest.raises(NotDrawable):
+            plot()
+    with pytest.raises(ValueError, match="did you mean 'speed_rmse_kmh'"):
+        result.plot_box("speed_rsme_kmh")
+    with pytest.raises(ValueError, match="border 'stable': is unknown"):
+        result.plot_map(border="stable")
+    lost = table.assign(tracking="lost")
+    with pytest.raises(NotDrawable, match="no run is tracked"):
+        SweepResult(read_sweep(SPEC), lost).plot_pareto()
+    assert SweepResult(read_sweep(SPEC), lost).plot_map() is not None
+
+
+@pytest.mark.slow
+def test_failed_and_refused_runs_are_rows(tmp_path: Path) -> None:
+    """Breaks if a law that fails, or kills its process, ends the sweep or costs the rows of the others."""
+    (tmp_path / "own_laws.py").write_text(LAWS)
+    over = {"law": ["own_laws:Kills", "pid", "own_laws:Breaks"], "plant.line": ["level", "nowhere"]}
+    (tmp_path / "spec.yaml").write_text(yaml.safe_dump({"scenario": "demo", "over": over, "set": {"duration": 20}}))
+    process = start(tmp_path, "spec.yaml", "--out", "out", "--jobs", "2")
+    _, error = process.communicate()
+    assert process.returncode == 1 and "2 of 6 runs failed; first: run 1: its worker process was killed" in error
+    assert "Traceback" not in error
+    table, _ = read_results(tmp_path / "out" / "results.parquet")
+    statuses = ["failed", "refused", "done", "refused", "failed", "refused"]
+    assert table["status"].tolist() == statuses
+    assert "broken on purpose" in table["reason"][4]
+    assert table["reason"].str.contains("nowhere").tolist() == [status == "refused" for status in statuses]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+def test_an_ended_sweep_keeps_its_rows_and_leaves_no_process(number: signal.Signals, tmp_path: Path) -> None:
+    """Breaks if the end of the sweep loses finished runs, leaves a worker, or cannot be continued."""
+    (tmp_path / "spec.yaml").write_text(yaml.safe_dump(SPEC | {"set": {"duration": 200}, "runs": 40}))
+    process = start(tmp_path, "spec.yaml", "--out", "out", "--jobs", "2")
+    wait_for(lambda: len(rows_in(tmp_path / "out")) >= 2 or process.poll() is not None, "two rows")
+    children = psutil.Process(process.pid).children(recursive=True)
+    os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
+    _, error = process.communicate()
+    before = rows_in(tmp_path / "out")
+    wait_for(lambda: not any(child.is_running() for child in children), "the end of the workers")
+    if number != signal.SIGKILL:
+        assert process.returncode == 1 and "interrupted; " in error and "Traceback" not in error
+        assert len(read_results(tmp_path / "out" / "results.parquet")[0]) >= 2
+    process = start(tmp_path, "out", "--jobs", "2", "--json")
+    output, error = process.communicate()
+    assert process.returncode == 0, error
+    rows = rows_in(tmp_path / "out")
+    assert rows[: len(before)] == before and sorted(row["run"] for row in rows) == list(range(1, 41))
+    assert json.loads(output)["counts"] == {"done": 40}
+
+
+@pytest.mark.slow
+def test_a_running_scheduler_is_used(tmp_path: Path) -> None:
+    """Breaks if ``--scheduler`` starts own workers, or a scheduler without answer is not refused in one line."""
+    from distributed import LocalCluster
+
+    options = {"host": "127.0.0.1", "dashboard_address": None, "worker_dashboard_address": "127.0.0.1:0"}
+    spec = SPEC | {"runs": 4, "set": {"duration": 20}}
+    with LocalCluster(n_workers=1, threads_per_worker=1, local_directory=tmp_path, **options) as cluster:
+        address = cluster.scheduler_address
+        assert ta.sweep(spec, scheduler=address, progress=False).counts == {"done": 4}
+        with pytest.raises(ValueError, match="the scheduler has its own workers"):
+            ta.sweep(spec, scheduler=address, jobs=2)
+    with pytest.raises(ValueError, match="no Dask scheduler answers"):
+        ta.sweep(spec, scheduler=address)

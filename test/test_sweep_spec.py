@@ -1,0 +1,170 @@
+"""Specification, designs and checks of a sweep, without workers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.apps.sweep.check import check_values, sweep_base
+from train_ato.apps.sweep.design import design_points
+from train_ato.apps.sweep.pareto import pareto_front
+from train_ato.apps.sweep.robustness_map import CELLS, map_cells
+from train_ato.apps.sweep.row import drive_point
+from train_ato.apps.sweep.spec import read_sweep
+from train_ato.apps.sweep.table import sweep_table
+from train_ato.cli.main import main
+from train_ato.loop.part_cache import PartCache
+
+LAG = {"plant.lag": {"from": 0.1, "to": 0.5}}
+GOOD: dict[str, Any] = {"scenario": "demo", "over": {"seed": [1, 2]}}
+REFUSED = [
+    ({"over": {"seed": [1]}}, "scenario: None: is no scenario"),
+    (GOOD | {"ovr": 1}, "ovr: unknown key; did you mean 'over'?"),
+    (GOOD | {"design": "sobel"}, "design: 'sobel' is unknown; did you mean 'sobol'?"),
+    (GOOD | {"runs": 5}, "runs: a grid has its own number of runs"),
+    (GOOD | {"design": "random"}, "runs: is missing"),
+    (GOOD | {"design": "random", "runs": 0}, "runs: 0: is not an integer of 1"),
+    (GOOD | {"design": "sobol", "runs": 100}, "use 64 or 128"),
+    (GOOD | {"seed": -1}, "seed: -1"),
+    (GOOD | {"set": {"seed": 3}}, "set: seed: varies in over"),
+    (GOOD | {"set": [1]}, "set: [1]: not a mapping"),
+    ({"scenario": "demo", "over": {"seed": {"from": 1, "to": 1000, "steps": 1000}, "plant.lag":
+      {"from": 0.1, "to": 0.2, "steps": 1001}}}, "at most 1000000"),
+]  # fmt: skip
+BAD_VALUES = [
+    ({"seeds": [1, 2]}, {}, "over: seeds: 1: "),
+    ({"plant.lag_kmh": [1.0]}, {}, "over: plant.lag_kmh: 1.0"),
+    ({"plant.lag": [0.2, -1.0]}, {}, "over: plant.lag: -1.0"),
+    ({"plant.lag": {"from": -1.0, "to": 0.5}}, {}, "over: plant.lag: -1.0"),
+    ({"law": ["pid", "pdi"]}, {}, "over: law: 'pdi': "),
+    ({"observer": ["nod"]}, {}, "over: observer: 'nod': "),
+    ({"laws.pid.kpp": [1.0, 2.0]}, {}, "over: laws.pid.kpp: 1.0"),
+    ({"seed": [1]}, {"plant.lagg": 0.4}, "set: plant.lagg"),
+]
+
+
+@pytest.mark.parametrize(("data", "text"), REFUSED)
+def test_a_wrong_specification_is_refused(data: dict[str, Any], text: str) -> None:
+    """Breaks if a wrong key or value is accepted, or the message does not name it."""
+    with pytest.raises(ValueError) as error:
+        read_sweep(data, "study.yaml")
+    assert text in str(error.value) and str(error.value).startswith("study.yaml: ")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("over", "fixed", "text"), BAD_VALUES)
+def test_every_value_is_checked_before_the_start(over: dict[str, Any], fixed: dict[str, Any], text: str) -> None:
+    """Breaks if an unknown key, a value out of range or an unknown name of a component starts a sweep."""
+    spec = read_sweep({"scenario": "demo", "over": over, "set": fixed}, "study.yaml")
+    with pytest.raises(ValueError) as error:
+        check_values(spec, sweep_base(spec), design_points(spec))
+    assert str(error.value).startswith(f"study.yaml: {text}")
+
+
+def test_the_command_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a refusal has a traceback or another exit status, or leaves a folder."""
+    file, out = tmp_path / "study.yaml", tmp_path / "out"
+    file.write_text(yaml.safe_dump({"scenario": "demo", "over": {"law": ["pdi"]}}))
+    for arguments in (
+        [str(file)],
+        [str(file), "--jobs", "0"],
+        [str(tmp_path / "none.yaml")],
+        [str(file), "--row", "1"],
+    ):
+        assert main(["sweep", *arguments, *(["--out", str(out)] if "--row" not in arguments else [])]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+    assert not out.exists()
+
+
+def test_a_value_is_valid_with_the_others_of_its_point() -> None:
+    """Breaks if two keys that are only valid together are refused."""
+    over = {"step": [0.005, 0.004], "tick": [0.1]}
+    spec = read_sweep({"scenario": "demo", "over": over | {"control_period": [0.1]}, "set": {"duration": 20}})
+    check_values(spec, sweep_base(spec), design_points(spec))
+
+
+def test_a_file_beside_the_specification_comes_first(tmp_path: Path) -> None:
+    """Breaks if a scenario file is sought in the current folder only."""
+    (tmp_path / "own.yaml").write_text(choose_scenario("demo").with_(duration=20).yaml)
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump({"scenario": "own.yaml", "over": {"seed": [1]}}))
+    spec = read_sweep(tmp_path / "study.yaml")
+    assert (spec.title, sweep_base(spec).choice().checked.duration) == ("own", 20.0)
+
+
+def test_a_grid_has_every_combination_once() -> None:
+    """Breaks if the last key does not vary fastest, or a combination is missing."""
+    over = {"law": ["pid", "smc"], "plant.lag": {"from": 0.1, "to": 0.3, "steps": 3}}
+    points = design_points(read_sweep({"scenario": "demo", "over": over}))
+    assert [tuple(point.values()) for point in points] == [
+        ("pid", 0.1), ("pid", 0.2), ("pid", 0.3), ("smc", 0.1), ("smc", 0.2), ("smc", 0.3),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("design", ["random", "latin_hypercube", "sobol"])
+def test_a_design_is_reproducible_and_inside(design: str) -> None:
+    """Breaks if the seed has no effect, a value is outside of its range, or a design does not fill the range.
+
+    A Latin hypercube has exactly one of n points in each n-th of the range, a scrambled Sobol sequence of 2^k points
+    as well; 32 uniform numbers all miss some of 4 quarters with a probability of 4 (3/4)^32 = 4e-4, and the seed is
+    fixed.
+    """
+    over: dict[str, Any] = {"law": ["pid", "smc"], "plant.lag": {"from": 0.01, "to": 1.0, "scale": "log"}, **{
+        "links.command.delay": {"from": 0.0, "to": 2.0}, "seed": {"from": 1, "to": 9}}}  # fmt: skip
+    data = {"scenario": "demo", "design": design, "runs": 32, "seed": 5, "over": over}
+    points = design_points(read_sweep(data))
+    assert points == design_points(read_sweep(data)) != design_points(read_sweep(data | {"seed": 6}))
+    assert len(points) == 32 and {point["law"] for point in points} == {"pid", "smc"}
+    assert all(isinstance(point["seed"], int) and 1 <= point["seed"] <= 9 for point in points)
+    delays = np.array([point["links.command.delay"] for point in points]) / 2.0
+    lags = np.log(np.array([point["plant.lag"] for point in points]) / 0.01) / np.log(100.0)
+    parts = 4 if design == "random" else 32
+    for shares in (delays, lags):
+        counts = np.bincount(np.minimum((shares * parts).astype(int), parts - 1), minlength=parts)
+        assert counts.min() >= 1 and (design == "random" or counts.max() == 1)
+
+
+def test_a_row_has_the_end_of_its_run() -> None:
+    """Breaks if a refused or failed run has no row with its reason, or a row lacks the hash of its scenario."""
+    demo, parts = choose_scenario("demo").with_(duration=20), PartCache()
+    done = drive_point(demo, 1, {"law": "smc", "seed": 3}, parts)
+    assert (done["status"], done["reason"], done["law"], done["seed"]) == ("done", "", "smc", 3)
+    assert done["metrics"]["ticks"] == 200 and len(done["sha256"]) == 64 and "wall_s" not in done["metrics"]
+    assert drive_point(demo, 2, {"law": "smc", "seed": 3}, parts)["metrics"] == done["metrics"]
+    assert drive_point(demo, 2, {"law": "smc", "seed": 4}, parts)["sha256"] != done["sha256"]
+    refused = drive_point(demo, 3, {"plant.line": "nowhere"}, parts)
+    assert refused["status"] == "refused" and "nowhere" in refused["reason"] and "sha256" not in refused
+    table = sweep_table([done, refused], ["law"])
+    assert table["status"].tolist() == ["done", "refused"] and np.isnan(table["speed_rmse_kmh"][1])
+
+
+def test_columns_of_mixed_values_are_json() -> None:
+    """Breaks if a key with values of several types cannot be written as a column."""
+    row = {"run": 1, "status": "done", "reason": ""}
+    rows = [{**row, "point": {"a": [1]}}, {**row, "run": 2, "point": {"a": "x"}}]
+    assert sweep_table(rows, ["a"])["a"].tolist() == ["[1]", '"x"']
+
+
+def test_the_pareto_front_is_the_set_without_a_better_run() -> None:
+    """Breaks if a beaten run is on the front or an unbeaten one is not; compared with all pairs."""
+    generator = np.random.default_rng(4)
+    first, second = generator.integers(0, 12, 60).astype(float), generator.integers(0, 12, 60).astype(float)
+    front = pareto_front(first, second)
+    values = set(zip(first.tolist(), second.tolist(), strict=True))
+    unbeaten = {
+        (a, b) for a, b in values if not any((c <= a and d <= b) and (c, d) != (a, b) for c, d in values)
+    }  # fmt: skip
+    assert set(zip(first[front].tolist(), second[front].tolist(), strict=True)) == unbeaten
+    assert len(front) == len(unbeaten) and (np.diff(first[front]) > 0).all()
+
+
+def test_a_place_of_the_map_is_stable_if_all_its_runs_are() -> None:
+    """Breaks if a good run hides a bad one at the same place, or a cell has not the value of the nearest run."""
+    first, second = np.array([0.25, 0.25, 0.75]), np.array([0.5, 0.5, 0.5])
+    cells = map_cells(first, second, np.array([1.0, 0.0, 1.0]), np.array([1.0, -3.0, 2.0]))
+    assert cells.stable.tolist() == [0.0, 1.0] and cells.value.tolist() == [3.0, 2.0]
+    assert (cells.nearest[:, : CELLS // 2] == 0).all() and (cells.nearest[:, CELLS // 2 :] == 1).all()

@@ -1,0 +1,154 @@
+"""Workers of a sweep: a local Dask cluster that only this machine can reach, or a Dask scheduler."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+__all__ = ["MAX_JOBS", "available_cores", "sweep_client"]
+
+MISSING = "the package distributed is not installed; install it with `pip install 'train_ato[sweep]'`"
+LOOPBACK = "127.0.0.1"
+MAX_JOBS = 256
+SCHEDULER_S = 10.0
+"""Longest wait for the answer of a scheduler [s]."""
+WORKERS_S = 30.0
+"""Longest wait for the first worker of a scheduler [s]."""
+CLOSE_S = 5.0
+"""Longest wait for the end of the local workers [s]."""
+SETTINGS = {
+    "distributed.scheduler.allowed-failures": 1,  # of the workers of a batch, before its points run alone
+    "distributed.deploy.lost-worker-timeout": "1 day",  # on a busy machine a new worker needs more than the default
+    "distributed.comm.timeouts.connect": "120s",
+    # without the profiler and the frequent checks of the event loop, which take processor time in every process
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.tick.limit": "1h",
+    "distributed.admin.system-monitor.interval": "5s",
+}
+"""Settings of Dask."""
+LOGGERS = ("distributed", "bokeh", "tornado", "asyncio")
+"""Loggers of Dask, whose messages are not for users of a sweep."""
+
+
+def available_cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def sweep_client(scheduler: str | None, jobs: int | None) -> Iterator[Any]:
+    """Yield a Dask client; local workers end with the block.
+
+    Parameters
+    ----------
+    scheduler
+        Address ``tcp://HOST:PORT`` of a scheduler with workers; None: local workers.
+    jobs
+        Number of local workers; None: one for each core.
+
+    Raises
+    ------
+    ValueError
+        If Dask is not installed, or the scheduler does not answer or has no worker.
+    """
+    try:
+        import dask
+        import distributed  # noqa: F401
+    except ImportError:
+        raise ValueError(f"sweep: {MISSING}") from None
+    quiet = {"logging": dict.fromkeys(LOGGERS, "critical")}
+    before = {name: logging.getLogger(name).level for name in LOGGERS}
+    for name in LOGGERS:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    try:
+        chosen = _remote(scheduler) if scheduler is not None else _local(jobs or available_cores())
+        with dask.config.set({**quiet, **SETTINGS}), chosen as client:
+            yield client
+    finally:
+        for name, level in before.items():
+            logging.getLogger(name).setLevel(level)
+
+
+@contextmanager
+def _remote(scheduler: str) -> Iterator[Any]:
+    """Yield a client of a running scheduler."""
+    from distributed import Client
+    from distributed import TimeoutError as NoAnswer  # in Python 3.10 not the TimeoutError of Python
+
+    try:
+        client = Client(scheduler, timeout=SCHEDULER_S, set_as_default=False)
+    except (OSError, NoAnswer, ValueError, TypeError, ImportError) as error:
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise ValueError(
+            f"--scheduler {scheduler}: no Dask scheduler answers ({reason}); start one with `dask scheduler`"
+        ) from None
+    try:
+        try:
+            client.wait_for_workers(1, timeout=WORKERS_S)
+        except NoAnswer:
+            raise ValueError(
+                f"--scheduler {scheduler}: has no worker; start one with `dask worker {scheduler} --nthreads 1`"
+            ) from None
+        yield client
+    finally:
+        with suppress(Exception):
+            client.close(timeout=CLOSE_S)
+
+
+@contextmanager
+def _local(jobs: int) -> Iterator[Any]:
+    """Yield a client of new worker processes; scheduler, workers and dashboard listen on the loopback address only."""
+    from distributed import Client, LocalCluster
+
+    with tempfile.TemporaryDirectory(prefix="train_ato_sweep_") as scratch, _main_not_imported():
+        # The Ctrl-C of the terminal is for this process alone; the workers inherit the mask, also later ones.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
+        try:
+            cluster = LocalCluster(
+                n_workers=jobs, threads_per_worker=1, processes=True, host=LOOPBACK, protocol="tcp://",
+                dashboard_address=f"{LOOPBACK}:0", worker_dashboard_address=f"{LOOPBACK}:0",
+                local_directory=scratch, memory_limit=0, silence_logs=logging.CRITICAL,
+            )  # fmt: skip
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        client = None
+        try:
+            client = Client(cluster, set_as_default=False)
+            yield client
+        finally:
+            _end(cluster, client)
+
+
+def _end(cluster: Any, client: Any) -> None:
+    """End the worker processes at once, then close client and scheduler."""
+    for nanny in list(cluster.workers.values()):
+        with suppress(Exception):
+            nanny.auto_restart = False
+            os.kill(nanny.pid, signal.SIGKILL)
+    for part in (client, cluster):
+        if part is not None:
+            with suppress(Exception):
+                part.close(timeout=CLOSE_S)
+
+
+@contextmanager
+def _main_not_imported() -> Iterator[None]:
+    """Hide the main module from new processes: a script without ``if __name__ == "__main__"`` would run in each."""
+    main = sys.modules["__main__"]
+    spec, file = getattr(main, "__spec__", None), getattr(main, "__file__", None)
+    main.__spec__ = None
+    if file is not None:
+        del main.__file__
+    try:
+        yield
+    finally:
+        main.__spec__ = spec
+        if file is not None:
+            main.__file__ = file

@@ -1,0 +1,97 @@
+"""Groups of the runs of a sweep, for example by law, and the runs that a figure counts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from train_ato.apps.runs.summary_table import RESULT_ROWS
+from train_ato.apps.sweep.spec import SweepSpec
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["BORDERS", "NotDrawable", "RunGroup", "grouped", "inside", "list_key", "metric_words", "numeric_metrics"]
+
+BORDERS = {"tracking": ("tracking", "tracked"), "verdict": ("verdict", "passed")}
+"""Border of stability: column of the table, and its value inside."""
+NOT_METRICS = ("run", "seed", "wall_s", "evaluation_s", "overhead_s")
+
+
+class NotDrawable(ValueError):
+    """The design or the runs of a sweep do not permit a figure."""
+
+
+@dataclass(frozen=True)
+class RunGroup:
+    """Runs with one value of a list.
+
+    Attributes
+    ----------
+    label
+        The value as text.
+    runs
+        Rows of the table.
+    """
+
+    label: str
+    runs: pd.DataFrame
+
+
+def list_key(spec: SweepSpec) -> str | None:
+    """Return the list whose values the figures compare: ``law``, else the first one but ``seed``; None without."""
+    keys = [dimension.key for dimension in spec.dimensions if not dimension.is_range and dimension.key != "seed"]
+    return "law" if "law" in keys else (keys[0] if keys else None)
+
+
+def grouped(table: pd.DataFrame, key: str | None) -> Iterator[RunGroup]:
+    """Yield the runs for every value of a key, in the order of the values; without a key, all runs."""
+    if key is None:
+        yield RunGroup("all runs", table)
+        return
+    for value in sorted(table[key].dropna().unique()):
+        yield RunGroup(str(value), table[table[key] == value])
+
+
+def inside(table: pd.DataFrame, border: str = "tracking") -> Any:
+    """Return True for every complete run inside of the border of stability, shape (runs,).
+
+    Raises
+    ------
+    ValueError
+        For an unknown border.
+    """
+    if border not in BORDERS:
+        raise ValueError(f"border '{border}': is unknown; use {' or '.join(BORDERS)}")
+    column, good = BORDERS[border]
+    return ((table["status"] == "done") & (table[column] == good)).to_numpy()
+
+
+def numeric_metrics(table: pd.DataFrame) -> list[str]:
+    """Return the columns that a figure can show."""
+    return [
+        name
+        for name, kind in table.dtypes.items()
+        if kind.kind in "fiu" and "." not in str(name) and name not in NOT_METRICS
+    ]
+
+
+def metric_words(table: pd.DataFrame, metric: str) -> str:
+    """Return the name of a metric with its unit.
+
+    Raises
+    ------
+    ValueError
+        If the table has no such metric.
+    """
+    from plant_sim.input_error import close_match
+
+    known = numeric_metrics(table)
+    if metric not in known:
+        if not (table["status"] == "done").any():
+            raise NotDrawable("no run ended regularly")
+        raise ValueError(
+            f"metric '{metric}': is no numeric column{close_match(metric, known)}; use one of: {', '.join(known)}"
+        )
+    return dict(RESULT_ROWS).get(metric, metric)

@@ -1,0 +1,173 @@
+"""Robustness map of a sweep: a metric over two ranges, with the border of stability."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.colors import ListedColormap
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from train_ato.apps.report.print_parts import LEGEND, WIDTH, NotebookFigure, styled
+from train_ato.apps.report.quantities import FAINT, INK, VERMILLION, none_to_full
+from train_ato.apps.sweep.design import MISSING_SCIPY
+from train_ato.apps.sweep.dimensions import Dimension
+from train_ato.apps.sweep.groups import NotDrawable, RunGroup, grouped, inside, list_key, metric_words
+from train_ato.apps.sweep.spec import SweepSpec
+from train_ato.messages.types import Array
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+__all__ = ["MapCells", "map_cells", "robustness_map"]
+
+CELLS = 240
+"""Number of cells of the picture along each axis."""
+COLUMNS = 3
+WORDS = {"tracking": "outcome of tracking is not “tracked”", "verdict": "verdict is not “passed”"}
+
+
+@dataclass(frozen=True)
+class MapCells:
+    """Places of the runs and the picture between them.
+
+    Attributes
+    ----------
+    first, second : Array, shape (places,)
+        Coordinates of the places in the ranges, 0 to 1.
+    stable : Array, shape (places,)
+        1 if every run of a place is inside of the border, else 0.
+    value : Array, shape (places,)
+        Largest magnitude of the metric of the runs of a place.
+    nearest : Array, shape (CELLS, CELLS)
+        Nearest place of every cell: rows over the second, columns over the first range.
+    """
+
+    first: Array
+    second: Array
+    stable: Array
+    value: Array
+    nearest: NDArray[np.intp]
+
+
+def map_cells(first: Array, second: Array, stable: Array, value: Array) -> MapCells:
+    """Return the places of runs, and the nearest place of every cell of the picture.
+
+    Parameters
+    ----------
+    first, second, stable, value : Array, shape (runs,)
+        Coordinates 0 to 1, 1 inside of the border, metric.
+    """
+    try:
+        from scipy.spatial import KDTree
+    except ImportError:
+        raise NotDrawable(MISSING_SCIPY) from None
+
+    coordinates = np.asarray(np.round(np.column_stack((first, second)), 9), dtype=np.float64)
+    places, index = np.unique(coordinates, axis=0, return_inverse=True)
+    worst = np.full(len(places), -np.inf)
+    np.maximum.at(worst, index.ravel(), np.nan_to_num(np.abs(value), nan=-np.inf))
+    kept = np.ones(len(places))
+    np.minimum.at(kept, index.ravel(), stable.astype(float))
+    centres = (np.arange(CELLS) + 0.5) / CELLS
+    columns, rows = np.meshgrid(centres, centres)
+    nearest = KDTree(places).query(np.column_stack((columns.ravel(), rows.ravel())))[1].reshape(CELLS, CELLS)
+    return MapCells(places[:, 0], places[:, 1], kept, np.where(np.isfinite(worst), worst, np.nan), nearest)
+
+
+@styled()
+def robustness_map(spec: SweepSpec, table: pd.DataFrame, metric: str, border: str = "tracking") -> Figure:
+    """Return a metric over the first two ranges, a panel for every law or value of another list.
+
+    A cell has the colour of the nearest run, of several runs at one place the worst; the border divides cells with
+    all runs inside from the others.
+
+    Raises
+    ------
+    NotDrawable
+        If the design has fewer than two ranges.
+    ValueError
+        For an unknown metric or border.
+    """
+    ranges = [dimension for dimension in spec.dimensions if dimension.is_range and dimension.key != "seed"]
+    if len(ranges) < 2:
+        raise NotDrawable("the design has no two ranges")
+    words = metric_words(table, metric)
+    inside(table, border)
+    groups = [group for group in grouped(table, list_key(spec)) if len(group.runs)]
+    maps = [_cells_of(group, ranges[0], ranges[1], metric, border) for group in groups]
+    columns = min(COLUMNS, len(groups))
+    rows = -(-len(groups) // columns)
+    figure = NotebookFigure(figsize=(WIDTH, 0.9 + rows * (3.6 if columns == 1 else 2.5)), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    top = max((float(cells.value[cells.stable > 0].max()) for cells in maps if cells.stable.any()), default=1.0)
+    image: Any = None
+    for panel, group, cells in zip(panels, groups, maps, strict=False):
+        image = _draw(panel, cells, ranges[0], ranges[1], top)
+        panel.set_title(f"{group.label}: {int(inside(group.runs, border).sum())} of {len(group.runs)} inside")
+    for panel in panels[len(groups) :]:
+        panel.set_visible(False)
+    for panel in panels[max(0, len(groups) - columns) : len(groups)]:
+        panel.set_xlabel(ranges[0].key)
+        panel.tick_params(labelbottom=True)
+    for panel in panels[::columns]:
+        panel.set_ylabel(ranges[1].key)
+    bar = figure.colorbar(image, ax=list(panels), pad=0.01, aspect=28)
+    bar.set_label(words)
+    bar.outline.set_linewidth(0.5)
+    figure.legend(handles=_legend(border), loc="outside lower center", ncols=3, **LEGEND)
+    figure.suptitle(f"{spec.title}: {words}, and the border of stability", fontsize=8.5)
+    return figure
+
+
+def _cells_of(group: RunGroup, first: Dimension, second: Dimension, metric: str, border: str) -> MapCells:
+    """Return places and picture of the runs of a group."""
+    shares = [
+        np.array([dimension.share(value) for value in group.runs[dimension.key]]) for dimension in (first, second)
+    ]
+    return map_cells(shares[0], shares[1], inside(group.runs, border), group.runs[metric].to_numpy(dtype=float))
+
+
+def _draw(panel: Any, cells: MapCells, first: Dimension, second: Dimension, top: float) -> Any:
+    """Draw a picture, its border and its runs; return the picture."""
+    edges = np.linspace(0.0, 1.0, CELLS + 1)
+    x, y = _values(first, edges), _values(second, edges)
+    stable = cells.stable[cells.nearest]
+    colours = ListedColormap(none_to_full(255)[20:], name="metric").with_extremes(bad=FAINT)
+    picture = np.where(stable > 0, cells.value[cells.nearest], np.nan)
+    image = panel.pcolormesh(x, y, picture, cmap=colours, vmin=0.0, vmax=top, rasterized=True)
+    middle = (edges[1:] + edges[:-1]) / 2
+    if 0.0 < stable.mean() < 1.0:
+        lines = (_values(first, middle), _values(second, middle), stable)
+        panel.contour(*lines, levels=[0.5], colors=[VERMILLION], linewidths=1.6)
+    for mark, chosen in ((".", cells.stable > 0), ("x", cells.stable == 0)):
+        places = _values(first, cells.first[chosen]), _values(second, cells.second[chosen])
+        panel.plot(*places, mark, color=INK, ms=2.2 if mark == "." else 3.2, mew=0.6, alpha=0.6)
+    for axis, dimension in (("x", first), ("y", second)):
+        if dimension.scale == "log":
+            getattr(panel, f"set_{axis}scale")("log")
+    panel.grid(visible=False)
+    panel.set_xlim(x[0], x[-1])
+    panel.set_ylim(y[0], y[-1])
+    return image
+
+
+def _values(dimension: Dimension, shares: Array) -> Array:
+    """Return the values of a range at coordinates."""
+    assert dimension.low is not None and dimension.high is not None
+    if dimension.scale == "log":
+        return dimension.low * (dimension.high / dimension.low) ** shares
+    return dimension.low + shares * (dimension.high - dimension.low)
+
+
+def _legend(border: str) -> list[Any]:
+    """Return the entries of the legend."""
+    return [
+        Line2D([], [], color=VERMILLION, lw=1.6, label=f"border: {WORDS[border]}"),
+        Patch(facecolor=FAINT, label="outside"),
+        Line2D([], [], color=INK, marker="x", ms=3.2, mew=0.6, ls="", label="run outside"),
+    ]

@@ -1,0 +1,130 @@
+"""``train-ato sweep``: run a scenario at many points, or one row of a sweep again."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from pathlib import Path
+from typing import Any
+
+from train_ato.apps.runs.progress import activity
+from train_ato.apps.sweep.folder import SweepFolder
+from train_ato.apps.sweep.groups import BORDERS, grouped, inside, list_key, metric_words
+from train_ato.apps.sweep.rerun import run_row_again
+from train_ato.apps.sweep.result import ERROR_METRIC, SweepResult
+from train_ato.apps.sweep.spec import read_sweep
+from train_ato.apps.sweep.sweep import prepare_sweep
+from train_ato.cli.screen import note_compilation, print_json, print_table
+from train_ato.errors import RunFailed
+
+COLUMNS = ("runs", "done", "tracked", "passed", "median", "largest")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``sweep``."""
+    parser.add_argument(
+        "sweep",
+        type=Path,
+        metavar="SPEC",
+        help="YAML file with scenario, design, over and set; or the folder of a sweep, to continue it",
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder; one of the same sweep is continued (default: runs/sweep-N)"
+    )
+    parser.add_argument("--jobs", type=int, metavar="N", help="local worker processes (default: one for each core)")
+    parser.add_argument(
+        "--scheduler", metavar="ADDRESS", help="tcp://HOST:PORT of a Dask scheduler with workers (default: local)"
+    )
+    parser.add_argument(
+        "--metric", metavar="NAME", default=ERROR_METRIC, help=f"metric of the figures (default: {ERROR_METRIC})"
+    )
+    parser.add_argument(
+        "--border",
+        choices=tuple(BORDERS),
+        default="tracking",
+        help="border of stability in the map: outcome of tracking, or verdict (default: tracking)",
+    )
+    parser.add_argument(
+        "--row",
+        type=int,
+        metavar="N",
+        help="run row N of the sweep in the folder SPEC, or of its results.parquet, alone and compare it",
+    )
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Run the sweep, or one row of it again."""
+    if options.row is not None:
+        return _run_row(options)
+    folder = None
+    if SweepFolder.holds(options.sweep):
+        if options.out is not None:
+            raise ValueError(f"--out {options.out}: {options.sweep} is the folder of the sweep already; remove --out")
+        folder = SweepFolder(options.sweep)
+    spec = read_sweep(options.sweep) if folder is None else folder.spec()
+    note_compilation()
+    prepared = prepare_sweep(spec, jobs=options.jobs, scheduler=options.scheduler, dash="--")
+    folder = folder or SweepFolder.opened(options.out)
+    result = prepared.run(folder, announce=lambda text: print(f"train-ato: {text}", file=sys.stderr))
+    with activity("drawing the figures"):
+        figures = result.figures(folder.path, options.metric, options.border)
+    _print(result, folder, figures, options.metric, options.json)
+    failed = result.table[result.table["status"] == "failed"]
+    if len(failed):
+        first = failed.iloc[0]
+        raise RunFailed(f"{len(failed)} of {len(result.table)} runs failed; first: run {first['run']}: "
+                        f"{first['reason']}")  # fmt: skip
+    return 0
+
+
+def _print(result: SweepResult, folder: SweepFolder, figures: dict[str, Path], metric: str, as_json: bool) -> None:
+    """Print one line for every law or value of another list, and the files."""
+    words = metric_words(result.table, metric) if (result.table["status"] == "done").any() else metric
+    key = list_key(result.spec)
+    rows = []
+    for group in grouped(result.table, key):
+        kept = group.runs[inside(group.runs)]
+        values = kept[metric].dropna() if metric in kept else kept["wall_s"].head(0)
+        rows.append({
+            key or "runs of": group.label,
+            "runs": len(group.runs),
+            "done": int((group.runs["status"] == "done").sum()),
+            "tracked": len(kept),
+            "passed": int((group.runs["verdict"] == "passed").sum()),
+            "median": float(values.median()) if len(values) else None,
+            "largest": float(values.abs().max()) if len(values) else None,
+        })  # fmt: skip
+    if as_json:
+        print_json({
+            "folder": str(folder.path), "results": str(folder.results), "counts": result.counts, "metric": metric,
+            "groups": rows, "figures": {name: str(file) for name, file in figures.items()},
+        })  # fmt: skip
+        return
+    title = f"{result.spec.title}, {result.spec.design}: {words} of the tracked runs"
+    print_table((key or "", *COLUMNS), (tuple(row.values()) for row in rows), title)
+    for _, row in result.table[result.table["status"] != "done"].head(5).iterrows():
+        sys.stdout.write(f"{row['status']}: run {row['run']}: {row['point']}: {row['reason']}\n")
+    counts = ", ".join(f"{count} {status}" for status, count in result.counts.items())
+    drawn = f", figures {', '.join(file.name for file in figures.values())}" if figures else ""
+    sys.stdout.write(f"{counts}: {folder.results}{drawn}\n")
+
+
+def _run_row(options: argparse.Namespace) -> int:
+    """Run one row again and compare it."""
+    for name in ("jobs", "scheduler"):
+        if getattr(options, name) is not None:
+            raise ValueError(f"--{name}: no effect with --row; remove it")
+    if not options.sweep.exists():
+        raise ValueError(f"{options.sweep}: does not exist; name the folder of a sweep or its results.parquet")
+    note_compilation()
+    found = run_row_again(options.sweep, options.row, options.out)
+    if options.json:
+        content: dict[str, Any] = {**dataclasses.asdict(found), "equal": not found.difference}
+        print_json(content | {"folder": None if found.folder is None else str(found.folder)})
+    elif not found.difference:
+        place = f"; run in {found.folder}" if found.folder is not None else ""
+        sys.stdout.write(f"row {found.run}: {found.values} values are equal, bit for bit{place}\n")
+    if found.difference:
+        raise RunFailed(f"row {found.run}: {found.difference}")
+    return 0
