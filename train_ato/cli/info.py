@@ -70,7 +70,7 @@ def print_summary(summary: dict[str, Any], title: str) -> None:
         sys.stdout.write(f"{line}\n")
     ends = {True: "passed", False: "failed", None: "not evaluated"}
     if rows := summary.get("criteria"):
-        cells = [(row["metric"], row["value"], row["limit"], ends[row["passed"]]) for row in rows]
+        cells = [(_criterion(row), row["value"], row["limit"], ends[row["passed"]]) for row in rows]
         print_table(("criterion", "value", "limit", ""), cells, "criteria of the scenario")
     if findings := summary.get("tracking_findings"):
         keys = ("outcome", "value", "limit", "unit", "text")
@@ -78,6 +78,13 @@ def print_summary(summary: dict[str, Any], title: str) -> None:
     if stops := summary.get("stops"):
         print_table(stops[0], ([stop[key] for key in stops[0]] for stop in stops), "stops")
     print_table(("quantity", "value"), ((key, value) for key, value in summary.items() if key not in TABLES), title)
+
+
+def _criterion(row: dict[str, Any]) -> str:
+    """Return the metric of a criterion, or name, formula and unit of a requirement."""
+    if "formula" not in row:
+        return str(row["metric"])
+    return f"{row['criterion']}: {row['formula']}{' in ' if row['unit'] else ''}{row['unit']}"
 
 
 def _as_json(found: Overview) -> dict[str, Any]:
