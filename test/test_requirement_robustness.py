@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from random_formulas import SIGNALS, Node, random_formula, text_of, textbook, with_rtamt
 
-from train_ato.loop.robustness import robustness_bounds, robustness_series
+from train_ato.loop.robustness import robustness_at_start, robustness_bounds, robustness_series
 from train_ato.scenario.formula_parser import parse_formula
 
 TICK = 0.1
@@ -22,7 +22,10 @@ def samples(stream: np.random.Generator, size: int = SIZE) -> dict[str, np.ndarr
 
 
 def evaluated(node: Node, signals: dict[str, np.ndarray]) -> np.ndarray:
-    return robustness_series(parse_formula(text_of(node)), signals, TICK)
+    formula = parse_formula(text_of(node))
+    found = robustness_series(formula, signals, TICK)
+    np.testing.assert_array_equal(robustness_at_start(formula, signals, TICK), found[0])
+    return found
 
 
 def assert_equal(found: np.ndarray, wanted: np.ndarray, text: str) -> None:

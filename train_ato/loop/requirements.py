@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from train_ato.loop.recording import Recording
-from train_ato.loop.robustness import robustness_bounds, robustness_series
+from train_ato.loop.robustness import robustness_at_start, robustness_bounds, robustness_series
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.signal_series import signal_series
 from train_ato.scenario.dimension import unit_text
@@ -67,7 +67,7 @@ def evaluate_formula(formula: Formula, setup: RunSetup, recording: Recording) ->
     at_s = _worst_time(formula, signals, setup.tick)
     if remaining:
         return Robustness(*robustness_bounds(formula, signals, setup.tick, remaining), unit, at_s)
-    value = float(robustness_series(formula, signals, setup.tick)[0])
+    value = robustness_at_start(formula, signals, setup.tick)
     return Robustness(value, value, unit, at_s)
 
 

@@ -34,7 +34,7 @@ from train_ato.scenario.formula import (
     Window,
 )
 
-__all__ = ["robustness_bounds", "robustness_series"]
+__all__ = ["robustness_at_start", "robustness_bounds", "robustness_series"]
 
 _ON_GRID = 1e-6
 """Part of a tick by which a limit of a window may be beside a sample."""
@@ -55,6 +55,11 @@ def robustness_series(formula: Formula, signals: Mapping[str, Array], tick: floa
     return _Samples(signals, tick).formula(formula, 1.0)
 
 
+def robustness_at_start(formula: Formula, signals: Mapping[str, Array], tick: float) -> float:
+    """Return the robustness at the first sample, that of the run; parameters as :func:`robustness_series`."""
+    return _Samples(signals, tick).at_start(formula, 1.0)
+
+
 def robustness_bounds(
     formula: Formula, signals: Mapping[str, Array], tick: float, remaining: int
 ) -> tuple[float, float]:
@@ -71,7 +76,7 @@ def robustness_bounds(
         Number of samples to the end of the run.
     """
     samples = _Samples(signals, tick, remaining)
-    return float(samples.formula(formula, 1.0)[0]), float(-samples.formula(Negation(formula), 1.0)[0])
+    return samples.at_start(formula, 1.0), samples.at_start(formula, -1.0)
 
 
 class _Samples:
@@ -80,6 +85,20 @@ class _Samples:
     def __init__(self, signals: Mapping[str, Array], tick: float, remaining: int = 0) -> None:
         self._signals, self._tick, self._remaining = signals, tick, remaining
         self._size = next(iter(signals.values())).size
+
+    def at_start(self, node: Formula, sign: float) -> float:
+        """Return the robustness at the first sample; the outer operators need no series."""
+        if isinstance(node, Negation):
+            return -self.at_start(node.operand, -sign)
+        if isinstance(node, Connective) and node.operator != "->":
+            return (min if node.operator == "and" else max)(self.at_start(node.left, sign), self.at_start(node.right, sign))
+        if isinstance(node, Temporal) and node.operator in ("G", "F"):
+            begin, end = self._window(node.window)
+            values = self.formula(node.operand, sign)[begin : end + 1]
+            if node.operator == "G":
+                return float(values.min(initial=math.inf))
+            return float(values.max(initial=-math.inf))
+        return float(self.formula(node, sign)[0])
 
     def formula(self, node: Formula, sign: float) -> Array:
         """Return the robustness at every sample; an unknown predicate is infinite, with ``sign`` 1 false."""
@@ -132,28 +151,28 @@ def _extreme(values: Array, begin: int, end: int, lowest: bool) -> Array:
     """Return the minimum or maximum over the samples i + begin to i + end of every sample i, shape (k,)."""
     join, empty = (np.minimum, math.inf) if lowest else (np.maximum, -math.inf)
     size, width = values.size, end - begin + 1
-    result = np.full(size, empty)
     if width <= 0 or begin >= size:
-        return result
+        return np.full(size, empty)
     if end >= size - 1:  # every window reaches the end of the run
-        result[: size - begin] = join.accumulate(values[::-1])[::-1][begin:]
-        return result
-    part = np.append(values[begin:], np.full(width - 1, empty))
-    count = 1
-    while 2 * count <= width:
-        part = join(part[:-count], part[count:])
-        count *= 2
-    result[: size - begin] = part if count == width else join(part[: count - width], part[width - count :])
-    return result
+        part = np.asarray(join.accumulate(values[begin:][::-1])[::-1])
+        return np.append(part, np.full(begin, empty)) if begin else part
+    part, other = np.empty(size - 1 + width), np.empty(size - 1 + width)
+    part[: size - begin], part[size - begin :] = values[begin:], empty
+    count, length = 1, part.size
+    while count < width:  # part[i] is the extreme of count samples from i on
+        step = min(count, width - count)
+        length -= step
+        join(part[:length], part[step : step + length], out=other[:length])
+        part, other, count = other, part, count + step
+    return part[:size]
 
 
 def _until(left: Array, right: Array, begin: int, end: int) -> Array:
     """Return the robustness of ``left U[begin,end] right``, shape (k,)."""
-    size = left.size
     holds = np.minimum(_until_end(np.ascontiguousarray(left), np.ascontiguousarray(right)), _extreme(right, 0, end - begin, False))
     if begin:
-        later = np.full(size, -math.inf)
-        later[: size - begin] = holds[begin:]
+        later = np.full(left.size, -math.inf)
+        later[: max(0, left.size - begin)] = holds[begin:]
         holds = np.minimum(_extreme(left, 0, begin - 1, True), later)
     return holds
 
