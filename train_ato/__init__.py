@@ -5,7 +5,7 @@
 >>> run.metrics["controller"]
 'smc'
 
-``run`` runs a scenario, ``compare`` runs it with several laws, ``open_run`` opens a run folder, ``load`` returns
+``run`` runs a scenario, ``compare`` runs it with several laws, ``falsify`` searches a break of a requirement, ``open_run`` opens a run folder, ``load`` returns
 its tables, ``scenario`` returns a scenario that can be changed, ``laws`` and ``scenarios`` list the names.
 """
 
@@ -18,6 +18,7 @@ import train_ato.scenario  # noqa: F401 - made callable below
 from train_ato.version import VERSION
 
 if TYPE_CHECKING:
+    from train_ato.apps.falsify.study import falsify as falsify
     from train_ato.apps.runs.catalogue import laws as laws
     from train_ato.apps.runs.catalogue import scenarios as scenarios
     from train_ato.apps.runs.compare import compare as compare
@@ -38,6 +39,7 @@ _PLACES = {
     "RunFailed": "train_ato.errors",
     "RunInterrupted": "train_ato.errors",
     "compare": "train_ato.apps.runs.compare",
+    "falsify": "train_ato.apps.falsify.study",
     "laws": "train_ato.apps.runs.catalogue",
     "load": "train_ato.log.tables.loading",
     "open_run": "train_ato.apps.runs.run",
@@ -54,6 +56,7 @@ __all__ = [
     "RunInterrupted",
     "__version__",
     "compare",
+    "falsify",
     "laws",
     "load",
     "open_run",

@@ -19,6 +19,7 @@ __all__ = ["RunFailed", "main"]
 COMMANDS: tuple[tuple[str, str], ...] = (
     ("run", "run a scenario and record it"),
     ("compare", "run a scenario with several control laws; write a table, a figure and a page"),
+    ("falsify", "search the smallest change of a scenario that breaks a requirement"),
     ("reproduce", "check the claims of the papers against simulated runs"),
     ("list", "list scenarios, laws, observers, compensations, trains and lines"),
     ("replay", "publish a recorded run on its topics, or evaluate a law on its inputs"),
