@@ -99,5 +99,7 @@ def test_values_by_hand(text: str, wanted: float) -> None:
 
 def test_a_quotient_by_zero_is_not_evaluated_as_passed() -> None:
     """Breaks if a division by zero raises a warning, or counts as fulfilled."""
-    found = robustness_series(parse_formula("G position / speed <= 3 s"), {"speed": np.zeros(3), "position": np.zeros(3)}, TICK)
+    found = robustness_series(
+        parse_formula("G position / speed <= 3 s"), {"speed": np.zeros(3), "position": np.zeros(3)}, TICK
+    )
     assert np.isnan(found[0])

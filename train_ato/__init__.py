@@ -5,8 +5,9 @@
 >>> run.metrics["controller"]
 'smc'
 
-``run`` runs a scenario, ``compare`` runs it with several laws, ``falsify`` searches a break of a requirement, ``open_run`` opens a run folder, ``load`` returns
-its tables, ``scenario`` returns a scenario that can be changed, ``laws`` and ``scenarios`` list the names.
+``run`` runs a scenario, ``compare`` runs it with several laws, ``falsify`` searches a break of a requirement,
+``open_run`` opens a run folder, ``load`` returns its tables, ``scenario`` returns a scenario that can be changed,
+``laws`` and ``scenarios`` list the names.
 """
 
 import importlib

@@ -92,7 +92,9 @@ def print_result(result: Falsification, folder: Path, as_json: bool) -> None:
 
     problems = [row.run.problem for row in result.rows if row.run.problem]
     if problems:
-        sys.stderr.write(f"train-ato: {len(problems)} of {len(result.rows)} runs have a problem; first: {problems[0]}\n")
+        sys.stderr.write(
+            f"train-ato: {len(problems)} of {len(result.rows)} runs have a problem; first: {problems[0]}\n"
+        )
     if as_json:
         print_json({**result_data(result), "folder": str(folder)})
         return

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from train_ato.loop.recording import Recording
 from train_ato.loop.robustness import robustness_at_start, robustness_bounds, robustness_series
 from train_ato.loop.setup import RunSetup
+from train_ato.loop.signal_check import unavailable_signal
 from train_ato.loop.signal_series import signal_series
 from train_ato.scenario.dimension import unit_text
 from train_ato.scenario.formula import Formula, Temporal, robustness_dimension, signals_of
@@ -90,6 +91,28 @@ def requirement_rows(setup: RunSetup, recording: Recording) -> list[dict[str, An
     for name, text in (setup.scenario.criteria.requirements or {}).items():
         found = evaluate_formula(parse_formula(text), setup, recording)
         rows.append(requirement_row(name, text, found))
+    return rows
+
+
+def recorded_rows(recording: Recording, formulas: Sequence[str], where: str) -> list[dict[str, Any]]:
+    """Return the rows of formulas over a recording with its scenario, each with its text as name.
+
+    Raises
+    ------
+    ValueError
+        Without a scenario or a complete tick, or for a signal that the run does not have; ``where`` begins the message.
+    """
+    setup = recording.setup
+    if setup is None:
+        raise ValueError(f"{where}: the log has no scenario ({recording.setup_missing}); name a run folder")
+    if not recording.time.size:
+        raise ValueError(f"{where}: the log has no complete tick; name another run")
+    rows = []
+    for text in formulas:
+        formula = parse_formula(text)
+        if reason := unavailable_signal(signals_of(formula), setup.layout, setup.line):
+            raise ValueError(f"{where} '{text}': {reason}")
+        rows.append(requirement_row(text, text, evaluate_formula(formula, setup, recording)))
     return rows
 
 

@@ -30,7 +30,6 @@ from train_ato.scenario.formula import (
     SignalTerm,
     Temporal,
     Term,
-    Until,
     Window,
 )
 
@@ -91,7 +90,9 @@ class _Samples:
         if isinstance(node, Negation):
             return -self.at_start(node.operand, -sign)
         if isinstance(node, Connective) and node.operator != "->":
-            return (min if node.operator == "and" else max)(self.at_start(node.left, sign), self.at_start(node.right, sign))
+            return (min if node.operator == "and" else max)(
+                self.at_start(node.left, sign), self.at_start(node.right, sign)
+            )
         if isinstance(node, Temporal) and node.operator in ("G", "F"):
             begin, end = self._window(node.window)
             values = self.formula(node.operand, sign)[begin : end + 1]
@@ -117,7 +118,9 @@ class _Samples:
         past = node.operator in ("O", "H", "S")
         if isinstance(node, Temporal):
             lowest = node.operator in ("G", "H")
-            return _reversed_if(past, _extreme(_reversed_if(past, self.formula(node.operand, sign)), begin, end, lowest))
+            return _reversed_if(
+                past, _extreme(_reversed_if(past, self.formula(node.operand, sign)), begin, end, lowest)
+            )
         left, right = (_reversed_if(past, self.formula(part, sign)) for part in (node.left, node.right))
         return _reversed_if(past, _until(left, right, begin, end))
 
@@ -169,7 +172,8 @@ def _extreme(values: Array, begin: int, end: int, lowest: bool) -> Array:
 
 def _until(left: Array, right: Array, begin: int, end: int) -> Array:
     """Return the robustness of ``left U[begin,end] right``, shape (k,)."""
-    holds = np.minimum(_until_end(np.ascontiguousarray(left), np.ascontiguousarray(right)), _extreme(right, 0, end - begin, False))
+    unbounded: Array = _until_end(np.ascontiguousarray(left), np.ascontiguousarray(right))
+    holds = np.minimum(unbounded, _extreme(right, 0, end - begin, False))
     if begin:
         later = np.full(left.size, -math.inf)
         later[: max(0, left.size - begin)] = holds[begin:]

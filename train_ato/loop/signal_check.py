@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 
 from plant_sim.line import Line
 from train_ato.messages.layout import TrainLayout
-from train_ato.scenario.signals import SIGNALS, find_signal
+from train_ato.scenario.signals import find_signal
 
 __all__ = ["unavailable_signal"]
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 Metrics = Mapping[str, Any]
 CriterionRow = dict[str, Any]
-"""Row of ``criteria`` in ``summary.json``: criterion, metric, value, limit, passed; a requirement has also its formula."""
+"""Row of ``criteria`` in ``summary.json``: criterion, metric, value, limit, passed; of a requirement also formula."""
 
 
 @dataclass(frozen=True)

@@ -159,8 +159,8 @@ class _Parser:
         token = self._take()
         if token.text in ("U", "S"):
             window = self._window()
-            right = _as_formula(self._expression(binding), token)
-            return Until(token.text, window, _as_formula(left, token), right)
+            then = _as_formula(self._expression(binding), token)
+            return Until(token.text, window, _as_formula(left, token), then)
         right = self._expression(binding - 1 if token.text == "->" else binding)
         if binding < _UNARY:
             return Connective(token.text, _as_formula(left, token), _as_formula(right, token))
@@ -235,7 +235,9 @@ def _number(text: str, number: re.Match[str], column: int) -> tuple[int, _Token]
             raise _fault(_Token("name", word[0], place + 1), message)  # type: ignore[index]
         return at, _Token("number", number[0], column, value, None if value == 0.0 else NO_DIMENSION)
     dimension, divisor = UNITS[unit]
-    return place + len(unit), _Token("number", text[number.start() : place + len(unit)], column, value / divisor, dimension)
+    return place + len(unit), _Token(
+        "number", text[number.start() : place + len(unit)], column, value / divisor, dimension
+    )
 
 
 _LISTED = tuple(unit for unit in UNITS if not re.search(r"\^|[a-z]\d", unit))

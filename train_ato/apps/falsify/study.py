@@ -21,7 +21,7 @@ from train_ato.loop.verdict import three_digits
 if TYPE_CHECKING:
     import pandas as pd
 
-ONE_LINE = {code: " " for code in (*range(32), 0x7F, 0x85, 0x2028, 0x2029)}
+ONE_LINE = dict.fromkeys((*range(32), 127, 133, 8232, 8233), " ")
 """Characters that end a line or a comment of YAML, and others that do not print."""
 RUNS = 100
 """Default of the largest number of runs."""

@@ -87,7 +87,9 @@ def _requirement_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
     for name, formula in named:
         rows = [next((row for row in _rows(data.summary) if row.get("formula") == formula), None) for data in pages]
         cells = [
-            ("–", "none") if row is None else (_value(row["value"], row["unit"] and f" {row['unit']}"), STATES[row["passed"]])
+            ("–", "none")
+            if row is None
+            else (_value(row["value"], row["unit"] and f" {row['unit']}"), STATES[row["passed"]])
             for row in rows
         ]
         found.append(CriterionCells(f"{name}: {typeset(formula)}", "robustness 0", cells))
