@@ -88,6 +88,8 @@ setup(
         "rerun": ["rerun-sdk>=0.24; python_version >= '3.11'"],
         "test": [
             *SWEEP,
+            "cma>=3.3",
+            "rtamt>=0.3.5; python_version < '3.13'",
             "pytest>=8",
             "pytest-xdist>=3.5",
             "pytest-timeout>=2.3",

@@ -49,6 +49,21 @@ Slope = Annotated[float, Unit("1", (("permille", 1e3),))]
 Stiffness = Annotated[float, Unit("N/m", (("kn_per_m", 1e-3), ("mn_per_m", 1e-6)))]
 Damping = Annotated[float, Unit("N s/m", (("kns_per_m", 1e-3), ("mns_per_m", 1e-6)))]
 Ratio = Annotated[float, Unit("1", (("percent", 1e2),))]
+QUANTITY_KINDS: tuple[Any, ...] = (
+    Mass, Length, Speed, Acceleration, Jerk, Time, Force, ForceRate, Power, Pressure, Slope, Stiffness, Damping, Ratio,
+)  # fmt: skip
+"""Every kind of quantity."""
+
+
+def unit_symbols() -> dict[str, tuple[str, float]]:
+    """Return the SI symbol and the divisor of every unit of the quantities, by its symbol: km/h has m/s and 3.6."""
+    found: dict[str, tuple[str, float]] = {}
+    for kind in QUANTITY_KINDS:
+        unit: Unit = kind.__metadata__[0]
+        found[unit.si] = (unit.si, 1.0)
+        for suffix, divisor in unit.suffixes:
+            found[_signed(suffix)] = (unit.si, divisor)
+    return found
 
 
 def _unit_of(metadata: list[Any], annotation: Any) -> Unit | None:

@@ -5,9 +5,9 @@
 >>> run.metrics["controller"]
 'smc'
 
-``run`` runs a scenario, ``compare`` runs it with several laws, ``sweep`` at many points, ``open_run`` opens a run
-folder, ``load`` returns its tables, ``scenario`` returns a scenario that can be changed, ``laws`` and ``scenarios``
-list the names.
+``run`` runs a scenario, ``compare`` runs it with several laws, ``sweep`` at many points, ``falsify`` searches a break
+of a requirement, ``open_run`` opens a run folder, ``load`` returns its tables, ``scenario`` returns a scenario that can
+be changed, ``laws`` and ``scenarios`` list the names.
 """
 
 import importlib
@@ -19,6 +19,7 @@ import train_ato.scenario  # noqa: F401 - made callable below
 from train_ato.version import VERSION
 
 if TYPE_CHECKING:
+    from train_ato.apps.falsify.study import falsify as falsify
     from train_ato.apps.runs.catalogue import laws as laws
     from train_ato.apps.runs.catalogue import scenarios as scenarios
     from train_ato.apps.runs.compare import compare as compare
@@ -42,6 +43,7 @@ _PLACES = {
     "RunInterrupted": "train_ato.errors",
     "SweepResult": "train_ato.apps.sweep.result",
     "compare": "train_ato.apps.runs.compare",
+    "falsify": "train_ato.apps.falsify.study",
     "laws": "train_ato.apps.runs.catalogue",
     "load": "train_ato.log.tables.loading",
     "open_run": "train_ato.apps.runs.run",
@@ -60,6 +62,7 @@ __all__ = [
     "SweepResult",
     "__version__",
     "compare",
+    "falsify",
     "laws",
     "load",
     "open_run",

@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from msgs_docs.generate import fault_page, hazard_page, node_page, random_page, schemas, topic_page
+from msgs_docs.generate import fault_page, hazard_page, node_page, random_page, requirement_page, schemas, topic_page
 from msgs_docs.generate.equations import page as equation_page
 from msgs_docs.generate.equations.check import problems
 from msgs_docs.generate.equations.row import EQUATION_TABLES
@@ -63,6 +63,7 @@ def generated() -> dict[Path, str]:
         ROOT / equation_page.PAGE: equation_page.page(ROOT),
         ROOT / choice_page.PAGE: choice_page.page(ROOT),
         ROOT / node_page.PAGE: node_page.page(ROOT / node_page.PAGE),
+        ROOT / requirement_page.PAGE: requirement_page.page(ROOT / requirement_page.PAGE),
         **{schemas.schema_path(kind): schemas.schema_text(kind) for kind in schemas.MODELS},
         **law_pages(read_measured()),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +16,28 @@ from train_ato.log.overview import Overview, TopicOverview, log_overview
 from train_ato.log.reading import log_file, partial_of, state_of
 from train_ato.log.versions import SCENARIO
 from train_ato.loop.verdict import verdict_line
+from train_ato.scenario.formula_parser import parse_formula
 
-TABLES = ("criteria", "stops", "tracking_findings")
+TABLES = ("criteria", "requirements", "stops", "tracking_findings")
 """Keys of the summary with a table each."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``info``."""
     parser.add_argument("run", type=Path, metavar="RUN", help="run folder, single log, or run.mcap.partial")
+    parser.add_argument(
+        "--requirement",
+        action="append",
+        default=[],
+        metavar="FORMULA",
+        help="also evaluate a requirement on the log, such as 'G (speed <= limit + 1 km/h)'; may be repeated",
+    )
 
 
 def execute(options: argparse.Namespace) -> int:
     """Print summary, topics with counts, rates and gaps, changes and versions."""
     run: Path = options.run
+    _check_formulas(options.requirement)
     partial = partial_of(run)
     if partial is not None:
         log, note = partial, f"{partial}: {state_of(partial)}"
@@ -37,6 +47,9 @@ def execute(options: argparse.Namespace) -> int:
     with share_bar(f"reading {log}") as progress:
         found = log_overview(log, broken=partial is not None, progress=lambda share: progress(share, ""))
     summary = _summary(run)
+    rows = requirement_rows_of(run, options.requirement)
+    if rows:
+        summary["requirements"] = rows
     changes = summary.pop("changes", None) or found.changes.listed()
     if options.json:
         print_json({**summary, **_as_json(found), "changes": changes, "note": note})
@@ -69,15 +82,49 @@ def print_summary(summary: dict[str, Any], title: str) -> None:
     if line := verdict_line(summary):
         sys.stdout.write(f"{line}\n")
     ends = {True: "passed", False: "failed", None: "not evaluated"}
-    if rows := summary.get("criteria"):
-        cells = [(row["metric"], row["value"], row["limit"], ends[row["passed"]]) for row in rows]
-        print_table(("criterion", "value", "limit", ""), cells, "criteria of the scenario")
+    for key, title_ in (("criteria", "criteria of the scenario"), ("requirements", "requirements of this command")):
+        if rows := summary.get(key):
+            cells = [(_criterion(row), row["value"], row["limit"], ends[row["passed"]]) for row in rows]
+            print_table(("criterion", "value", "limit", ""), cells, title_)
     if findings := summary.get("tracking_findings"):
         keys = ("outcome", "value", "limit", "unit", "text")
         print_table(keys, ([row[key] for key in keys] for row in findings), "deviations from the reference")
     if stops := summary.get("stops"):
         print_table(stops[0], ([stop[key] for key in stops[0]] for stop in stops), "stops")
     print_table(("quantity", "value"), ((key, value) for key, value in summary.items() if key not in TABLES), title)
+
+
+def _check_formulas(formulas: Sequence[str]) -> None:
+    """Check the formulas of the command line before the log is read."""
+    for text in formulas:
+        try:
+            parse_formula(text)
+        except ValueError as error:
+            raise ValueError(f"--requirement '{text}': {error}") from None
+
+
+def requirement_rows_of(run: Path, formulas: Sequence[str]) -> list[dict[str, Any]]:
+    """Return the rows of formulas over the log of a run, as in ``criteria`` of a summary.
+
+    Raises
+    ------
+    ValueError
+        For a log without its scenario or a complete tick, or a signal that the run does not have.
+    """
+    if not formulas:
+        return []
+    from train_ato.log.recorded import open_recording
+    from train_ato.loop.requirements import recorded_rows
+
+    return recorded_rows(open_recording(run, vehicles=False), formulas, f"{run}: --requirement")
+
+
+def _criterion(row: dict[str, Any]) -> str:
+    """Return the metric of a criterion, or name, formula and unit of a requirement."""
+    if "formula" not in row:
+        return str(row["metric"])
+    name = "" if row["criterion"] == row["formula"] else f"{row['criterion']}: "
+    return f"{name}{row['formula']}{' in ' if row['unit'] else ''}{row['unit']}"
 
 
 def _as_json(found: Overview) -> dict[str, Any]:

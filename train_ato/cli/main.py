@@ -20,6 +20,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("run", "run a scenario and record it"),
     ("compare", "run a scenario with several control laws; write a table, a figure and a page"),
     ("sweep", "run a scenario at many points of a design; write a table and figures"),
+    ("falsify", "search the smallest change of a scenario that breaks a requirement"),
     ("reproduce", "check the claims of the papers against simulated runs"),
     ("list", "list scenarios, laws, observers, compensations, trains and lines"),
     ("replay", "publish a recorded run on its topics, or evaluate a law on its inputs"),

@@ -8,6 +8,7 @@ from typing import Any
 from train_ato.loop.metrics import summarise
 from train_ato.loop.protection_record import protection_summary
 from train_ato.loop.recording import Recording
+from train_ato.loop.requirements import requirement_rows
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.step_times import StepTimes
 from train_ato.loop.tracking import tracking_summary
@@ -104,7 +105,7 @@ class RunResult:
             summary["failure"] = failure
         if complete:
             summary |= tracking_summary(setup, recording)
-            summary |= judge_run(setup.scenario.criteria, summary)
+            summary |= judge_run(setup.scenario.criteria, summary, requirement_rows(setup, recording))
         return cls(recording if complete else None, summary, interrupted, failure, published or {}, changes)
 
 
@@ -128,7 +129,7 @@ def completed_summary(recording: Recording) -> dict[str, Any]:
         protection = protection_summary(recording.reports) if setup.layout.supervised else {}
         summary = {**identity(setup, recording.time.size), **summarise(setup, recording), **protection, **summary}
         summary = {**tracking_summary(setup, recording), **summary}
-        summary |= judge_run(setup.scenario.criteria, summary)
+        summary |= judge_run(setup.scenario.criteria, summary, requirement_rows(setup, recording))
     several = setup.layout.n_vehicles > 1
     return {key: value for key, value in summary.items() if several or key not in OF_COUPLERS}
 

@@ -24,9 +24,12 @@ from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.part_cache import PartCache, file_state
 from train_ato.loop.scenario_data import data_key, nominal_model, scenario_consist, scenario_line, with_start_position
+from train_ato.loop.signal_check import unavailable_signal
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.topics import BY_NAME
 from train_ato.profile.profile import Profile
+from train_ato.scenario.formula import signals_of
+from train_ato.scenario.formula_parser import parse_formula
 from train_ato.scenario.interventions import Intervention, TrainJumpNow
 from train_ato.scenario.scenario import LawChange, Links, PlantBlock, Scenario
 from train_ato.supervision.plant_line import line_supervision
@@ -359,6 +362,7 @@ def _is_supervised(scenario: Scenario, line: Line) -> bool:
 def _check_choices(setup: RunSetup) -> None:
     """Check the combination: create train, laws, observer, compensation and brake policy once."""
     _check_replan(setup)
+    _check_requirements(setup)
     for name, values in setup.controller_parameters.items():
         LAWS.check_parameters(name, values)
     for name, values in setup.scenario.observers.items():
@@ -386,6 +390,13 @@ def _check_laws(setup: RunSetup) -> None:
             LAWS.check_parameters(name, values)
             blocks.setdefault(name, {}).update(values)
         setup.law(law, blocks.get(law, {}))
+
+
+def _check_requirements(setup: RunSetup) -> None:
+    """Check that the run has the signals of its requirements."""
+    for name, text in (setup.scenario.criteria.requirements or {}).items():
+        if reason := unavailable_signal(signals_of(parse_formula(text)), setup.layout, setup.line):
+            raise ValueError(f"criteria.requirements.{name}: {reason}")
 
 
 def _check_replan(setup: RunSetup) -> None:

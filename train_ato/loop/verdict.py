@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 Metrics = Mapping[str, Any]
 CriterionRow = dict[str, Any]
-"""Row of ``criteria`` in ``summary.json``: criterion, metric, value, limit, passed."""
+"""Row of ``criteria`` in ``summary.json``: criterion, metric, value, limit, passed; of a requirement also formula."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ ONE_SIDED = ("arrival_delay_max_s",)
 COUPLER_LIMITS = {"coupler_buff_max_kn": "-", "coupler_draft_max_kn": "+"}
 
 
-def judge_run(criteria: Criteria, metrics: Metrics) -> dict[str, Any]:
+def judge_run(criteria: Criteria, metrics: Metrics, requirements: Sequence[CriterionRow] = ()) -> dict[str, Any]:
     """Return ``verdict`` and ``criteria`` of ``summary.json``; {} for a scenario without criteria.
 
     Parameters
@@ -67,6 +67,8 @@ def judge_run(criteria: Criteria, metrics: Metrics) -> dict[str, Any]:
         Criteria of the scenario.
     metrics
         Metrics of the run by the keys of ``summary.json``, and ``status`` of a run that did not end regularly.
+    requirements
+        Rows of the requirements (:func:`train_ato.loop.requirements.requirement_rows`).
 
     Returns
     -------
@@ -75,6 +77,7 @@ def judge_run(criteria: Criteria, metrics: Metrics) -> dict[str, Any]:
         evaluated. ``criteria``: one row for each criterion; ``passed`` is None if it was not evaluated.
     """
     rows = [row for criterion in CRITERIA if (row := _judged(criterion, criteria, metrics)) is not None]
+    rows += requirements
     if not rows:
         return {}
     ends = {row["passed"] for row in rows}
@@ -208,10 +211,20 @@ def _coupler_text(summary: Metrics) -> str:
 
 
 def _failure_text(row: CriterionRow) -> str:
+    if "formula" in row:
+        return requirement_text(row)
     criterion = next(entry for entry in CRITERIA if entry.key == row["criterion"])
     value = "none" if row["value"] is None else three_digits(row["value"])
     unit = f" {criterion.unit}" if criterion.unit else ""
     return f"{criterion.words} {value}{unit} (limit {three_digits(row['limit'])})"
+
+
+def requirement_text(row: CriterionRow) -> str:
+    """Return name, robustness and time of the smallest margin of a requirement as text."""
+    value, at_s = row["value"], row.get("at_s")
+    unit = f" {row['unit']}" if row.get("unit") else ""
+    known = "not evaluated" if value is None else f"robustness {three_digits(value)}{unit}"
+    return f"{row['criterion']}: {known}{'' if value is None or at_s is None else f' at {at_s:.1f} s'}"
 
 
 def three_digits(value: float) -> str:

@@ -2,9 +2,22 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
 
 from plant_sim.units import Acceleration, Force, Jerk, Length, Ratio, SiModel, Speed, Time
+from train_ato.scenario.formula_parser import parse_formula
+
+
+def _checked_formula(text: str) -> str:
+    """Return the text of a formula after its check."""
+    parse_formula(text)
+    return text
+
+
+RequirementName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,59}$")]
+RequirementText = Annotated[str, AfterValidator(_checked_formula)]
 
 
 class TrackingLimits(SiModel):
@@ -41,7 +54,8 @@ class TrackingLimits(SiModel):
 class Criteria(SiModel):
     """Requirements on a run; the evaluation is in :mod:`train_ato.loop.verdict`.
 
-    A criterion is a largest permitted magnitude. A missing one is not evaluated.
+    A criterion is a largest permitted magnitude. A missing one is not evaluated. A requirement is a formula over the
+    signals of the run (:mod:`train_ato.scenario.signals`).
     """
 
     stop_window: Length | None = Field(
@@ -68,5 +82,8 @@ class Criteria(SiModel):
     )
     brake_interventions: int | None = Field(
         None, ge=0, description="largest number of brake interventions of the supervisor"
+    )
+    requirements: dict[RequirementName, RequirementText] | None = Field(
+        None, description="formulas in signal temporal logic by name, for example 'G (speed <= limit + 1 km/h)'"
     )
     tracking: TrackingLimits = Field(TrackingLimits(), description="limits of the outcome of tracking")

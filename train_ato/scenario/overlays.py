@@ -41,12 +41,20 @@ def assign(data: dict[str, Any], text: str) -> None:
 def put(data: dict[str, Any], key: str, value: Any, option: str) -> None:
     """Set one key ``a.b.c`` of a raw scenario; messages begin with ``option``.
 
+    An entry of a list has its number from 0 as key: ``interventions.0.at``.
+
     Raises
     ------
     ValueError
-        If a part of the key is not a mapping.
+        If a part of the key is not a mapping, or a list has no such entry.
     """
     keys = keys_of(key)
+    place: Any = data
+    for depth, part in enumerate(keys[:-1]):
+        place = place.get(part) if isinstance(place, dict) else None
+        if isinstance(place, list) and keys[depth + 1].isdigit():
+            _put_entry(place, keys[depth + 1 :], value, option)
+            return
     change: dict[str, Any] = value
     for part in reversed(keys):
         change = {part: change}
@@ -58,6 +66,19 @@ def put(data: dict[str, Any], key: str, value: Any, option: str) -> None:
         if not isinstance(target, dict):
             raise ValueError(f"{option}: '{part}' is a value, not a block of keys; correct the key")
     target.update(change)
+
+
+def _put_entry(entries: list[Any], keys: list[str], value: Any, option: str) -> None:
+    """Set a key of an entry of a list: its number, and the keys below it."""
+    number = int(keys[0])
+    if number >= len(entries):
+        raise ValueError(f"{option}: the list has {len(entries)} entries, numbered from 0; correct the key")
+    if len(keys) == 1:
+        entries[number] = value
+    elif isinstance(entries[number], dict):
+        put(entries[number], ".".join(keys[1:]), value, option)
+    else:
+        raise ValueError(f"{option}: '{keys[0]}' is a value, not a block of keys; correct the key")
 
 
 def keys_of(key: str) -> list[str]:

@@ -75,11 +75,33 @@ def criterion_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
         limit = " / ".join(three_digits(value) for value in sorted(limits))
         cells = [("–", "none") if row is None else (_value(row["value"], unit), STATES[row["passed"]]) for row in rows]
         found.append(CriterionCells(criterion.words, f"{limit}{unit}", cells))
+    return found + _requirement_cells(pages)
+
+
+def _requirement_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
+    """Return the requirements that any run has, with their robustness; its limit is 0."""
+    named: dict[tuple[str, str], None] = {}
+    for data in pages:
+        named |= {(row["criterion"], row["formula"]): None for row in _rows(data.summary) if "formula" in row}
+    found = []
+    for name, formula in named:
+        rows = [next((row for row in _rows(data.summary) if row.get("formula") == formula), None) for data in pages]
+        cells = [
+            ("–", "none")
+            if row is None
+            else (_value(row["value"], row["unit"] and f" {row['unit']}"), STATES[row["passed"]])
+            for row in rows
+        ]
+        found.append(CriterionCells(f"{name}: {typeset(formula)}", "robustness 0", cells))
     return found
 
 
+def _rows(summary: dict[str, Any]) -> Sequence[dict[str, Any]]:
+    return summary.get("criteria") or ()
+
+
 def _row(summary: dict[str, Any], key: str) -> dict[str, Any] | None:
-    return next((row for row in summary.get("criteria") or () if row["criterion"] == key), None)
+    return next((row for row in _rows(summary) if row["criterion"] == key), None)
 
 
 def _value(value: Any, unit: str) -> str:

@@ -16,6 +16,7 @@ from train_ato.apps.view.controls import Controls
 from train_ato.apps.view.ending import FINISHED, RUN_ENDED, ending_of
 from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed, Mark
+from train_ato.apps.view.live_requirements import LiveRequirements
 from train_ato.apps.view.presence import Presence
 from train_ato.apps.view.protection import ProtectionTracker
 from train_ato.apps.view.reader import DEPTH, Copied, Copier, GraphReader, taker, train_layout
@@ -84,6 +85,7 @@ class LiveFeed(Feed):
             self._end()
             raise
         super().__init__(facts)
+        self.requirements = None if facts.setup is None else LiveRequirements(facts.setup)
         self.folder = self._named.parent if self._named.is_file() else None
         self.repeatable = first_rate is not None
         self._summary_due = self._step_due = 0.0
@@ -220,6 +222,8 @@ class LiveFeed(Feed):
         self._copy()
         if moment is not None:
             factor, state = self._rate(now, moment.time), self._plant_state(now)
+            if self.requirements is not None:
+                self.requirements.add(moment)
             self.show(replace(moment, law=self.law, state=state, factor=factor, states=self._tracker.states))
         elif self.frame is not None:
             shown = self.frame.moment

@@ -54,10 +54,12 @@ class Panel:
         self._parameters = Column(children=[], width=WIDTH, name="parameters")
         self._brake = Button(label="EMERGENCY BRAKE", button_type="danger", width=WIDTH, height=44, **sheets)
         self._brake.on_click(self._emergency)
+        self._requirements = Div(text="", width=WIDTH, name="requirements", styles={"margin-left": "5px"})
+        shown = [_heading("requirements"), self._requirements] if self._with_requirements else []
         ato = [_heading("ATO"), self._requests()] if feed.facts.layout.supervised else []
         self.column = Column(
             children=[
-                self._brake, *ato, _heading("law"), self._law, self._parameters,
+                self._brake, *ato, *shown, _heading("law"), self._law, self._parameters,
                 _heading("interventions"), *self._disturbances(),
             ],
             width=WIDTH,
@@ -79,6 +81,12 @@ class Panel:
             stylesheets=[":host { flex-wrap: wrap; }"],
         )
         self._over = False
+
+    @property
+    def _with_requirements(self) -> bool:
+        """True for a scenario with requirements."""
+        setup = self._feed.facts.setup
+        return setup is not None and bool(setup.scenario.criteria.requirements)
 
     def _requests(self) -> Any:
         """Return the buttons of the requests to the ATO; a refusal is shown with its reason."""
@@ -141,6 +149,9 @@ class Panel:
             self._over = True
             self._disable()
             return
+        live = self._feed.requirements
+        if live is not None and self._requirements.text != live.markup:
+            self._requirements.text = live.markup
         applied = self._applied
         label = "release the emergency brake" if applied else "EMERGENCY BRAKE"
         if self._brake.label != label:

@@ -1,0 +1,307 @@
+"""Falsification: search on known functions, files that reproduce the break, refusals, Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import train_ato as ta
+from train_ato.apps.falsify.gaussian_process import GaussianProcess
+from train_ato.apps.falsify.search import FalsificationSearch
+from train_ato.apps.falsify.search_space import SearchSpace, search_space
+from train_ato.apps.falsify.target import TargetRun, requirement_target
+from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.apps.sweep.dimensions import read_dimensions
+from train_ato.cli import main
+
+MASS = {"plant.mismatch.mass_scale": {"from": 0.9, "to": 1.3}}
+DELAY = {"links.command.delay": {"from": 0.0, "to": 0.8}}
+SLOW = "G speed_error >= -0.8 km/h"
+CHEAP = {
+    "schema": "train_ato/scenario/1",
+    "base": "xuzhou_metro",
+    "name": "cheap",
+    "duration": 8,
+    "tick": 0.2,
+    "step": 0.02,
+    "plant": {"line": {"schema": "train_ato/line/1", "name": "short", "end_km": 2}},
+    "profile": {"phases": [{"accelerate_to_kmh": 10}, {"brake_to": 0}]},
+}
+"""A metro train as one mass for 8 s: some hundredths of a second per run."""
+
+
+@pytest.fixture
+def cheap(tmp_path: Path) -> str:
+    path = tmp_path / "cheap.yaml"
+    path.write_text(json.dumps(CHEAP))
+    return str(path)
+
+
+def unit_space(*nominal: float) -> SearchSpace:
+    names = [f"x{axis}" for axis in range(len(nominal))]
+    dimensions = read_dimensions({name: {"from": 0.0, "to": 1.0} for name in names}, "over")
+    return SearchSpace(dimensions, np.array(nominal), dict(zip(names, nominal, strict=True)))
+
+
+def searched(space: SearchSpace, function: Callable[..., float], runs: int, seed: int = 1, batch: int = 1):
+    search = FalsificationSearch(
+        space, lambda changes: [TargetRun(function(*change.values())) for change in changes], runs, batch, seed
+    )
+    search.find()
+    search.shrink()
+    return search
+
+
+def test_the_smallest_departure_of_a_half_space_is_found() -> None:
+    """Breaks if the search ends with a break that is far from the nearest one: x + y > 1.5 is 0.354 from (0.5, 0.5)."""
+    nearest = 0.5 / math.sqrt(2.0)
+    found = [
+        searched(unit_space(0.5, 0.5), lambda x, y: 1.5 - x - y, 60, seed).smallest.departure for seed in range(10)
+    ]
+    assert min(found) >= nearest
+    assert np.median(found) <= 1.05 * nearest, found
+
+
+def test_a_key_without_effect_returns_to_its_nominal_value() -> None:
+    """Breaks if the smallest departure names a key that does not matter."""
+    for seed in range(5):
+        search = searched(unit_space(0.5, 0.2, 0.8), lambda x, y, z: 0.8 - x, 60, seed)
+        assert search.smallest.point[1:].tolist() == [0.2, 0.8]
+        assert 0.3 < search.smallest.departure <= 0.32
+
+
+def test_a_rare_break_needs_a_third_of_the_runs_of_random_search() -> None:
+    """Breaks if the proposals are no better than random: the corner x + y > 1.859 is 1 % of the space."""
+    needed = []
+    for seed in range(20):
+        search = FalsificationSearch(
+            unit_space(0.5, 0.5),
+            lambda changes: [TargetRun(1.859 - change["x0"] - change["x1"]) for change in changes],
+            100,
+            seed=seed,
+        )  # fmt: skip
+        search.find()
+        needed.append(len(search.rows))
+    assert np.median(needed) <= math.log(0.5) / math.log(0.99) / 3, needed
+
+
+def test_no_run_beyond_the_budget_and_none_twice() -> None:
+    """Breaks if a batch overruns the number of runs, or a point is run again."""
+    for batch in (1, 4):
+        search = searched(unit_space(0.5, 0.5), lambda x, y: 1.0, 19, batch=batch)
+        points = {tuple(row.point) for row in search.rows}
+        assert len(points) == len(search.rows) == 19
+        assert search.smallest is None
+
+
+def test_a_broken_nominal_scenario_ends_the_search() -> None:
+    """Breaks if runs are spent on a requirement that the scenario itself breaks."""
+    search = searched(unit_space(0.5), lambda x: -1.0, 50)
+    assert (len(search.rows), search.smallest.departure) == (1, 0.0)
+
+
+def test_runs_without_robustness_do_not_end_the_search() -> None:
+    """Breaks if a refused or failed run is taken for a break, or stops the Gaussian process."""
+    search = searched(unit_space(0.5, 0.5), lambda x, y: math.nan if x < 0.4 else 0.3 - y, 40)
+    assert search.smallest is not None
+    assert search.smallest.point[1] > 0.3
+    assert searched(unit_space(0.5), lambda x: math.nan, 12).smallest is None
+
+
+def test_the_gaussian_process_interpolates_and_is_uncertain_elsewhere() -> None:
+    """Breaks if mean or deviation do not fit the samples."""
+    points = np.random.default_rng(1).random((25, 2))
+    values = np.sin(3 * points[:, 0]) + points[:, 1]
+    process = GaussianProcess(points, values)
+    mean, deviation = process.predict(points)
+    np.testing.assert_allclose(mean, values, atol=1e-3)
+    other = np.array([[0.5, 0.5], [0.3, 0.7]])
+    found, spread = process.predict(other)
+    assert (np.abs(found - np.sin(3 * other[:, 0]) - other[:, 1]) <= 4 * spread + 1e-3).all()
+    far, alone = GaussianProcess(points[:2], values[:2]).predict(np.array([[5.0, 5.0]]))
+    assert alone[0] > 100 * deviation.max()
+    assert far[0] == pytest.approx(values[:2].mean(), rel=0.1)
+
+
+def test_lists_integers_suffixes_and_entries_of_lists() -> None:
+    """Breaks if a value of a list or an integer is interpolated, or a key with a unit or a number is not found."""
+    choice = choose_scenario("demo").with_(
+        {"duration": 40, "interventions": [{"do": "gust", "at": 5, "acceleration": 0.0, "duration": 3}]}
+    )
+    over = {
+        "compensation": ["none", "preview", "twin"],
+        "seed": {"from": 1, "to": 9},
+        "criteria.overspeed_kmh": {"from": 0.0, "to": 1.0},
+        "interventions.0.acceleration": {"from": -0.1, "to": 0.1},
+    }
+    space = search_space(choice, read_dimensions(over, "over"), "over")
+    assert space.nominal_values == {
+        "compensation": "preview", "seed": 1, "criteria.overspeed_kmh": 0.5, "interventions.0.acceleration": 0.0,
+    }  # fmt: skip
+    assert space.values(space.nominal) == space.nominal_values
+    point = space.on_values(np.array([0.9, 0.3, 0.5, 0.75]))
+    values = space.values(point)
+    assert (values["compensation"], values["seed"]) == ("twin", 3)
+    assert space.departure(point) == pytest.approx(math.sqrt(1 + 0.25**2 + 0.25**2))
+    gust = choice.with_(values).checked.interventions[0]
+    assert (gust.acceleration, gust.at) == (pytest.approx(0.05), 5.0)
+
+
+@pytest.mark.parametrize("requirement", ["overspeed", "speed_error", "coupler_buff", "jerk"])
+def test_a_criterion_has_its_limit_minus_the_metric(requirement: str) -> None:
+    """Breaks if a criterion is compared in another unit or sign."""
+    from train_ato.loop.engine import run_engine
+
+    choice = choose_scenario("demo").with_({"duration": 10, "criteria.jerk": 0.3})
+    setup = choice.prepare()
+    result = run_engine(setup)
+    (row,) = [row for row in result.summary["criteria"] if row["criterion"] == requirement]
+    target = requirement_target(requirement, choice.checked)
+    assert target.robustness(setup, result) == row["limit"] - abs(row["value"])
+
+
+def test_the_written_scenario_reproduces_the_break(
+    cheap: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if the counterexample is not complete, lacks the requirement, or has other numbers than the search."""
+    spec = tmp_path / "spec.yaml"
+    spec.write_text(json.dumps({"over": {**MASS, **DELAY}}))
+    out = tmp_path / "out"
+    arguments = [cheap, "--requirement", SLOW, "--over", str(spec), "--out", str(out)]
+    assert main(["falsify", *arguments, "--runs", "25", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["found"]
+    assert found["robustness"] < 0
+    rows = (out / "runs.csv").read_text().splitlines()
+    assert len(rows) == found["runs"] + 1
+    assert rows[0] == "run,phase,plant.mismatch.mass_scale,links.command.delay,departure,robustness,problem"
+    summary = ta.run(out / "counterexample.yaml").metrics
+    (row,) = [row for row in summary["criteria"] if row.get("formula") == SLOW]
+    assert (row["value"], summary["verdict"]) == (found["robustness"], "failed")
+    text = (out / "counterexample.yaml").read_text()
+    assert text.startswith(f"# breaks falsified: {SLOW}\n")
+    assert main(["falsify", *arguments[:-1], str(tmp_path / "strict"), "--runs", "8", "--first", "--strict"]) == 1
+    assert "broken: falsified: smallest departure" in capsys.readouterr().err
+
+
+def test_the_runs_of_workers_are_those_of_one_process(cheap: str) -> None:
+    """Breaks if a worker runs another scenario, or the order of the results changes."""
+    found = ta.falsify(cheap, "G speed_error >= -9 km/h", {**MASS, **DELAY}, jobs=2, runs=6, progress=False)
+    assert not found.found
+    choice = found.scenario
+    for row in found.rows:
+        alone = found.target.robustness(*_run(choice.with_(found.space.values(row.point))))
+        assert row.run.robustness == alone
+
+
+def _run(choice):
+    from train_ato.loop.engine import run_engine
+
+    setup = choice.prepare()
+    return setup, run_engine(setup)
+
+
+@pytest.mark.parametrize(
+    ("requirement", "over", "message"),
+    [
+        ("keeps_up", MASS, "requirement 'keeps_up': no requirement of the scenario; as a formula: column 1"),
+        ("jerk", MASS, "requirement jerk: the scenario has no limit of it; add criteria.jerk"),
+        ("G speed <= 3 kN", MASS, "compares m/s with N"),
+        ("G command_5 <= 3 kN", MASS, "signal 'command_5': the train has 1 power units; use command_0"),
+        (SLOW, {}, "over: no keys"),
+        (SLOW, {"plant.mas": [1, 2]}, "over: plant.mas: unknown key 'mas'"),
+        (SLOW, {"plant.lag": {"from": 1.1, "to": 2}}, "0.4, the value of the scenario, is outside of 1.1 to 2"),
+        (SLOW, {"plant.lag": {"from": -1, "to": 2}}, "over: plant.lag: -1.0: the scenario refuses this value"),
+        (SLOW, {"law": ["smc", "funnel"]}, "the list lacks 'pid', the value of the scenario; add it"),
+        (SLOW, {"law": {"from": 1, "to": 2}}, "'pid' of the scenario is no number"),
+        (SLOW, {"plant.adhesion.factor": [1, 2]}, "the scenario has no value; add its nominal value"),
+        (SLOW, {"interventions.3.at": [1, 2]}, "'3' is no entry of a list of 0"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_refused_in_one_line(requirement: str, over: dict, message: str) -> None:
+    """Breaks if a search starts with a wrong key, range or requirement."""
+    with pytest.raises(ValueError, match=r"\w") as error:
+        ta.falsify("demo", requirement, over, set={"duration": 2}, runs=3)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("over: {seed: [1, 2]}\nruns: 3\n", "spec.yaml: runs: unknown key (known: over)"),
+        ("seed: 3\n", "spec.yaml: over: this key is missing; add it"),
+        ("over: {seed: {from: 3, to: 1}}\n", "spec.yaml: over: seed: from 3 is not below to 1"),
+    ],
+)
+def test_a_wrong_spec_file_is_refused(
+    text: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a misspelt key of the file is ignored, or a folder is made for a refused search."""
+    spec = tmp_path / "spec.yaml"
+    spec.write_text(text)
+    out = tmp_path / "out"
+    assert main(["falsify", "demo", "--requirement", SLOW, "--over", str(spec), "--out", str(out)]) == 2
+    assert message in capsys.readouterr().err
+    assert not out.exists()
+    assert main(["falsify", "demo", "--requirement", SLOW, "--over", str(tmp_path / "none.yaml")]) == 2
+    assert "no such file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_ctrl_c_keeps_the_results_and_leaves_no_process(jobs: str, cheap: str, tmp_path: Path) -> None:
+    """Breaks if an interrupted search loses its runs, prints a traceback or leaves a worker."""
+    spec, out = tmp_path / "spec.yaml", tmp_path / "out"
+    spec.write_text(json.dumps({"over": MASS}))
+    code = (
+        "import os, sys\n"
+        "from train_ato.apps.falsify import search\n"
+        "from train_ato.cli import main\n"
+        "run = search.FalsificationSearch._run\n"
+        "def noted(self, points, phase):\n"
+        "    rows = run(self, points, phase)\n"
+        "    sys.stdout.write('run\\n'); sys.stdout.flush()\n"
+        "    return rows\n"
+        "search.FalsificationSearch._run = noted\n"
+        "if __name__ == '__main__': sys.exit(main(sys.argv[1:]))\n"
+    )
+    script = tmp_path / "script.py"
+    script.write_text(code)
+    arguments = [cheap, "--requirement", "G speed_error >= -50 km/h", "--over", str(spec), "--out", str(out)]
+    process = subprocess.Popen(
+        [sys.executable, str(script), "falsify", *arguments, "--jobs", jobs, "--runs", "1000"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[1])},
+    )  # fmt: skip
+    assert process.stdout is not None
+    assert process.stdout.readline() == "run\n"
+    assert process.stdout.readline() == "run\n"
+    os.killpg(process.pid, signal.SIGINT)
+    _, printed = process.communicate(timeout=120)
+    assert process.returncode == 1, printed
+    assert "interrupted; results so far" in printed
+    assert "Traceback" not in printed
+    assert len((out / "runs.csv").read_text().splitlines()) >= 3
+    assert json.loads((out / "falsify.json").read_text())["interrupted"] is True
+    deadline = time.monotonic() + 60
+    while _group_is_alive(process.pid) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not _group_is_alive(process.pid)
+
+
+def _group_is_alive(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True

@@ -1,0 +1,1 @@
+"""Falsification: search for the smallest change of a scenario that breaks a requirement."""

@@ -1,0 +1,103 @@
+"""``train-ato falsify``: search the smallest change of a scenario that breaks a requirement."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from train_ato.cli.scenario_options import KINDS, add_scenario_options, check_component_name
+from train_ato.errors import RunFailed, RunInterrupted
+
+if TYPE_CHECKING:
+    from train_ato.apps.falsify.study import Falsification
+    from train_ato.apps.runs.scenario_choice import ScenarioChoice
+
+RUNS = 100
+"""Default of the largest number of runs."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``falsify``."""
+    add_scenario_options(parser)
+    parser.add_argument("--law", metavar="NAME", help="control law: a name, or MODULE:CLASS without registration")
+    parser.add_argument(
+        "--requirement",
+        required=True,
+        metavar="R",
+        help="requirement or criterion of the scenario, or a formula such as 'G (speed <= limit + 1 km/h)'",
+    )
+    parser.add_argument(
+        "--over", required=True, type=Path, metavar="SPEC", help="YAML file with the keys that vary: block 'over:'"
+    )
+    parser.add_argument("--runs", type=int, default=RUNS, metavar="N", help=f"largest number of runs (default: {RUNS})")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="number of processes (default: 1)")
+    parser.add_argument("--first", action="store_true", help="end with the first break, without a smaller departure")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to make (default: runs/falsify-NAME-N)")
+    parser.add_argument("--strict", action="store_true", help="exit status 1 if the requirement was broken")
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Search, write the folder and print the result; imports are late, so that help and completion are fast."""
+    from train_ato.apps.falsify.study import prepare_study
+    from train_ato.apps.falsify.study_files import write_study
+    from train_ato.apps.runs.progress import share_bar
+    from train_ato.cli.screen import note_compilation
+    from train_ato.log.run_folder import RunFolder
+
+    choice = _choice(options)
+    study = prepare_study(choice, options.requirement, options.over, options.runs, options.jobs, "--")
+    note_compilation()
+    folder = RunFolder.make(options.out, f"falsify-{choice.name}")
+    try:
+        with share_bar(f"falsify {choice.name}") as update:
+            result = study.search(
+                options.runs,
+                1 if options.seed is None else options.seed,
+                options.jobs,
+                not options.first,
+                lambda row: update(row.number / options.runs, f"run {row.number} of at most {options.runs}"),
+            )
+        if not result.rows:
+            raise KeyboardInterrupt
+        write_study(result, folder.path)
+    except BaseException:
+        folder.discard()
+        raise
+    print_result(result, folder.path, options.json)
+    if result.interrupted:
+        raise RunInterrupted(f"interrupted; results so far: {folder.path}")
+    if options.strict and result.found:
+        raise RunFailed(f"{folder.path}: {result.line()}")
+    return 0
+
+
+def _choice(options: argparse.Namespace) -> ScenarioChoice:
+    """Return the scenario of the options with its changes."""
+    from train_ato.apps.runs.scenario_choice import choose_scenario
+
+    changes: dict[str, Any] = {}
+    for kind in KINDS:
+        if (name := getattr(options, kind)) is not None:
+            check_component_name(f"--{kind}", kind, name)
+            changes[kind] = name
+    return choose_scenario(options.scenario).assigned(options.assignments).changed(changes, options.seed)
+
+
+def print_result(result: Falsification, folder: Path, as_json: bool) -> None:
+    """Print the result and the names of the files."""
+    from train_ato.apps.falsify.study_files import COUNTEREXAMPLE, RUNS_TABLE, result_data
+    from train_ato.cli.screen import print_json
+
+    problems = [row.run.problem for row in result.rows if row.run.problem]
+    if problems:
+        sys.stderr.write(
+            f"train-ato: {len(problems)} of {len(result.rows)} runs have a problem; first: {problems[0]}\n"
+        )
+    if as_json:
+        print_json({**result_data(result), "folder": str(folder)})
+        return
+    sys.stdout.write(f"{result.line()}\n{len(result.rows)} runs in {folder / RUNS_TABLE}\n")
+    if result.found:
+        sys.stdout.write(f"reproduce: train-ato run {folder / COUNTEREXAMPLE} --engine\n")

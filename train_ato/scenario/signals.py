@@ -1,0 +1,73 @@
+"""Signals of requirements: name, unit and meaning; the series are in :mod:`train_ato.loop.signal_series`."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class RequirementSignal:
+    """Signal of a run, one sample per tick.
+
+    Attributes
+    ----------
+    name
+        Name in a formula.
+    unit
+        SI unit of the samples.
+    meaning
+        Definition.
+    needs
+        Condition under which a run has the signal; "" for every run.
+    by_unit
+        True: ``NAME_I`` is the signal of power unit I.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    needs: str = ""
+    by_unit: bool = False
+
+
+_BRAKE, _LIMITS, _SUPERVISOR = "an air brake", "a line with speed limits", "a supervisor"
+SIGNALS: dict[str, RequirementSignal] = {
+    signal.name: signal
+    for signal in (
+        RequirementSignal("time", "s", "time since the start of the run"),
+        RequirementSignal("speed", "m/s", "speed of vehicle 0, the truth"),
+        RequirementSignal("reference_speed", "m/s", "speed of the profile"),
+        RequirementSignal("speed_error", "m/s", "speed minus reference speed, of vehicle 0"),
+        RequirementSignal("limit", "m/s", "lowest speed limit under the train", _LIMITS),
+        RequirementSignal("permitted_speed", "m/s", "permitted speed of the supervisor", _SUPERVISOR),
+        RequirementSignal("emergency_brake_speed", "m/s", "speed of the emergency brake intervention", _SUPERVISOR),
+        RequirementSignal("acceleration", "m/s²", "mean acceleration of vehicle 0 over the last 0.1 s or tick"),
+        RequirementSignal("jerk", "m/s³", "change of the mean acceleration from one second to the next"),
+        RequirementSignal("position", "m", "chainage of the centre of vehicle 0, the truth"),
+        RequirementSignal("front", "m", "chainage of the front of the train"),
+        RequirementSignal("reference_position", "m", "position of the profile"),
+        RequirementSignal("position_error", "m", "position minus reference position, of vehicle 0"),
+        RequirementSignal("distance_to_stop", "m", "distance to the next stop or the end of the profile, < 0 beyond"),
+        RequirementSignal("command", "N", "command of all power units; `command_I`: of unit I", "a power unit", True),
+        RequirementSignal(
+            "effort", "N", "applied force of all power units, measured; `effort_I`: of unit I", "a power unit", True
+        ),
+        RequirementSignal("coupler_draft", "N", "largest draft along the train at the tick", "more than one vehicle"),
+        RequirementSignal("coupler_buff", "N", "largest buff along the train, < 0", "more than one vehicle"),
+        RequirementSignal("pipe_pressure", "Pa", "brake-pipe pressure at the head", _BRAKE),
+        RequirementSignal("pipe_pressure_tail", "Pa", "brake-pipe pressure at the tail", _BRAKE),
+        RequirementSignal("shoe_force", "N", "force of all brake shoes", _BRAKE),
+    )
+}
+"""All signals by name."""
+_OF_UNIT = re.compile(r"(.+)_(\d{1,3})")
+
+
+def find_signal(name: str) -> tuple[RequirementSignal, int | None] | None:
+    """Return a signal and the number of its power unit by its name in a formula; None for an unknown name."""
+    if name in SIGNALS:
+        return SIGNALS[name], None
+    parts = _OF_UNIT.fullmatch(name)
+    signal = SIGNALS.get(parts[1]) if parts else None
+    return (signal, int(parts[2])) if parts and signal is not None and signal.by_unit else None
