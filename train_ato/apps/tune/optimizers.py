@@ -7,8 +7,10 @@ figures, is in msgs_docs/tuning.md.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
+
+import numpy as np
 
 SPREAD = 0.2
 """Initial standard deviation, as part of the range of every gain."""
@@ -21,8 +23,12 @@ class GainOptimizer(Protocol):
     def ask(self) -> list[list[float]]:
         """Return the points of the next generation."""
 
-    def tell(self, points: Sequence[Sequence[float]], scores: Sequence[float]) -> None:  # noqa: D102
-        ...
+    def tell(self, points: Sequence[Sequence[float]], scores: Sequence[float]) -> None:
+        """Take the scores of the points; smaller is better."""
+
+
+MakeOptimizer = Callable[[Sequence[float], int, int], GainOptimizer]
+"""Function of start point, seed and population."""
 
 
 def check_optimizer() -> None:
@@ -47,7 +53,7 @@ class CmaOptimizer:
     start
         Point of the scenario's gains, the mean of the first generation.
     seed
-        Seed of the search, 1 or more.
+        Seed of the search.
     population
         Points of a generation.
     """
@@ -58,7 +64,15 @@ class CmaOptimizer:
         self._single = len(start) == 1
         # cma needs two dimensions; a second one without effect
         first = [*start, 0.5] if self._single else list(start)
-        options = {"bounds": [0.0, 1.0], "seed": seed, "popsize": population, "verbose": -9, "verb_log": 0}
+        random = np.random.default_rng(seed)
+        options = {
+            "bounds": [0.0, 1.0],
+            "seed": np.nan,  # a stream of its own in place of the global one of numpy
+            "randn": lambda *shape: random.standard_normal(shape),
+            "popsize": population,
+            "verbose": -9,
+            "verb_log": 0,
+        }
         self._search: Any = cma.CMAEvolutionStrategy(first, SPREAD, options)
         self._asked: list[Any] = []
 
