@@ -82,6 +82,7 @@ setup(
         *ros_wheels(),
     ],
     extras_require={
+        "tune": ["cma>=3.3"],
         "rerun": ["rerun-sdk>=0.24; python_version >= '3.11'"],
         "test": [
             "pytest>=8",
@@ -93,6 +94,7 @@ setup(
             "ros-domain-coordinator",
             "mcap-ros2-support>=0.5",
             "rerun-sdk>=0.24; python_version >= '3.11'",
+            "cma>=3.3",
             "ruff>=0.6",
             "mypy>=1.11",
             "types-PyYAML",

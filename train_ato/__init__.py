@@ -5,8 +5,9 @@
 >>> run.metrics["controller"]
 'smc'
 
-``run`` runs a scenario, ``compare`` runs it with several laws, ``open_run`` opens a run folder, ``load`` returns
-its tables, ``scenario`` returns a scenario that can be changed, ``laws`` and ``scenarios`` list the names.
+``run`` runs a scenario, ``compare`` runs it with several laws, ``tune`` searches for the gains of a law, ``open_run``
+opens a run folder, ``load`` returns its tables, ``scenario`` returns a scenario that can be changed, ``laws`` and
+``scenarios`` list the names.
 """
 
 import importlib
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from train_ato.apps.runs.run import Run as Run
     from train_ato.apps.runs.run import open_run as open_run
     from train_ato.apps.runs.scenario_choice import choose_scenario as scenario
+    from train_ato.apps.tune.tune import tune as tune
+    from train_ato.apps.tune.tune_result import TuneResult as TuneResult
     from train_ato.errors import RunFailed as RunFailed
     from train_ato.errors import RunInterrupted as RunInterrupted
     from train_ato.log.tables.loading import Frames as Frames
@@ -37,12 +40,14 @@ _PLACES = {
     "Run": "train_ato.apps.runs.run",
     "RunFailed": "train_ato.errors",
     "RunInterrupted": "train_ato.errors",
+    "TuneResult": "train_ato.apps.tune.tune_result",
     "compare": "train_ato.apps.runs.compare",
     "laws": "train_ato.apps.runs.catalogue",
     "load": "train_ato.log.tables.loading",
     "open_run": "train_ato.apps.runs.run",
     "run": "train_ato.apps.runs.drive",
     "scenarios": "train_ato.apps.runs.catalogue",
+    "tune": "train_ato.apps.tune.tune",
 }
 """Modules of the public names; they are imported on first use, so that ``import train_ato`` is fast."""
 
@@ -52,6 +57,7 @@ __all__ = [
     "Run",
     "RunFailed",
     "RunInterrupted",
+    "TuneResult",
     "__version__",
     "compare",
     "laws",
@@ -60,6 +66,7 @@ __all__ = [
     "run",
     "scenario",
     "scenarios",
+    "tune",
 ]
 __version__ = VERSION
 

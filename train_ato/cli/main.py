@@ -19,6 +19,7 @@ __all__ = ["RunFailed", "main"]
 COMMANDS: tuple[tuple[str, str], ...] = (
     ("run", "run a scenario and record it"),
     ("compare", "run a scenario with several control laws; write a table, a figure and a page"),
+    ("tune", "search for the gains of a control law over several scenarios and seeds; write them as a scenario"),
     ("reproduce", "check the claims of the papers against simulated runs"),
     ("list", "list scenarios, laws, observers, compensations, trains and lines"),
     ("replay", "publish a recorded run on its topics, or evaluate a law on its inputs"),

@@ -75,12 +75,10 @@ class GainSearch:
         results = self.workers.run(works, self.done)
         count = len(self.tasks)
         metrics = {_key(gains): tuple(results[k * count : (k + 1) * count]) for k, gains in enumerate(new)}
-        found = []
+        found: list[GainCandidate] = []
         for gains in generation:
             rows = metrics.get(_key(gains)) or known[_key(gains)].metrics
-            scores = tuple(
-                score_of_run(row, scale, self.weights) for row, scale in zip(rows, self.scales, strict=True)
-            )
+            scores = tuple(score_of_run(row, scale, self.weights) for row, scale in zip(rows, self.scales, strict=True))
             found.append(GainCandidate(len(self.candidates) + len(found), gains, rows, scores))
         self.candidates += found
         return found

@@ -10,8 +10,8 @@ the scenario as it is shipped, with its own law, but at least the smallest scale
 about that of the shipped run.
 
 A run that is not tracked has 100 + 10 n + 10 (1 - limit/|value|): n is the rank of its outcome of tracking, 1 for
-``saturated`` to 8 for ``never departed``, and value and limit are the figures that decided. A run that failed has 200, a
-law that the train refuses with these gains 210. All scores are without unit; smaller is better.
+``saturated`` to 8 for ``never departed``, and value and limit are the figures that decided. A run that failed has 200,
+gains that the law refuses 210. All scores are without unit; smaller is better.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ def score_of_run(metrics: Mapping[str, Any], scales: Mapping[str, float], weight
 def _score_not_tracked(metrics: Mapping[str, Any]) -> float:
     worst = metrics["tracking_findings"][0]
     rank = len(OUTCOMES) - 1 - OUTCOMES.index(worst["outcome"])
-    ratio = min(1.0, abs(worst["limit"]) / max(abs(worst["value"]), 1e-9))
+    ratio = min(1.0, abs(float(worst["limit"])) / max(abs(float(worst["value"])), 1e-9))
     return NOT_TRACKED + 10.0 * rank + 10.0 * (1.0 - ratio)
 
 
@@ -160,7 +160,7 @@ def _criterion_penalty(row: Mapping[str, Any]) -> float:
     """Return 1 and the relative excess of a failed criterion; the largest excess without a value."""
     if row["value"] is None or not row["limit"]:
         return 1.0 + LARGEST_EXCESS
-    return 1.0 + min(abs(row["value"]) / row["limit"] - 1.0, LARGEST_EXCESS)
+    return 1.0 + min(abs(float(row["value"])) / float(row["limit"]) - 1.0, LARGEST_EXCESS)
 
 
 @dataclass(frozen=True)

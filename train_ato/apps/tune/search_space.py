@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from train_ato.apps.sweep.dimensions import Dimension
+from train_ato.apps.tune.tune_spec import NO_SPEC, TuneSpec
 from train_ato.control.contract import Parameter
 from train_ato.control.parameters import closest
 from train_ato.control.registry import LAWS
@@ -29,24 +30,30 @@ class SearchSpace:
         Name of the law.
     dimensions
         One for each parameter; ``key`` is its name.
+    initial
+        Value of each parameter in the scenario, also of the fixed ones.
     start
-        Value of each parameter in the scenario.
+        Value of each varied parameter at which the search begins.
+    fixed
+        Parameters with one value that is not that of the scenario.
     """
 
     law: str
     dimensions: tuple[Dimension, ...]
+    initial: dict[str, Any]
     start: dict[str, Any]
+    fixed: dict[str, Any]
 
     def gains_at(self, point: Sequence[float]) -> dict[str, Any]:
         """Return parameter values with three significant digits at a point of the unit cube."""
-        return {
+        return self.fixed | {
             dimension.key: _rounded(dimension, float(np.clip(share, 0.0, 1.0)))
             for dimension, share in zip(self.dimensions, point, strict=True)
         }
 
     @property
     def start_point(self) -> list[float]:
-        """Point of the unit cube nearest to the values of the scenario."""
+        """Point of the unit cube at which the search begins."""
         return [_share(dimension, self.start[dimension.key]) for dimension in self.dimensions]
 
 
@@ -66,11 +73,7 @@ def _share(dimension: Dimension, value: Any) -> float:
 
 
 def search_space(
-    law: str,
-    values: Mapping[str, Any],
-    names: Sequence[str] | None = None,
-    over: Sequence[Dimension] = (),
-    where: str = "",
+    law: str, values: Mapping[str, Any], names: Sequence[str] | None = None, spec: TuneSpec = NO_SPEC
 ) -> SearchSpace:
     """Return the search space of a law.
 
@@ -86,10 +89,8 @@ def search_space(
         Parameters of the law in the scenario; the others have their defaults.
     names
         Parameters to vary; None: those of ``over``, or all numeric ones above 0.
-    over
-        Ranges or lists of values; ``key`` is ``NAME`` or ``laws.LAW.NAME``.
-    where
-        Begin of messages on ``over``.
+    spec
+        Ranges, lists of values and start values; a list of one value fixes a parameter.
 
     Raises
     ------
@@ -97,26 +98,48 @@ def search_space(
         For an unknown parameter, one without a range, a range beyond the declared bounds, or an empty search space.
     """
     declared = {entry.name: entry for entry in LAWS.parameters(law)}
-    start = {name: values.get(name, entry.default) for name, entry in declared.items()}
-    given = {}
-    for dimension in over:
-        entry = _declared(declared, law, dimension.key.removeprefix(f"laws.{law}."), f"{where}: {dimension.key}")
-        given[entry.name] = _named(dimension, entry, f"{where}: {dimension.key}")
+    initial = {name: values.get(name, entry.default) for name, entry in declared.items()}
+    given = _given(law, declared, spec)
+    for name in spec.start:
+        _declared(declared, law, name, f"{spec.path}: start: {name}")
+    begin = {**initial, **spec.start}
     if names is None:
-        names = list(given) or [name for name in declared if _range_of(declared[name], start[name]) is not None]
-    dimensions = []
+        names = list(given) or [name for name in declared if _range_of(declared[name], begin[name]) is not None]
+    dimensions: list[Dimension] = []
+    fixed: dict[str, Any] = {}
     for name in names:
         entry = _declared(declared, law, name, f"--parameters {name}")
-        dimension_of = given.get(name) or _range_of(entry, start[name])
-        if dimension_of is None:
+        dimension = given.get(name) or _range_of(entry, begin[name])
+        if dimension is None:
             raise ValueError(
-                f"--parameters {name}: {law}.{name} is {start[name]!r} in the scenario, without a range around it; "
+                f"--parameters {name}: {law}.{name} is {begin[name]!r} in the scenario, without a range around it; "
                 "give its range or its values in the file of --over"
             )
-        dimensions.append(dimension_of)
+        if dimension.low is None and len(dimension.values) == 1:
+            fixed[name] = dimension.values[0]
+        else:
+            dimensions.append(dimension)
     if not dimensions:
         raise ValueError(f"law '{law}': no numeric parameter above 0; give ranges in the file of --over")
-    return SearchSpace(law, tuple(dimensions), {entry.key: start[entry.key] for entry in dimensions})
+    varied = [dimension.key for dimension in dimensions]
+    LAWS.check_parameters(law, {**values, **fixed, **{name: begin[name] for name in varied}})
+    return SearchSpace(
+        law,
+        tuple(dimensions),
+        {name: initial[name] for name in (*fixed, *varied)},
+        {name: begin[name] for name in varied},
+        fixed,
+    )
+
+
+def _given(law: str, declared: Mapping[str, Parameter], spec: TuneSpec) -> dict[str, Dimension]:
+    """Return the ranges of the file by parameter."""
+    found = {}
+    for dimension in spec.over:
+        where = f"{spec.path}: over: {dimension.key}"
+        entry = _declared(declared, law, dimension.key.removeprefix(f"laws.{law}."), where)
+        found[entry.name] = _named(dimension, entry, where)
+    return found
 
 
 def _declared(declared: Mapping[str, Parameter], law: str, name: str, where: str) -> Parameter:

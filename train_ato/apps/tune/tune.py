@@ -13,7 +13,7 @@ from train_ato.apps.tune.objective import read_weights
 from train_ato.apps.tune.optimizers import CmaOptimizer, MakeOptimizer, check_optimizer
 from train_ato.apps.tune.tune_plan import TunePlan
 from train_ato.apps.tune.tune_result import HISTORY, TuneResult
-from train_ato.apps.tune.tune_spec import TuneSpec, read_tune_spec
+from train_ato.apps.tune.tune_spec import NO_SPEC, read_tune_spec
 from train_ato.control.registry import LAWS
 from train_ato.log.run_folder import RunFolder
 
@@ -26,7 +26,7 @@ def tune(
     compensation: Any = None,
     set: Changes | None = None,
     parameters: Sequence[str] | None = None,
-    over: str | Path | None = None,
+    over: str | Path | Mapping[str, Any] | None = None,
     seeds: Sequence[int] | None = None,
     held_out: Sequence[str | Path | ScenarioChoice] = (),
     held_out_seeds: Sequence[int] = (),
@@ -54,7 +54,8 @@ def tune(
     parameters
         Names of the parameters to vary; default: every numeric one above 0.
     over
-        YAML file with ranges of the gains (``over``) and changes of the scenarios (``variations``).
+        YAML file, or a mapping, with ranges (``over``) and start values (``start``) of the parameters and changes of
+        the scenarios (``variations``).
     seeds
         Seeds of the runs; default: that of each scenario.
     held_out, held_out_seeds
@@ -95,7 +96,7 @@ def tune(
     """
     if optimizer is CmaOptimizer:
         check_optimizer()
-    spec = TuneSpec() if over is None else read_tune_spec(Path(over))
+    spec = NO_SPEC if over is None else read_tune_spec(over)
     given = [scenario] if isinstance(scenario, (str, Path, ScenarioChoice)) else list(scenario)
     choices = [choose_scenario(name).changed(set, None) for name in given]
     outside = [choose_scenario(name).changed(set, None) for name in held_out]

@@ -75,17 +75,18 @@ class TunePlan:
         setups = [runner.setup(index) for index in range(len(tasks))]
         law = setups[0].controller
         values = setups[0].controller_parameters.get(law, {})
-        space = search_space(law, values, parameters, spec.over, f"{spec.path}: over")
+        space = search_space(law, values, parameters, spec)
         searched = sum(task.part == SEARCHED for task in tasks)
         smallest = POPULATION * searched
         if runs < smallest:
+            each = f"{searched} runs" if searched > 1 else "one run"
             raise ValueError(
-                f"runs {runs}: a generation has {POPULATION} candidates with {searched} run{'s' * (searched > 1)} each; "
-                f"give {smallest} or more"
+                f"runs {runs}: a generation has {POPULATION} candidates with {each} each; give {smallest} or more"
             )
         settings: dict[str, Any] = {
             "law": law,
-            "ranges": {entry.key: range_text(entry) for entry in space.dimensions},
+            "ranges": dict.fromkeys(space.fixed, "fixed")
+            | {entry.key: range_text(entry) for entry in space.dimensions},
             "weights": weights,
             "candidates": 1 + POPULATION * (runs // smallest),
             "runs": runs // smallest * smallest,
@@ -102,9 +103,7 @@ class TunePlan:
         """Return the numbers of the tasks of a part."""
         return [index for index, task in enumerate(self.tasks) if task.part == part]
 
-    def execute(
-        self, make: MakeOptimizer, seed: int, jobs: int, shown: bool | None, folder: Path | None
-    ) -> TuneResult:
+    def execute(self, make: MakeOptimizer, seed: int, jobs: int, shown: bool | None, folder: Path | None) -> TuneResult:
         """Run references, initial gains, search and held-out runs; the history is written during the search.
 
         Raises
@@ -134,10 +133,10 @@ class TunePlan:
             except KeyboardInterrupt:
                 interrupted = True
         metrics = {INITIAL: [*begin[0].metrics, *before], TUNED: [*search.best.metrics, *after]}
-        gains = search.best.gains or self.space.start
+        gains = search.best.gains or self.space.initial
         return TuneResult(
             law=self.space.law,
-            initial=dict(self.space.start),
+            initial=dict(self.space.initial),
             gains=dict(gains),
             rows=self._table([*searched, *outside], metrics, scales),
             candidates=self._rows,
@@ -155,15 +154,13 @@ class TunePlan:
                 raise ValueError(
                     f"{task.label}: the run with law '{task.shipped.law}' of the scenario failed: {reason}; correct it"
                 )
-        return [
-            scales_of(task.shipped.criteria, metrics) for task, metrics in zip(self.tasks, references, strict=True)
-        ]
+        return [scales_of(task.shipped.criteria, metrics) for task, metrics in zip(self.tasks, references, strict=True)]
 
     def _keep(self, found: Sequence[GainCandidate], generation: int, folder: Path | None) -> None:
         """Store the candidates of a generation and append them to the history file."""
         labels = [task.label for task in self.tasks if task.part == SEARCHED]
         new = [
-            history_row(entry.number, generation, entry.gains or self.space.start, entry.scores, labels)
+            history_row(entry.number, generation, entry.gains or self.space.initial, entry.scores, labels)
             for entry in found
         ]
         self._rows += new

@@ -1,9 +1,9 @@
-"""File of ``train-ato tune --over``: ranges of the gains and variations of the scenarios."""
+"""File of ``train-ato tune --over``: ranges and start values of the gains, variations of the scenarios."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from plant_sim.library import read_yaml
 from train_ato.apps.sweep.dimensions import Dimension, read_dimensions
 from train_ato.apps.tune.gain_runs import FIXED_KEYS
 
-KEYS = ("over", "variations")
+KEYS = ("over", "start", "variations")
 
 
 @dataclass(frozen=True)
@@ -23,33 +23,46 @@ class TuneSpec:
     path
         The file, for messages; "" without one.
     over
-        Ranges or values of the gains.
+        Ranges or values of the parameters.
+    start
+        Values at which the search begins; the others begin at that of the scenario.
     variations
         Changes of the scenarios, each for one more run of every scenario and seed.
     """
 
     path: str = ""
     over: tuple[Dimension, ...] = ()
+    start: Mapping[str, Any] = field(default_factory=dict)
     variations: tuple[dict[str, Any], ...] = ()
 
 
-def read_tune_spec(path: Path) -> TuneSpec:
-    """Read ranges and variations.
+NO_SPEC = TuneSpec()
+"""Content of no file."""
+
+
+def read_tune_spec(source: str | Path | Mapping[str, Any]) -> TuneSpec:
+    """Read ranges, start values and variations of a file, or of a mapping with the same keys.
 
     Raises
     ------
     ValueError
         One line: file, key, problem, remedy.
     """
-    if not path.is_file():
-        raise ValueError(f"--over {path}: no such file; name a YAML file with a block over:")
-    data = read_yaml(path)
+    if isinstance(source, Mapping):
+        data, path = source, "over"
+    else:
+        if not Path(source).is_file():
+            raise ValueError(f"--over {source}: no such file; name a YAML file with a block over:")
+        data, path = read_yaml(Path(source)), str(source)
     if not isinstance(data, Mapping) or not data:
         raise ValueError(f"{path}: no mapping of keys; add a block over:")
     if unknown := [str(key) for key in data if key not in KEYS]:
-        raise ValueError(f"{path}: unknown key '{unknown[0]}'; use {' and '.join(KEYS)}")
+        raise ValueError(f"{path}: unknown key '{unknown[0]}'; use {', '.join(KEYS)}")
     over = read_dimensions(data["over"], f"{path}: over") if "over" in data else ()
-    return TuneSpec(str(path), over, _variations(data.get("variations", []), f"{path}: variations"))
+    start = data.get("start", {})
+    if not isinstance(start, Mapping):
+        raise ValueError(f"{path}: start: {start!r} is no mapping; write start: {{kp: 0.1}}")
+    return TuneSpec(path, over, dict(start), _variations(data.get("variations", []), f"{path}: variations"))
 
 
 def _variations(data: Any, where: str) -> tuple[dict[str, Any], ...]:
