@@ -5,8 +5,8 @@
     python bench/tuned_gains.py --variants                     # YAML of the variants
 
 Searches are in bench/tuned_gains.yaml, their results in bench/tuned_gains.json, written after every law; an entry that
-is removed is searched again. The variant has the tuned gains if they are better in the search and on the held-out scenarios, otherwise
-the gains of the scenario.
+is removed is searched again. The variant has the tuned gains if they are better in the search and on the held-out
+scenarios, otherwise the gains of the scenario.
 """
 
 from __future__ import annotations

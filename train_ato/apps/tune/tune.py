@@ -84,6 +84,8 @@ def tune(
     ------
     ValueError
         Bad input, in one line with the remedy; nothing was started.
+    RunFailed
+        The run with the law of a scenario failed.
     KeyboardInterrupt
         Ctrl-C before the initial gains were run.
 

@@ -19,6 +19,7 @@ from train_ato.apps.tune.optimizers import MakeOptimizer
 from train_ato.apps.tune.search_space import SearchSpace, search_space
 from train_ato.apps.tune.tune_result import HISTORY, INITIAL, TUNED, TuneResult, history_row, result_row
 from train_ato.apps.tune.tune_spec import TuneSpec
+from train_ato.errors import RunFailed
 
 POPULATION = 6
 """Candidates of a generation."""
@@ -108,7 +109,7 @@ class TunePlan:
 
         Raises
         ------
-        ValueError
+        RunFailed
             If a reference run failed.
         KeyboardInterrupt
             Ctrl-C before the search.
@@ -151,9 +152,7 @@ class TunePlan:
         for task, metrics in zip(self.tasks, references, strict=True):
             if metrics.get("speed_rmse_kmh") is None:
                 reason = metrics.get("failure", metrics.get("status"))
-                raise ValueError(
-                    f"{task.label}: the run with law '{task.shipped.law}' of the scenario failed: {reason}; correct it"
-                )
+                raise RunFailed(f"{task.label}: the run with law '{task.shipped.law}' of the scenario failed: {reason}")
         return [scales_of(task.shipped.criteria, metrics) for task, metrics in zip(self.tasks, references, strict=True)]
 
     def _keep(self, found: Sequence[GainCandidate], generation: int, folder: Path | None) -> None:
