@@ -177,7 +177,7 @@ def test_bad_files_are_refused(tmp_path: Path, text: str, words: str) -> None:
 
 
 def test_optimizer_finds_the_minimum_of_a_known_function() -> None:
-    """Breaks if scores are told to the wrong points, or the start point and the bounds are ignored.
+    """Breaks if scores go to the wrong points, or the start point and the bounds are ignored.
 
     Hundred times the squared distance from (0.3, 0.6): 20 generations of 6 points reduce it from 29 at the start to
     less than 1, a distance of 0.1, for both seeds; points drawn at random reach it only near the target.
@@ -211,9 +211,9 @@ def test_equal_candidates_are_run_once() -> None:
 def tuned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path]:
     """Return a tuning of poor initial gains over two seeds, with held-out runs, and its folder."""
     out = tmp_path_factory.mktemp("tune") / "out"
-    poor = {**SHORT, "laws.smc.l1": 0.15, "laws.smc.ks": 3.0, "plant.sensors.velocity_noise": 0.02}
+    poor = {**SHORT, "laws.pid.kp": 0.05, "laws.pid.ki": 0.005, "plant.sensors.velocity_noise": 0.02}
     result = ta.tune(
-        "xuzhou_metro", "smc", set=poor, parameters=["l1", "ks"], seeds=[1, 2], held_out=["xuzhou_metro:slower"],
+        "xuzhou_metro", "pid", set=poor, parameters=["kp", "ki"], seeds=[1, 2], held_out=["xuzhou_metro:slower"],
         held_out_seeds=[7], runs=12, out=out,
     )  # fmt: skip
     return result, out
@@ -240,7 +240,7 @@ def test_overlay_reproduces_the_tuned_run(tuned: tuple[Any, Path]) -> None:
     result, out = tuned
     row = next(row for row in result.rows if row["gains"] == "tuned")
     run = ta.run(out / "tuned.yaml", seed=1)
-    assert run.metrics["controller"] == "smc" and run.metrics["simulated_s"] == 10
+    assert run.metrics["controller"] == "pid" and run.metrics["simulated_s"] == 10
     assert run.metrics["speed_rmse_kmh"] == row["speed_rmse_kmh"]
     assert yaml.safe_load((out / "tuned.yaml").read_text())["base"] == "xuzhou_metro"
 
@@ -257,8 +257,8 @@ def test_files_of_the_folder(tuned: tuple[Any, Path]) -> None:
 
 
 def test_the_number_of_processes_does_not_change_the_result(tmp_path: Path) -> None:
-    """Breaks if scores are told in the order of completion, or if the search uses a common random stream."""
-    given: Any = {"set": SHORT, "parameters": ["kp"], "runs": 12, "search_seed": 3}
+    """Breaks if scores are used in the order of completion, or if the search uses a common random stream."""
+    given: Any = {"set": {"duration": 5}, "parameters": ["kp"], "runs": 12, "search_seed": 3}
     one = ta.tune("xuzhou_metro", "pid", **given)
     two = ta.tune("xuzhou_metro", "pid", jobs=2, **given)
     assert one.candidates == two.candidates and one.rows == two.rows
