@@ -69,11 +69,11 @@ def find(scenario: str, searches: Mapping[str, Any], runs: int) -> None:
             result: dict[str, Any] = {"refused": str(error)}
             print(f"{scenario} {law}: refused: {error}", flush=True)
         else:
+            if found.interrupted:
+                raise KeyboardInterrupt
             seconds = time.process_time() - begin
             result = {**found.data, "cpu_s": round(seconds, 1)}
             print(f"{scenario} {law}: {score_texts(result)}, {seconds:.0f} s of CPU time", flush=True)
-            if found.interrupted:
-                raise KeyboardInterrupt
         results = read_results()
         results.setdefault(scenario, {})[law] = result
         RESULTS.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
@@ -114,21 +114,21 @@ def pairs() -> Iterator[tuple[str, str, dict[str, Any]]]:
 
 
 def print_table() -> None:
-    """Print the objectives and the metrics of the searched run as Markdown."""
-    print("| scenario | law | score | held out | rms km/h | stop m | kN/s | tracking | shipped |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    """Print the objectives, and the metrics of the last held-out run, as Markdown."""
+    print("| scenario | law | runs | score | held out: score | rms km/h | stop m | kN/s | tracking | shipped |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
     for scenario, law, result in pairs():
-        first = {row["gains"]: row for row in result["runs"] if row["part"] == "searched"}
+        outside = {row["gains"]: row for row in result["runs"] if row["part"] == "held out"}
         cells = [
             " → ".join(number_text(objective(result, gains, part), 3) for gains in ("initial", "tuned"))
             for part in ("searched", "held out")
         ]
         cells += [
-            " → ".join(dict.fromkeys(_text(first[gains][key]) for gains in ("initial", "tuned")))
+            " → ".join(dict.fromkeys(_text(outside[gains][key]) for gains in ("initial", "tuned")))
             for key in ("speed_rmse_kmh", "stop_error_max_m", "command_variation_kn_per_s", "tracking")
         ]
         shipped = "tuned" if shipped_gains(result)[1] else "initial"
-        print(f"| `{scenario}` | {law} | {' | '.join(cells)} | {shipped} |")
+        print(f"| `{scenario}` | {law} | {result['settings']['runs']} | {' | '.join(cells)} | {shipped} |")
 
 
 def _text(value: Any) -> str:
