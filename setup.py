@@ -85,6 +85,7 @@ setup(
     ],
     extras_require={
         "sweep": SWEEP,
+        "tune": ["cma>=3.3"],
         "rerun": ["rerun-sdk>=0.24; python_version >= '3.11'"],
         "test": [
             *SWEEP,

@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
+import yaml
 
 import train_ato as ta
 from train_ato.cli import main
+from train_ato.scenario.scenario import raw_scenario, shipped_scenarios
 
 SHORT = ["--set=duration=3", "--set=supervision.enabled=false"]
 
@@ -63,3 +65,26 @@ def test_gains_of_an_object_are_chosen() -> None:
 
     changes = {"duration": 2, "supervision.enabled": False}
     assert ta.compare("crh380a_funnel", [Pid, "smc"], set=changes).table["gains"].tolist() == ["chosen", "default"]
+
+
+def test_every_law_starts_at_the_begin_of_the_profile() -> None:
+    """Breaks if a law after the first one starts at position 0, 38 m behind its reference."""
+    both = ta.compare("crh380a_gpc:short", ["pid", "smc"], set={"duration": 4})
+    for law, error in both.table["position_error_max_m"].items():
+        assert error == ta.run("crh380a_gpc:short", law=law, set={"duration": 4}).metrics["position_error_max_m"]
+
+
+@pytest.mark.parametrize("stem", [name for name in shipped_scenarios() if name != "daqin_heavy_haul"])
+def test_the_tuned_variant_has_no_gains_of_another_train(stem: str) -> None:
+    """Breaks if a scenario with a base inherits tuned gains of the train of its base."""
+    file = yaml.safe_load(shipped_scenarios()[stem].read_text())
+    own = file["variants"]["tuned"]["laws"]
+    shipped, variant = raw_scenario(stem)[1].get("laws") or {}, raw_scenario(f"{stem}:tuned")[1]["laws"]
+    expected = {law: {**shipped.get(law, {}), **gains} for law, gains in own.items() if gains is not None}
+    assert variant == {**shipped, **expected}
+
+
+def test_a_comparison_of_the_tuned_variant_has_chosen_gains(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if `compare NAME:tuned` marks tuned gains as default."""
+    assert compared(tmp_path, "crh380a_gpc:tuned", "--laws=pid,gpc", "--json") == 0
+    assert [row["gains"] for row in json.loads(capsys.readouterr().out)] == ["chosen", "chosen"]

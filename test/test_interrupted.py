@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import json
 import os
 import signal
 import subprocess
@@ -19,6 +20,7 @@ import train_ato
 from train_ato.apps.runs.progress import COMPILE_NOTE, PLANNER_NOTE
 from train_ato.cli.main import main
 from train_ato.interrupt import Interrupt, ending_like_ctrl_c
+from train_ato.scenario.scenario import load_scenario
 
 ROOT = Path(train_ato.__file__).resolve().parents[1]
 """Path of the tested package: installed, or the source."""
@@ -103,6 +105,33 @@ def test_the_end_is_one_line(arguments: list[str], number: signal.Signals, tmp_p
     left = {path.name for path in tmp_path.iterdir()} - {"scratch"}
     whole_run = left == {"out"} and "recorded data: out" in err and (tmp_path / "out" / "run.mcap").exists()
     assert not left or whole_run, left
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_an_interrupted_tuning_keeps_the_best_gains(jobs: str, tmp_path: Path) -> None:
+    """Breaks if Ctrl-C loses the candidates, prints a traceback or leaves a worker behind."""
+    command = [
+        "tune",
+        "xuzhou_metro",
+        "--law",
+        "smc",
+        "--set",
+        "duration=10",
+        "--runs",
+        "6000",
+        "--parameters",
+        "l1,ks",
+    ]
+    history = tmp_path / "out" / "history.csv"
+    with started(tmp_path, *command, "--jobs", jobs, "--out", "out") as process:
+        wait_for(lambda: process.poll() is not None or (history.is_file() and history.read_text().count("\n") >= 8))
+        os.killpg(process.pid, signal.SIGINT)
+        _, err = process.communicate(timeout=LIMIT_S)
+        assert process.returncode == 1 and "Traceback" not in err, err
+        assert err.splitlines()[-1].startswith("train-ato: interrupted after ")
+        wait_for(lambda: not descendants(tmp_path))
+    assert json.loads((tmp_path / "out" / "tune.json").read_text())["interrupted"] is True
+    assert load_scenario(str(tmp_path / "out" / "tuned.yaml"))[0].laws["smc"]
 
 
 def test_ctrl_c_in_a_callback_from_c_is_not_lost() -> None:

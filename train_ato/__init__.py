@@ -5,9 +5,9 @@
 >>> run.metrics["controller"]
 'smc'
 
-``run`` runs a scenario, ``compare`` runs it with several laws, ``sweep`` at many points, ``falsify`` searches a break
-of a requirement, ``open_run`` opens a run folder, ``load`` returns its tables, ``scenario`` returns a scenario that can
-be changed, ``laws`` and ``scenarios`` list the names.
+``run`` runs a scenario, ``compare`` runs it with several laws, ``sweep`` at many points, ``tune`` searches for the
+gains of a law, ``falsify`` for a break of a requirement, ``open_run`` opens a run folder, ``load`` returns its tables,
+``scenario`` returns a scenario that can be changed, ``laws`` and ``scenarios`` list the names.
 """
 
 import importlib
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from train_ato.apps.runs.scenario_choice import choose_scenario as scenario
     from train_ato.apps.sweep.result import SweepResult as SweepResult
     from train_ato.apps.sweep.sweep import sweep as sweep
+    from train_ato.apps.tune.tune import tune as tune
+    from train_ato.apps.tune.tune_result import TuneResult as TuneResult
     from train_ato.errors import RunFailed as RunFailed
     from train_ato.errors import RunInterrupted as RunInterrupted
     from train_ato.log.tables.loading import Frames as Frames
@@ -42,6 +44,7 @@ _PLACES = {
     "RunFailed": "train_ato.errors",
     "RunInterrupted": "train_ato.errors",
     "SweepResult": "train_ato.apps.sweep.result",
+    "TuneResult": "train_ato.apps.tune.tune_result",
     "compare": "train_ato.apps.runs.compare",
     "falsify": "train_ato.apps.falsify.study",
     "laws": "train_ato.apps.runs.catalogue",
@@ -50,6 +53,7 @@ _PLACES = {
     "run": "train_ato.apps.runs.drive",
     "scenarios": "train_ato.apps.runs.catalogue",
     "sweep": "train_ato.apps.sweep.sweep",
+    "tune": "train_ato.apps.tune.tune",
 }
 """Modules of the public names; they are imported on first use, so that ``import train_ato`` is fast."""
 
@@ -60,6 +64,7 @@ __all__ = [
     "RunFailed",
     "RunInterrupted",
     "SweepResult",
+    "TuneResult",
     "__version__",
     "compare",
     "falsify",
@@ -70,6 +75,7 @@ __all__ = [
     "scenario",
     "scenarios",
     "sweep",
+    "tune",
 ]
 __version__ = VERSION
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import copy
+from pathlib import Path
 from typing import Any
 
 from train_ato.arguments import parse_yaml_value
 from train_ato.scenario.former_names import replace_former_keys
 
-__all__ = ["assign", "keys_of", "overlay", "put"]
+__all__ = ["assign", "keys_of", "overlay", "put", "with_absolute_files"]
+
+FILE_KEYS = (("profile", "file"), ("plant", "consist"), ("plant", "line"), ("model", "consist"), ("model", "line"))
+"""Keys with the name of a file in the folder of their scenario."""
 
 
 def overlay(base: dict[str, Any], change: dict[str, Any]) -> dict[str, Any]:
@@ -21,6 +25,22 @@ def overlay(base: dict[str, Any], change: dict[str, Any]) -> dict[str, Any]:
             result[key] = overlay(result[key], value)
         else:
             result[key] = copy.deepcopy(value)
+    return result
+
+
+def with_absolute_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Return a raw scenario, its variants included, for another folder: names of files in ``folder`` are absolute."""
+    result = dict(data)
+    for block, key in FILE_KEYS:
+        name = result[block].get(key) if isinstance(result.get(block), dict) else None
+        if isinstance(name, str) and (folder / name).is_file():
+            result[block] = {**result[block], key: str((folder / name).absolute())}
+    variants = result.get("variants")
+    if isinstance(variants, dict):
+        result["variants"] = {
+            name: with_absolute_files(change, folder) if isinstance(change, dict) else change
+            for name, change in variants.items()
+        }
     return result
 
 

@@ -28,7 +28,7 @@ from train_ato.scenario.ato_requests import AtoRequest
 from train_ato.scenario.criteria import Criteria
 from train_ato.scenario.former_names import replace_former_keys
 from train_ato.scenario.interventions import Intervention
-from train_ato.scenario.overlays import assign, overlay
+from train_ato.scenario.overlays import assign, overlay, with_absolute_files
 from train_ato.scenario.profile_spec import ProfileSpec
 from train_ato.supervision.settings import SupervisionSpec
 
@@ -201,28 +201,37 @@ def find(name: str) -> tuple[Path, str | None]:
 
 
 def _with_base(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
-    """Return a scenario file applied to its base, with its variants."""
+    """Return a scenario file applied to its base ``SCENARIO[:variant...]``, with its variants."""
     data = _read(path)
     base = data.pop("base", None)
     if base is None:
         return data
     beside = path.parent / str(base)
-    below, _ = find(str(beside) if beside.is_file() else str(base))
+    below, variant = find(str(beside) if (path.parent / str(base).partition(":")[0]).is_file() else str(base))
     if below in (path, *above):
         raise ValueError(f"{path}: base: {base}: a scenario is its own base; name another base")
-    return overlay(_with_base(below, (path, *above)), data)
+    found = _with_variants(below, _with_base(below, (path, *above)), variant)
+    if below.parent != path.parent:
+        found = with_absolute_files(found, below.parent)
+    return overlay(found, data)
 
 
-def raw_scenario(name: str) -> tuple[Path, dict[str, Any]]:
-    """Return a scenario with its base and variants applied, not validated."""
-    path, variant = find(name)
-    data = _with_base(path)
-    variants = data.pop("variants", {}) or {}
+def _with_variants(path: Path, data: dict[str, Any], variant: str | None) -> dict[str, Any]:
+    """Return a scenario with the overlays of ``variant[+variant...]`` applied; its variants remain."""
+    variants = data.get("variants") or {}
     for part in variant.split("+") if variant is not None else ():
         if part not in variants:
             known = ", ".join(sorted(variants)) or "none"
             raise ValueError(f"{path}: no variant '{part}'{close_match(part, variants)}; use one of: {known}")
         data = overlay(data, {key: value for key, value in variants[part].items() if key != "summary"})
+    return data
+
+
+def raw_scenario(name: str) -> tuple[Path, dict[str, Any]]:
+    """Return a scenario with its base and variants applied, not validated."""
+    path, variant = find(name)
+    data = _with_variants(path, _with_base(path), variant)
+    data.pop("variants", None)
     if variant is not None:
         data["name"] = f"{data.get('name', path.stem)}:{variant}"
     return path, data

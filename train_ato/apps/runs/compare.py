@@ -15,6 +15,7 @@ from train_ato.apps.runs.run import Run
 from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice, choose_scenario
 from train_ato.control.registry import LAWS
 from train_ato.errors import RunFailed, RunInterrupted
+from train_ato.loop.scenario_data import with_start_position
 from train_ato.loop.setup import RunSetup
 from train_ato.scenario.former_names import present_arguments
 from train_ato.scenario.scenario import Scenario
@@ -121,7 +122,9 @@ def _setups(
         scenario = law.put_into(base)
         try:
             if setups:
-                setup = dataclasses.replace(next(iter(setups.values())), scenario=scenario)
+                first = next(iter(setups.values()))
+                start = float(first.profile.position[0])
+                setup = dataclasses.replace(first, scenario=with_start_position(scenario, start))
                 setup.law(scenario.law)
             else:
                 setup = choice.prepare(scenario)

@@ -12,8 +12,8 @@ import yaml
 
 from train_ato.loop.part_cache import PartCache
 from train_ato.loop.setup import RunSetup, prepare
-from train_ato.scenario.overlays import assign, put
-from train_ato.scenario.scenario import Scenario, check_scenario, raw_scenario, variants_of
+from train_ato.scenario.overlays import assign, overlay, put, with_absolute_files
+from train_ato.scenario.scenario import SCHEMA, Scenario, check_scenario, raw_scenario, variants_of
 
 Changes = Mapping[str, Any]
 """Values by key: ``{"laws.pid.kp": 0.03}``."""
@@ -63,6 +63,21 @@ class ScenarioChoice:
     def data(self) -> dict[str, Any]:
         """Content of the scenario with its base, variants and changes; a copy."""
         return copy.deepcopy(self._data)
+
+    @property
+    def as_overlay(self) -> dict[str, Any]:
+        """Raw scenario with ``base`` and the changed keys only; whole if no overlay has the same content."""
+        stem, colon, variant = self._given.partition(":")
+        named = str(self.path.absolute()) if Path(stem).suffix in (".yaml", ".yml") or Path(stem).is_file() else stem
+        changed: dict[str, Any] = {}
+        for key, value in self._changes:
+            if key == "--set":
+                assign(changed, value)
+            else:
+                put(changed, key, plain(value), f"set {key}")
+        if overlay(raw_scenario(self._given)[1], changed) == self._data:
+            return {"schema": SCHEMA, "base": f"{named}{colon}{variant}", **changed}
+        return with_absolute_files(copy.deepcopy(self._data), self.path.parent)
 
     @cached_property
     def variants(self) -> dict[str, str]:

@@ -1,0 +1,146 @@
+"""``train-ato tune``: search for the gains of a law, with held-out scenarios beside."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.apps.tune.objective import TERMS, read_weights
+from train_ato.apps.tune.tune import tune
+from train_ato.apps.tune.tune_result import OVERLAY, TuneResult
+from train_ato.cli.scenario_options import KINDS, check_component_name
+from train_ato.cli.screen import note_compilation, print_json, print_table
+from train_ato.errors import RunFailed
+from train_ato.log.run_folder import check_free, next_free
+
+COLUMNS: tuple[tuple[str, str], ...] = (
+    ("run", "run"),
+    ("part", "part"),
+    ("gains", "gains"),
+    ("score", "score"),
+    *((term.metrics[0], f"{term.key} {term.unit}") for term in TERMS),
+    ("tracking", "tracking"),
+    ("verdict", "verdict"),
+)
+"""Key of a row, and head of its column."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``tune``."""
+    parser.add_argument(
+        "scenario", metavar="SCENARIO[,...]", help="scenarios of the search: shipped names, NAME:variant, or YAML files"
+    )
+    parser.add_argument("--law", required=True, metavar="NAME", help="law to tune: a name, or MODULE:CLASS")
+    for kind in KINDS[1:]:
+        parser.add_argument(f"--{kind}", metavar="NAME", help=f"{kind}: a name, or MODULE:CLASS without registration")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="A.B=VALUE",
+        dest="assignments",
+        help="change any key of every scenario, the value written as YAML; may be repeated",
+    )
+    parser.add_argument(
+        "--parameters", metavar="A,B,...", help="parameters to vary (default: every numeric one above 0)"
+    )
+    parser.add_argument(
+        "--over", type=Path, metavar="SPEC.yaml", help="ranges of the gains (over:), changes of the runs (variations:)"
+    )
+    parser.add_argument("--seeds", metavar="1,2,...", help="seeds of the runs (default: that of each scenario)")
+    parser.add_argument("--held-out", metavar="A,B", help="scenarios that the search does not use, reported beside")
+    parser.add_argument("--held-out-seeds", metavar="3,4,...", help="seeds that the search does not use")
+    parser.add_argument(
+        "--criterion",
+        action="append",
+        default=[],
+        metavar="TERM=WEIGHT",
+        help=f"weight of a term of the score: {', '.join(f'{term.key}={term.weight:g}' for term in TERMS)} (default)",
+    )
+    parser.add_argument("--runs", type=int, default=60, metavar="N", help="simulated runs of the search (default: 60)")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="number of processes (default: 1)")
+    parser.add_argument("--search-seed", type=int, default=1, metavar="N", help="seed of the search (default: 1)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to make (default: runs/tune-NAME-N)")
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Search, write the overlay scenario and print initial and tuned runs."""
+    for kind in KINDS:
+        if (name := getattr(options, kind)) is not None:
+            check_component_name(f"--{kind}", kind, name)
+    choices = [choose_scenario(name).assigned(options.assignments) for name in _names(options.scenario, "SCENARIO")]
+    outside = [choose_scenario(name).assigned(options.assignments) for name in _names(options.held_out, "--held-out")]
+    if not choices:
+        raise ValueError("SCENARIO: no name; give one or more")
+    weights = read_weights(options.criterion)
+    out = options.out or next_free(f"tune-{choices[0].name}")
+    check_free(out)
+    note_compilation()
+    result = tune(
+        choices,
+        options.law,
+        observer=options.observer,
+        compensation=options.compensation,
+        parameters=_names(options.parameters, "--parameters") or None,
+        over=options.over,
+        seeds=_seeds(options.seeds, "--seeds") or None,
+        held_out=outside,
+        held_out_seeds=_seeds(options.held_out_seeds, "--held-out-seeds"),
+        weights=weights,
+        runs=options.runs,
+        jobs=options.jobs,
+        search_seed=options.search_seed,
+        out=out,
+    )
+    if options.json:
+        print_json(result.data)
+    else:
+        print_tuning(result, out)
+    if result.interrupted:
+        raise RunFailed(f"interrupted after {len(result.candidates)} candidates; the best gains are in {out / OVERLAY}")
+    return 0
+
+
+def _names(text: str | None, option: str) -> list[str]:
+    """Return the names of a list with commas; [] without the option."""
+    names = [name.strip() for name in (text or "").split(",") if name.strip()]
+    if text is not None and not names:
+        raise ValueError(f"{option} {text}: no name; add one or remove the option")
+    return names
+
+
+def _seeds(text: str | None, option: str) -> list[int]:
+    found = []
+    for name in _names(text, option):
+        if not name.isdigit():
+            raise ValueError(f"{option} {text}: '{name}' is not a seed; give integers from 0 on, for example 1,2,3")
+        found.append(int(name))
+    if len({*found}) < len(found):
+        raise ValueError(f"{option} {text}: a seed occurs twice; remove one of them")
+    return found
+
+
+def print_tuning(result: TuneResult, folder: Path) -> None:
+    """Print gains, runs with the initial and the tuned gains, and the overlay scenario."""
+    ranges = result.settings["ranges"]
+    print_table(
+        ("parameter", "initial", "tuned", "range"),
+        ([name, result.initial[name], value, ranges[name]] for name, value in result.gains.items()),
+        f"{result.law}: {len(result.candidates)} candidates",
+    )
+    print_table((text for _, text in COLUMNS), ([row[key] for key, _ in COLUMNS] for row in result.rows))
+    for line in notes(result):
+        sys.stdout.write(f"{line}\n")
+    sys.stdout.write(f"scenario, table and history in {folder}; next: train-ato run {folder / OVERLAY}\n")
+
+
+def notes(result: TuneResult) -> list[str]:
+    """Return a line if no candidate was better, and one if the tuned gains are worse on the held-out runs."""
+    found = []
+    if not result.improved:
+        found.append("no candidate was better than the initial gains")
+    elif result.improved_held_out is False:
+        found.append("the tuned gains are not better on the held-out runs: fitted to the runs of the search")
+    return found
