@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from operator import mul
-
 import numpy as np
 
+from plant_sim.summation import plain_dot
 from train_ato.messages.types import Array
 
 
@@ -56,7 +55,7 @@ class Increments:
             self._present = now_a.tolist(), now_b.tolist()
         (_, a1, a2, a3), b = self._present
         v0, v1, v2, v3 = speeds
-        driven: float = sum(map(mul, b, sent))
+        driven = plain_dot(b, sent)
         return v0 - (-a1 * v1 - a2 * v2 - a3 * v3) - driven
 
     def learn(self, speeds: list[float], sent: list[float], error: float, absolute: bool) -> None:
