@@ -11,6 +11,7 @@ import numpy as np
 from plant_sim import kernel as k
 from plant_sim.brake_data import AirBrake
 from plant_sim.consist import Consist
+from plant_sim.elementary import exp_each
 from plant_sim.packing import pipe_distances
 from plant_sim.states import Array
 
@@ -95,7 +96,7 @@ class BrakeForecast:
 
     def _approach(self, cylinder: Array, target: Array | float, duration: Array) -> Array:
         constant = np.where(target > cylinder, self._brake.apply_time, self._brake.release_time)
-        return np.asarray(target + (cylinder - target) * np.exp(-np.maximum(duration, 0.0) / constant))
+        return np.asarray(target + (cylinder - target) * exp_each(-np.maximum(duration, 0.0) / constant))
 
     def commit(self, time: float) -> None:
         """Make the state at a time [s] the initial state; later calls must not be for an earlier time."""
