@@ -57,22 +57,22 @@ def verify_grid(options: argparse.Namespace) -> int:
         raise ValueError(f"RUN {options.run}: not used with --grid; name scenarios after --grid, or remove one")
     if options.relative:
         raise ValueError("--relative: not used with --grid, which compares bits; remove it")
-    scenarios = [GridScenario(name) for name in options.grid] or DEFAULT
+    grid = Grid([GridScenario(name) for name in options.grid] or DEFAULT)
     with scratch_folder() as scratch:
         with activity("looking for Python interpreters"):
             interpreters, skipped = find_interpreters(options.python, scratch)
         for entry in skipped:
             sys.stderr.write(f"train-ato: skipped: {entry.path}: {entry.reason}\n")
-        grid = Grid(scenarios, _axes(options, interpreters))
+        axes = _axes(options, interpreters)
         complete = False
         try:
             with share_bar("grid") as report:
-                grid.run(scratch, report)
+                grid.run(axes, scratch, report)
             complete = True
         finally:
             if not complete and grid.results:
-                _print(grid, skipped, options.json)
-    _print(grid, skipped, options.json)
+                _print(grid, axes, skipped, options.json)
+    _print(grid, axes, skipped, options.json)
     if grid.one_hash is None:
         raise RunFailed(_reason(grid))
     return 0
@@ -113,11 +113,11 @@ def _row(entry: CellResult, reference: CellResult) -> list[str]:
     return [*axes, entry.hash[:SHORT], f"{scenario}: {difference}"]
 
 
-def _print(grid: Grid, skipped: tuple[Skipped, ...], as_json: bool) -> None:
+def _print(grid: Grid, axes: Axes, skipped: tuple[Skipped, ...], as_json: bool) -> None:
     """Print the table and the one hash, or JSON."""
     reference = grid.results[0]
     if as_json:
-        print_json(as_data(grid, skipped))
+        print_json(as_data(grid, axes, skipped))
         return
     for scenario, text in zip(grid.scenarios, reference.hashes, strict=False):
         sys.stdout.write(f"{scenario}: {text}\n")
@@ -127,7 +127,7 @@ def _print(grid: Grid, skipped: tuple[Skipped, ...], as_json: bool) -> None:
         sys.stdout.write(f"one hash: {grid.one_hash}\n")
 
 
-def as_data(grid: Grid, skipped: tuple[Skipped, ...]) -> dict[str, Any]:
+def as_data(grid: Grid, axes: Axes, skipped: tuple[Skipped, ...]) -> dict[str, Any]:
     """Return the result of the grid for ``--json``."""
     cells = []
     for entry in grid.results:
@@ -138,7 +138,7 @@ def as_data(grid: Grid, skipped: tuple[Skipped, ...]) -> dict[str, Any]:
     return {
         "one_hash": grid.one_hash,
         "scenarios": [str(scenario) for scenario in grid.scenarios],
-        "interpreters": [dataclasses.asdict(entry) for entry in grid.axes.interpreters],
+        "interpreters": [dataclasses.asdict(entry) for entry in axes.interpreters],
         "skipped": [dataclasses.asdict(entry) for entry in skipped],
         "cells": cells,
     }

@@ -93,8 +93,6 @@ class Grid:
     ----------
     scenarios
         Scenarios of every cell.
-    axes
-        Values of the axes.
 
     Attributes
     ----------
@@ -107,9 +105,8 @@ class Grid:
         For a bad scenario, in one line.
     """
 
-    def __init__(self, scenarios: Sequence[GridScenario], axes: Axes) -> None:
+    def __init__(self, scenarios: Sequence[GridScenario]) -> None:
         self.scenarios = tuple(scenarios)
-        self.axes = axes
         self.results: list[CellResult] = []
         self._wires = [Wire(scenario.prepare().layout) for scenario in self.scenarios]
 
@@ -120,9 +117,9 @@ class Grid:
         equal = all(not entry.failure and entry.hashes == reference.hashes for entry in self.results)
         return reference.hash if equal else None
 
-    def run(self, scratch: Path, report: Report) -> None:
-        """Run all cells; the logs and the compiled kernels are in ``scratch``."""
-        planned = list(batches(self.axes))
+    def run(self, axes: Axes, scratch: Path, report: Report) -> None:
+        """Run all cells of the axes; the logs and the compiled kernels are in ``scratch``."""
+        planned = list(batches(axes))
         total, done = len(self.scenarios) * sum(len(batch.modes) for batch in planned), 0
         for number, batch in enumerate(planned):
             folder = scratch / f"batch{number}"
