@@ -94,7 +94,6 @@ def test_interpreter_without_packages_is_refused_by_name(tmp_path: Path) -> None
         (["run", "--grid"], "RUN run: not used with --grid"),
         (["--grid", "--relative=1e-6"], "--relative: not used with --grid"),
         (["--grid", "demoo", "--python", sys.executable], "unknown scenario 'demoo'; did you mean 'demo'?"),
-        (["--grid", "--target", "z80"], "--target"),
         ([], "RUN: is missing; name a run folder or a log, or use --grid"),
     ],
 )

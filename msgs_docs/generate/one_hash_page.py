@@ -14,11 +14,9 @@ MEASURED = Path("msgs_docs/one_hash_measured.json")
 """Outputs of :data:`COMMANDS` by title."""
 COMMANDS: dict[str, tuple[str, ...]] = {
     "CPU targets, threads and modes": ("--grid", "--python", sys.executable),
-    "Python versions": (
-        "--grid", "--target", "host", "--target", "generic", "--threads", "1", "--mode", "engine", "--mode", "composed",
-    ),
+    "Python versions": ("--grid", "--target", "host", "--threads", "1", "--mode", "engine"),
     "Code of other processors": (
-        "--grid", "demo", "xuzhou_metro:disturbed", "crh380a_gpc:short", "freight_consensus:realistic", "--target",
+        "--grid", "demo", "crh380a_gpc:short", "freight_consensus:realistic", "--target",
         "host", "--threads", "1", "--mode", "engine", "--libraries", "--python", sys.executable,
     ),
 }  # fmt: skip

@@ -11,11 +11,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import train_ato
+import plant_sim
 
 MINORS = (10, 11, 12, 13)
 """Minor versions of Python 3 that are supported."""
-ROOT = Path(train_ato.__file__).resolve().parents[1]
+ROOT = Path(plant_sim.__file__).resolve().parents[1]
 """Folder with the packages ``train_ato`` and ``plant_sim``."""
 PROBE_LIMIT_S = 120.0
 PROBE = """
