@@ -16,6 +16,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from figures import Figure, publish
 from goals import Goal, judge
 
 from train_ato.messages.codec.cdr import typestore
@@ -85,6 +86,8 @@ def main() -> int:
             ours, theirs = found[action], found[f"{action}, rosbags"]
             cells += [ours, theirs, theirs / ours]
         print(f"{name:24s} {' '.join(f'{cell:8.2f}' for cell in cells)}")
+        ours, theirs = cells[0] + cells[3], cells[1] + cells[4]
+        publish(Figure(f"{name}, encoded and decoded", ours, "us", "rosbags", theirs))
         if name == CHARGED:
             reached = (cells[1] + cells[4]) / (cells[0] + cells[3])
     print(f"{CHARGED}: {reached:.1f} times as fast as rosbags")

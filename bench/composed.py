@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from figures import Figure, publish
 from goals import Goal, judge
 
 from plant_sim.train import compile_kernel
@@ -298,6 +299,10 @@ def main() -> int:
     ]
     if setup.layout.supervised:
         goals.append(Goal("graph with supervision over the graph without", ours / unsupervised, MOST_SUPERVISED))
+    publish(
+        Figure("tick of the graph", ours * 1e6, "us", "bare rclpy ring", bare * 1e6),
+        Figure("tick of the graph without supervision", unsupervised * 1e6, "us", "bare rclpy ring", bare * 1e6),
+    )
     result = {
         "scenario": options.scenario,
         "vehicles": setup.layout.n_vehicles,

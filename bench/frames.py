@@ -22,6 +22,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from figures import Figure, publish
 from goals import Goal, judge
 
 MOST_S = 3.0
@@ -150,10 +151,13 @@ def main() -> int:
             count, taken = decode(run)
             total = total or count
             whole = taken * total / count
+            publish(Figure(f"load of an hour beside {name}", load_s, "s", name, whole))
             text = f"{1e6 * taken / count:.1f} us a message, {whole / load_s:.1f} times load"
             print(_line(name, whole, text))
         for option in ("--parquet", "--csv"):
-            print(_line(f"export {option}, wall time of the command", min(export(run, option) for _ in range(2))))
+            seconds = min(export(run, option) for _ in range(2))
+            publish(Figure(f"export {option} of an hour", seconds, "s", "load", load_s))
+            print(_line(f"export {option}, wall time of the command", seconds))
     return judge((Goal("an hour's run as tables, without imports", load_s, MOST_S, "s"),))
 
 

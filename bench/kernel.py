@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from figures import Figure, publish
 from goals import Goal, judge
 from plain_numpy_train import PlainTrain
 
@@ -97,6 +98,7 @@ def main() -> int:
     for title, brake_on in (("air brake released", False), ("air brake applied", True)):
         fast, slow = kernel_cost(106, brake_on), plain_cost(106, brake_on)
         worst = min(worst, slow / fast)
+        publish(Figure(f"106 vehicles, {title}", fast, "ms per simulated second", "plain numpy", slow))
         print(f"{title:24} {fast:12.3f} {slow:12.1f} {slow / fast:8.1f}")
     full = kernel_cost(106, True, True)
     print(f"{'all effects':24} {full:12.3f}   (lag, rate, dead band, adhesion, disturbances)")

@@ -18,7 +18,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from goals import Goal, judge
+from figures import Figure
+from goals import judge
 
 from train_ato.control.contract import LawInput, LawOutput
 from train_ato.control.registry import LAWS
@@ -134,8 +135,7 @@ def main() -> int:
         median, high = step_times(law, given)
         where = ", ".join(filter(None, (ride.scenario, ride.note)))
         print(f"{ride.law:18} {units:5d} {median:10.2f} {high:9.2f} {floor:9.2f} {median / floor:7.1f}  {where}")
-        if ride.goal is not None:
-            goals.append(Goal(f"{ride.law}, {where}, median", median, ride.goal, "us"))
+        goals.append(Figure(f"{ride.law}, {where}, median", median, "us", "no computation", floor, ride.goal))
     return judge(goals)
 
 

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 
+from figures import Figure, publish
 from goals import Goal, judge
 
 from plant_sim.consist import Consist
@@ -39,6 +40,7 @@ def _timed(what: str, call: Callable[[], Plan]) -> tuple[Plan, float]:
         result = call()
         taken.append(time.perf_counter() - begin)
     sys.stdout.write(f"{what:58s} {min(taken):8.3f} s   {len(result.profile)} knots, {result.running_time:.1f} s run\n")
+    publish(Figure(what, min(taken), "s"))
     return result, min(taken)
 
 

@@ -33,6 +33,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from figures import Figure, publish
 from goals import Goal, judge
 from graph_share import TIMES, one_process
 from log_writers import HOUR, compared
@@ -258,6 +259,15 @@ def main() -> int:
         Goal(f"share of a tick that recording takes in one process, {DEFAULT}", one[DEFAULT]["thread_share"], SHARE),
         Goal(f"processor time of {DEFAULT} over that of the mcap package's writer", ratio, PEER_RATIO),
     ]
+    publish(
+        Figure("messages lost in another process", own["lost"], bound=0.0),
+        Figure("recorder, a message", own["recorder_us_per_message"], "us", "sender", own["sender_us_per_message"]),
+        *(
+            Figure(f"writer, {kind}, a message", found[KEYS[0]], "us", PEER, writers[PEER][KEYS[0]])
+            for kind, found in writers.items()
+            if kind.startswith("train_ato")
+        ),
+    )
     if options.json:
         print(json.dumps({**result, "goals": [goal.as_data() for goal in goals]}, indent=2))
     else:

@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from figures import Figure, publish
 
 from train_ato.apps.scene.train_scene import DEFAULT_RATE, MARKERS, TrainScene
 from train_ato.loop.setup import prepare
@@ -56,6 +57,7 @@ def main() -> None:
         "markers_alone_by_fields_ms": cpu_ms(by_fields, 20),
         "bytes_of_a_set": sum(map(len, messages.values())),
     }
+    publish(Figure("message set of the scene", ours, "ms", "markers by fields", result["markers_alone_by_fields_ms"]))
     print(json.dumps(result, indent=2))
 
 

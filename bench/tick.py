@@ -19,6 +19,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from figures import Figure, publish
 
 from plant_sim import kernel
 from plant_sim.states import Measurement
@@ -123,6 +124,7 @@ def main() -> int:
     """Print the table; return the exit status."""
     for name in sys.argv[1:] or SCENARIOS:
         times = stage_times(name)
+        publish(Figure(f"tick, {name}", times["tick"], "us", "its kernel", times["kernel"]))
         parts = "  ".join(f"{part} {value:.1f}" for part, value in times.items() if part not in ("tick", "kernel"))
         sys.stdout.write(
             f"{name}: {times['tick']:.0f} us, {times['tick'] / times['kernel']:.1f} times its kernel "
@@ -135,6 +137,7 @@ def main() -> int:
             f"({python / compiled:.1f} times faster, {factor:.0f} times real time)\n"
         )
     frozen, plain = construction_us(FrozenMeasurement), construction_us(Measurement)
+    publish(Figure("construction of a measurement", plain, "us", "frozen", frozen))
     sys.stdout.write(f"construction of a measurement: {plain:.2f} us, frozen {frozen:.2f} us\n")
     return 0
 

@@ -6,14 +6,13 @@ the shoe forces of any later time in closed form, for laws and planners.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from plant_sim import kernel as k
 from plant_sim.brake_data import AirBrake
 from plant_sim.compiled import compiled
 from plant_sim.consist import Consist
+from plant_sim.elementary import libm_exp
 from plant_sim.packing import pipe_distances
 from plant_sim.states import Array
 
@@ -30,7 +29,7 @@ def braking_factor(brake: AirBrake, pressure: float) -> float:
 def _approached(value, goal, duration, apply_time, release_time):  # type: ignore[no-untyped-def]
     """Return a braking factor after an exponential approach of some duration [s]."""
     constant = apply_time if goal > value else release_time
-    return goal + (value - goal) * math.exp(-max(duration, 0.0) / constant)
+    return goal + (value - goal) * libm_exp(-max(duration, 0.0) / constant)
 
 
 @compiled

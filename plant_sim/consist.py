@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from plant_sim.brake_data import AirBrake, EmergencyBrake, Shoes
 from plant_sim.gears import DraftGear
 from plant_sim.number_text import number_text
+from plant_sim.summation import plain_sum
 from plant_sim.units import GRAVITY, Force, Length, Mass, Power, SiModel, Speed
 
 SCHEMA = "train_ato/consist/1"
@@ -247,12 +248,12 @@ class Consist(SiModel):
     @property
     def mass(self) -> float:
         """Mass of the train [kg]."""
-        return sum(vehicle.mass for vehicle in self.vehicles)
+        return plain_sum(vehicle.mass for vehicle in self.vehicles)
 
     @property
     def length(self) -> float:
         """Length of the train over couplers [m]."""
-        return sum(vehicle.length for vehicle in self.vehicles)
+        return plain_sum(vehicle.length for vehicle in self.vehicles)
 
     @property
     def offsets(self) -> tuple[float, ...]:

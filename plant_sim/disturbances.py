@@ -12,6 +12,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 from pydantic import Field, model_validator
 
+from plant_sim.elementary import cos_each, sin_each
 from plant_sim.line import check_grade
 from plant_sim.states import Array
 from plant_sim.units import Acceleration, Force, Length, SiModel, Slope, Time
@@ -78,8 +79,8 @@ class Equation40(_Source):
 
     def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces of a tick."""
-        steady = self.scale * (0.002 + 0.001 * np.sin(t + 1.0))
-        speed = self.scale * 0.0003 * (np.sin(2.0 * t + 2.0) + np.cos(3.0 * t + 1.0))
+        steady = self.scale * (0.002 + 0.001 * sin_each(t + 1.0))
+        speed = self.scale * 0.0003 * (sin_each(2.0 * t + 2.0) + cos_each(3.0 * t + 1.0))
         force, growing = steady[:, None] * mass, speed[:, None] * mass
         if self.speed_power == 3:
             return OutsideForce(force, per_cube=growing)
@@ -105,7 +106,7 @@ class Harmonic(_Source):
         """Return the forces of a tick."""
         force = np.zeros((len(t), len(mass)))
         for term in self.terms:
-            force += np.sin(term.omega * t + term.phase)[:, None] * (term.acceleration * mass + term.force)
+            force += sin_each(term.omega * t + term.phase)[:, None] * (term.acceleration * mass + term.force)
         return OutsideForce(force)
 
 
@@ -177,7 +178,7 @@ class Paper001(_Source):
 
     def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces of a tick."""
-        d = 0.10 * _window(t, 60.0, 80.0, 0.0) - 0.12 * _window(t, 300.0, 312.0, 0.0) + 0.03 * np.sin(0.5 * t)
+        d = 0.10 * _window(t, 60.0, 80.0, 0.0) - 0.12 * _window(t, 300.0, 312.0, 0.0) + 0.03 * sin_each(0.5 * t)
         return OutsideForce((-self.scale * d)[:, None] * mass)
 
 
@@ -197,11 +198,11 @@ class Paper002(_Source):
 
     def tick(self, t: Array, mass: Array) -> OutsideForce:
         """Return the forces and drift speeds of a tick; the last part of d21 continues beyond 30 s."""
-        sine, cosine = np.sin(t), np.cos(t)
-        fast = 6.0 * np.sin(3.0 * t) * cosine
+        sine, cosine = sin_each(t), cos_each(t)
+        fast = 6.0 * sin_each(3.0 * t) * cosine
         d21 = np.where(t < 10.0, fast, np.where(t < 20.0, -fast, sine * np.tanh(t)))
-        unmatched = (3.0 * np.sin(t + np.pi / 6.0), d21, sine * cosine, np.tanh(sine), 2.0 * np.tanh(t) * sine)
-        matched = (d21, fast, 5.0 * np.sin(3.0 * t), 3.0 * np.cos(4.0 * t), 6.0 * np.sin(cosine))
+        unmatched = (3.0 * sin_each(t + np.pi / 6.0), d21, sine * cosine, np.tanh(sine), 2.0 * np.tanh(t) * sine)
+        matched = (d21, fast, 5.0 * sin_each(3.0 * t), 3.0 * cos_each(4.0 * t), 6.0 * sin_each(cosine))
         force = self.matched_scale * np.array(matched).T * mass
         return OutsideForce(force, drift=self.unmatched_scale * np.array(unmatched).T)
 
@@ -225,7 +226,8 @@ class TravellingLoad(_Source):
         if self.period is not None:
             local = np.where(local >= 0.0, np.mod(local, self.period), local)
         inside = (local > 0.0) & (local < self.duration)
-        shape = np.where(inside, 0.5 - 0.5 * np.cos(2.0 * np.pi * local / self.duration), 0.0)
+        shape = np.zeros(local.shape)
+        shape[inside] = 0.5 - 0.5 * cos_each(2.0 * np.pi * local[inside] / self.duration)
         return OutsideForce(self.acceleration * shape * mass)
 
 

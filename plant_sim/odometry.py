@@ -15,6 +15,7 @@ import numpy as np
 from plant_sim.plant_setup import OdometrySpec, WheelSlip
 from plant_sim.states import Odometry
 from plant_sim.streams import random_stream
+from plant_sim.summation import plain_sum
 
 
 class Odometers:
@@ -65,5 +66,5 @@ class Odometers:
         if not self._slips:
             return self._wheel, self._radar
         time = stamp * 1e-9
-        slip = sum(slip.slip for slip in self._slips if slip.begin <= time < slip.end)
+        slip = plain_sum(slip.slip for slip in self._slips if slip.begin <= time < slip.end)
         return self._wheel * (1.0 + slip), self._radar

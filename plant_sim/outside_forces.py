@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -25,7 +26,7 @@ class _Wind:
     """Ornstein-Uhlenbeck sequence of one :class:`Turbulence`, sampled at the tick."""
 
     def __init__(self, source: Turbulence, vehicles: int, tick: float, random: np.random.Generator) -> None:
-        self._decay = float(np.exp(-tick / source.correlation))
+        self._decay = math.exp(-tick / source.correlation)
         self._gain = source.acceleration_rms * float(np.sqrt(1.0 - self._decay**2))
         self._value = np.zeros(vehicles)
         self._random = random

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from plant_sim import kernel as k
 from plant_sim.consist import Consist, EnvelopeSegment, VehicleType
 from plant_sim.disturbances import UnmodelledGrade
+from plant_sim.elementary import exp_each
 from plant_sim.gears import ClipGear, DraftGear, LinearGear, RigidGear, SmoothedGear, TableGear
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup, SpeedAdhesion
@@ -192,7 +194,8 @@ def _adhesion(setup: PlantSetup) -> float:
 def lag_decay(lags: Array, step: float) -> Array:
     """Return the part of a deviation that first-order lags [s] leave after one step [s]; 0 for a lag of 0."""
     with np.errstate(divide="ignore"):
-        return np.asarray(np.exp(-step / lags))
+        left: Array = exp_each(-step / lags)
+    return left
 
 
 def _pack_pieces(consist: Consist, line: Line, setup: PlantSetup) -> tuple[Array, Integers]:
@@ -233,13 +236,13 @@ def _settings(consist: Consist, setup: PlantSetup, step: float) -> Array:
     setting[k.RAIL_BY_SPEED] = float(isinstance(setup.adhesion, SpeedAdhesion))
     emergency, brake = consist.friction_emergency_brake, consist.air_brake
     if emergency is not None:
-        setting[k.APPLY_DECAY] = np.exp(-step / emergency.time_constant)
-        setting[k.RELEASE_DECAY] = np.exp(-step / emergency.release_time)
+        setting[k.APPLY_DECAY] = math.exp(-step / emergency.time_constant)
+        setting[k.RELEASE_DECAY] = math.exp(-step / emergency.release_time)
     if brake is not None:
-        setting[k.APPLY_DECAY] = np.exp(-step / brake.apply_time)
-        setting[k.RELEASE_DECAY] = np.exp(-step / brake.release_time)
+        setting[k.APPLY_DECAY] = math.exp(-step / brake.apply_time)
+        setting[k.RELEASE_DECAY] = math.exp(-step / brake.release_time)
         setting[k.RESERVOIR_USE] = brake.reservoir_use
-        setting[k.RECHARGE] = 1.0 - np.exp(-step / brake.recharge_time)
+        setting[k.RECHARGE] = 1.0 - math.exp(-step / brake.recharge_time)
         setting[k.FULL_LEVEL] = brake.braking_factor[-1]
     return setting
 

@@ -6,7 +6,7 @@ This is the block ``plant:`` of the scenario without the names of train and line
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -137,7 +137,7 @@ class _Sudden(SiModel):
     place: Length | None = None
 
     @model_validator(mode="after")
-    def _one_trigger(self) -> Self:
+    def _one_trigger(self) -> _Sudden:
         if (self.at is None) == (self.place is None):
             raise ValueError("a jump has exactly one of 'at' (a time) and 'place'; give one")
         return self

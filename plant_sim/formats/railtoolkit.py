@@ -24,6 +24,7 @@ from plant_sim.formats.fields import Fields, finite_number
 from plant_sim.library import build_model
 from plant_sim.line import Line
 from plant_sim.number_text import number_text
+from plant_sim.summation import plain_sum
 
 TRAIN_SCHEMA = "railtoolkit.org/schema/rolling-stock"
 PATH_SCHEMA = "railtoolkit.org/schema/running-path"
@@ -144,9 +145,9 @@ def _assembled(name: str, formation: list[str], used: dict[str, _Vehicle], place
     vehicles = [used[entry] for entry in formation]
     if not any(vehicle.powered for vehicle in vehicles):
         raise ValueError(f"{place}: formation has no traction unit or multiple unit; add one")
-    mass = sum(vehicle.mass for vehicle in vehicles)
-    own = sum(vehicle.own for vehicle in vehicles)
-    rotating = sum(vehicle.own * vehicle.rotating for vehicle in vehicles) / own
+    mass = plain_sum(vehicle.mass for vehicle in vehicles)
+    own = plain_sum(vehicle.own for vehicle in vehicles)
+    rotating = plain_sum(vehicle.own * vehicle.rotating for vehicle in vehicles) / own
     passenger = any(vehicle.type in ("passenger", "multiple unit") for vehicle in vehicles)
     given = [vehicle.deceleration for vehicle in vehicles if vehicle.powered and vehicle.deceleration > 0]
     deceleration = min(given) if given else (0.375 if passenger else 0.225)

@@ -12,6 +12,7 @@ import numpy as np
 from plant_sim.air_brake import BrakeForecast
 from plant_sim.consist import Consist
 from plant_sim.line import Line
+from plant_sim.summation import plain_sum
 from plant_sim.track import Track
 from plant_sim.traction import Envelope
 from train_ato.messages.types import Array
@@ -119,7 +120,7 @@ class TrainModel:
         self.n_units = len(self.units)
         self.offsets: Array = np.array([consist.offsets[unit] for unit in self.units])
         self.mass = consist.mass
-        self.inertia = sum(vehicle.mass * vehicle.rotating_mass_factor for vehicle in vehicles)
+        self.inertia = plain_sum(vehicle.mass * vehicle.rotating_mass_factor for vehicle in vehicles)
         self.unit_mass: Array = np.array([vehicles[unit].mass for unit in self.units])
         self.unit_inertia: Array = self.unit_mass * [vehicles[unit].rotating_mass_factor for unit in self.units]
         self.traction = tuple(Envelope(vehicles[unit].traction) for unit in self.units)

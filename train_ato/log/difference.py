@@ -159,9 +159,9 @@ class _Scale:
         self._largest: dict[str, float] | None = None
 
     def tolerance(self, name: str) -> float:
-        """Return the permitted difference of two numbers of a field."""
+        """Return the permitted difference of two numbers of a field; negative if their bits must be equal."""
         if not self._relative:
-            return 0.0
+            return -1.0
         if self._largest is None:
             self._largest = {}
             for _, data in self._entries:

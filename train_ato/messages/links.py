@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from plant_sim.elementary import sin_each
 from plant_sim.streams import random_stream
 from plant_sim.units import Ratio, SiModel, Time
 from train_ato.messages.types import Array
@@ -208,7 +209,7 @@ class Link:
         """Return the varying delay at the receiver at times [ns]."""
         varying = self.spec.varying
         assert varying is not None
-        late = varying.amplitude * np.abs(np.sin(varying.omega * (now * 1e-9) + varying.phase))
+        late = varying.amplitude * np.abs(sin_each(varying.omega * (now * 1e-9) + varying.phase))
         delay: NDArray[np.int64] = np.rint(late * 1e9 / self._step).astype(np.int64) * self._step
         return delay
 

@@ -15,6 +15,7 @@ import numpy as np
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
+from plant_sim.summation import plain_sum
 from plant_sim.traction import Envelope
 from plant_sim.train import Train
 from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
@@ -88,8 +89,8 @@ class DriverForce:
         driver, model = self._driver, self._model
         demand = model.inertia * driver.gain * (driver.speed - velocity)
         demand += model.running_resistance(velocity) + model.line_force(position)
-        high = driver.traction * sum(envelope.force(velocity) for envelope in self._traction)
-        low = -driver.brake * sum(envelope.force(velocity) for envelope in self._brake)
+        high = driver.traction * plain_sum(envelope.force(velocity) for envelope in self._traction)
+        low = -driver.brake * plain_sum(envelope.force(velocity) for envelope in self._brake)
         demand = min(max(demand, low), high)
         return min(max(demand, force - driver.slew * PERIOD), force + driver.slew * PERIOD)
 

@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from plant_sim.consist import Consist
+from plant_sim.summation import plain_sum
 from plant_sim.traction import Envelope
 from plant_sim.units import Acceleration, Jerk, Length, SiModel, Speed, Time
 from train_ato.messages.types import Array
@@ -83,7 +84,7 @@ class PhaseBuilder:
         vehicles = consist.vehicles
         self.limits = limits
         self.half = vehicles[0].length / 2
-        self.inertia = sum(vehicle.mass * vehicle.rotating_mass_factor for vehicle in vehicles)
+        self.inertia = plain_sum(vehicle.mass * vehicle.rotating_mass_factor for vehicle in vehicles)
         self.traction = [Envelope(vehicle.traction) for vehicle in vehicles if vehicle.traction]
         self.brake = [Envelope(vehicle.brake) for vehicle in vehicles if vehicle.brake]
         polynomials = [vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles]
@@ -169,7 +170,7 @@ class PhaseBuilder:
                 points = np.array([(point.speed, point.acceleration) for point in table])
                 result = np.minimum(result, np.interp(speed, points[:, 0], points[:, 1]))
             if fraction is not None:
-                force = np.array([sum(envelope.force(float(v)) for envelope in envelopes) for v in speed])
+                force = np.array([plain_sum(envelope.force(float(v)) for envelope in envelopes) for v in speed])
                 resistance = self.resistance[0] + self.resistance[1] * speed + self.resistance[2] * speed**2
                 net = fraction * force + (-resistance if rising else resistance)
                 result = np.minimum(result, net / self.inertia)

@@ -28,6 +28,7 @@ from plant_sim.packing import pipe_distances
 from plant_sim.plant_setup import Adhesion, PlantSetup, SpeedAdhesion
 from plant_sim.service_brake import FADE
 from plant_sim.states import Array
+from plant_sim.summation import plain_sum
 from plant_sim.traction import Envelope
 from train_ato.supervision.ceiling import EMERGENCY_MARGIN
 from train_ato.supervision.fixed_values import KMH
@@ -84,7 +85,7 @@ class PlantBrakeForces:
         self.electric: Array = np.zeros_like(speed)
         self.emergency: Array = np.zeros_like(speed)
         self.service_shoes: Array = np.zeros_like(speed)
-        units_mass = sum(consist.vehicles[i].mass for i in consist.power_units)
+        units_mass = plain_sum(consist.vehicles[i].mass for i in consist.power_units)
         factor = shoe_speed_factor(speed)
         level = 0.0 if consist.air_brake is None else consist.air_brake.braking_factor[-1]
         equal = Counter(zip(consist.vehicles, consist.friction_forces, strict=True))
@@ -177,7 +178,7 @@ def plant_train(consist: Consist, setup: PlantSetup, max_speed: float, kdry: flo
     """
     speed = np.arange(0.0, max_speed + EMERGENCY_MARGIN.above(max_speed) + GRID, GRID)
     forces = PlantBrakeForces(consist, setup, speed)
-    mass = sum(vehicle.inertia for vehicle in consist.vehicles)
+    mass = plain_sum(vehicle.inertia for vehicle in consist.vehicles)
     emergency = _smallest_per_step(speed, forces.emergency, mass, max_speed)
     service = _smallest_per_step(speed, forces.electric + forces.service_shoes, mass, max_speed)
     if min(emergency.values) <= 0.0:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from train_ato.control.algorithms.coupled_units import matrix_exponential
@@ -34,7 +36,7 @@ def sampled_actuator(delay: float, lag: float, period: float) -> tuple[Array, Ar
     rates[2] = [0.0, 1.0, 0.0, 0.0]
     step = matrix_exponential(rates * period)
     transition, drive = step[:3, :3], step[:3, 3]
-    a = np.poly(np.array([np.exp(-pole * period), np.exp(-fast * period), 1.0]))
+    a = np.poly(np.array([math.exp(-pole * period), math.exp(-fast * period), 1.0]))
     response, state = [], drive
     for _ in range(3):
         response.append(float(state[2]))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from operator import mul
 
+from plant_sim.summation import plain_dot
 from train_ato.messages.types import Array
 
 PAIRWISE = 8
@@ -23,5 +23,4 @@ def total_of_units(values: Array) -> float:
 
 def mean_over_units(share: Sequence[float], values: Sequence[float]) -> float:
     """Return sum share_i value_i; the shares sum to 1 (:attr:`train_ato.control.train_model.TrainModel.share`)."""
-    total: float = sum(map(mul, share, values))
-    return total
+    return plain_dot(share, values)

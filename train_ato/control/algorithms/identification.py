@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from operator import mul
-
 import numpy as np
 
+from plant_sim.elementary import exp_each, sin_each
+from plant_sim.summation import plain_dot
 from train_ato.messages.types import Array
 
 
@@ -56,7 +56,7 @@ class Increments:
             self._present = now_a.tolist(), now_b.tolist()
         (_, a1, a2, a3), b = self._present
         v0, v1, v2, v3 = speeds
-        driven: float = sum(map(mul, b, sent))
+        driven = plain_dot(b, sent)
         return v0 - (-a1 * v1 - a2 * v2 - a3 * v3) - driven
 
     def learn(self, speeds: list[float], sent: list[float], error: float, absolute: bool) -> None:
@@ -97,7 +97,7 @@ class ResidualNetwork:
     """
 
     def __init__(self, hidden: int) -> None:
-        self._start = 0.5 * np.sin(1.0 + np.arange(6 * hidden, dtype=np.float64)).reshape(hidden, 6)
+        self._start = 0.5 * sin_each(1.0 + np.arange(6 * hidden, dtype=np.float64)).reshape(hidden, 6)
         self._hidden = hidden
         self.reset()
 
@@ -114,7 +114,7 @@ class ResidualNetwork:
         """Return xi for the next sample [m/s] from the last three speeds [m/s] and commands [m/s²]."""
         self._z = np.array([*(speed / 100.0 for speed in speeds), *sent])
         reach = _bounded(self._v @ self._z + self._mu2, 30.0)
-        self._s = 1.0 / (1.0 + np.exp(-reach))
+        self._s = 1.0 / (1.0 + exp_each(-reach))
         return self._output()
 
     def learn(self, left: float, rate: float) -> None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from operator import mul
+
+from plant_sim.summation import plain_dot, plain_sum
 
 RBF_CENTERS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """The five centres of papers 000 and 001, up to a scale."""
@@ -29,7 +30,10 @@ def activations(inputs: Sequence[float], centres: Sequence[float], width: float)
     if len(inputs) == 2:
         x, y = inputs
         return [exp(scale * ((x - c) * (x - c) + (y - c) * (y - c))) for c in centres]
-    return [exp(scale * sum([(x - centre) * (x - centre) for x in inputs])) for centre in centres]
+    if len(inputs) == 3:
+        x, y, z = inputs
+        return [exp(scale * ((x - c) * (x - c) + (y - c) * (y - c) + (z - c) * (z - c))) for c in centres]
+    return [exp(scale * plain_sum([(x - centre) * (x - centre) for x in inputs])) for centre in centres]
 
 
 class Weights:
@@ -58,8 +62,7 @@ class Weights:
 
     def output(self, hidden: Sequence[float]) -> float:
         """Return the output W'h."""
-        total: float = sum(map(mul, self.values, hidden))
-        return total
+        return plain_dot(self.values, hidden)
 
     def learn(self, rate: float, hidden: Sequence[float]) -> None:
         """Move every weight by ``rate h_j`` plus the momentum of its last step."""

@@ -8,9 +8,10 @@ changes the state. The caller restores the state if a demand is not usable.
 
 from __future__ import annotations
 
-from math import copysign, exp, pow, sqrt, tanh
+from math import copysign, sqrt
 
 from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_exp, libm_pow, libm_tanh
 
 PID, FUNNEL, SMC = range(3)
 """Laws with a compiled step."""
@@ -112,7 +113,7 @@ def _total(values):
 
 @compiled
 def _gain(constant, gain, error, boundary):
-    inside = pow(error / boundary, constant[F_TWO])
+    inside = libm_pow(error / boundary, constant[F_TWO])
     if constant[F_NEGATIVE] > 0.0:
         return gain / (1.0 - inside) if abs(1.0 - inside) > 1e-9 else gain * 1e9
     return gain / (1.0 - (constant[F_CLIP] if constant[F_CLIP] < inside else inside))
@@ -148,9 +149,9 @@ def _surface(constant, state, aim, slope):
     h, before = constant[F_PERIOD] / count, state[H_ALPHA]
     for _ in range(count):
         z = state[H_ALPHA] - aim
-        sigma = 1e-3 * exp(-1e-3 * state[H_T]) + 1e-4
+        sigma = 1e-3 * libm_exp(-1e-3 * state[H_T]) + 1e-4
         bound = state[H_BOUND]
-        rate = -z / constant[F_IOTA] - pow(bound, two) * z / sqrt(pow(bound * z, two) + sigma * sigma)
+        rate = -z / constant[F_IOTA] - libm_pow(bound, two) * z / sqrt(libm_pow(bound * z, two) + sigma * sigma)
         grown = bound + h * constant[F_GAMMA_M] * abs(z)
         state[H_BOUND] = constant[F_MAX_FUNNEL] if constant[F_MAX_FUNNEL] < grown else grown
         state[H_ALPHA] += h * rate
@@ -164,7 +165,7 @@ def _network(constant, state, inputs, speed, error):
     scale, weights = -0.5 / (width * width), state[H_WEIGHTS:]
     found = 0.0
     for j in range(centres):
-        found += weights[j] * exp(scale * (speed - j * width) * (speed - j * width))
+        found += weights[j] * libm_exp(scale * (speed - j * width) * (speed - j * width))
     found += state[H_BIAS]
     free = True
     for unit in range(inputs.shape[1]):
@@ -172,7 +173,7 @@ def _network(constant, state, inputs, speed, error):
     if constant[F_PRINTED] > 0.0 or free:
         rate = -constant[F_GAMMA_W] * error * constant[F_PERIOD]
         for j in range(centres):
-            new = weights[j] + rate * exp(scale * (speed - j * width) * (speed - j * width))
+            new = weights[j] + rate * libm_exp(scale * (speed - j * width) * (speed - j * width))
             weights[j] = new if -limit <= new <= limit else clamped(new, -limit, limit)
         bias = state[H_BIAS] - constant[F_BIAS_RATE] * error * constant[F_PERIOD]
         state[H_BIAS] = clamped(bias, -limit, limit)
@@ -193,7 +194,7 @@ def _widen(constant, state, inputs, wanted, error):
         excess = abs(wanted - possible) / constant[F_INERTIA]
         size = abs(error)
         grow = excess / (constant[F_DELTA] if constant[F_DELTA] > size else size)
-        wide *= exp(20.0 if grow * h > 20.0 else grow * h)
+        wide *= libm_exp(20.0 if grow * h > 20.0 else grow * h)
     most = constant[F_MAX_FUNNEL]
     state[H_PHI2] = most if most < wide else wide
     slope = constant[F_P1] * before - constant[F_A1] * state[H_PHI1] + constant[F_BETA1]
@@ -249,8 +250,8 @@ def smc(constant, state, inputs, now, force):
             own[2] = clamped(own[2] + 0.5 * (error + own[1]) * constant[S_PERIOD], -limit, limit)
         own[0], own[1] = 1.0, error
         surface = rate + constant[S_L1] * error + constant[S_L2] * own[2]
-        switching = constant[S_KAPPA] * tanh(abs(error) / 2.0) * _sign(surface, constant[S_PHI])
-        power = 0.0 if surface == 0.0 else copysign(pow(abs(surface), constant[S_ALPHA]), surface)
+        switching = constant[S_KAPPA] * libm_tanh(abs(error) / 2.0) * _sign(surface, constant[S_PHI])
+        power = 0.0 if surface == 0.0 else copysign(libm_pow(abs(surface), constant[S_ALPHA]), surface)
         pull = constant[S_L1] * rate + constant[S_L2] * error + constant[S_KS] * surface
         pull = pull + constant[S_XI] * power + switching
         force[unit] = equivalent - 0.0 - mass * (pull + 0.0)

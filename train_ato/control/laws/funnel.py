@@ -47,6 +47,7 @@ from dataclasses import dataclass
 from operator import sub
 from typing import TYPE_CHECKING, ClassVar
 
+from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.rbf import Weights, activations
 from train_ato.control.contract import LawInput, parameter
@@ -159,7 +160,7 @@ class Funnel(GuardedLaw):
         error = speed - alpha - self._h
         k2 = self._gain(self._k20, error, self.phi2)
         wanted = mass * (rate - k2 * error - self._leak * self._h) + self._resistance(inputs, speed, error)
-        wanted -= sum(inputs.disturbance.tolist())
+        wanted -= plain_sum(inputs.disturbance.tolist())
         self._widen(wanted, error, inputs)
         self._wanted = wanted
         return [wanted * share for share in self.share]
@@ -168,7 +169,7 @@ class Funnel(GuardedLaw):
         """Integrate the delay state (21) over the last sample."""
         if self._wanted is None or not self.parameters.delay_state:
             return
-        sent, acting = sum(self._last_force), sum(inputs.applied.tolist())
+        sent, acting = plain_sum(self._last_force), plain_sum(inputs.applied.tolist())
         if self._printed:
             self._excess.append(self._wanted - sent)
             sent, acting = self._wanted, acting + self._excess[0]
@@ -227,10 +228,10 @@ class Funnel(GuardedLaw):
         h, beta2, before = self.period, self._beta2, self.phi2
         rest = beta2 / A2
         wide = (before - rest) * self._narrow + rest
-        low, high = sum(inputs.force_min.tolist()), sum(inputs.force_max.tolist())
+        low, high = plain_sum(inputs.force_min.tolist()), plain_sum(inputs.force_max.tolist())
         printed = self.parameters.kappa == "printed"
         if self.parameters.funnel == "dynamic" and (printed or not low <= wanted <= high):
-            possible = sum(inputs.applied.tolist()) if printed else min(max(wanted, low), high)
+            possible = plain_sum(inputs.applied.tolist()) if printed else min(max(wanted, low), high)
             excess = abs(wanted - possible) / self.model.inertia
             grow = excess / max(abs(error), self.parameters.delta)
             wide *= math.exp(min(grow * h, 20.0))

@@ -45,6 +45,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.diophantine import sampled_actuator
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.identification import Increments, ResidualNetwork
@@ -136,7 +137,7 @@ class Gpc(GuardedLaw):
     def on_missed_sample(self) -> None:
         """Handle a missed sample: the grid of samples continues, with the prediction of the model as measurement."""
         if self._count % self._every == 0:
-            sent = [sum(self._sent())] if self._single else self._sent()
+            sent = [plain_sum(self._sent())] if self._single else self._sent()
             for loop, force, mass in zip(self._loops, sent, self._mass, strict=True):
                 loop.coast(force / mass)
         self._count += 1
@@ -170,7 +171,7 @@ class Gpc(GuardedLaw):
         errors: list[float] = (inputs.position - inputs.reference_position).tolist()
         sent, saturated = self._sent(), any(self.saturated)
         if self._single:
-            speeds, errors, sent = [self.mean(speeds)], [self.mean(errors)], [sum(sent)]
+            speeds, errors, sent = [self.mean(speeds)], [self.mean(errors)], [plain_sum(sent)]
         ahead = self._ahead(inputs)
         accelerations = [
             loop.step(speed, force / mass, ahead - self.parameters.position_gain * error, saturated)
@@ -178,7 +179,7 @@ class Gpc(GuardedLaw):
         ]
         disturbance = inputs.disturbance.tolist()
         if self._single:
-            total = accelerations[0] * self._mass[0] - sum(disturbance)
+            total = accelerations[0] * self._mass[0] - plain_sum(disturbance)
             return [total * share for share in self.share]
         return [
             wanted * mass - force for wanted, mass, force in zip(accelerations, self._mass, disturbance, strict=True)

@@ -29,6 +29,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.contract import LawInput, parameter
@@ -77,7 +78,7 @@ class LagSmc(GuardedLaw):
                 for force, mass, error, rate, net in zip(applied, self._mass, errors, rates, nets, strict=True)
             ]
         mean = self.mean(rates)
-        total = sum(applied)
+        total = plain_sum(applied)
         net = self._train_net(inputs, total)
         wanted = total + self.model.inertia * self._lag * self._jerk(self.mean(errors), mean, net, inputs)
         damping = self.parameters.damping
@@ -107,4 +108,4 @@ class LagSmc(GuardedLaw):
         model = self.model
         speed = self.mean(inputs.velocity.tolist())
         resisting = model.resisting_force(model.front(inputs.position), speed, inputs.train_shoe_force)
-        return float((total + sum(inputs.disturbance.tolist()) - resisting) / model.inertia)
+        return float((total + plain_sum(inputs.disturbance.tolist()) - resisting) / model.inertia)

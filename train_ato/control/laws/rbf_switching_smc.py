@@ -40,6 +40,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.rbf import RBF_CENTERS, Weights, activations
 from train_ato.control.algorithms.sliding import sign
@@ -220,7 +221,7 @@ class Identification:
         self._before = (acceleration, self._before[0])
         self._size += 0.01 * (acceleration * acceleration - self._size)
         self._missing += 0.01 * (miss * miss - self._missing)
-        slope = sum(
+        slope = plain_sum(
             w * h * (centre - point[0]) for w, h, centre in zip(self._weights.values, hidden, RBF_CENTERS, strict=True)
         )
         self.slope = slope / self.WIDTH**2

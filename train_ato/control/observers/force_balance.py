@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.contract import parameter
@@ -99,7 +100,7 @@ class ForceBalance:
         speed = mean_over_units(self._share, speeds)
         resisting = self._model.resisting_force(self._model.front(inputs.position), speed, inputs.train_shoe_force)
         inertia = self._model.inertia
-        return BalanceState(speed, sum(inputs.applied.tolist()) / inertia, resisting / inertia)
+        return BalanceState(speed, plain_sum(inputs.applied.tolist()) / inertia, resisting / inertia)
 
 
 def lag_weight(period: float, lag: float) -> float:

@@ -1,13 +1,15 @@
-"""Table of one topic with a unit in the name of every column."""
+"""Table of one topic with a unit in the name of every column.
+
+pandas is imported with the first table: a run is recorded without it, and starts earlier.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from train_ato.log.tables.columns import TIME, column, has_column
@@ -18,6 +20,9 @@ from train_ato.messages.codec.cdr import counts_from_stamp, nanoseconds
 from train_ato.messages.codec.fixed import FRAME
 from train_ato.messages.layout import present_name
 from train_ato.messages.topics import EPOCH_NS
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["LONGEST_ARRAY", "STAMPS", "check_foreign", "check_known", "foreign_table", "known_part", "known_table"]
 
@@ -75,6 +80,8 @@ def known_table(topic: str, series: TopicColumns) -> pd.DataFrame:
 
 def _part(topic: str, group: Group) -> pd.DataFrame:
     """Return the table of the messages of one layout, with contiguous columns."""
+    import pandas as pd
+
     owners = [present_name(owner) for owner in _owners(group.layout)]
     leaves = {leaf.path: leaf for leaf in group.leaves if leaf.dtype is not None}
     stamps = next(nanoseconds(group.values(leaves[path])) for path in STAMPS if path in leaves) - EPOCH_NS
@@ -126,6 +133,8 @@ def _joined(parts: list[tuple[NDArray[np.int64], pd.DataFrame]]) -> pd.DataFrame
     """Join the parts of a topic in the order of the log."""
     if len(parts) == 1:
         return parts[0][1]
+    import pandas as pd
+
     order = np.argsort(np.concatenate([numbers for numbers, _ in parts]), kind="stable")
     return pd.concat([part for _, part in parts]).iloc[order]
 
@@ -148,6 +157,8 @@ def foreign_table(series: TopicColumns, begin_ns: int) -> pd.DataFrame:
     begin_ns
         Time 0 of the table [ns since 1970].
     """
+    import pandas as pd
+
     publish = series.publish_ns
     found: dict[str, NDArray[Any]] = {}
     for group in series.groups:

@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-from math import tanh
-
 import numpy as np
 
 from plant_sim import compiled as compilation
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_tanh
 from train_ato.control.compiled import laws as c
 
 # Rows of `measured` (ticks, rows, units).
@@ -83,7 +82,7 @@ def _opposing(tick, measured, couplers, beside, own, table, shoes, inputs):
         pull -= 0.0 if front < 0 else couplers[tick, COUPLER_FORCE, front]
         v = measured[tick, MEASURED_VELOCITY, u]
         speed = abs(v)
-        running = (own[u, C0] + own[u, C1] * speed + own[u, C2] * speed * speed) * tanh(v / own[u, FADING_SPEED])
+        running = (own[u, C0] + own[u, C1] * speed + own[u, C2] * speed * speed) * libm_tanh(v / own[u, FADING_SPEED])
         place = (measured[tick, MEASURED_POSITION, u] - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
         resistance = running + own[u, MASS] * _interpolated(table, place)
         inputs[c.OPPOSING, u] = pull + resistance + shoes[tick, 1 + u]

@@ -13,6 +13,7 @@ import numpy as np
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
+from plant_sim.summation import plain_sum
 from train_ato.messages.types import Array
 from train_ato.profile.knots import knot_count
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs, SectionKnots
@@ -168,7 +169,7 @@ def _plan_to_timetable(
             f"{sections[-1].end / 1000:.3f}, at least {fastest.running_time:.1f} s are needed; add "
             f"{fastest.running_time - time:.1f} s"
         )
-    dwell = sum(departure - arrival for _, arrival, departure in fastest.arrivals[1:-1])
+    dwell = plain_sum(departure - arrival for _, arrival, departure in fastest.arrivals[1:-1])
     for _ in range(MAX_TIMETABLE_ROUNDS):
         plan = assemble(spread_time_reserve(sections, time - dwell))
         if plan.running_time <= time + TIME_TOLERANCE:

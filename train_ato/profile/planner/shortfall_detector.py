@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from plant_sim.summation import plain_sum
+
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
@@ -151,7 +153,7 @@ class ShortfallDetector:
         """Return true for a larger error in the second half of the window."""
         errors = [-direction * entry.speed_error for entry in self._samples]
         half = len(errors) // 2
-        return sum(errors[-half:]) > sum(errors[:half])
+        return plain_sum(errors[-half:]) > plain_sum(errors[:half])
 
     def _three_samples(self, forces: list[float]) -> list[tuple[float, Sample]]:
         """Return force [N] and sample at begin, middle and end of the window."""
@@ -162,5 +164,5 @@ def _regression_end(values: list[float]) -> float:
     """Return the linear regression of evenly spaced values at the last of them."""
     n = len(values)
     middle = (n - 1) / 2
-    slope = sum((k - middle) * value for k, value in enumerate(values)) / (n * (n * n - 1) / 12)
-    return sum(values) / n + slope * middle
+    slope = plain_sum((k - middle) * value for k, value in enumerate(values)) / (n * (n * n - 1) / 12)
+    return plain_sum(values) / n + slope * middle

@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from plant_sim.summation import plain_sum
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy
 from train_ato.profile.planner.dynamic_programming import switching_curve
 from train_ato.profile.planner.section import PlanSection
@@ -49,7 +50,7 @@ def spread_time_reserve(sections: list[PlanSection], time: float) -> Strategies:
     ValueError
         If the time needs a speed below the minimum cruise speed.
     """
-    if time <= sum(section.time() for section in sections) + TIME_TOLERANCE:
+    if time <= plain_sum(section.time() for section in sections) + TIME_TOLERANCE:
         return [MINIMUM_TIME] * len(sections)
     candidates = [_by_cruise_speed(sections, time, factor) for factor in COASTING_FACTORS]
     candidates += [_by_price_of_time(sections, time), _with_cap(sections, time, [MINIMUM_TIME] * len(sections))]
@@ -58,7 +59,7 @@ def spread_time_reserve(sections: list[PlanSection], time: float) -> Strategies:
             f"timetable too slack: {time:.1f} s of running needs less than {3.6 * MIN_CRUISE:.1f} km/h; reduce the "
             "time or increase a dwell time"
         )
-    return min(candidates, key=lambda strategies: sum(map(traction_work, sections, strategies)))
+    return min(candidates, key=lambda strategies: plain_sum(map(traction_work, sections, strategies)))
 
 
 def _by_price_of_time(sections: list[PlanSection], time: float) -> Strategies:
@@ -134,7 +135,7 @@ def _cruise_strategy(sections: list[PlanSection], cruise: float, factor: float) 
 def _running_time(sections: list[PlanSection], strategies: Strategies) -> float:
     """Return the running time of all sections [s]; infinite if a section has no solution."""
     try:
-        return sum(section.time(strategy) for section, strategy in zip(sections, strategies, strict=True))
+        return plain_sum(section.time(strategy) for section, strategy in zip(sections, strategies, strict=True))
     except ValueError:
         return np.inf
 

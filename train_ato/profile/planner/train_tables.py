@@ -8,6 +8,7 @@ import numpy as np
 
 from plant_sim.air_brake import braking_factor
 from plant_sim.consist import Consist
+from plant_sim.summation import plain_sum
 from plant_sim.traction import Envelope
 from train_ato.messages.types import Array
 
@@ -101,7 +102,7 @@ class TrainTables:
         self.masses: Array = np.array([vehicle.mass for vehicle in vehicles])
         self.lengths: Array = np.array([vehicle.length for vehicle in vehicles])
         self.mass = float(self.masses.sum())
-        self.inertia = float(sum(vehicle.mass * vehicle.rotating_mass_factor for vehicle in vehicles))
+        self.inertia = plain_sum(vehicle.mass * vehicle.rotating_mass_factor for vehicle in vehicles)
         self.half = vehicles[0].length / 2
         self.behind: Array = np.array(consist.offsets) + self.half
         self.length = consist.length

@@ -1,0 +1,97 @@
+"""Processor time of the start: of the command's help, and of a run up to its first tick.
+
+    python bench/startup.py [--rounds N]
+
+Every round runs each command once in a new process, in turns; the best round of each counts, because other load only
+adds time.  The floors are an interpreter without a program and one that imports numpy.  A run stops at its first step
+of the plant; the kernels are in the cache from a first run.  The goals: help in 0.2 s; the first tick in 1.5 s, with
+ROS nodes in one process (default) and in the engine.  The exit status is 1 if one is missed widely (see goals.py).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+
+from child import python_command
+from figures import Figure
+from goals import Goal, judge
+
+HELP_S, TICK_S = 0.2, 1.5
+FIRST_TICK = """
+import os, sys, time
+from importlib.abc import MetaPathFinder
+class Stop(MetaPathFinder):
+    def find_spec(self, name, path, target=None):
+        if name == "train_ato.loop.engine" or name == "train_ato.ros.nodes.plant":
+            sys.meta_path.remove(self)
+            from train_ato.loop.plant import PlantStage
+            act = PlantStage.act
+            def first(self, *arguments, **named):
+                act(self, *arguments, **named)
+                os.write(1, f"first tick {time.process_time()}\\n".encode())
+                os._exit(0)
+            PlantStage.act = first
+        return None
+sys.meta_path.insert(0, Stop())
+from train_ato.cli.main import main
+sys.exit(main(sys.argv[1:]) or 3)
+"""
+"""Run of a command that ends after the first step of the plant and prints its processor time."""
+
+
+def first_tick_s(*options: str) -> float:
+    """Return the processor time of a run of the demo up to the end of its first tick [s]."""
+    with tempfile.TemporaryDirectory(prefix="train_ato_bench_") as folder:
+        spent = python_command("-c", FIRST_TICK, "run", "demo", *options, "--out", f"{folder}/run")
+    (line,) = [line for line in spent.output.splitlines() if line.startswith("first tick ")]
+    return float(line.split()[-1])
+
+
+def has_ros() -> bool:
+    """Return True if the ROS packages are installed."""
+    import importlib.util
+
+    return importlib.util.find_spec("rclpy") is not None
+
+
+def main() -> int:
+    """Print the times and the goals; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--rounds", type=int, default=5)
+    rounds = parser.parse_args().rounds
+    measures = {
+        "python -c pass": lambda: python_command("-c", "pass").processor_s,
+        "import numpy": lambda: python_command("-c", "import numpy").processor_s,
+        "import train_ato": lambda: python_command("-c", "import train_ato").processor_s,
+        "train-ato --help": lambda: python_command("-m", "train_ato", "--help").processor_s,
+        "run demo --engine, first tick": lambda: first_tick_s("--engine"),
+    }
+    if has_ros():
+        measures["run demo, first tick"] = first_tick_s
+    for measure in measures.values():
+        measure()  # fills the caches of kernels and compiled Python
+    best = dict.fromkeys(measures, float("inf"))
+    for _ in range(rounds):
+        for name, measure in measures.items():
+            best[name] = min(best[name], measure())
+    bare, arrays = best["python -c pass"], best["import numpy"]
+    print(f"{'processor time':32} {'s':>7} {'/ python -c pass':>17} {'/ import numpy':>15}")
+    for name, seconds in best.items():
+        print(f"{name:32} {seconds:7.3f} {seconds / bare:17.1f} {seconds / arrays:15.1f}")
+    figures = [
+        Figure("import numpy", arrays, "s", "python -c pass", bare),
+        Figure("import train_ato", best["import train_ato"], "s", "python -c pass", bare),
+        Goal("train-ato --help", best["train-ato --help"], HELP_S, "s", beside="python -c pass", beside_value=bare),
+    ]
+    figures += [
+        Goal(name, seconds, TICK_S, "s", beside="import numpy", beside_value=arrays)
+        for name, seconds in best.items()
+        if name.startswith("run demo")
+    ]
+    return judge(figures)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,136 @@
+"""Sums of a run have the same bits in every version of Python."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from operator import mul
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from plant_sim.elementary import cos_each, exp_each, sin_each
+from plant_sim.summation import plain_dot, plain_sum
+
+ROOT = Path(__file__).resolve().parents[1]
+LAYERS = ("plant_sim", *(f"train_ato/{part}" for part in ("messages", "supervision", "control", "profile", "loop")))
+"""Layers with the numbers of a run."""
+EXACT = {
+    "plant_sim/consist.py": {"sum((part.count for part in self.train))"},
+    "plant_sim/formats/railtoolkit.py": {"sum((vehicle.powered for vehicle in vehicles))"},
+    "plant_sim/train.py": {"sum(stats.cache_misses.values())"},
+    "train_ato/control/air_brake/policy.py": {"sum((length > self._rules.min_length for length in inside))"},
+    "train_ato/loop/oscillation.py": {
+        "sum((max((_correlation(part, lag) for lag in lags)) >= CORRELATION for part in parts))"
+    },
+    "train_ato/loop/protection_record.py": {
+        "sum((span.state == BRAKING_LAW for span in state_spans(reports, 'controller')))"
+    },
+    "train_ato/loop/recording_builder.py": {"sum((part.time.size for part in parts))"},
+    "train_ato/loop/train_protection.py": {"sum((age > bound for bound in self._bounds))"},
+    "train_ato/messages/codec/fixed.py": {
+        "sum(sizes)", "sum((1 if size is None else size for size in _sizes(topic, layout, path)))",
+    },
+}  # fmt: skip
+"""Sums of integers and of truth values."""
+ARRAYS = {
+    "train_ato/profile/planner/train_tables.py": {
+        "sum((envelope_at(envelope, speed) for envelope in self._traction))",
+        "sum((envelope_at(envelope, speed) for envelope in self._electric))",
+        "sum((_tabulate(envelope, self.speed) for envelope in self._traction))",
+        "sum((_tabulate(envelope, self.speed) for envelope in self._electric))",
+    }
+}
+"""Sums of numpy arrays: added in order in every version."""
+BOUNDS = {
+    "train_ato/control/algorithms/guard.py": {
+        "sum(map(abs, preview.position.tolist()))",
+        "sum(map(abs, preview.velocity.tolist()))",
+        "sum(map(abs, preview.acceleration.tolist()))",
+        "sum(map(abs, speeds))",
+        "sum(map(abs, places))",
+        "sum(map(abs, forces))",
+    }
+}
+"""Sums compared with a bound that is far from every physical value; their last bits reach no number."""
+NEWER_TYPES = {"Self", "Never", "LiteralString", "Required", "NotRequired", "Unpack", "TypeVarTuple", "override",
+               "assert_never", "assert_type", "reveal_type", "dataclass_transform", "StrEnum"}  # fmt: skip
+"""Names of ``typing`` and ``enum`` that Python 3.10 does not have."""
+
+
+def sources(*folders: str) -> dict[str, ast.Module]:
+    """Return the syntax tree of every source file of some folders."""
+    return {
+        str(path.relative_to(ROOT)): ast.parse(path.read_text(encoding="utf-8"))
+        for folder in folders
+        for path in sorted((ROOT / folder).rglob("*.py"))
+    }
+
+
+def sums(tree: ast.Module) -> set[str]:
+    """Return the calls of the built-in ``sum`` as text."""
+    return {
+        ast.unparse(node)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "sum"
+    }
+
+
+def test_no_sum_of_floats_in_the_layers_of_a_run() -> None:
+    """Breaks if a built-in sum() of floats is added: its last bits differ from Python 3.12 on; use plain_sum."""
+    tables = (EXACT, ARRAYS, BOUNDS)
+    allowed = {file: set().union(*(table.get(file, set()) for table in tables)) for file in EXACT | ARRAYS | BOUNDS}
+    found = {file: calls for file, tree in sources(*LAYERS).items() if (calls := sums(tree))}
+    assert found == allowed
+
+
+def test_no_name_newer_than_python_3_10() -> None:
+    """Breaks if a module cannot be imported in Python 3.10, which ruff does not see."""
+    newer = {
+        f"{file}: {alias.name}"
+        for file, tree in sources("plant_sim", "train_ato", "bench", "msgs_docs", "examples").items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module in ("typing", "enum")
+        for alias in node.names
+        if alias.name in NEWER_TYPES
+    }
+    assert newer == set()
+
+
+NUMBERS = st.lists(st.floats(-1e9, 1e9), max_size=20)
+
+
+@given(NUMBERS)
+def test_plain_sum_adds_in_order(values: list[float]) -> None:
+    """Breaks if the sum is compensated or in another order; in Python 3.10 and 3.11 the built-in one is equal."""
+    total = np.float64(0.0)
+    for value in values:
+        total = total + np.float64(value)
+    assert plain_sum(values) == plain_sum(iter(values)) == float(total)
+    if sys.version_info < (3, 12):
+        assert plain_sum(values) == sum(values)
+
+
+def test_a_compensated_sum_is_another_one() -> None:
+    """Breaks if the test above cannot fail: the plain sum loses the small numbers."""
+    assert plain_sum([1.0, 1e-16, 1e-16]) == 1.0
+    assert plain_sum([]) == 0.0
+
+
+@given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)), max_size=20))
+def test_plain_dot_is_the_plain_sum_of_the_products(pairs: list[tuple[float, float]]) -> None:
+    """Breaks if a product is fused with the addition or left out."""
+    one, other = [a for a, _ in pairs], [b for _, b in pairs]
+    assert plain_dot(one, other) == plain_sum(map(mul, one, other))
+
+
+@pytest.mark.parametrize(("each", "name"), [(exp_each, "exp"), (sin_each, "sin"), (cos_each, "cos")])
+def test_functions_have_the_bits_of_the_c_library(each, name: str) -> None:
+    """Breaks if the compiler replaces the C library by a vector library with other last bits."""
+    import math
+
+    values = np.random.default_rng(1).uniform(-30.0, 30.0, 20_000)
+    assert each(values).tobytes() == np.array([getattr(math, name)(value) for value in values.tolist()]).tobytes()
