@@ -54,6 +54,13 @@ BENCHMARKS = (
     ),
     Benchmark("frames", "tables of an hour; beside rosbags", quick=None),
     Benchmark("report", "report of an hour; beside reading alone", quick=None),
+    Benchmark(
+        "sweep", "sweep on Dask: two workers beside one, overhead of a run, a killed worker",
+        quick=("--runs", "30", "--duration", "60"), needs=("distributed",),
+    ),
+    Benchmark("requirements", "evaluation of requirements; beside rtamt", needs=("rtamt",)),
+    Benchmark("falsify", "runs to the break of planted faults; beside random search", quick=None, needs=("cma",)),
+    Benchmark("tune", "optimizers of gains with equal runs", quick=None, needs=("cma", "optuna", "cmaes")),
     Benchmark("reactions", "reaction of the train to a killed node", quick=None, needs=("rclpy",)),
     Benchmark("view", "live page", quick=None, needs=("rclpy", "/chromium")),
 )  # fmt: skip

@@ -25,7 +25,7 @@ from train_ato.apps.tune.objective import (
     score_of_run,
 )
 from train_ato.apps.tune.optimizers import CmaOptimizer
-from train_ato.apps.tune.search_space import search_space
+from train_ato.apps.tune.gain_space import gain_space
 from train_ato.apps.tune.tune_spec import read_tune_spec
 from train_ato.cli.main import main
 from train_ato.loop.tracking import OUTCOMES
@@ -110,7 +110,7 @@ def test_bad_weights_are_refused(texts: list[str], words: str) -> None:
 
 def test_ranges_are_a_factor_of_ten_within_the_declared_bounds() -> None:
     """Breaks if a bound of the law is exceeded, or if words, switches and zeros vary."""
-    space = search_space("smc", {"alpha": 5.0, "l2": 0.0})
+    space = gain_space("smc", {"alpha": 5.0, "l2": 0.0})
     found = {entry.key: (entry.low, entry.high) for entry in space.dimensions}
     assert found["l1"] == (0.1, 10.0)
     assert found["alpha"] == (0.5, 10.0)
@@ -119,9 +119,9 @@ def test_ranges_are_a_factor_of_ten_within_the_declared_bounds() -> None:
 
 def test_the_search_begins_at_the_gains_of_the_scenario() -> None:
     """Breaks if the coordinates of a logarithmic range are linear, or a start value is ignored."""
-    space = search_space("pid", {"kp": 0.3, "ki": 0.02}, ["kp", "ki"])
+    space = gain_space("pid", {"kp": 0.3, "ki": 0.02}, ["kp", "ki"])
     assert space.gains_at(space.start_point) == {"kp": 0.3, "ki": 0.02}
-    begun = search_space("pid", {"kp": 0.3}, ["kp"], read_tune_spec({"start": {"kp": 0.04}}))
+    begun = gain_space("pid", {"kp": 0.3}, ["kp"], read_tune_spec({"start": {"kp": 0.04}}))
     assert begun.gains_at(begun.start_point) == {"kp": 0.04} and begun.initial == {"kp": 0.3}
 
 
@@ -130,7 +130,7 @@ def test_candidates_have_three_significant_digits_within_the_range() -> None:
     spec = read_tune_spec(
         {"over": {"kp": {"from": 0.12345, "to": 0.98765}, "feedforward": [True], "gains": ["per_mass"]}}
     )
-    space = search_space("pid", {}, None, spec)
+    space = gain_space("pid", {}, None, spec)
     assert space.gains_at([0.5])["kp"] == float(f"{(0.12345 + 0.98765) / 2:.3g}")
     assert [space.gains_at([share])["kp"] for share in (-1.0, 0.0, 1.0, 2.0)] == [0.12345, 0.12345, 0.98765, 0.98765]
     assert space.gains_at([0.5])["feedforward"] is True and len(space.dimensions) == 1
@@ -152,7 +152,7 @@ def test_bad_search_spaces_are_refused(names: list[str] | None, over: dict[str, 
     """Breaks if a wrong range ends in refused candidates in place of a message."""
     spec = read_tune_spec({"over": over} if over else {"start": {}})
     with pytest.raises(ValueError, match=words):
-        search_space("pid", {}, names, spec)
+        gain_space("pid", {}, names, spec)
 
 
 @pytest.mark.parametrize(
@@ -198,7 +198,7 @@ def test_equal_candidates_are_run_once() -> None:
     tasks = gain_tasks([ta.scenario("xuzhou_metro").with_(duration=5)], "pid", SEARCHED, None)
     runs: list[None] = []
     with GainWorkers(tasks, 1) as workers:
-        space = search_space("pid", {}, ["kp"])
+        space = gain_space("pid", {}, ["kp"])
         search = GainSearch(space, [0], [ONES], ONES, workers, lambda: runs.append(None))
         search.evaluate([{}])
         found = search.evaluate([{"kp": 2.0}, {"kp": 0.1}, {"kp": 2.0}])

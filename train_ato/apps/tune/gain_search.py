@@ -9,7 +9,7 @@ from typing import Any
 from train_ato.apps.tune.gain_workers import GainWorkers
 from train_ato.apps.tune.objective import GainScore, score_of_run
 from train_ato.apps.tune.optimizers import GainOptimizer
-from train_ato.apps.tune.search_space import SearchSpace
+from train_ato.apps.tune.gain_space import GainSpace
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class GainSearch:
         Called after every run.
     """
 
-    space: SearchSpace
+    space: GainSpace
     tasks: Sequence[int]
     scales: Sequence[Mapping[str, float]]
     weights: Mapping[str, float]

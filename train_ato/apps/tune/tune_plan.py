@@ -16,7 +16,7 @@ from train_ato.apps.tune.gain_search import GainCandidate, GainSearch
 from train_ato.apps.tune.gain_workers import GainWorkers
 from train_ato.apps.tune.objective import scales_of, score_of_run
 from train_ato.apps.tune.optimizers import MakeOptimizer
-from train_ato.apps.tune.search_space import SearchSpace, search_space
+from train_ato.apps.tune.gain_space import GainSpace, gain_space
 from train_ato.apps.tune.tune_result import HISTORY, INITIAL, TUNED, TuneResult, history_row, result_row
 from train_ato.apps.tune.tune_spec import TuneSpec
 from train_ato.errors import RunFailed
@@ -50,7 +50,7 @@ class TunePlan:
     tasks: list[GainTask]
     choice: ScenarioChoice
     weights: dict[str, float]
-    space: SearchSpace
+    space: GainSpace
     generations: int
     settings: dict[str, Any]
     _rows: list[dict[str, Any]] = field(default_factory=list)
@@ -76,7 +76,7 @@ class TunePlan:
         setups = [runner.setup(index) for index in range(len(tasks))]
         law = setups[0].controller
         values = setups[0].controller_parameters.get(law, {})
-        space = search_space(law, values, parameters, spec)
+        space = gain_space(law, values, parameters, spec)
         searched = sum(task.part == SEARCHED for task in tasks)
         smallest = POPULATION * searched
         if runs < smallest:

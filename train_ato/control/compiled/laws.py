@@ -56,7 +56,7 @@ def clamped(value, low, high):
 
 
 @compiled
-def pid(constant, state, inputs, now, force):
+def pid_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.pid.Pid` [N]."""
     n, limit, decay = inputs.shape[1], constant[INTEGRAL_LIMIT], constant[FILTER_DECAY]
     integral = state[PID_UNITS : PID_UNITS + n]
@@ -203,7 +203,7 @@ def _widen(constant, state, inputs, wanted, error):
 
 
 @compiled
-def funnel(constant, state, inputs, now, force):
+def funnel_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.funnel.Funnel` with its network [N]."""
     n = inputs.shape[1]
     place_error = _mean(inputs[SHARE], inputs[POSITION] - inputs[REFERENCE_POSITION], n)
@@ -234,7 +234,7 @@ def _sign(value, width):
 
 
 @compiled
-def smc(constant, state, inputs, now, force):
+def smc_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.smc.Smc` [N]."""
     n, limit = inputs.shape[1], constant[S_INTEGRAL_LIMIT]
     for unit in range(n):
@@ -261,8 +261,8 @@ def smc(constant, state, inputs, now, force):
 def demand(law, constant, state, inputs, now, force):
     """Compute the demand of a law by its number [N], shape (units,)."""
     if law == PID:
-        pid(constant, state, inputs, now, force)
+        pid_step(constant, state, inputs, now, force)
     elif law == FUNNEL:
-        funnel(constant, state, inputs, now, force)
+        funnel_step(constant, state, inputs, now, force)
     else:
-        smc(constant, state, inputs, now, force)
+        smc_step(constant, state, inputs, now, force)

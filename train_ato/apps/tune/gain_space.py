@@ -21,7 +21,7 @@ DIGITS = 3
 
 
 @dataclass(frozen=True)
-class SearchSpace:
+class GainSpace:
     """Parameters of a law that vary.
 
     Attributes
@@ -72,9 +72,9 @@ def _share(dimension: Dimension, value: Any) -> float:
     return float(np.clip(dimension.share(min(max(value, dimension.low), dimension.high)), 0.0, 1.0))
 
 
-def search_space(
+def gain_space(
     law: str, values: Mapping[str, Any], names: Sequence[str] | None = None, spec: TuneSpec = NO_SPEC
-) -> SearchSpace:
+) -> GainSpace:
     """Return the search space of a law.
 
     Without further choice the numeric parameters above 0 vary, each within a factor of ten around its value in the
@@ -123,7 +123,7 @@ def search_space(
         raise ValueError(f"law '{law}': no numeric parameter above 0; give ranges in the file of --over")
     varied = [dimension.key for dimension in dimensions]
     LAWS.check_parameters(law, {**values, **fixed, **{name: begin[name] for name in varied}})
-    return SearchSpace(
+    return GainSpace(
         law,
         tuple(dimensions),
         {name: initial[name] for name in (*fixed, *varied)},
