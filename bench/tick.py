@@ -132,6 +132,7 @@ def main() -> int:
         )
     for name, assignments in () if sys.argv[1:] else COMPILED:
         python, compiled, factor = run_times(name, assignments)
+        publish(Figure(f"compiled tick, {name}", compiled, "us", "the same in Python", python))
         sys.stdout.write(
             f"{name}, whole run, {' '.join(assignments)}: {python:.0f} us a tick, in compiled spans {compiled:.1f} us "
             f"({python / compiled:.1f} times faster, {factor:.0f} times real time)\n"

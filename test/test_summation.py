@@ -30,7 +30,8 @@ EXACT = {
         "sum((span.state == BRAKING_LAW for span in state_spans(reports, 'controller')))"
     },
     "train_ato/loop/recording_builder.py": {
-        "sum((part.time.size for part in (*parts, *self._blocks[topic])))", "sum((block.time.size for block in blocks))",
+        "sum((part.time.size for part in (*parts, *self._blocks[topic])))",
+        "sum((block.time.size for block in blocks))",
     },
     "train_ato/loop/train_protection.py": {"sum((age > bound for bound in self._bounds))"},
     "train_ato/messages/codec/fixed.py": {

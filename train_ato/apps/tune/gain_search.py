@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from train_ato.apps.tune.gain_space import GainSpace
 from train_ato.apps.tune.gain_workers import GainWorkers
 from train_ato.apps.tune.objective import GainScore, score_of_run
 from train_ato.apps.tune.optimizers import GainOptimizer
-from train_ato.apps.tune.gain_space import GainSpace
 
 
 @dataclass(frozen=True)

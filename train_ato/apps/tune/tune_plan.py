@@ -13,10 +13,10 @@ from train_ato.apps.runs.scenario_choice import ScenarioChoice
 from train_ato.apps.sweep.dimensions import Dimension
 from train_ato.apps.tune.gain_runs import HELD_OUT, SEARCHED, GainRunner, GainTask
 from train_ato.apps.tune.gain_search import GainCandidate, GainSearch
+from train_ato.apps.tune.gain_space import GainSpace, gain_space
 from train_ato.apps.tune.gain_workers import GainWorkers
 from train_ato.apps.tune.objective import scales_of, score_of_run
 from train_ato.apps.tune.optimizers import MakeOptimizer
-from train_ato.apps.tune.gain_space import GainSpace, gain_space
 from train_ato.apps.tune.tune_result import HISTORY, INITIAL, TUNED, TuneResult, history_row, result_row
 from train_ato.apps.tune.tune_spec import TuneSpec
 from train_ato.errors import RunFailed
