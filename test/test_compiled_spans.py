@@ -53,6 +53,15 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
         {**FREE, "duration": 60, "law": "funnel", "compensation": "none",
          "laws.funnel": {"variant": "printed", "outside_funnel": "printed", "kappa": "printed"}},
     ),
+    "funnel, printed, resistance of the model": (
+        "crh380a_funnel:short",
+        {**FREE, "duration": 60, "law": "funnel", "compensation": "none",
+         "laws.funnel": {"variant": "printed", "resistance": "model"}},
+    ),
+    "funnel, resistance of the model, air brake": (
+        "daqin_heavy_haul", {**HEAVY, **BRAKE, "law": "funnel", "compensation": "none",
+                             "laws.funnel": {"resistance": "both"}},
+    ),
     "funnel, three units": ("crh380a_gpc:short", {**FREE, "duration": 60, "law": "funnel", "compensation": "none"}),
     "pid, delays by unit and sign, jump": (
         "crh380a_gpc:jump", {**FREE, "duration": 300, "law": "pid", "compensation": "preview"}

@@ -23,8 +23,9 @@ PID, FUNNEL, SMC = range(3)
 ) = range(11)  # fmt: skip
 INPUT_ROWS = 11
 # Entries of `now`, values of the step for all units.
-REFERENCE_VELOCITY, REFERENCE_ACCELERATION, ACCELERATION_AT_EFFECT = range(3)
-NOW_ENTRIES = 3
+# LINE_FORCE, TRAIN_SHOE_FORCE: forces against the motion of the train.
+REFERENCE_VELOCITY, REFERENCE_ACCELERATION, ACCELERATION_AT_EFFECT, LINE_FORCE, TRAIN_SHOE_FORCE = range(5)
+NOW_ENTRIES = 5
 # Entries of `constant` of pid, and its first gain; three gains per unit.
 OF_POSITION, INTEGRAL_LIMIT, FILTER_DECAY, DERIVATIVE_DECAY, PERIOD, USES_FEEDFORWARD, PID_GAINS = range(7)
 # Entries of `state` of pid: two flags, then four values per unit.
@@ -34,8 +35,9 @@ HAS_BEFORE, HAS_FILTERED, PID_UNITS = range(3)
     F_PRINTED, F_K10, F_K20, F_BETA2, F_LEAK, F_DECAY, F_CHARGE, F_CLIP, F_NEGATIVE, F_NARROW, F_INERTIA, F_PERIOD,
     F_DELAY_STATE, F_GAMMA_W, F_BIAS_RATE, F_WEIGHT_LIMIT, F_FIXED, F_DYNAMIC, F_PRINTED_KAPPA, F_DELTA, F_WIDTH,
     F_TWO, F_CENTRES, F_A1, F_A2, F_BETA1, F_P1, F_MAX_FUNNEL, F_IOTA, F_GAMMA_M, F_FILTER_STEPS,
-) = range(31)  # fmt: skip
-FUNNEL_CONSTANTS = 31
+    F_USES_MODEL, F_USES_NETWORK, F_C0, F_C1, F_C2, F_FADING_SPEED,
+) = range(37)  # fmt: skip
+FUNNEL_CONSTANTS = 37
 # Entries of `state` of the funnel; the weights are from H_WEIGHTS on, then the excess as a queue.
 (
     H_BIAS, H_PHI1, H_PHI2, H_H, H_BOUND, H_T, H_HAS_ALPHA, H_ALPHA, H_HAS_WANTED, H_WANTED, H_EXCESS_COUNT,
@@ -177,7 +179,21 @@ def _network(constant, state, inputs, speed, error):
             weights[j] = new if -limit <= new <= limit else clamped(new, -limit, limit)
         bias = state[H_BIAS] - constant[F_BIAS_RATE] * error * constant[F_PERIOD]
         state[H_BIAS] = clamped(bias, -limit, limit)
-    return 0.0 + constant[F_INERTIA] * found
+    return constant[F_INERTIA] * found
+
+
+@compiled
+def _resistance(constant, state, inputs, now, speed, error):
+    force = 0.0
+    if constant[F_USES_MODEL] > 0.0:
+        size = abs(speed)
+        running = (constant[F_C0] + constant[F_C1] * size + constant[F_C2] * size * size) * libm_tanh(
+            speed / constant[F_FADING_SPEED]
+        )
+        force = running + now[LINE_FORCE] + now[TRAIN_SHOE_FORCE]
+    if constant[F_USES_NETWORK] == 0.0:
+        return force
+    return force + _network(constant, state, inputs, speed, error)
 
 
 @compiled
@@ -204,7 +220,7 @@ def _widen(constant, state, inputs, wanted, error):
 
 @compiled
 def funnel_step(constant, state, inputs, now, force):
-    """Compute the demand of :class:`train_ato.control.laws.funnel.Funnel` with its network [N]."""
+    """Compute the demand of :class:`train_ato.control.laws.funnel.Funnel` [N]."""
     n = inputs.shape[1]
     place_error = _mean(inputs[SHARE], inputs[POSITION] - inputs[REFERENCE_POSITION], n)
     speed = _mean(inputs[SHARE], inputs[VELOCITY], n)
@@ -218,7 +234,7 @@ def funnel_step(constant, state, inputs, now, force):
     error = speed - alpha - state[H_H]
     k2 = _gain(constant, constant[F_K20], error, state[H_PHI2])
     wanted = constant[F_INERTIA] * (rate - k2 * error - constant[F_LEAK] * state[H_H])
-    wanted += _network(constant, state, inputs, speed, error)
+    wanted += _resistance(constant, state, inputs, now, speed, error)
     wanted -= 0.0
     _widen(constant, state, inputs, wanted, error)
     state[H_WANTED], state[H_HAS_WANTED] = wanted, 1.0

@@ -23,6 +23,7 @@ from train_ato.control.laws.funnel import (
 )
 from train_ato.control.laws.pid import Pid
 from train_ato.control.laws.smc import Smc
+from train_ato.control.train_model import DRY_FRICTION_SPEED
 from train_ato.messages.types import Array
 
 
@@ -59,6 +60,11 @@ class CompiledLaw:
             tuple(-1 if coupler is None else measured._sensor[coupler] for coupler in pair) for pair in beside
         ]
 
+    @property
+    def uses_shoes(self) -> bool:
+        """Return True if the law uses the forecast of the shoe forces by itself, beside the feed-forward."""
+        return bool(self.sensors) or (self.number == c.FUNNEL and bool(self.constant[c.F_USES_MODEL]))
+
     def state(self) -> Array:
         """Return the present state of the law."""
         law: Any = self._law
@@ -91,10 +97,8 @@ class CompiledLaw:
 
 def has_compiled_step(law: Any) -> bool:
     """Return True for a law with a compiled step for its parameters."""
-    if type(law) is Pid:
+    if type(law) in (Pid, Funnel):
         return True
-    if type(law) is Funnel:
-        return bool(law.parameters.resistance == "network")
     return type(law) is Smc and not (law._measured and law._couplers._spring)
 
 
@@ -117,6 +121,8 @@ def _funnel_constants(law: Funnel) -> Array:
         c.F_PRINTED_KAPPA: p.kappa == "printed", c.F_DELTA: p.delta, c.F_WIDTH: law._width, c.F_TWO: 2.0,
         c.F_CENTRES: p.rbf_centers, c.F_A1: A1, c.F_A2: A2, c.F_BETA1: BETA1, c.F_P1: P1,
         c.F_MAX_FUNNEL: MAX_FUNNEL, c.F_IOTA: IOTA, c.F_GAMMA_M: GAMMA_M,
+        c.F_USES_MODEL: p.resistance != "network", c.F_USES_NETWORK: p.resistance != "model", c.F_C0: law.model._c0,
+        c.F_C1: law.model._c1, c.F_C2: law.model._c2, c.F_FADING_SPEED: DRY_FRICTION_SPEED,
         c.F_FILTER_STEPS: max(1, math.ceil(law.period / FILTER_STEP - 1e-9)),
     }  # fmt: skip
     constant[list(values)] = list(values.values())

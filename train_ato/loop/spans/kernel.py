@@ -159,7 +159,7 @@ def _arrived(newest, due, value, bounds, held, window):
 @compiled(uses=(k, c, compilation))
 def run_span(
     stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensor, units, sensors, gaps,
-    law, constant, law_state, inputs, reference, feedforward, shoes, beside, own, table, limits, segments,
+    law, constant, law_state, inputs, reference, feedforward, shoes, beside, own, tables, limits, segments,
     bound, count, delays, newest, due, value, bounds, held, history, truth, measured, couplers, sent, at_limit, reports,
 ):  # fmt: skip
     """Run consecutive ticks until a tick that is left to Python; return the number of ticks run.
@@ -193,7 +193,10 @@ def run_span(
                 inputs[c.FORCE_MAX, u] = _envelope(limits, segments[u, 2], segments[u, 3], speed)
             now[c.REFERENCE_VELOCITY], now[c.REFERENCE_ACCELERATION] = reference[1, tick], reference[2, tick]
             now[c.ACCELERATION_AT_EFFECT] = reference[3, tick]
-            _opposing(tick, measured, couplers, beside, own, table, shoes, inputs)
+            front = measured[tick, MEASURED_POSITION, 0] + own[0, OFFSET]
+            now[c.LINE_FORCE] = _interpolated(tables[1], (front - own[0, LINE_BEGIN]) / own[0, LINE_GRID])
+            now[c.TRAIN_SHOE_FORCE] = shoes[tick, 0]
+            _opposing(tick, measured, couplers, beside, own, tables[0], shoes, inputs)
             c.demand(law, constant, law_state, inputs, now, wanted)
             limited = _command(inputs, wanted, sent[tick + 1], bound)
             if limited < 0:

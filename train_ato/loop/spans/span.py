@@ -161,7 +161,7 @@ class _Span:
     def _uses_shoes(self) -> bool:
         """Return True if this law, or one after a planned change, uses the forecast of the shoe forces."""
         uses_feedforward = getattr(self._stack._law, "uses_feedforward", True)
-        used = self._law.sensors or (uses_feedforward and not isinstance(self._stack._compensation, Twin))
+        used = self._law.uses_shoes or (uses_feedforward and not isinstance(self._stack._compensation, Twin))
         return bool(self._setup.law_changes or used)
 
     def _noise(self) -> tuple[Array, Array, Array]:
@@ -209,15 +209,15 @@ class _Span:
         self._plant.tick += done
 
 
-def _model_arrays(setup: RunSetup) -> tuple[Array, Array, Array, Any]:
+def _model_arrays(setup: RunSetup) -> tuple[Array, tuple[Array, Array], Array, Any]:
     """Return the constants of the nominal model.
 
     Returns
     -------
     own : Array, shape (units, 8)
         Constants of every unit's vehicle and of the line, by the names in the kernel.
-    table : Array
-        Line force per mass [N/kg] on the grid of the model.
+    tables : tuple of Array
+        Line force per mass [N/kg] and on the whole train [N], on the grid of the model.
     segments : Array, shape (segments, 4)
         Segments of all envelopes.
     bounds : Array of int, shape (units, 4)
@@ -234,5 +234,5 @@ def _model_arrays(setup: RunSetup) -> tuple[Array, Array, Array, Any]:
         segments += [brake.rows, traction.rows]
         bounds.append((end, middle, middle, last))
         end = last
-    table = np.array(model._specific)
-    return np.array(rows, dtype=np.float64), table, np.concatenate(segments), np.array(bounds, dtype=np.int64)
+    tables = (np.array(model._specific), np.array(model._total))
+    return np.array(rows, dtype=np.float64), tables, np.concatenate(segments), np.array(bounds, dtype=np.int64)
