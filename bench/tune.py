@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from figures import Figure, publish
 
 import train_ato as ta
 from train_ato.apps.tune.optimizers import CmaOptimizer, GainOptimizer
@@ -140,7 +141,9 @@ def main() -> int:
         for name, values in found.items():
             print(f"  {name:13s} {'  '.join(f'{value:8.4g}' for value in values)}", flush=True)
     for name in OPTIMIZERS:
-        print(f"{name:13s} mean rank {np.mean(ranks[name]):.2f}, own time {1e3 * np.mean(own[name]):.0f} ms")
+        rank = float(np.mean(ranks[name]))
+        print(f"{name:13s} mean rank {rank:.2f}, own time {1e3 * np.mean(own[name]):.0f} ms")
+        publish(Figure(f"mean rank, {name}", rank, "", "mean of all ranks", (1 + len(OPTIMIZERS)) / 2))
     return 0
 
 
