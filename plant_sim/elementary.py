@@ -8,19 +8,26 @@ installed) replaces them.
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
-from numba import types
+from numba import config, types
 
 from plant_sim.compiled import compiled
 from plant_sim.states import Array
 
-_OF_FLOAT = types.float64(types.float64)
-libm_exp = types.ExternalFunction("exp", _OF_FLOAT)
-libm_tanh = types.ExternalFunction("tanh", _OF_FLOAT)
-libm_pow = types.ExternalFunction("pow", types.float64(types.float64, types.float64))
+
+def _of_library(name: str, arguments: int = 1) -> Any:
+    """Return a function of the C library for compiled code, or with ``NUMBA_DISABLE_JIT`` the one of ``math``."""
+    if config.DISABLE_JIT:
+        return getattr(math, name)
+    return types.ExternalFunction(name, types.float64(*[types.float64] * arguments))
+
+
+libm_exp, libm_tanh, libm_pow = _of_library("exp"), _of_library("tanh"), _of_library("pow", 2)
 """Functions of the C library for compiled code: ``math.exp``, ``math.tanh`` and ``**`` of Python call the same ones."""
-_sin = types.ExternalFunction("sin", _OF_FLOAT)
-_cos = types.ExternalFunction("cos", _OF_FLOAT)
+_sin, _cos = _of_library("sin"), _of_library("cos")
 
 
 @compiled
