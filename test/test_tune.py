@@ -327,5 +327,5 @@ def test_missing_optimizer_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: 
     monkeypatch.setitem(sys.modules, "cma", None)
     assert main(["tune", "demo", "--law", "pid"]) == 2
     assert capsys.readouterr().err == (
-        "train-ato: tune: the package 'cma' is not installed; install it: pip install 'train_ato[tune]'\n"
+        "train-ato: tune: the package 'cma' is not installed; install it: pip install cma\n"
     )

@@ -13,7 +13,7 @@ from typing import Any
 
 __all__ = ["MAX_JOBS", "available_cores", "sweep_client"]
 
-MISSING = "the package distributed is not installed; install it with `pip install 'train_ato[sweep]'`"
+MISSING = "the package distributed is not installed; install it with `pip install distributed scipy`"
 LOOPBACK = "127.0.0.1"
 MAX_JOBS = 256
 SCHEDULER_S = 10.0

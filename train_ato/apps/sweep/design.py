@@ -14,7 +14,7 @@ __all__ = ["MISSING_SCIPY", "Point", "design_points"]
 
 Point = dict[str, Any]
 """Values of one run by key."""
-MISSING_SCIPY = "the package scipy is not installed; install it with `pip install 'train_ato[sweep]'`"
+MISSING_SCIPY = "the package scipy is not installed; install it with `pip install distributed scipy`"
 
 
 def design_points(spec: SweepSpec) -> list[Point]:

@@ -14,7 +14,7 @@ import numpy as np
 
 SPREAD = 0.2
 """Initial standard deviation, as part of the range of every gain."""
-INSTALL = "pip install 'train_ato[tune]'"
+INSTALL = "pip install cma"
 
 
 class GainOptimizer(Protocol):
