@@ -43,6 +43,10 @@ KEYS = (
 )  # fmt: skip
 NEAR, NEAR_STOP = 0.05, 0.05
 """Half width of the bounds, relative, and of those on the stop [m]."""
+STOPS: dict[tuple[str, tuple[str, ...]], tuple[float, ...]] = {
+    (":tuned+disturbed+strong_mismatch", ("law=gpc",)): (0.6756, 0.5487),
+}
+"""Stops of one commit on two processors [m]: other last bits of their linear algebra (one_hash.md) change this run."""
 PRINTED = ("law=smc", "laws.smc.ks=0", "laws.smc.anti_windup=false")
 """Sliding mode of paper 000 without linear reaching term and anti-windup."""
 UNLIMITED = (*PRINTED, "laws.smc.integral_limit=1e12")
@@ -83,7 +87,8 @@ def test_the_figures_are_near_those_measured(variant: str, assignments: tuple[st
     result = summary(f"daqin_heavy_haul{variant}", *assignments)
     measured = MEASURED[variant, assignments]
     assert [result[key] for key in KEYS[:-1]] == pytest.approx(list(measured[:-1]), rel=NEAR)
-    assert result["stop_error_m"] == pytest.approx(measured.stop, abs=NEAR_STOP)
+    stops = STOPS.get((variant, assignments), (measured.stop,))
+    assert min(abs(result["stop_error_m"] - stop) for stop in stops) <= NEAR_STOP
     assert result["overspeed_max_kmh"] == 0
 
 
