@@ -15,7 +15,7 @@ from numba.core.event import Listener, install_listener
 _uncached: list[str] = []
 
 
-def compiled(function: Any = None, *, uses: tuple[ModuleType, ...] = ()) -> Any:
+def compiled(function: Any = None, *, uses: tuple[ModuleType, ...] = (), into_caller: bool = False) -> Any:
     """Compile a function without fast-math, so that every run on one machine gives the same bits.
 
     The cache is beside the source or, if that is not writable, in the cache folder of the user (``NUMBA_CACHE_DIR``
@@ -27,16 +27,20 @@ def compiled(function: Any = None, *, uses: tuple[ModuleType, ...] = ()) -> Any:
         The function; without one, a decorator is returned.
     uses
         Other modules whose compiled functions it calls: a change of their files also makes its cache invalid.
+    into_caller
+        True for a part of a loop: the compiler puts its code into every caller, which saves the calls and lets it move
+        work out of the loop. The function releases the lock of the interpreter in both cases.
     """
     if function is None:
-        return partial(compiled, uses=uses)
+        return partial(compiled, uses=uses, into_caller=into_caller)
+    options = {"error_model": "numpy", "nogil": True, "forceinline": into_caller}
     try:
-        dispatcher = njit(cache=True, error_model="numpy")(function)
+        dispatcher = njit(cache=True, **options)(function)
     except RuntimeError as error:
         if "cannot cache" not in str(error):
             raise
         _uncached.append(function.__name__)
-        return njit(error_model="numpy")(function)
+        return njit(**options)(function)
     if uses:
         _stamp_with(dispatcher, uses)
     return dispatcher

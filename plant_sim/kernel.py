@@ -25,10 +25,11 @@ VEHICLE_ROWS = 12
 # Rows of `state`; column i is vehicle i, one column more than vehicles.
 # COUPLER: force of the coupler behind vehicle i in column i + 1.
 # DRIVE_FORCE: traction and outside force. BRAKE_CAPACITY: electric brake force, a dry friction capacity.
-# FRICTION_SHARE: part of the friction capacity that acts in this step, with its sign. DISPLACEMENT: of this step.
+# FRICTION_SHARE: part of the friction capacity that acts in this step, with its sign, of a braking power unit.
+# SPEED_BEFORE: speed before this step, of power units and vehicles with an outside force.
 (
     X, V, DRIFT, XDOT, COUPLER, DRIVE_FORCE, BRAKE_CAPACITY, GRADE_A, GRADE_B, CURVE, PIECE_BEGIN, PIECE_END,
-    CYLINDER, TARGET, RESERVOIR, SUPPLY, SHOE_FORCE, FRICTION_SHARE, DISPLACEMENT,
+    CYLINDER, TARGET, RESERVOIR, SUPPLY, SHOE_FORCE, FRICTION_SHARE, SPEED_BEFORE,
     WORK_RUNNING, WORK_GRADE, WORK_CURVE, WORK_COUPLER, WORK_AIR, WORK_HOLD, WORK_OUTSIDE,
 ) = range(26)  # fmt: skip
 STATE_ROWS = 26
@@ -77,24 +78,32 @@ SHOE_A, SHOE_B, SHOE_SPEED = 2.0, 3.0, 150.0
 ADHESION_HIGH_SPEED, ADHESION_SLOPE, ADHESION_SPEED = 0.161, 7.5, 44.0
 
 
-@compiled
+@compiled(into_caller=True)
+def _set_force(i, force, state, gear):
+    """Set the force of the coupler behind vehicle i and update its extremes."""
+    state[COUPLER, i + ONE] = force
+    gear[DRAFT, i] = max(gear[DRAFT, i] + 0.0, force)
+    gear[BUFF, i] = min(gear[BUFF, i] + 0.0, force)
+
+
+@compiled(into_caller=True)
 def _linear(a, b, x, v, state, vehicle, gear):
     """Spring and damper beyond the slack (papers 002 and 004).
 
     Usable step: 10 ms for 20-98 MN/m between wagons of 100 t (largest force within 0.1 % of that at 0.25 ms). With
     slack and little damping the rattling of single couplers depends on the step; the largest force does not.
     """
-    gap, force = vehicle[GAP], state[COUPLER]
-    half_slack, stiffness, damping = gear[HALF_SLACK], gear[STIFFNESS], gear[DAMPING]
     for i in range(uint64(a), uint64(b)):
-        deflection = x[i] - x[i + ONE] - gap[i]
+        deflection = x[i] - x[i + ONE] - vehicle[GAP, i]
         side = copysign(1.0, deflection)
-        d = max(side * deflection - half_slack[i], 0.0)
-        contact = 1.0 if d > 0.0 or half_slack[i] == 0.0 else 0.0
-        force[i + ONE] = side * stiffness[i] * d + damping[i] * contact * (v[i] - v[i + ONE])
+        half_slack = gear[HALF_SLACK, i]
+        d = max(side * deflection - half_slack, 0.0)
+        contact = 1.0 if d > 0.0 or half_slack == 0.0 else 0.0
+        force = side * gear[STIFFNESS, i] * d + gear[DAMPING, i] * contact * (v[i] - v[i + ONE])
+        _set_force(i, force, state, gear)
 
 
-@compiled
+@compiled(into_caller=True)
 def _clip(a, b, x, v, state, vehicle, gear):
     """Spring of stiffness k between the unloading and the loading branch: paper 000, eqs. (7)-(9).
 
@@ -103,27 +112,26 @@ def _clip(a, b, x, v, state, vehicle, gear):
     damping acts only there (0 in the paper) and does not change the branches.
     Usable step: 10 ms (largest force of 106 vehicles within 0.1 % of that at 0.25 ms, any coupler within 1 kN).
     """
-    gap, force, half_slack, k, c = vehicle[GAP], state[COUPLER], gear[HALF_SLACK], gear[STIFFNESS], gear[DAMPING]
-    f0, x0, a1, a2, ratio = gear[F0], gear[X0], gear[A1], gear[A2], gear[RATIO]
-    stroke, stop, transition = gear[STROKE], gear[STOP], gear[TRANSITION_DAMPING]
-    memory, memory_d = gear[HYSTERESIS_FORCE], gear[HYSTERESIS_DEFLECTION]
     for i in range(uint64(a), uint64(b)):
-        deflection = x[i] - x[i + ONE] - gap[i]
+        deflection = x[i] - x[i + ONE] - vehicle[GAP, i]
         side = copysign(1.0, deflection)
-        beyond = max(side * deflection - half_slack[i], 0.0)
-        d = min(beyond, stroke[i])
-        q = d / (d + x0[i])
-        loading = f0[i] * q + d * (a1[i] + a2[i] * d)
-        h = max(side * memory[i], 0.0) + k[i] * (d - max(side * memory_d[i], 0.0))
-        h = min(max(h, ratio[i] * loading), loading)
-        memory[i] = side * h
-        memory_d[i] = side * d
+        beyond = max(side * deflection - gear[HALF_SLACK, i], 0.0)
+        d = min(beyond, gear[STROKE, i])
+        q = d / (d + gear[X0, i])
+        loading = gear[F0, i] * q + d * (gear[A1, i] + gear[A2, i] * d)
+        unloading = gear[RATIO, i] * loading
+        h = max(side * gear[HYSTERESIS_FORCE, i], 0.0)
+        h += gear[STIFFNESS, i] * (d - max(side * gear[HYSTERESIS_DEFLECTION, i], 0.0))
+        h = min(max(h, unloading), loading)
+        gear[HYSTERESIS_FORCE, i] = side * h
+        gear[HYSTERESIS_DEFLECTION, i] = side * d
         rate = v[i] - v[i + ONE]
-        h = min(max(h + side * transition[i] * rate, ratio[i] * loading), loading)
-        force[i + ONE] = side * (h + stop[i] * (beyond - d)) + c[i] * q * rate
+        h = min(max(h + side * gear[TRANSITION_DAMPING, i] * rate, unloading), loading)
+        force = side * (h + gear[STOP, i] * (beyond - d)) + gear[DAMPING, i] * q * rate
+        _set_force(i, force, state, gear)
 
 
-@compiled
+@compiled(into_caller=True)
 def _smoothed(a, b, x, v, state, vehicle, gear):
     """Branches joined over the switching speed: paper 000, eq. (6) without its factor sgn(dv).
 
@@ -131,59 +139,51 @@ def _smoothed(a, b, x, v, state, vehicle, gear):
     with ve = 0.02 m/s, behind the locomotive up to 1.7 MN, on every coupler up to 0.5 MN; at 10 ms the latter
     chatters and gives 1.6 times the true force.
     """
-    gap, force, half_slack, c, inverse_ve = (
-        vehicle[GAP],
-        state[COUPLER],
-        gear[HALF_SLACK],
-        gear[DAMPING],
-        gear[INVERSE_VE],
-    )
-    f0, x0, a1, a2, ratio = gear[F0], gear[X0], gear[A1], gear[A2], gear[RATIO]
-    stroke, stop = gear[STROKE], gear[STOP]
     for i in range(uint64(a), uint64(b)):
-        deflection = x[i] - x[i + ONE] - gap[i]
+        deflection = x[i] - x[i + ONE] - vehicle[GAP, i]
         rate = v[i] - v[i + ONE]
         side = copysign(1.0, deflection)
-        beyond = max(side * deflection - half_slack[i], 0.0)
-        d = min(beyond, stroke[i])
-        q = d / (d + x0[i])
-        loading = f0[i] * q + d * (a1[i] + a2[i] * d)
-        switch = min(max(side * rate * inverse_ve[i], -1.0), 1.0)
-        h = 0.5 * loading * (1.0 + ratio[i] + (1.0 - ratio[i]) * switch)
-        force[i + ONE] = side * (h + stop[i] * (beyond - d)) + c[i] * q * rate
+        beyond = max(side * deflection - gear[HALF_SLACK, i], 0.0)
+        d = min(beyond, gear[STROKE, i])
+        q = d / (d + gear[X0, i])
+        loading = gear[F0, i] * q + d * (gear[A1, i] + gear[A2, i] * d)
+        switch = min(max(side * rate * gear[INVERSE_VE, i], -1.0), 1.0)
+        ratio = gear[RATIO, i]
+        h = 0.5 * loading * (1.0 + ratio + (1.0 - ratio) * switch)
+        force = side * (h + gear[STOP, i] * (beyond - d)) + gear[DAMPING, i] * q * rate
+        _set_force(i, force, state, gear)
 
 
-@compiled
+@compiled(into_caller=True)
 def _tabulated(a, b, x, v, state, vehicle, gear, table):
     """Spring between tabulated loading and unloading curves, as in :func:`_clip`; the same usable step."""
-    gap, force, half_slack, k, c = vehicle[GAP], state[COUPLER], gear[HALF_SLACK], gear[STIFFNESS], gear[DAMPING]
-    stroke, stop, which, transition = gear[STROKE], gear[STOP], gear[TABLE], gear[TRANSITION_DAMPING]
-    memory, memory_d = gear[HYSTERESIS_FORCE], gear[HYSTERESIS_DEFLECTION]
     for i in range(uint64(a), uint64(b)):
-        deflection = x[i] - x[i + ONE] - gap[i]
+        deflection = x[i] - x[i + ONE] - vehicle[GAP, i]
         side = copysign(1.0, deflection)
-        beyond = max(side * deflection - half_slack[i], 0.0)
-        d = min(beyond, stroke[i])
-        curve = table[int(which[i])]
+        half_slack, which = gear[HALF_SLACK, i], int(gear[TABLE, i])
+        beyond = max(side * deflection - half_slack, 0.0)
+        d = min(beyond, gear[STROKE, i])
         j = 1
-        while d > curve[0, j]:
+        while d > table[which, 0, j]:
             j += 1
-        share = (d - curve[0, j - 1]) / (curve[0, j] - curve[0, j - 1])
-        loading = curve[1, j - 1] + share * (curve[1, j] - curve[1, j - 1])
-        unloading = curve[2, j - 1] + share * (curve[2, j] - curve[2, j - 1])
-        h = max(side * memory[i], 0.0) + k[i] * (d - max(side * memory_d[i], 0.0))
+        share = (d - table[which, 0, j - 1]) / (table[which, 0, j] - table[which, 0, j - 1])
+        loading = table[which, 1, j - 1] + share * (table[which, 1, j] - table[which, 1, j - 1])
+        unloading = table[which, 2, j - 1] + share * (table[which, 2, j] - table[which, 2, j - 1])
+        h = max(side * gear[HYSTERESIS_FORCE, i], 0.0)
+        h += gear[STIFFNESS, i] * (d - max(side * gear[HYSTERESIS_DEFLECTION, i], 0.0))
         h = min(max(h, unloading), loading)
-        if beyond == 0.0 and half_slack[i] > 0.0:
+        if beyond == 0.0 and half_slack > 0.0:
             h = 0.0
-        memory[i] = side * h
-        memory_d[i] = side * d
+        gear[HYSTERESIS_FORCE, i] = side * h
+        gear[HYSTERESIS_DEFLECTION, i] = side * d
         rate = v[i] - v[i + ONE]
-        contact = 1.0 if beyond > 0.0 or half_slack[i] == 0.0 else 0.0
-        h = min(max(h + side * transition[i] * rate, unloading), loading) * contact
-        force[i + ONE] = side * (h + stop[i] * (beyond - d)) + c[i] * contact * rate
+        contact = 1.0 if beyond > 0.0 or half_slack == 0.0 else 0.0
+        h = min(max(h + side * gear[TRANSITION_DAMPING, i] * rate, unloading), loading) * contact
+        force = side * (h + gear[STOP, i] * (beyond - d)) + gear[DAMPING, i] * contact * rate
+        _set_force(i, force, state, gear)
 
 
-@compiled
+@compiled(into_caller=True)
 def coupler_forces(x, v, state, vehicle, gear, table, run):
     """Compute the force of every coupler; those of rigid couplers follow in :func:`_bodies`."""
     for r in range(run.shape[0]):
@@ -197,18 +197,11 @@ def coupler_forces(x, v, state, vehicle, gear, table, run):
         elif kind == TABULATED:
             _tabulated(a, b, x, v, state, vehicle, gear, table)
         else:
-            state[COUPLER, a + 1 : b + 1] = 0.0
+            for i in range(a, b):
+                state[COUPLER, i + 1] = 0.0
 
 
-@compiled
-def _extremes(force, draft, buff):
-    """Update the largest draft and buff force of every coupler."""
-    for i in range(len(force)):
-        draft[i] = max(draft[i], force[i])
-        buff[i] = min(buff[i], force[i])
-
-
-@compiled
+@compiled(into_caller=True)
 def _envelope(envelope, first, end, speed):
     """Return the largest force of a power unit at a speed >= 0; 0 beyond its last segment."""
     for s in range(first, end):
@@ -220,13 +213,13 @@ def _envelope(envelope, first, end, speed):
     return 0.0
 
 
-@compiled
+@compiled(into_caller=True)
 def _adhesion_factor(by_speed, speed):
     """Return the factor on the adhesion of the setup at a speed >= 0: after Curtius and Kniffler, or 1."""
     return ADHESION_HIGH_SPEED + ADHESION_SLOPE / (KMH * speed + ADHESION_SPEED) if by_speed else 1.0
 
 
-@compiled
+@compiled(into_caller=True)
 def _limits(u, speed, unit, unit_index, envelope, reversing):
     """Return the lowest and highest force of unit u at a speed: envelope, force limit, adhesion."""
     size = abs(speed)
@@ -242,7 +235,7 @@ def _limits(u, speed, unit, unit_index, envelope, reversing):
     return -min(low, cap), min(high, cap)
 
 
-@compiled
+@compiled(into_caller=True)
 def _units(demand, dt, state, unit, unit_index, envelope, setting):
     """Convert the commands that are due into forces: gain, dead band, limits, rate, lag, limits.
 
@@ -275,8 +268,23 @@ def _units(demand, dt, state, unit, unit_index, envelope, setting):
         setting[SATURATED_TIME_ANY] += dt
 
 
-@compiled
-def _units_account(state, unit, unit_index, reversing):
+@compiled(into_caller=True)
+def _units_before(dt, holding_on, rigid, state, vehicle, unit, unit_index):
+    """Keep the speed of every power unit before the step, and compute the friction share of one that brakes.
+
+    The share of rigid bodies follows in :func:`_bodies`.
+    """
+    for u in range(unit.shape[1]):
+        i = uint64(unit_index[UNIT_VEHICLE, u])
+        state[SPEED_BEFORE, i] = state[V, i]
+        if unit[LAGGED, u] < 0.0 and not rigid:
+            hold = holding_on * vehicle[HOLD_CAPACITY, i]
+            free, stop, _, _, _ = _free_and_stop(i, dt, state[SHOE_FORCE, i], hold, state, vehicle)
+            state[FRICTION_SHARE, i] = _friction_share(free, stop)
+
+
+@compiled(into_caller=True)
+def _units_account(dt, state, unit, unit_index, reversing):
     """Compute the applied force and its work from the friction share of this step."""
     for u in range(unit.shape[1]):
         i = unit_index[UNIT_VEHICLE, u]
@@ -284,14 +292,14 @@ def _units_account(state, unit, unit_index, reversing):
         if force < 0.0 and not reversing:
             force = -force * state[FRICTION_SHARE, i]
         unit[APPLIED, u] = force
-        work = force * state[DISPLACEMENT, i]
+        work = force * (0.5 * dt * (state[SPEED_BEFORE, i] + state[V, i]))
         if work >= 0.0:
             unit[WORK_TRACTION, u] += work
         else:
             unit[WORK_REGENERATED, u] -= work
 
 
-@compiled
+@compiled(into_caller=True)
 def _no_demand(demand, reversing):
     """Return True if no command that is due drives the train."""
     driving = 0
@@ -300,17 +308,28 @@ def _no_demand(demand, reversing):
     return driving == 0
 
 
-@compiled
-def _standing(v, mass, limit):
-    """Return True if the mean speed of the train, weighted by mass, is below the limit."""
+@compiled(into_caller=True)
+def _standing(state, vehicle, limit):
+    """Return True if the mean speed of the train, weighted by mass, is below the limit.
+
+    If all vehicles are faster than twice the limit in one direction, the mean is above it, with any rounding, without
+    the sum, which the compiler cannot vectorise.
+    """
+    n = vehicle.shape[1]
+    forward, backward = 0, 0
+    for i in range(uint64(n)):
+        forward += state[V, i] > 2.0 * limit
+        backward += state[V, i] < -2.0 * limit
+    if forward == n or backward == n:
+        return False
     momentum, total = 0.0, 0.0
-    for i in range(len(mass)):
-        momentum += mass[i] * v[i]
-        total += mass[i]
+    for i in range(n):
+        momentum += vehicle[MASS, i] * state[V, i]
+        total += vehicle[MASS, i]
     return abs(momentum) < limit * total
 
 
-@compiled
+@compiled(into_caller=True)
 def _waves(t, events, event, state, vehicle, vehicle_index, setting):
     """Move the brake-pipe waves; the newest event that has reached a vehicle sets its level (paper 000, section 1.2).
 
@@ -341,37 +360,42 @@ def _waves(t, events, event, state, vehicle, vehicle_index, setting):
         event[REACHED, e] = reached
 
 
-@compiled
-def _cylinders(state, vehicle, setting):
-    """Move cylinders and reservoirs, compute the shoe forces; return True if any vehicle brakes or recharges."""
-    cylinder, target, reservoir = state[CYLINDER], state[TARGET], state[RESERVOIR]
-    v, shoe_force, shoe = state[V], state[SHOE_FORCE], vehicle[SHOE]
-    apply, release, recharge = setting[APPLY_DECAY], setting[RELEASE_DECAY], setting[RECHARGE]
+@compiled(into_caller=True)
+def _brake_moves(state, n):
+    """Return True if any vehicle brakes or recharges."""
     active = 0
-    for i in range(len(shoe)):
-        goal = target[i]
-        moved = goal + (apply if goal > cylinder[i] else release) * (cylinder[i] - goal)
-        moved = 0.0 if (goal == 0.0) & (moved < IDLE_CYLINDER) else moved
-        filling = reservoir[i]
-        filling += recharge * (1.0 - filling) if goal == 0.0 else 0.0
-        cylinder[i], reservoir[i] = moved, filling
-        active += (moved > 0.0) | (goal > 0.0) | (filling < FULL_RESERVOIR)
-        speed = KMH * abs(v[i])
-        shoe_force[i] = shoe[i] * moved * (SHOE_A * speed + SHOE_SPEED) / (SHOE_B * speed + SHOE_SPEED)
+    for i in range(uint64(n)):
+        active += (state[TARGET, i] > 0.0) | (state[CYLINDER, i] > 0.0) | (state[RESERVOIR, i] < FULL_RESERVOIR)
     return active > 0
 
 
-@compiled
+@compiled(into_caller=True)
+def _cylinders(state, vehicle, setting):
+    """Move cylinders and reservoirs, compute the shoe forces; return True if any vehicle brakes or recharges."""
+    apply, release, recharge = setting[APPLY_DECAY], setting[RELEASE_DECAY], setting[RECHARGE]
+    active = 0
+    for i in range(uint64(vehicle.shape[1])):
+        goal, level, filling = state[TARGET, i], state[CYLINDER, i], state[RESERVOIR, i]
+        moved = goal + (apply if goal > level else release) * (level - goal)
+        moved = 0.0 if (goal == 0.0) & (moved < IDLE_CYLINDER) else moved
+        filling += recharge * (1.0 - filling) if goal == 0.0 else 0.0
+        state[CYLINDER, i], state[RESERVOIR, i] = moved, filling
+        active += (moved > 0.0) | (goal > 0.0) | (filling < FULL_RESERVOIR)
+        speed = KMH * abs(state[V, i])
+        state[SHOE_FORCE, i] = vehicle[SHOE, i] * moved * (SHOE_A * speed + SHOE_SPEED) / (SHOE_B * speed + SHOE_SPEED)
+    return active > 0
+
+
+@compiled(into_caller=True)
 def _slide_protection(state, vehicle, by_speed):
     """Limit the shoe forces to the adhesion that the electric brake of the same vehicle leaves."""
-    v, shoe_force, electric = state[V], state[SHOE_FORCE], state[BRAKE_CAPACITY]
-    rail, weight = vehicle[RAIL], vehicle[WEIGHT]
-    for i in range(len(rail)):
-        most = rail[i] * weight[i] * _adhesion_factor(by_speed, abs(v[i])) - electric[i]
-        shoe_force[i] = min(shoe_force[i], max(most, 0.0))
+    for i in range(uint64(vehicle.shape[1])):
+        factor = _adhesion_factor(by_speed, abs(state[V, i]))
+        most = vehicle[RAIL, i] * vehicle[WEIGHT, i] * factor - state[BRAKE_CAPACITY, i]
+        state[SHOE_FORCE, i] = min(state[SHOE_FORCE, i], max(most, 0.0))
 
 
-@compiled
+@compiled(into_caller=True)
 def _outside(k, state, outside, outside_vehicle):
     """Add the outside forces F + G v and set the drift speeds of the listed vehicles."""
     for j in range(len(outside_vehicle)):
@@ -380,62 +404,102 @@ def _outside(k, state, outside, outside_vehicle):
         state[DRIFT, i] = outside[2, k, j]
 
 
-@compiled
-def _outside_account(k, v_before, state, outside, outside_vehicle):
+@compiled(into_caller=True)
+def _outside_account(k, dt, state, outside, outside_vehicle):
     """Add up the work of the outside forces at the mean speed."""
     for j in range(len(outside_vehicle)):
         i = outside_vehicle[j]
-        state[WORK_OUTSIDE, i] += (outside[0, k, j] + outside[1, k, j] * v_before[j]) * state[DISPLACEMENT, i]
+        before = state[SPEED_BEFORE, i]
+        moved = 0.5 * dt * (before + state[V, i])
+        state[WORK_OUTSIDE, i] += (outside[0, k, j] + outside[1, k, j] * before) * moved
 
 
-@compiled
-def _speeds(dt, holding_on, braked, state, vehicle):
-    """Compute the new speed of every vehicle, dry friction implicit, and add up the work of every force."""
-    x, v, force, drive, brake = state[X], state[V], state[COUPLER], state[DRIVE_FORCE], state[BRAKE_CAPACITY]
-    grade_a, grade_b, curve, shoe_force = state[GRADE_A], state[GRADE_B], state[CURVE], state[SHOE_FORCE]
-    friction_share, displacement = state[FRICTION_SHARE], state[DISPLACEMENT]
-    running, climbing, curving, coupling = (
-        state[WORK_RUNNING],
-        state[WORK_GRADE],
-        state[WORK_CURVE],
-        state[WORK_COUPLER],
-    )
-    inverse_mass, c0, c1, c2, hold = (
-        vehicle[INVERSE_MASS],
-        vehicle[C0],
-        vehicle[C1],
-        vehicle[C2],
-        vehicle[HOLD_CAPACITY],
-    )
-    for i in range(len(c0)):
-        before = v[i]
-        viscous = -before * (c1[i] + c2[i] * abs(before))
-        grade = grade_a[i] + grade_b[i] * x[i]
-        couplers = force[i] - force[i + 1]
-        step = dt * inverse_mass[i]
-        free = before + step * (couplers + grade + viscous + drive[i])
-        stop = step * (c0[i] + curve[i] + brake[i] + shoe_force[i] + holding_on * hold[i])
-        size = abs(free)
-        after = copysign(max(size - stop, 0.0), free)
-        share = 1.0 if size >= stop else size / stop
-        sliding = -copysign(share, free)
-        moved = 0.5 * dt * (before + after)
-        dry = sliding * moved
-        running[i] += viscous * moved + c0[i] * dry
-        climbing[i] += grade * moved
-        curving[i] += curve[i] * dry
-        coupling[i] += couplers * moved
-        friction_share[i] = sliding
-        displacement[i] = moved
-        v[i] = after
-    if braked or holding_on > 0.0:
-        air, holding = state[WORK_AIR], state[WORK_HOLD]
-        for i in range(len(c0)):
-            air[i] += shoe_force[i] * friction_share[i] * displacement[i]
-            holding[i] += holding_on * hold[i] * friction_share[i] * displacement[i]
+@compiled(into_caller=True)
+def _free_and_stop(i, dt, shoes, hold, state, vehicle):
+    """Return the speed of vehicle i without dry friction, and the speed that dry friction takes at most [m/s].
+
+    ``shoes`` and ``hold`` are the capacities of shoes and holding brake [N].
+    """
+    before = state[V, i]
+    viscous = -before * (vehicle[C1, i] + vehicle[C2, i] * abs(before))
+    grade = state[GRADE_A, i] + state[GRADE_B, i] * state[X, i]
+    couplers = state[COUPLER, i] - state[COUPLER, i + ONE]
+    step = dt * vehicle[INVERSE_MASS, i]
+    free = before + step * (couplers + grade + viscous + state[DRIVE_FORCE, i])
+    return free, step * (vehicle[C0, i] + state[CURVE, i] + state[BRAKE_CAPACITY, i] + shoes + hold), viscous, grade, couplers
 
 
-@compiled
+@compiled(into_caller=True)
+def _friction_share(free, stop):
+    """Return the part of the friction capacity that acts in this step, with its sign."""
+    size = abs(free)
+    return -copysign(1.0 if size >= stop else size / stop, free)
+
+
+@compiled(into_caller=True)
+def _speed(i, dt, shoes, hold, state, vehicle):
+    """Compute the new speed of vehicle i, dry friction implicit, and add up the works.
+
+    Return the distance [m] along which the dry friction acts, < 0 in running direction.
+    """
+    free, stop, viscous, grade, couplers = _free_and_stop(i, dt, shoes, hold, state, vehicle)
+    after = copysign(max(abs(free) - stop, 0.0), free)
+    sliding = _friction_share(free, stop)
+    moved = 0.5 * dt * (state[V, i] + after)
+    dry = sliding * moved
+    state[WORK_RUNNING, i] += viscous * moved + vehicle[C0, i] * dry
+    state[WORK_GRADE, i] += grade * moved
+    state[WORK_CURVE, i] += state[CURVE, i] * dry
+    state[WORK_COUPLER, i] += couplers * moved
+    state[V, i] = after
+    return sliding, moved
+
+
+@compiled(into_caller=True)
+def _position(i, dt, drift, state):
+    """Advance the position of vehicle i with the new speed; return 1 if it left its piece of line, else 0."""
+    x = state[X, i] + dt * (state[V, i] + drift)
+    state[X, i] = x
+    return (x < state[PIECE_BEGIN, i]) | (x >= state[PIECE_END, i])
+
+
+@compiled(into_caller=True)
+def _speeds(dt, state, vehicle):
+    """Compute speeds, works and positions of a train without shoe forces, holding brake and drift.
+
+    Return the number of vehicles that left their piece of line.
+    """
+    left = 0
+    for i in range(uint64(vehicle.shape[1])):
+        _speed(i, dt, 0.0, 0.0, state, vehicle)
+        left += _position(i, dt, 0.0, state)
+    return left
+
+
+@compiled(into_caller=True)
+def _braked_speeds(dt, state, vehicle):
+    """Do the same as :func:`_speeds` with shoe forces."""
+    left = 0
+    for i in range(uint64(vehicle.shape[1])):
+        shoes = state[SHOE_FORCE, i]
+        sliding, moved = _speed(i, dt, shoes, 0.0, state, vehicle)
+        state[WORK_AIR, i] += shoes * sliding * moved
+        left += _position(i, dt, 0.0, state)
+    return left
+
+
+@compiled(into_caller=True)
+def _held_speeds(dt, holding_on, state, vehicle):
+    """Do the same as :func:`_speeds` with shoe forces, holding brake and drift."""
+    for i in range(uint64(vehicle.shape[1])):
+        shoes, hold = state[SHOE_FORCE, i], holding_on * vehicle[HOLD_CAPACITY, i]
+        sliding, moved = _speed(i, dt, shoes, hold, state, vehicle)
+        state[WORK_AIR, i] += shoes * sliding * moved
+        state[WORK_HOLD, i] += hold * sliding * moved
+    return _positions(dt, state, vehicle)
+
+
+@compiled(into_caller=True)
 def _body_sums(a, b, holding_on, state, vehicle):
     """Return mass, force without dry friction, and friction capacity of the rigid body of vehicles a ... b-1."""
     mass, force, dry = 0.0, 0.0, 0.0
@@ -454,7 +518,7 @@ def _body_sums(a, b, holding_on, state, vehicle):
     return mass, force + state[COUPLER, a] - state[COUPLER, b], dry
 
 
-@compiled
+@compiled(into_caller=True)
 def _bodies(dt, holding_on, state, vehicle, gear, body):
     """Compute speeds and works of rigid bodies as :func:`_speeds`; coupler forces follow from the balances."""
     for index in range(len(body) - 1):
@@ -475,7 +539,8 @@ def _bodies(dt, holding_on, state, vehicle, gear, body):
             dry = vehicle[C0, i] + state[CURVE, i] + state[BRAKE_CAPACITY, i] + state[SHOE_FORCE, i] + holding
             own = viscous + grade + state[DRIVE_FORCE, i] + sliding * dry
             if i < b - 1:
-                state[COUPLER, i + 1] = state[COUPLER, i] + own - vehicle[MASS, i] * acceleration
+                force = state[COUPLER, i] + own - vehicle[MASS, i] * acceleration
+                _set_force(i, force, state, gear)
             state[WORK_RUNNING, i] += (viscous + vehicle[C0, i] * sliding) * moved
             state[WORK_GRADE, i] += grade * moved
             state[WORK_CURVE, i] += state[CURVE, i] * sliding * moved
@@ -483,18 +548,15 @@ def _bodies(dt, holding_on, state, vehicle, gear, body):
             state[WORK_HOLD, i] += holding * sliding * moved
             state[WORK_COUPLER, i] += (state[COUPLER, i] - state[COUPLER, i + 1]) * moved
             state[FRICTION_SHARE, i] = sliding
-            state[DISPLACEMENT, i] = moved
             state[V, i] = after
 
 
-@compiled
-def _positions(dt, n, state):
-    """Advance the positions with the new speed; return the number of vehicles that left their piece of line."""
-    x, v, drift, begin, end = state[X], state[V], state[DRIFT], state[PIECE_BEGIN], state[PIECE_END]
+@compiled(into_caller=True)
+def _positions(dt, state, vehicle):
+    """Advance the positions with new speed and drift; return the number of vehicles that left their piece of line."""
     left = 0
-    for i in range(n):
-        x[i] += dt * (v[i] + drift[i])
-        left += (x[i] < begin[i]) | (x[i] >= end[i])
+    for i in range(uint64(vehicle.shape[1])):
+        left += _position(i, dt, state[DRIFT, i], state)
     return left
 
 
@@ -544,10 +606,7 @@ def advance(
     has_drift = setting[HAS_DRIFT] > 0.0
     rigid = len(body) - 1 < n
     x, v, xdot, drift = state[X], state[V], state[XDOT], state[DRIFT]
-    draft, buff, coupler = gear[DRAFT, : n - 1], gear[BUFF, : n - 1], state[COUPLER, 1:n]
-    v_before = outside[0, 0].copy()
-    braked = events > 0 or (state[TARGET, :n] > 0.0).any() or (state[CYLINDER, :n] > 0.0).any()
-    braked = braked or (state[RESERVOIR, :n] < FULL_RESERVOIR).any()
+    braked = events > 0 or _brake_moves(state, n)
     for k in range(demand.shape[0]):
         if braked:
             _waves(t + k * dt, events, event, state, vehicle, vehicle_index, setting)
@@ -557,7 +616,7 @@ def advance(
             state[BRAKE_CAPACITY, unit_index[UNIT_VEHICLE, u]] = 0.0
         for j in range(len(outside_vehicle)):
             state[DRIVE_FORCE, outside_vehicle[j]] = 0.0
-            v_before[j] = v[outside_vehicle[j]]
+            state[SPEED_BEFORE, outside_vehicle[j]] = state[V, outside_vehicle[j]]
         _outside(k, state, outside, outside_vehicle)
         if has_drift:
             for i in range(n):
@@ -569,14 +628,19 @@ def advance(
         if braked and setting[ADHESION_LIMITED] > 0.0:
             _slide_protection(state, vehicle, setting[RAIL_BY_SPEED] > 0.0)
         holding_on = 0.0
-        if _no_demand(demand[k], reversing) and _standing(v, vehicle[MASS], setting[HOLD_SPEED]):
+        if _no_demand(demand[k], reversing) and _standing(state, vehicle, setting[HOLD_SPEED]):
             holding_on = 1.0
+        _units_before(dt, holding_on, rigid, state, vehicle, unit, unit_index)
         if rigid:
             _bodies(dt, holding_on, state, vehicle, gear, body)
+            left = _positions(dt, state, vehicle)
+        elif has_drift or holding_on > 0.0:
+            left = _held_speeds(dt, holding_on, state, vehicle)
+        elif braked:
+            left = _braked_speeds(dt, state, vehicle)
         else:
-            _speeds(dt, holding_on, braked, state, vehicle)
-        _extremes(coupler, draft, buff)
-        _units_account(state, unit, unit_index, reversing)
-        _outside_account(k, v_before, state, outside, outside_vehicle)
-        if _positions(dt, n, state) > 0:
+            left = _speeds(dt, state, vehicle)
+        _units_account(dt, state, unit, unit_index, reversing)
+        _outside_account(k, dt, state, outside, outside_vehicle)
+        if left > 0:
             locate(state, vehicle, vehicle_index, piece)
