@@ -33,7 +33,7 @@ class PlainTrain:
         self.arrays = copy.deepcopy(arrays)
         self._step = step
         kinds = np.zeros(self.arrays.vehicle.shape[1] - 1, dtype=np.int64)
-        for first, end, kind in self.arrays.run:
+        for first, end, kind, _ in self.arrays.run:
             kinds[first:end] = kind
         self._of_kind = {kind: np.flatnonzero(kinds == kind) for kind in (k.LINEAR, k.CLIP, k.SMOOTHED, k.RIGID)}
         if len(kinds) != sum(map(len, self._of_kind.values())):
@@ -135,7 +135,7 @@ class PlainTrain:
         vehicle = self.arrays.unit_index[k.UNIT_VEHICLE]
         lagged = unit[k.LAGGED]
         unit[k.APPLIED] = np.where(lagged < 0.0, -lagged * state[k.FRICTION_SHARE, vehicle], lagged)
-        work = unit[k.APPLIED] * state[k.DISPLACEMENT, vehicle]
+        work = unit[k.APPLIED] * self._displacement[vehicle]
         unit[k.WORK_TRACTION] += np.maximum(work, 0.0)
         unit[k.WORK_REGENERATED] -= np.minimum(work, 0.0)
 
@@ -217,7 +217,7 @@ class PlainTrain:
         state[k.WORK_COUPLER] += couplers * mid
         state[k.WORK_AIR] += state[k.SHOE_FORCE] * dry
         state[k.WORK_HOLD] += held * a.vehicle[k.HOLD_CAPACITY] * dry
-        state[k.FRICTION_SHARE], state[k.DISPLACEMENT] = sliding, mid
+        state[k.FRICTION_SHARE], self._displacement = sliding, mid
 
     def _locate(self) -> None:
         a, n = self.arrays, self.arrays.vehicle.shape[1]

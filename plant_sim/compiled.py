@@ -15,7 +15,9 @@ from numba.core.event import Listener, install_listener
 _uncached: list[str] = []
 
 
-def compiled(function: Any = None, *, uses: tuple[ModuleType, ...] = (), into_caller: bool = False) -> Any:
+def compiled(
+    function: Any = None, *, uses: tuple[ModuleType, ...] = (), into_caller: bool = False, allocates: bool = True
+) -> Any:
     """Compile a function without fast-math, so that every run on one machine gives the same bits.
 
     The cache is beside the source or, if that is not writable, in the cache folder of the user (``NUMBA_CACHE_DIR``
@@ -29,11 +31,17 @@ def compiled(function: Any = None, *, uses: tuple[ModuleType, ...] = (), into_ca
         Other modules whose compiled functions it calls: a change of their files also makes its cache invalid.
     into_caller
         True for a part of a loop: the compiler puts its code into every caller, which saves the calls and lets it move
-        work out of the loop. The function releases the lock of the interpreter in both cases.
+        work out of the loop.
+    allocates
+        False for a function that makes no array: references to its arguments are not counted.
+
+    Notes
+    -----
+    A compiled function releases the lock of the interpreter, so that a pool of threads runs several at the same time.
     """
     if function is None:
-        return partial(compiled, uses=uses, into_caller=into_caller)
-    options = {"error_model": "numpy", "nogil": True, "forceinline": into_caller}
+        return partial(compiled, uses=uses, into_caller=into_caller, allocates=allocates)
+    options = {"error_model": "numpy", "nogil": True, "forceinline": into_caller, "_nrt": allocates}
     try:
         dispatcher = njit(cache=True, **options)(function)
     except RuntimeError as error:

@@ -44,8 +44,10 @@ VEHICLE_INDEX_ROWS = 4
     HYSTERESIS_FORCE, HYSTERESIS_DEFLECTION, DRAFT, BUFF, TRANSITION_DAMPING,
 ) = range(17)  # fmt: skip
 GEAR_ROWS = 17
-# Kinds of draft gear; `run` lists (first, end, kind) of consecutive equal ones.
+# Kinds of draft gear; `run` lists (first, end, kind, equal) of consecutive ones of a kind. EQUAL: 1 if their constants
+# are equal.
 LINEAR, CLIP, SMOOTHED, TABULATED, RIGID = range(5)
+FIRST, RUN_END, KIND, EQUAL = range(4)
 # Rows of `unit` and of `unit_index`. LAG_DECAY: part of a deviation that the lag leaves after one step.
 (
     GAIN, DEAD_BAND, RATE_STEP, LAG_DECAY, FORCE_LIMIT, ADHESION_WEIGHT, ADHESION, ADHESION_BY_SPEED,
@@ -78,7 +80,7 @@ SHOE_A, SHOE_B, SHOE_SPEED = 2.0, 3.0, 150.0
 ADHESION_HIGH_SPEED, ADHESION_SLOPE, ADHESION_SPEED = 0.161, 7.5, 44.0
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _set_force(i, force, state, gear):
     """Set the force of the coupler behind vehicle i and update its extremes."""
     state[COUPLER, i + ONE] = force
@@ -86,7 +88,7 @@ def _set_force(i, force, state, gear):
     gear[BUFF, i] = min(gear[BUFF, i] + 0.0, force)
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _linear(a, b, x, v, state, vehicle, gear):
     """Spring and damper beyond the slack (papers 002 and 004).
 
@@ -103,35 +105,56 @@ def _linear(a, b, x, v, state, vehicle, gear):
         _set_force(i, force, state, gear)
 
 
-@compiled(into_caller=True)
-def _clip(a, b, x, v, state, vehicle, gear):
+@compiled(into_caller=True, allocates=False)
+def _clip_force(i, constants, x, v, state, vehicle, gear):
+    """Compute the force of the coupler behind vehicle i from the constants of its draft gear."""
+    half_slack, stiffness, damping, f0, x0, a1, a2, ratio, stroke, stop, transition_damping = constants
+    deflection = x[i] - x[i + ONE] - vehicle[GAP, i]
+    side = copysign(1.0, deflection)
+    beyond = max(side * deflection - half_slack, 0.0)
+    d = min(beyond, stroke)
+    q = d / (d + x0)
+    loading = f0 * q + d * (a1 + a2 * d)
+    unloading = ratio * loading
+    h = max(side * gear[HYSTERESIS_FORCE, i], 0.0)
+    h += stiffness * (d - max(side * gear[HYSTERESIS_DEFLECTION, i], 0.0))
+    h = min(max(h, unloading), loading)
+    gear[HYSTERESIS_FORCE, i] = side * h
+    gear[HYSTERESIS_DEFLECTION, i] = side * d
+    rate = v[i] - v[i + ONE]
+    h = min(max(h + side * transition_damping * rate, unloading), loading)
+    _set_force(i, side * (h + stop * (beyond - d)) + damping * q * rate, state, gear)
+
+
+@compiled(into_caller=True, allocates=False)
+def _clip_constants(i, gear):
+    """Return the constants of the draft gear behind vehicle i."""
+    return (
+        gear[HALF_SLACK, i], gear[STIFFNESS, i], gear[DAMPING, i], gear[F0, i], gear[X0, i], gear[A1, i], gear[A2, i],
+        gear[RATIO, i], gear[STROKE, i], gear[STOP, i], gear[TRANSITION_DAMPING, i],
+    )  # fmt: skip
+
+
+@compiled(into_caller=True, allocates=False)
+def _clip(a, b, equal, x, v, state, vehicle, gear):
     """Spring of stiffness k between the unloading and the loading branch: paper 000, eqs. (7)-(9).
 
     Beyond the stroke an elastic stop adds its force, and the force of the branches keeps its value. Between the
     branches the law of the paper is a spring without loss, and a longitudinal wave lasts for minutes; the transition
     damping acts only there (0 in the paper) and does not change the branches.
     Usable step: 10 ms (largest force of 106 vehicles within 0.1 % of that at 0.25 ms, any coupler within 1 kN).
+    Constants of equal gears are read once: 4 of 15 rows of the loop are left.
     """
-    for i in range(uint64(a), uint64(b)):
-        deflection = x[i] - x[i + ONE] - vehicle[GAP, i]
-        side = copysign(1.0, deflection)
-        beyond = max(side * deflection - gear[HALF_SLACK, i], 0.0)
-        d = min(beyond, gear[STROKE, i])
-        q = d / (d + gear[X0, i])
-        loading = gear[F0, i] * q + d * (gear[A1, i] + gear[A2, i] * d)
-        unloading = gear[RATIO, i] * loading
-        h = max(side * gear[HYSTERESIS_FORCE, i], 0.0)
-        h += gear[STIFFNESS, i] * (d - max(side * gear[HYSTERESIS_DEFLECTION, i], 0.0))
-        h = min(max(h, unloading), loading)
-        gear[HYSTERESIS_FORCE, i] = side * h
-        gear[HYSTERESIS_DEFLECTION, i] = side * d
-        rate = v[i] - v[i + ONE]
-        h = min(max(h + side * gear[TRANSITION_DAMPING, i] * rate, unloading), loading)
-        force = side * (h + gear[STOP, i] * (beyond - d)) + gear[DAMPING, i] * q * rate
-        _set_force(i, force, state, gear)
+    if equal:
+        constants = _clip_constants(uint64(a), gear)
+        for i in range(uint64(a), uint64(b)):
+            _clip_force(i, constants, x, v, state, vehicle, gear)
+    else:
+        for i in range(uint64(a), uint64(b)):
+            _clip_force(i, _clip_constants(i, gear), x, v, state, vehicle, gear)
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _smoothed(a, b, x, v, state, vehicle, gear):
     """Branches joined over the switching speed: paper 000, eq. (6) without its factor sgn(dv).
 
@@ -154,7 +177,7 @@ def _smoothed(a, b, x, v, state, vehicle, gear):
         _set_force(i, force, state, gear)
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _tabulated(a, b, x, v, state, vehicle, gear, table):
     """Spring between tabulated loading and unloading curves, as in :func:`_clip`; the same usable step."""
     for i in range(uint64(a), uint64(b)):
@@ -183,13 +206,13 @@ def _tabulated(a, b, x, v, state, vehicle, gear, table):
         _set_force(i, force, state, gear)
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def coupler_forces(x, v, state, vehicle, gear, table, run):
     """Compute the force of every coupler; those of rigid couplers follow in :func:`_bodies`."""
     for r in range(run.shape[0]):
-        a, b, kind = run[r, 0], run[r, 1], run[r, 2]
+        a, b, kind = run[r, FIRST], run[r, RUN_END], run[r, KIND]
         if kind == CLIP:
-            _clip(a, b, x, v, state, vehicle, gear)
+            _clip(a, b, run[r, EQUAL] > 0, x, v, state, vehicle, gear)
         elif kind == LINEAR:
             _linear(a, b, x, v, state, vehicle, gear)
         elif kind == SMOOTHED:
@@ -201,7 +224,7 @@ def coupler_forces(x, v, state, vehicle, gear, table, run):
                 state[COUPLER, i + 1] = 0.0
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _envelope(envelope, first, end, speed):
     """Return the largest force of a power unit at a speed >= 0; 0 beyond its last segment."""
     for s in range(first, end):
@@ -213,13 +236,13 @@ def _envelope(envelope, first, end, speed):
     return 0.0
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _adhesion_factor(by_speed, speed):
     """Return the factor on the adhesion of the setup at a speed >= 0: after Curtius and Kniffler, or 1."""
     return ADHESION_HIGH_SPEED + ADHESION_SLOPE / (KMH * speed + ADHESION_SPEED) if by_speed else 1.0
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _limits(u, speed, unit, unit_index, envelope, reversing):
     """Return the lowest and highest force of unit u at a speed: envelope, force limit, adhesion."""
     size = abs(speed)
@@ -235,7 +258,7 @@ def _limits(u, speed, unit, unit_index, envelope, reversing):
     return -min(low, cap), min(high, cap)
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _units(demand, dt, state, unit, unit_index, envelope, setting):
     """Convert the commands that are due into forces: gain, dead band, limits, rate, lag, limits.
 
@@ -268,7 +291,7 @@ def _units(demand, dt, state, unit, unit_index, envelope, setting):
         setting[SATURATED_TIME_ANY] += dt
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _units_before(dt, holding_on, rigid, state, vehicle, unit, unit_index):
     """Keep the speed of every power unit before the step, and compute the friction share of one that brakes.
 
@@ -279,11 +302,12 @@ def _units_before(dt, holding_on, rigid, state, vehicle, unit, unit_index):
         state[SPEED_BEFORE, i] = state[V, i]
         if unit[LAGGED, u] < 0.0 and not rigid:
             hold = holding_on * vehicle[HOLD_CAPACITY, i]
-            free, stop, _, _, _ = _free_and_stop(i, dt, state[SHOE_FORCE, i], hold, state, vehicle)
+            dry = _capacity(i, state, vehicle) + state[SHOE_FORCE, i] + hold
+            free, stop, _, _, _ = _free_and_stop(i, dt, dry, state, vehicle)
             state[FRICTION_SHARE, i] = _friction_share(free, stop)
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _units_account(dt, state, unit, unit_index, reversing):
     """Compute the applied force and its work from the friction share of this step."""
     for u in range(unit.shape[1]):
@@ -299,7 +323,7 @@ def _units_account(dt, state, unit, unit_index, reversing):
             unit[WORK_REGENERATED, u] -= work
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _no_demand(demand, reversing):
     """Return True if no command that is due drives the train."""
     driving = 0
@@ -308,7 +332,7 @@ def _no_demand(demand, reversing):
     return driving == 0
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _standing(state, vehicle, limit):
     """Return True if the mean speed of the train, weighted by mass, is below the limit.
 
@@ -329,7 +353,7 @@ def _standing(state, vehicle, limit):
     return abs(momentum) < limit * total
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _waves(t, events, event, state, vehicle, vehicle_index, setting):
     """Move the brake-pipe waves; the newest event that has reached a vehicle sets its level (paper 000, section 1.2).
 
@@ -360,7 +384,7 @@ def _waves(t, events, event, state, vehicle, vehicle_index, setting):
         event[REACHED, e] = reached
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _brake_moves(state, n):
     """Return True if any vehicle brakes or recharges."""
     active = 0
@@ -369,7 +393,7 @@ def _brake_moves(state, n):
     return active > 0
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _cylinders(state, vehicle, setting):
     """Move cylinders and reservoirs, compute the shoe forces; return True if any vehicle brakes or recharges."""
     apply, release, recharge = setting[APPLY_DECAY], setting[RELEASE_DECAY], setting[RECHARGE]
@@ -386,39 +410,67 @@ def _cylinders(state, vehicle, setting):
     return active > 0
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _slide_protection(state, vehicle, by_speed):
     """Limit the shoe forces to the adhesion that the electric brake of the same vehicle leaves."""
     for i in range(uint64(vehicle.shape[1])):
         factor = _adhesion_factor(by_speed, abs(state[V, i]))
         most = vehicle[RAIL, i] * vehicle[WEIGHT, i] * factor - state[BRAKE_CAPACITY, i]
-        state[SHOE_FORCE, i] = min(state[SHOE_FORCE, i], max(most, 0.0))
+        state[SHOE_FORCE, i] = min(state[SHOE_FORCE, i] + 0.0, max(most, 0.0))
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
+def _outside_of(i, j, k, state, outside):
+    """Add the outside force F + G v of column j to vehicle i and set its drift speed."""
+    state[SPEED_BEFORE, i] = state[V, i]
+    state[DRIVE_FORCE, i] += outside[0, k, j] + outside[1, k, j] * state[V, i]
+    state[DRIFT, i] = outside[2, k, j]
+
+
+@compiled(into_caller=True, allocates=False)
 def _outside(k, state, outside, outside_vehicle):
-    """Add the outside forces F + G v and set the drift speeds of the listed vehicles."""
-    for j in range(len(outside_vehicle)):
-        i = outside_vehicle[j]
-        state[DRIVE_FORCE, i] += outside[0, k, j] + outside[1, k, j] * state[V, i]
-        state[DRIFT, i] = outside[2, k, j]
+    """Add the outside forces and set the drift speeds of the listed vehicles.
+
+    A list of all vehicles is in order, and its loop has no pointers.
+    """
+    if len(outside_vehicle) == state.shape[1] - 1:
+        for i in range(uint64(len(outside_vehicle))):
+            _outside_of(i, i, k, state, outside)
+    else:
+        for j in range(len(outside_vehicle)):
+            _outside_of(uint64(outside_vehicle[j]), uint64(j), k, state, outside)
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
+def _outside_work(i, j, k, dt, state, outside):
+    """Add up the work of the outside force of column j on vehicle i at the mean speed."""
+    before = state[SPEED_BEFORE, i]
+    moved = 0.5 * dt * (before + state[V, i])
+    state[WORK_OUTSIDE, i] += (outside[0, k, j] + outside[1, k, j] * before) * moved
+
+
+@compiled(into_caller=True, allocates=False)
 def _outside_account(k, dt, state, outside, outside_vehicle):
-    """Add up the work of the outside forces at the mean speed."""
-    for j in range(len(outside_vehicle)):
-        i = outside_vehicle[j]
-        before = state[SPEED_BEFORE, i]
-        moved = 0.5 * dt * (before + state[V, i])
-        state[WORK_OUTSIDE, i] += (outside[0, k, j] + outside[1, k, j] * before) * moved
+    """Add up the work of the outside forces."""
+    if len(outside_vehicle) == state.shape[1] - 1:
+        for i in range(uint64(len(outside_vehicle))):
+            _outside_work(i, i, k, dt, state, outside)
+    else:
+        for j in range(len(outside_vehicle)):
+            _outside_work(uint64(outside_vehicle[j]), uint64(j), k, dt, state, outside)
 
 
-@compiled(into_caller=True)
-def _free_and_stop(i, dt, shoes, hold, state, vehicle):
+@compiled(into_caller=True, allocates=False)
+def _capacity(i, state, vehicle):
+    """Return the dry friction of vehicle i without shoes and holding brake: bearings, curve, electric brake [N]."""
+    return vehicle[C0, i] + state[CURVE, i] + state[BRAKE_CAPACITY, i]
+
+
+@compiled(into_caller=True, allocates=False)
+def _free_and_stop(i, dt, dry, state, vehicle):
     """Return the speed of vehicle i without dry friction, and the speed that dry friction takes at most [m/s].
 
-    ``shoes`` and ``hold`` are the capacities of shoes and holding brake [N].
+    ``dry`` is the friction capacity [N]. Viscous resistance, grade and coupler force [N] follow.
     """
     before = state[V, i]
     viscous = -before * (vehicle[C1, i] + vehicle[C2, i] * abs(before))
@@ -426,44 +478,44 @@ def _free_and_stop(i, dt, shoes, hold, state, vehicle):
     couplers = state[COUPLER, i] - state[COUPLER, i + ONE]
     step = dt * vehicle[INVERSE_MASS, i]
     free = before + step * (couplers + grade + viscous + state[DRIVE_FORCE, i])
-    return free, step * (vehicle[C0, i] + state[CURVE, i] + state[BRAKE_CAPACITY, i] + shoes + hold), viscous, grade, couplers
+    return free, step * dry, viscous, grade, couplers
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _friction_share(free, stop):
     """Return the part of the friction capacity that acts in this step, with its sign."""
     size = abs(free)
     return -copysign(1.0 if size >= stop else size / stop, free)
 
 
-@compiled(into_caller=True)
-def _speed(i, dt, shoes, hold, state, vehicle):
+@compiled(into_caller=True, allocates=False)
+def _speed(i, dt, dry, state, vehicle):
     """Compute the new speed of vehicle i, dry friction implicit, and add up the works.
 
-    Return the distance [m] along which the dry friction acts, < 0 in running direction.
+    ``dry`` is the friction capacity [N]. Return the share of it that acts, with its sign, and the displacement [m].
     """
-    free, stop, viscous, grade, couplers = _free_and_stop(i, dt, shoes, hold, state, vehicle)
+    free, stop, viscous, grade, couplers = _free_and_stop(i, dt, dry, state, vehicle)
     after = copysign(max(abs(free) - stop, 0.0), free)
     sliding = _friction_share(free, stop)
     moved = 0.5 * dt * (state[V, i] + after)
-    dry = sliding * moved
-    state[WORK_RUNNING, i] += viscous * moved + vehicle[C0, i] * dry
+    slid = sliding * moved
+    state[WORK_RUNNING, i] += viscous * moved + vehicle[C0, i] * slid
     state[WORK_GRADE, i] += grade * moved
-    state[WORK_CURVE, i] += state[CURVE, i] * dry
+    state[WORK_CURVE, i] += state[CURVE, i] * slid
     state[WORK_COUPLER, i] += couplers * moved
     state[V, i] = after
     return sliding, moved
 
 
-@compiled(into_caller=True)
-def _position(i, dt, drift, state):
-    """Advance the position of vehicle i with the new speed; return 1 if it left its piece of line, else 0."""
-    x = state[X, i] + dt * (state[V, i] + drift)
+@compiled(into_caller=True, allocates=False)
+def _position(i, dt, rate, state):
+    """Advance the position of vehicle i at a rate [m/s]; return True if it left its piece of line."""
+    x = state[X, i] + dt * rate
     state[X, i] = x
     return (x < state[PIECE_BEGIN, i]) | (x >= state[PIECE_END, i])
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _speeds(dt, state, vehicle):
     """Compute speeds, works and positions of a train without shoe forces, holding brake and drift.
 
@@ -471,35 +523,35 @@ def _speeds(dt, state, vehicle):
     """
     left = 0
     for i in range(uint64(vehicle.shape[1])):
-        _speed(i, dt, 0.0, 0.0, state, vehicle)
-        left += _position(i, dt, 0.0, state)
+        _speed(i, dt, _capacity(i, state, vehicle), state, vehicle)
+        left += _position(i, dt, state[V, i], state)
     return left
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _braked_speeds(dt, state, vehicle):
     """Do the same as :func:`_speeds` with shoe forces."""
     left = 0
     for i in range(uint64(vehicle.shape[1])):
         shoes = state[SHOE_FORCE, i]
-        sliding, moved = _speed(i, dt, shoes, 0.0, state, vehicle)
+        sliding, moved = _speed(i, dt, _capacity(i, state, vehicle) + shoes, state, vehicle)
         state[WORK_AIR, i] += shoes * sliding * moved
-        left += _position(i, dt, 0.0, state)
+        left += _position(i, dt, state[V, i], state)
     return left
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _held_speeds(dt, holding_on, state, vehicle):
     """Do the same as :func:`_speeds` with shoe forces, holding brake and drift."""
     for i in range(uint64(vehicle.shape[1])):
         shoes, hold = state[SHOE_FORCE, i], holding_on * vehicle[HOLD_CAPACITY, i]
-        sliding, moved = _speed(i, dt, shoes, hold, state, vehicle)
+        sliding, moved = _speed(i, dt, _capacity(i, state, vehicle) + shoes + hold, state, vehicle)
         state[WORK_AIR, i] += shoes * sliding * moved
         state[WORK_HOLD, i] += hold * sliding * moved
     return _positions(dt, state, vehicle)
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _body_sums(a, b, holding_on, state, vehicle):
     """Return mass, force without dry friction, and friction capacity of the rigid body of vehicles a ... b-1."""
     mass, force, dry = 0.0, 0.0, 0.0
@@ -518,7 +570,7 @@ def _body_sums(a, b, holding_on, state, vehicle):
     return mass, force + state[COUPLER, a] - state[COUPLER, b], dry
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _bodies(dt, holding_on, state, vehicle, gear, body):
     """Compute speeds and works of rigid bodies as :func:`_speeds`; coupler forces follow from the balances."""
     for index in range(len(body) - 1):
@@ -551,33 +603,47 @@ def _bodies(dt, holding_on, state, vehicle, gear, body):
             state[V, i] = after
 
 
-@compiled(into_caller=True)
+@compiled(into_caller=True, allocates=False)
 def _positions(dt, state, vehicle):
     """Advance the positions with new speed and drift; return the number of vehicles that left their piece of line."""
     left = 0
     for i in range(uint64(vehicle.shape[1])):
-        left += _position(i, dt, state[DRIFT, i], state)
+        left += _position(i, dt, state[V, i] + state[DRIFT, i], state)
     return left
 
 
-@compiled
+@compiled(into_caller=True, allocates=False)
+def _locate(i, state, vehicle, vehicle_index, piece):
+    """Find the piece of line of vehicle i and its grade and curve forces."""
+    x, p = state[X, i], vehicle_index[PIECE, i]
+    while x < piece[BEGIN, p]:
+        p -= 1
+    while x >= piece[END, p]:
+        p += 1
+    vehicle_index[PIECE, i] = p
+    state[PIECE_BEGIN, i], state[PIECE_END, i] = piece[BEGIN, p], piece[END, p]
+    weight = vehicle[WEIGHT, i]
+    state[GRADE_A, i] = -weight * (piece[GRADE, p] - piece[GRADE_SLOPE, p] * piece[BEGIN, p])
+    state[GRADE_B, i] = -weight * piece[GRADE_SLOPE, p]
+    state[CURVE, i] = weight * piece[DRY_PER_WEIGHT, p]
+
+
+@compiled(allocates=False)
 def locate(state, vehicle, vehicle_index, piece):
     """Find the piece of line of every vehicle, starting from the previous one, and its grade and curve forces."""
     for i in range(vehicle.shape[1]):
-        x, p = state[X, i], vehicle_index[PIECE, i]
-        while x < piece[BEGIN, p]:
-            p -= 1
-        while x >= piece[END, p]:
-            p += 1
-        vehicle_index[PIECE, i] = p
-        state[PIECE_BEGIN, i], state[PIECE_END, i] = piece[BEGIN, p], piece[END, p]
-        weight = vehicle[WEIGHT, i]
-        state[GRADE_A, i] = -weight * (piece[GRADE, p] - piece[GRADE_SLOPE, p] * piece[BEGIN, p])
-        state[GRADE_B, i] = -weight * piece[GRADE_SLOPE, p]
-        state[CURVE, i] = weight * piece[DRY_PER_WEIGHT, p]
+        _locate(i, state, vehicle, vehicle_index, piece)
 
 
-@compiled
+@compiled(into_caller=True, allocates=False)
+def _relocate(state, vehicle, vehicle_index, piece):
+    """Do the same as :func:`locate` for the vehicles that left their piece."""
+    for i in range(vehicle.shape[1]):
+        if state[X, i] < state[PIECE_BEGIN, i] or state[X, i] >= state[PIECE_END, i]:
+            _locate(i, state, vehicle, vehicle_index, piece)
+
+
+@compiled(allocates=False)
 def advance(
     t, dt, state, vehicle, vehicle_index, gear, table, run, body, unit, unit_index, envelope,
     piece, event, events, demand, outside, outside_vehicle, setting,
@@ -616,7 +682,6 @@ def advance(
             state[BRAKE_CAPACITY, unit_index[UNIT_VEHICLE, u]] = 0.0
         for j in range(len(outside_vehicle)):
             state[DRIVE_FORCE, outside_vehicle[j]] = 0.0
-            state[SPEED_BEFORE, outside_vehicle[j]] = state[V, outside_vehicle[j]]
         _outside(k, state, outside, outside_vehicle)
         if has_drift:
             for i in range(n):
@@ -643,4 +708,4 @@ def advance(
         _units_account(dt, state, unit, unit_index, reversing)
         _outside_account(k, dt, state, outside, outside_vehicle)
         if left > 0:
-            locate(state, vehicle, vehicle_index, piece)
+            _relocate(state, vehicle, vehicle_index, piece)

@@ -109,14 +109,15 @@ def pack_gears(gears: Sequence[DraftGear], vehicles: int) -> tuple[Array, Array,
         for row, values in enumerate((table.deflection, table.loading, table.unloading)):
             table_array[j, row, : len(values)] = values
             table_array[j, row, len(values) :] = values[-1]
-    run: list[tuple[int, int, int]] = []
+    run: list[tuple[int, int, int, int]] = []
     for i, kind in enumerate(kinds):
         if run and run[-1][2] == kind:
-            run[-1] = (run[-1][0], i + 1, kind)
+            first, _, _, equal = run[-1]
+            run[-1] = (first, i + 1, kind, int(equal and gears[i] == gears[first]))
         else:
-            run.append((i, i + 1, kind))
+            run.append((i, i + 1, kind, 1))
     body = [0, *(i + 1 for i, kind in enumerate(kinds) if kind != k.RIGID), vehicles]
-    runs = np.array(run, dtype=np.int64).reshape(-1, 3)
+    runs = np.array(run, dtype=np.int64).reshape(-1, 4)
     return gear_array, table_array, runs, np.array(body, dtype=np.int64)
 
 

@@ -44,7 +44,7 @@ class PartedCouplers:
 
     def check(self, couplers: Sequence[int]) -> None:
         """Raise ValueError if the couplers behind these vehicles are missing or rigid."""
-        rigid = [range(first, end) for first, end, kind in self._arrays.run if kind == k.RIGID]
+        rigid = [range(first, end) for first, end, kind, _ in self._arrays.run if kind == k.RIGID]
         for coupler in couplers:
             if not 0 <= coupler < len(self._gaps):
                 there = (
@@ -58,6 +58,7 @@ class PartedCouplers:
         """Part the couplers behind some vehicles at a time [s]."""
         a, parted = self._arrays, list(couplers)
         a.gear[k.HALF_SLACK, parted] = NO_LIMIT
+        a.run[:, k.EQUAL] = 0
         distance = np.abs(self._offsets[:, None] - self._gaps[parted][None, :]).min(axis=1)
         if self._since is None:
             self._since = time
