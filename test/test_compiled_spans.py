@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
+from span_runs import assert_same_messages, assert_same_recording, compiled_part, messages_of, setup_of
 
 from plant_sim.plant_setup import Sensors
 from plant_sim.sensors import SensorSet
 from plant_sim.states import VehicleStates
-from train_ato.apps.runs.scenario_choice import choose_scenario
-from train_ato.loop.engine import COMPILED_FROM, TickLoop, run_engine
-from train_ato.loop.result import RunResult
-from train_ato.loop.setup import RunSetup
+from train_ato.loop.engine import COMPILED_FROM, run_engine
 from train_ato.loop.spans import kernel
 from train_ato.loop.spans.conditions import spans_possible
 from train_ato.messages.links import DelayJump, Link, LinkSpec, VaryingDelay
@@ -89,55 +86,10 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 """Scenario and changes; together they contain every kind of event that ends a span."""
 
 
-class Messages:
-    """All messages of a run as bytes."""
-
-    def __init__(self) -> None:
-        self.rows: list[tuple[str, int, bytes]] = []
-
-    def add(self, topic: str, message: Any, stamp: int) -> None:
-        values = [getattr(message, entry.name) for entry in dataclasses.fields(message)]
-        parts = [value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode() for value in values]
-        self.rows.append((topic, stamp, b"|".join(parts)))
-
-
-def setup_of(name: str, changes: dict[str, Any]) -> RunSetup:
-    return choose_scenario(name).changed(changes, None).prepare()
-
-
-def compiled_part(setup: RunSetup) -> float:
-    """Return the part of the ticks of a run that are compiled."""
-    loop = TickLoop(setup, None, compiled=True)
-    loop.start()
-    while not loop.plant.finished:
-        loop.advance()
-    assert loop._spans is not None
-    return loop._spans.ticks / loop.ticks
-
-
-def assert_same_recording(one: RunResult, other: RunResult) -> None:
-    assert one.recording is not None and other.recording is not None
-    a, b = one.recording, other.recording
-    assert a.topics.keys() == b.topics.keys()
-    for topic, samples in a.topics.items():
-        found = b.topics[topic]
-        assert samples.time.tobytes() == found.time.tobytes(), topic
-        assert samples.values.keys() == found.values.keys(), topic
-        for name, values in samples.values.items():
-            assert (values.shape, values.tobytes()) == (found[name].shape, found[name].tobytes()), (topic, name)
-    assert repr(a.reports) == repr(b.reports)
-    assert one.published == other.published
-
-
 @pytest.mark.parametrize("case", CASES)
 def test_compiled_ticks_send_the_messages_of_python(case: str) -> None:
     """Breaks if law, sensor, delay line, disturbance, brake or diagnostics of compiled ticks differ in one bit."""
-    sinks = [Messages(), Messages()]
-    for sink, compiled in zip(sinks, (False, True), strict=True):
-        assert run_engine(setup_of(*CASES[case]), sink=sink, compiled=compiled).failure is None
-    first = next((pair for pair in zip(sinks[0].rows, sinks[1].rows, strict=False) if pair[0] != pair[1]), None)
-    assert first is None
-    assert len(sinks[0].rows) == len(sinks[1].rows)
+    assert_same_messages(*(messages_of(setup_of(*CASES[case]), compiled=chosen) for chosen in (False, True)))
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -164,13 +116,12 @@ def test_the_kernel_is_compiled_once() -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"supervision.enabled": True},
         {"observer": "ndo"},
         {"compensation": "predictor"},
         {"links.command.jitter": 0.1},
         {"links.measurement.delay": 0.1},
         {"plant.sensors.freeze": [{"unit": 0, "begin": 5, "end": 6}]},
-        {"faults": [{"do": "drop", "topic": "ato/reference", "begin": 5, "end": 6}]},
+        {"links.brake_release.delay": 0.1},
     ],
 )
 def test_other_runs_are_left_to_python(changes: dict[str, Any]) -> None:

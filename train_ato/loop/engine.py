@@ -18,8 +18,8 @@ from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.result import Progress, RunResult
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.spans.conditions import spans_possible
-from train_ato.loop.spans.messages import Stages
 from train_ato.loop.spans.span import CompiledSpans
+from train_ato.loop.spans.stages import Stages
 from train_ato.loop.stage_messages import Published
 from train_ato.loop.step_times import StepTimes
 from train_ato.loop.supervisor import SupervisorStage
@@ -117,7 +117,7 @@ class TickLoop:
         self._sink = sink
         self._spans: CompiledSpans | None = None
         if compiled and spans_possible(setup):
-            stages = Stages(setup, self.plant, self.profile, self.observer, self.controller)
+            stages = Stages(setup, self.plant, self.profile, self.observer, self.controller, self.supervisor)
             self._spans = CompiledSpans(stages, self.recording, None if sink is None else self._publish)
 
     def _publish(self, stamp: int, messages: Published) -> None:
@@ -172,8 +172,10 @@ class TickLoop:
         """Run the ticks up to the next event in compiled code if the run permits it, otherwise one tick."""
         if self._spans is not None:
             self.active = "compiled ticks"
+            self._spans.ato = self._ato
             if done := self._spans.run():
                 self.ticks += done
+                self._ato = self._spans.ato
                 return
         self.tick()
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import without_values
+from train_ato.messages.fault_effects import NEVER
 from train_ato.messages.faults import FAULT_TOPICS, MessageFault, message_faults
 from train_ato.messages.receiver import Receiver
 from train_ato.messages.topics import BY_NAME, Role
@@ -87,6 +88,19 @@ class StageInputs:
     def check(self, topic: str, check: Callable[[Any], str]) -> None:
         """Set the check of a topic by the stage; it returns the problem of a message as text."""
         self._receivers[topic].check = check
+
+    def is_regular(self, now: int) -> bool:
+        """Return True if all valid messages are received as they are sent, from a time [ns] to the next fault."""
+        return all(receiver.is_regular(now) for receiver in self._receivers.values())
+
+    def next_fault(self, now: int) -> int:
+        """Return the begin of the next fault after a time [ns]."""
+        return min((receiver.next_fault(now) for receiver in self._receivers.values()), default=NEVER)
+
+    def accept(self, topic: str, count: int, messages: Sequence[Any]) -> None:
+        """Take valid messages of a topic: their number, and the last two or the only one."""
+        if topic in self._receivers and count:
+            self._receivers[topic].accept(count, messages)
 
     def take_changed(self) -> bool:
         """Return True once after the begin or end of a fault, and after a refusal for a new reason."""

@@ -72,6 +72,8 @@ class PlantStage:
         Nodes without an answer and the reason, "" without one.
     restarts : dict
         Number of restarts after which a node has answered again, by its name.
+    alive_check : AliveCheck
+        Check of the alive counter of the brake releases.
     """
 
     role = Role.PLANT
@@ -80,8 +82,9 @@ class PlantStage:
         self.setup = setup
         self.protection = TrainProtection(setup)
         self._inputs = StageInputs(setup, self.role)
+        self.alive_check = AliveCheck()
         if setup.layout.supervised:
-            self._inputs.check("atp/brake_release", AliveCheck().problem)
+            self._inputs.check("atp/brake_release", self.alive_check.problem)
         self.lost = ""
         self.restarts: dict[str, int] = {}
         self._outage_changed = False

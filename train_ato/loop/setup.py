@@ -88,6 +88,11 @@ class RunSetup:
         return self._supervision_ns != 0 and stamp % self._supervision_ns == 0
 
     @property
+    def has_faults(self) -> bool:
+        """True for a run in which messages can get lost or change on their way."""
+        return bool(self.scenario.faults or self.scenario.interventions)
+
+    @property
     def control_period(self) -> float:
         """Period of the law [s]."""
         return self.scenario.control_period or self.tick

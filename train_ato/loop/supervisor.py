@@ -15,14 +15,21 @@ from train_ato.supervision.supervisor import SupervisionDecision, SupervisionSta
 
 
 class SupervisorStage:
-    """Speed and distance supervision of the train, independent of the ATO."""
+    """Speed and distance supervision of the train, independent of the ATO.
+
+    Attributes
+    ----------
+    odometry_check : OdometryCheck
+        Plausibility of the odometry.
+    """
 
     role = Role.SUPERVISOR
 
     def __init__(self, setup: RunSetup) -> None:
         self.setup = setup
         self._inputs = StageInputs(setup, self.role)
-        self._inputs.check("train/odometry", OdometryCheck().problem)
+        self.odometry_check = OdometryCheck()
+        self._inputs.check("train/odometry", self.odometry_check.problem)
         self._supervisor = setup.supervisor()
         self._period_ns = setup.supervision_ticks * setup.tick_ns
         self._reported = SupervisionState.NORMAL

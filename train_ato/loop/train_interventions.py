@@ -59,6 +59,11 @@ class TrainInterventions:
         """True if an intervention waits for its tick."""
         return bool(self._due)
 
+    @property
+    def due_stamps(self) -> list[int]:
+        """Stamps of the waiting interventions [ns]."""
+        return [at for at, _ in self._due]
+
     def request(self, stamp: int, intervention: Intervention, *, speed: float, standstill: bool) -> None:
         """Add an intervention that acts from a stamp [ns] on.
 

@@ -11,6 +11,7 @@ The highest demand of these sources is in effect:
 from __future__ import annotations
 
 from enum import IntEnum
+from itertools import pairwise
 
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.links import DelayJump, Link, MessageLink
@@ -61,7 +62,7 @@ class TrainProtection:
         self.level = Protection.NONE
         self.reason = ""
         self.requested = False
-        self._supervised = setup.layout.supervised
+        self._supervised, self._tick = setup.layout.supervised, setup.tick_ns
         spec, link = setup.scenario.supervision.failsafe, setup.links.command
         self._stamps = Link(link.newest(), 1, setup.step_ns, setup.seed, "command")
         self._nominal = round(link.longest * 1e9) + setup.tick_ns
@@ -100,6 +101,36 @@ class TrainProtection:
     def awaits_standstill(self) -> bool:
         """True while a missing message keeps the emergency brake on; only then :meth:`step` depends on standstill."""
         return self._unreleased or self._silent is Protection.EMERGENCY_BRAKE
+
+    def is_idle(self, stamp: int, period_ns: int) -> bool:
+        """Return True if the ticks from a stamp [ns] on have no reaction, as long as the brakes are released.
+
+        Every command then arrives in time with the delays so far, and a release after every period [ns].
+        """
+        release, tick = self._release, self._tick
+        if release is None or not self._release_link.is_idle or self._lost or self._unreleased:
+            return False
+        if self._silent is not Protection.NONE or self._decision is not Protection.NONE:
+            return False
+        if max(stamp - release.stamp, period_ns) > min(period_ns, self._release_age):
+            return False
+        sent = [self._newest, *map(int, self._stamps.in_flight(0)), stamp]
+        if any(after - before > tick for before, after in pairwise(sent)):  # a command is missing
+            return False
+        return self._stamps.longest_ns(stamp) + tick <= self._nominal + self._shortest
+
+    def pass_ticks(self, first: int, ticks: int) -> None:
+        """Take the commands of ticks without a reaction, from the stamp of the first one [ns] on.
+
+        With a constant delay only those that can be in flight after the last tick are queued.
+        """
+        tick, varying = self._tick, self._stamps.spec.varying is not None
+        last = first + (ticks - 1) * tick
+        queued = ticks if varying else min(ticks, self._stamps.longest_ns(last) // tick + 3)
+        for stamp in range(last - (queued - 1) * tick, last + tick, tick):
+            self._stamps.push(stamp, (float(stamp),))
+            if varying or stamp == last:
+                self._newest = max(self._newest, int(self._stamps.pop(stamp)[0]))
 
     def step(self, stamp: int, *, standstill: bool, separated: bool = False) -> Protection:
         """Return the reaction of the tick at ``stamp`` [ns].

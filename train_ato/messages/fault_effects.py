@@ -61,6 +61,16 @@ class FaultEffect:
         """Return True if a message sent at a stamp [ns] has the fault."""
         return self._begin <= stamp < self._end
 
+    def next_begin(self, stamp: int) -> int:
+        """Return the begin of the fault after a stamp [ns], :data:`NEVER` without one."""
+        return self._begin if self._begin > stamp else NEVER
+
+    def pass_on(self, count: int, last: Any) -> None:
+        """Take messages without the fault, the last one and the number of them, as :meth:`apply`."""
+        if self._random is not None:
+            self._random.random(3 * count)
+        self._kept = last
+
     def apply(self, now: int, sent: Any, arrivals: list[Arrival]) -> list[Arrival]:
         """Return the arrivals of a message.
 

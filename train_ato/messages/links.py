@@ -227,6 +227,17 @@ class Link:
         """Return the delays in traction and in braking at a stamp [ns], shape (2, width)."""
         return np.array(self._delays(stamp, 0.0) if self._jumps else self._constant, dtype=np.int64)
 
+    def longest_ns(self, stamp: int) -> int:
+        """Return an upper bound of the delays of values sent and received up to a stamp [ns], without jitter [ns]."""
+        times = [0, *(round(jump.at * 1e9) for jump in self._jumps)]
+        longest = max(max(max(kind, default=0) for kind in self._delays(at, 0.0)) for at in times if at <= stamp)
+        varying = self.spec.varying
+        return longest + (0 if varying is None else round(varying.amplitude * 1e9) + self._step)
+
+    def in_flight(self, unit: int) -> list[float]:
+        """Return the values of a unit that have not arrived, in the order of their arrival."""
+        return [value for _, value in self._in_flight[unit]]
+
     def newest_due(self, start: int, count: int) -> NDArray[np.int64]:
         """Return the stamps of the newest values that have arrived at ``start``, ``start + step``, ... [ns]."""
         now = start + self._step * np.arange(count, dtype=np.int64)
@@ -274,6 +285,11 @@ class MessageLink:
         self._link = Link(spec, 1, step_ns, seed, name)
         self._sent: dict[int, Any] = {}
         self._number = 0
+
+    @property
+    def is_idle(self) -> bool:
+        """True for a link without delay, jitter and loss."""
+        return self._idle
 
     def pass_on(self, stamp: int, message: Any) -> Any:
         """Queue a message at ``stamp`` [ns]; return the newest one that has arrived at this stamp."""

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.messages.fault_effects import Arrival, FaultEffect
+from train_ato.messages.fault_effects import NEVER, Arrival, FaultEffect
 from train_ato.messages.faults import MessageFault
 from train_ato.messages.topic import Role, Topic
 from train_ato.messages.validity import validity_check
@@ -123,6 +123,36 @@ class Receiver:
         self.changed |= missing != self.missing
         self.missing = missing
         return None if missing else newest
+
+    def is_regular(self, now: int) -> bool:
+        """Return True if valid messages are received as they are sent, from a time [ns] to the next fault."""
+        if self.missing or self.changed or self._waiting or any(self._acting):
+            return False
+        return not any(effect.acts(now) for effect in self._effects)
+
+    def next_fault(self, now: int) -> int:
+        """Return the begin of the next fault after a time [ns]."""
+        return min((effect.next_begin(now) for effect in self._effects), default=NEVER)
+
+    def accept(self, count: int, messages: Sequence[Any]) -> None:
+        """Take valid messages that were received as they were sent.
+
+        Parameters
+        ----------
+        count
+            Number of the messages, at least 1.
+        messages
+            The last two of them in order, or the only one.
+        """
+        if not (self._checked or self._effects):
+            return
+        if self._effects:
+            self._sent += count
+            for effect in self._effects:
+                effect.pass_on(count, messages[-1])
+        self._before = messages[-2] if len(messages) > 1 else self._newest
+        self._newest = messages[-1]
+        self._last = self._newest.stamp
 
     def _note_faults(self, now: int) -> None:
         acting = [effect.acts(now) for effect in self._effects]

@@ -15,18 +15,23 @@ class OdometryCheck:
     """Detects frozen and foreign odometry, from the last plausible one.
 
     One of the two odometers may be wrong, for example that of a sliding wheel: the larger value counts.
+
+    Attributes
+    ----------
+    last : Odometry or None
+        Last plausible odometry.
     """
 
     def __init__(self) -> None:
-        self._last: Odometry | None = None
+        self.last: Odometry | None = None
 
     def problem(self, odometry: Odometry) -> str:
         """Return the problem of an odometry as text, "" if one of its odometers is plausible."""
-        if self._last is not None:
-            problems = [_problem(odometry, self._last, index) for index in range(odometry.speed.size)]
+        if self.last is not None:
+            problems = [_problem(odometry, self.last, index) for index in range(odometry.speed.size)]
             if all(problems):
                 return problems[0]
-        self._last = odometry
+        self.last = odometry
         return ""
 
 

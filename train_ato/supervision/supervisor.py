@@ -21,6 +21,8 @@ STANDSTILL_SPEED = 0.1
 """Estimated speed below which the train is at standstill [m/s]."""
 REPEAT_DISTANCE = 50.0
 """Distance from the end of an emergency brake within which a second one is not released at standstill [m]."""
+TARGET_NEAR = "a target is near"
+"""Reason of the state indication."""
 NO_SPEEDS = SupervisionSpeeds(0.0, 0.0, 0.0, 0.0)
 
 
@@ -54,6 +56,11 @@ class SupervisionDecision:
         """Release of traction, service brake and emergency brake."""
         free = self.state < SupervisionState.SERVICE_BRAKE
         return free, free, self.state < SupervisionState.EMERGENCY_BRAKE
+
+
+def limit_text(motion: TrainMotion, limit: float) -> str:
+    """Return speed and place of a train above a limit [m/s] as text."""
+    return f"{motion.speed * 3.6:.1f} km/h at {motion.front:.0f} m, limit {limit * 3.6:.1f} km/h"
 
 
 class Supervisor:
@@ -132,18 +139,17 @@ class Supervisor:
         speed = motion.speed
         if abs(speed) < STANDSTILL_SPEED:
             return
-        limit = f"{speed * 3.6:.1f} km/h at {motion.front:.0f} m"
         if speed > speeds.emergency:
-            self._intervene(SupervisionState.EMERGENCY_BRAKE, f"{limit}, limit {speeds.emergency * 3.6:.1f} km/h")
+            self._intervene(SupervisionState.EMERGENCY_BRAKE, limit_text(motion, speeds.emergency))
             self._latched |= motion.front - self._stopped_at < REPEAT_DISTANCE
         elif speed > speeds.service and self._spec.service_brake:
-            self._intervene(SupervisionState.SERVICE_BRAKE, f"{limit}, limit {speeds.service * 3.6:.1f} km/h")
+            self._intervene(SupervisionState.SERVICE_BRAKE, limit_text(motion, speeds.service))
         elif speed > speeds.warning:
-            self._intervene(SupervisionState.WARNING, f"{limit}, limit {speeds.warning * 3.6:.1f} km/h")
+            self._intervene(SupervisionState.WARNING, limit_text(motion, speeds.warning))
         elif speed > speeds.permitted:
-            self._intervene(SupervisionState.OVERSPEED, f"{limit}, limit {speeds.permitted * 3.6:.1f} km/h")
+            self._intervene(SupervisionState.OVERSPEED, limit_text(motion, speeds.permitted))
         elif self.track.indicates(motion.front, speed, motion.estimate):
-            self._intervene(SupervisionState.INDICATION, "a target is near")
+            self._intervene(SupervisionState.INDICATION, TARGET_NEAR)
 
     def _supervise_direction(self, motion: TrainMotion) -> None:
         """Supervise the movement backwards: 3.14.2 (roll away), 3.14.3 (reverse movement).

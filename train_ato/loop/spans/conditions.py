@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from plant_sim.brake_events import PipeEvents
-from plant_sim.train import Train
 from train_ato.control.air_brake.policy import PlannedBrake, ReleasedBrake
 from train_ato.control.compensation.none import NoCompensation
 from train_ato.control.compensation.preview import PreviewFeedforward
@@ -14,9 +13,10 @@ from train_ato.control.compiled.packing import CompiledLaw
 from train_ato.control.observers.none import NoObserver
 from train_ato.control.registry import COMPENSATIONS, OBSERVERS
 from train_ato.control.stack import ControlStack
-from train_ato.loop.controller import ControllerStage
-from train_ato.loop.plant import PlantStage
+from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
+from train_ato.loop.spans.stages import Stages
+from train_ato.loop.spans.supervised import SupervisedTicks
 from train_ato.messages.links import LinkSpec
 from train_ato.scenario.changes import requested_stamp
 
@@ -27,13 +27,14 @@ LONGEST, BRAKED = 256, 32
 def spans_possible(setup: RunSetup) -> bool:
     """Return True for a run whose ticks can be compiled.
 
-    It has the observer `none`, the compensation `none`, `preview` or `twin`, no supervision, re-planning, faults and
-    interventions, delays on the command only and without random parts, and no sensor that freezes or slips.
+    It has the observer `none`, the compensation `none`, `preview` or `twin`, no re-planning, delays on the command only
+    and without random parts, and no sensor that freezes or slips.
     """
     scenario, links, sensors = setup.scenario, setup.links, setup.plant.sensors
-    if setup.layout.supervised or scenario.faults or scenario.replan or scenario.interventions:
+    if scenario.replan:
         return False
-    delayed = any(link != LinkSpec() for link in (links.measurement, links.reference, links.estimate, links.brake_pipe))
+    others = (links.measurement, links.reference, links.estimate, links.brake_pipe, links.brake_release)
+    delayed = any(link != LinkSpec() for link in others)
     if delayed or links.command.jitter or links.command.loss or sensors.freeze or sensors.wheel_slip:
         return False
     compensation = COMPENSATIONS.get(setup.compensation)
@@ -44,23 +45,33 @@ def spans_possible(setup: RunSetup) -> bool:
     return known and OBSERVERS.get(setup.observer) is NoObserver and setup.model.n_units > 0
 
 
-def ticks_to_event(setup: RunSetup, plant: PlantStage, controller: ControllerStage, stack: ControlStack) -> int:
-    """Return the number of ticks before the next change, jump, or end of the run, at most :data:`LONGEST`.
+def ticks_to_event(stages: Stages, supervised: SupervisedTicks, stack: ControlStack) -> int:
+    """Return the number of ticks before the next planned event, at most :data:`LONGEST`.
 
-    It is 0 for the first tick, at which the control stack has no pressure of the brake pipe yet.
+    An event is a change, a jump, an intervention, a fault, a request, or the end of the run. It is 0 for the first
+    tick, at which the control stack has no pressure of the brake pipe yet.
     """
+    setup, plant, controller = stages.setup, stages.plant, stages.controller
     tick, stamp = setup.tick_ns, plant.stamp
     if stamp == 0:
         return 0
     longest = LONGEST if stack._compensation.shoes.idle else BRAKED  # type: ignore[attr-defined]
     ends = [stamp + longest * tick, setup.ticks * tick, plant._link.next_jump(stamp)]
     ends += [requested_stamp(change) for change in controller._planned]
+    ends += plant._interventions.due_stamps
+    ends += [inputs.next_fault(stamp) for inputs in _inputs(stages)]
+    ends += supervised.next_request(stamp)
     ends += [round(jump.at * 1e9) // tick * tick for jump in plant.train._jumps._waiting if jump.at is not None]
     return int(-((stamp - min(ends)) // tick))
 
 
-def is_regular(train: Train, controller: ControllerStage, stack: ControlStack, law: CompiledLaw) -> bool:
-    """Return True if train and control stack are in a state that the compiled ticks contain."""
+def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack, law: CompiledLaw) -> bool:
+    """Return True if train, control stack and receiving ends are in a state that the compiled ticks contain."""
+    train, controller, stamp = stages.plant.train, stages.controller, stages.plant.stamp
+    if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in _inputs(stages)):
+        return False
+    if any(stamp * 1e-9 < freeze.end for freeze in train._sensors._freezes):
+        return False
     if stack.holding or stack._offset is not None or controller._asked or train._parted._since is not None:
         return False
     pipe, compensation = train._brake, stack._compensation
@@ -71,3 +82,9 @@ def is_regular(train: Train, controller: ControllerStage, stack: ControlStack, l
     if isinstance(compensation, PreviewFeedforward) and law.sensors and compensation.forward != compensation.backward:
         return False
     return type(stack._policy) in (ReleasedBrake, PlannedBrake) and not train._has_added_gusts
+
+
+def _inputs(stages: Stages) -> list[StageInputs]:
+    """Return the receiving ends of all stages."""
+    owners = (stages.plant, stages.profile, stages.observer, stages.controller, stages.supervisor)
+    return [owner._inputs for owner in owners if owner is not None]

@@ -34,7 +34,7 @@ class Forecast:
     """
 
     def __init__(self, setup: RunSetup, profile: Profile, compensation: CompensationBase) -> None:
-        self._setup, self._compensation = setup, compensation
+        self._setup, self._profile, self._compensation = setup, profile, compensation
         self._stamps = setup.tick_ns * np.arange(setup.ticks, dtype=np.int64)
         self._times: Array = np.asarray(self._stamps * 1e-9, dtype=np.float64)
         now = effect = profile._evaluate(self._stamps)
@@ -53,6 +53,10 @@ class Forecast:
             self._effects = self._times
         self.reference: Array = np.array([*now, effect[2]])
         self._effect_speed = effect[1]
+
+    def is_of(self, profile: Profile, compensation: CompensationBase) -> bool:
+        """Return True for the profile and the compensation of this forecast."""
+        return self._profile is profile and self._compensation is compensation
 
     def of(self, first: int, count: int, stack: ControlStack, *, shoes_used: bool) -> SpanForecast:
         """Return the values of some ticks from a tick on, with the events of the brake so far."""

@@ -11,6 +11,8 @@ from plant_sim import kernel as k
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_tanh
 from train_ato.control.compiled import laws as c
+from train_ato.loop.spans import supervision_kernel as supervision_code
+from train_ato.supervision import compiled as limits_code
 
 # Rows of `measured` (ticks, rows, units).
 MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_FORCE = range(3)
@@ -156,23 +158,26 @@ def _arrived(newest, due, value, bounds, held, window):
             bounds[0, u] += 1
 
 
-@compiled(uses=(k, c, compilation))
+@compiled(uses=(k, c, compilation, limits_code, supervision_code))
 def run_span(
     stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensor, units, sensors, gaps,
     law, constant, law_state, inputs, reference, feedforward, shoes, beside, own, tables, limits, segments,
     bound, count, delays, newest, due, value, bounds, held, history, truth, measured, couplers, sent, at_limit, reports,
+    supervision,
 ):  # fmt: skip
     """Run consecutive ticks until a tick that is left to Python; return the number of ticks run.
 
     All arrays are changed in place. Outputs have one row per tick: ``truth`` (ticks, 4, vehicles) with position, speed,
     coupler and shoe force, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with command and number of steps
-    at a limit before the first tick. ``reports`` has the state of the train at the ticks with diagnostics.
+    at a limit before the first tick. ``reports`` has the state of the train at the ticks with diagnostics,
+    ``supervision`` the arrays of :class:`train_ato.loop.spans.supervised.SupervisionArrays`.
     """
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     outside, cubes, cubed = forces
     every, states, gears, unit_states, settings = reports
     n, steps, nu = vehicle.shape[1], newest.shape[1], len(units)
     saved, kept = law_state.copy(), inputs.copy()
+    supervised, odometers, motion = supervision[0].copy(), supervision[2].copy(), np.zeros(5)
     wanted, now, window = np.zeros(nu), np.zeros(c.NOW_ENTRIES), np.zeros((steps, nu))
     for tick in range(len(newest)):
         _measure(tick, (state, unit), noise, sensor, units, sensors, gaps, measured, couplers)
@@ -180,6 +185,12 @@ def run_span(
         t = at * 1e-9
         if _must_leave(tick, t, measured, couplers, state[k.X, 0], bound, event, events, n):
             return tick
+        if supervision[0][supervision_code.PERIOD] > 0:
+            supervised[:], odometers[:] = supervision[0], supervision[2]
+            place, speed = measured[tick, MEASURED_POSITION, 0], measured[tick, MEASURED_VELOCITY, 0]
+            if not supervision_code.supervise(at, state[k.X, 0], state[k.V, 0], place, speed, supervision, motion):
+                supervision[0][:], supervision[2][:] = supervised, odometers
+                return tick
         if (count[FIRST_TICK] + tick) % count[EVERY] == 0:
             saved[:], kept[:] = law_state, inputs
             for u in range(nu):
@@ -201,6 +212,7 @@ def run_span(
             limited = _command(inputs, wanted, sent[tick + 1], bound)
             if limited < 0:
                 law_state[:], inputs[:] = saved, kept
+                supervision[0][:], supervision[2][:] = supervised, odometers
                 return tick
             at_limit[tick + 1] = at_limit[tick] + limited
             count[AT_LIMIT] = limited

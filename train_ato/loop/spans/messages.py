@@ -8,11 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from plant_sim import kernel as k
-from train_ato.loop.controller import ControllerStage
-from train_ato.loop.observer import ObserverStage
-from train_ato.loop.plant import PlantStage
-from train_ato.loop.profile import ProfileStage
 from train_ato.loop.recording import (
+    ATO_STATE,
     BRAKE_PIPE,
     BRAKE_PIPE_COMMAND,
     BRAKE_PIPE_TAIL,
@@ -23,13 +20,17 @@ from train_ato.loop.recording import (
     ESTIMATE,
     MEASUREMENT,
     REFERENCE,
+    SUPERVISED_SPEEDS,
     TRUTH,
 )
 from train_ato.loop.recording_builder import RecordingBuilder
-from train_ato.loop.setup import RunSetup
+from train_ato.loop.spans.stages import Stages
+from train_ato.loop.spans.supervised import SupervisionArrays
+from train_ato.loop.spans.supervision_messages import BRAKE_RELEASE, ODOMETRY, PROTECTION, SupervisionMessages
 from train_ato.loop.stage_messages import Published, diagnostics_due
 from train_ato.messages.types import (
     Array,
+    AtoReport,
     BrakeShoes,
     Command,
     Diagnostic,
@@ -43,19 +44,8 @@ from train_ato.messages.types import (
 )
 
 Publish = Callable[[int, Published], None]
-Reports = tuple[Diagnostic, Diagnostic, Diagnostic, Diagnostic]
-"""Diagnostics of plant, profile, observer and controller at a tick."""
-
-
-@dataclass(frozen=True)
-class Stages:
-    """Setup and stages of the loop."""
-
-    setup: RunSetup
-    plant: PlantStage
-    profile: ProfileStage
-    observer: ObserverStage
-    controller: ControllerStage
+Reports = tuple[Diagnostic | None, ...]
+"""Diagnostics of plant, supervisor, profile, observer and controller at a tick; None for one without."""
 
 
 @dataclass
@@ -78,6 +68,8 @@ class SpanArrays:
         Disturbances, see :meth:`plant_sim.outside_forces.OutsideForces.ahead`.
     reports : list of Array
         State, gear, unit and setting of the kernel at the ticks with diagnostics.
+    supervision : SupervisionArrays
+        Results of the steps of the supervisor.
     """
 
     truth: Array
@@ -90,6 +82,7 @@ class SpanArrays:
     cubes: Array
     means: Array
     reports: list[Array]
+    supervision: SupervisionArrays
 
 
 class SpanMessages:
@@ -115,7 +108,10 @@ class SpanMessages:
         stack = stages.controller._stack
         assert stack is not None
         self._stack = stack
-        self._zero = np.zeros(stages.setup.model.n_units)
+        self._zero, self._pressure = np.zeros(stages.setup.model.n_units), stack._pressure
+        self._supervision: SupervisionMessages | None = None
+        if stages.supervisor is not None:
+            self._supervision = SupervisionMessages(stages, arrays.supervision, self._stamps, arrays.measured[:done])
 
     def record(self, recording: RecordingBuilder) -> None:
         """Add the messages to a recording as arrays."""
@@ -133,29 +129,66 @@ class SpanMessages:
             add(DISTURBANCE, stamps, {"force": np.array([self._next_disturbance(index) for index in range(done)])})
         values = {"position": measured[:, 0], "velocity": measured[:, 1], "applied": measured[:, 2]}
         add(MEASUREMENT, stamps, values)
+        if self._supervision is not None:
+            self._supervision.record(recording)
         add(REFERENCE, stamps, dict(zip(("position", "velocity", "acceleration"), reference, strict=True)))
         add(ESTIMATE, stamps, {"force": np.zeros((done, self._zero.size))})
         add(COMMAND, stamps, {"force": a.sent[1 : done + 1]})
         reports = self._diagnostics()
-        recording.extend((DIAGNOSTICS, report) for group in reports.values() for report in group)
+        recording.extend((DIAGNOSTICS, report) for index in sorted(reports) for report in reports[index] if report)
 
     def publish(self, publish: Publish) -> None:
         """Publish the messages tick by tick, in the order of the loop."""
-        pressure, planned = self._stack._pressure, self._stages.profile.planned
-        references, diagnostics = self._arrays.reference[:3].T.tolist(), self._diagnostics()
+        diagnostics, none = self._diagnostics(), ((),) * 5
+        numbers = {} if self._supervision is None else dict(self._supervision.numbers)
         for index, stamp in enumerate(self._stamps.tolist()):
             reports = diagnostics.get(index)
-            place, speed, acceleration = references[index]
-            plant, profile, observer, controller = (
-                ([],) * 4 if reports is None else ([(DIAGNOSTICS, r)] for r in reports)
+            plant, supervisor, profile, observer, controller = (
+                none if reports is None else [[(DIAGNOSTICS, report)] if report else () for report in reports]
             )
-            messages = [*self._of_train(stamp, index), *plant, (MEASUREMENT, self._measurement(stamp, index))]
-            messages += [*profile, (REFERENCE, Reference(stamp, place, speed, acceleration, planned))]
-            messages += [*observer, (ESTIMATE, DisturbanceEstimate(stamp, self._zero))]
-            if pressure is not None:
-                messages.append((BRAKE_PIPE_COMMAND, Pipe(stamp, pressure)))
-            messages += [*controller, (COMMAND, Command(stamp, self._arrays.sent[index + 1]))]
+            step = None if self._supervision is None or index not in numbers else self._supervision.at(numbers[index])
+            messages = [*self._of_train(stamp, index), *plant]
+            if step is not None:
+                messages += [(ODOMETRY, step.odometry), (PROTECTION, step.protection)]
+            messages.append((MEASUREMENT, self._measurement(index)))
+            if step is not None:
+                messages += [(SUPERVISED_SPEEDS, step.speeds), *supervisor, (BRAKE_RELEASE, step.release)]
+            messages += [*profile, (REFERENCE, self._reference(index))]
+            messages += [*observer, (ESTIMATE, self._estimate(index))]
+            if self._pressure is not None:
+                messages.append((BRAKE_PIPE_COMMAND, Pipe(stamp, self._pressure)))
+            if step is not None:
+                messages.append((ATO_STATE, step.ato))
+            messages += [*controller, (COMMAND, self._command(index))]
             publish(stamp, messages)
+
+    def store(self, ato: AtoReport | None) -> AtoReport | None:
+        """Set the receiving ends of all stages and the supervisor to their states after the span.
+
+        Parameters
+        ----------
+        ato
+            Report of the ATO at the step of the supervisor before the span.
+
+        Returns
+        -------
+        AtoReport or None
+            Report at the last step.
+        """
+        stages, supervision, done = self._stages, self._supervision, self._done
+        if not stages.setup.layout.supervised and not stages.setup.has_faults:
+            return ato
+        last = range(max(done - 2, 0), done)
+        measurements = [self._measurement(index) for index in last]
+        for stage in (stages.profile, stages.observer, stages.controller):
+            stage._inputs.accept(MEASUREMENT, done, measurements)
+        stages.controller._inputs.accept(REFERENCE, done, [self._reference(index) for index in last])
+        stages.controller._inputs.accept(ESTIMATE, done, [self._estimate(index) for index in last])
+        stages.plant._inputs.accept(COMMAND, done, [self._command(index) for index in last])
+        if self._pressure is not None:
+            pipes = [Pipe(int(self._stamps[index]), self._pressure) for index in last]
+            stages.plant._inputs.accept(BRAKE_PIPE_COMMAND, done, pipes)
+        return ato if supervision is None else supervision.store(ato)
 
     def _of_train(self, stamp: int, index: int) -> Published:
         """Return the truth of a tick; the disturbance is the mean over the tick before."""
@@ -169,8 +202,18 @@ class SpanMessages:
             messages.append((DISTURBANCE, Disturbance(stamp, self._next_disturbance(index))))
         return messages
 
-    def _measurement(self, stamp: int, index: int) -> Measurement:
-        return Measurement(stamp, *self._arrays.measured[index], *self._arrays.couplers[index])
+    def _measurement(self, index: int) -> Measurement:
+        return Measurement(int(self._stamps[index]), *self._arrays.measured[index], *self._arrays.couplers[index])
+
+    def _reference(self, index: int) -> Reference:
+        position, velocity, acceleration = self._arrays.reference[:3, index].tolist()
+        return Reference(int(self._stamps[index]), position, velocity, acceleration, self._stages.profile.planned)
+
+    def _estimate(self, index: int) -> DisturbanceEstimate:
+        return DisturbanceEstimate(int(self._stamps[index]), self._zero)
+
+    def _command(self, index: int) -> Command:
+        return Command(int(self._stamps[index]), self._arrays.sent[index + 1])
 
     def _next_disturbance(self, index: int) -> Array:
         """Return the disturbance to publish at a tick [N], and keep the mean over this tick for the next one."""
@@ -190,7 +233,12 @@ class SpanMessages:
         """Return the diagnostics by the number of their tick."""
         stages, stack, arrays = self._stages, self._stack, self._arrays
         due = [index for index, stamp in enumerate(self._stamps.tolist()) if diagnostics_due(stamp, self._tick)]
-        found = {}
+        found: dict[int, Reports] = {}
+        supervisor: dict[int, Diagnostic | None] = {}
+        if self._supervision is not None:
+            reports = zip(self._supervision.ticks.tolist(), self._supervision.reports, strict=True)
+            supervisor = {index: report for index, report in reports if report is not None}
+            found = {index: (None, report, None, None, None) for index, report in supervisor.items()}
         for number, index in enumerate(due):
             stamp = int(self._stamps[index])
             state, gear, unit, setting = (values[number] for values in arrays.reports)
@@ -199,6 +247,6 @@ class SpanMessages:
             now, stack._saturated_steps = stack._saturated_steps, int(arrays.at_limit[index + 1])
             controller = stages.controller.diagnostic(stamp)
             stack._saturated_steps = now
-            assert controller is not None
-            found[index] = (plant, stages.profile.diagnostic(stamp), stages.observer.diagnostic(stamp), controller)
+            others = (stages.profile.diagnostic(stamp), stages.observer.diagnostic(stamp), controller)
+            found[index] = (plant, supervisor.get(index), *others)
         return found

@@ -18,10 +18,12 @@ from train_ato.loop.setup import RunSetup
 from train_ato.loop.spans import kernel
 from train_ato.loop.spans.conditions import is_regular, ticks_to_event
 from train_ato.loop.spans.forecast import Forecast
-from train_ato.loop.spans.messages import Publish, SpanArrays, SpanMessages, Stages
+from train_ato.loop.spans.messages import Publish, SpanArrays, SpanMessages
+from train_ato.loop.spans.stages import Stages
+from train_ato.loop.spans.supervised import SupervisedTicks
 from train_ato.loop.stage_messages import SECOND_NS
 from train_ato.messages.links import PackedQueues
-from train_ato.messages.types import Array
+from train_ato.messages.types import Array, AtoReport
 
 SHORTEST = 4
 """Shortest span that is worth its preparation [ticks]."""
@@ -47,6 +49,8 @@ class CompiledSpans:
     ----------
     ticks : int
         Number of compiled ticks so far.
+    ato : AtoReport or None
+        Last report of the ATO; set before :meth:`run`, which replaces it.
     """
 
     def __init__(self, stages: Stages, recording: RecordingBuilder, publish: Publish | None) -> None:
@@ -55,6 +59,8 @@ class CompiledSpans:
         self._law: Any = None
         self._compiled: CompiledLaw | None = None
         self._retry = self.ticks = 0
+        self.ato: AtoReport | None = None
+        self.supervised = SupervisedTicks(stages)
         self.model = _model_arrays(stages.setup)
         values = stages.setup.plant.sensors
         self.sensor_errors = np.array(
@@ -63,13 +69,12 @@ class CompiledSpans:
 
     def run(self) -> int:
         """Run the ticks up to the next event; return their number, 0 if the next tick is left to Python."""
-        plant, controller = self.stages.plant, self.stages.controller
-        stack = controller._stack
+        plant, stack = self.stages.plant, self.stages.controller._stack
         assert stack is not None
         if plant.stamp < self._retry:
             return 0
-        count, law = ticks_to_event(self.stages.setup, plant, controller, stack), self._compiled_law(stack)
-        if law is None or count < SHORTEST or not is_regular(plant.train, controller, stack, law):
+        count, law = ticks_to_event(self.stages, self.supervised, stack), self._compiled_law(stack)
+        if law is None or count < SHORTEST or not is_regular(self.stages, self.supervised, stack, law):
             return 0
         stamp = plant.stamp
         span = _Span(self, stack, law, count)
@@ -83,6 +88,7 @@ class CompiledSpans:
             messages.record(self._recording)
         else:
             messages.publish(self._publish)
+        self.ato = messages.store(self.ato)
         return done
 
     def _compiled_law(self, stack: ControlStack) -> CompiledLaw | None:
@@ -93,9 +99,10 @@ class CompiledSpans:
         return self._compiled
 
     def forecast(self, compensation: CompensationBase) -> Forecast:
-        """Return reference and feed-forward of all ticks, computed once."""
-        if self._forecast is None:
-            self._forecast = Forecast(self.stages.setup, self.stages.profile.profile, compensation)
+        """Return reference and feed-forward of all ticks, computed once per profile and compensation."""
+        profile = self.stages.profile.profile
+        if self._forecast is None or not self._forecast.is_of(profile, compensation):
+            self._forecast = Forecast(self.stages.setup, profile, compensation)
         return self._forecast
 
 
@@ -127,6 +134,7 @@ class _Span:
             np.ascontiguousarray(forecast.reference[:, self._first : self._first + count]),
             *train._outside.ahead(self._stamp, count),
             [np.empty((most, *a.shape)) for a in (changing.state, changing.gear, changing.unit, changing.setting)],
+            spans.supervised.arrays(count),
         )
         self.arrays.sent[0], self.arrays.at_limit[0] = stack._last, stack._saturated_steps
         self._inputs = np.zeros((c.INPUT_ROWS, units))
@@ -152,6 +160,7 @@ class _Span:
             self._forecast.feedforward, self._forecast.shoes, self._beside(), *spans.model,
             self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
             out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
+            tuple(out.supervision),
         ))  # fmt: skip
         self._forecast.take_back(done)
         if done:
@@ -198,6 +207,7 @@ class _Span:
         stack._last = out.sent[done].tolist()
         stack._saturated_steps = int(out.at_limit[done])
         stack._saturated = bool(self._counts[kernel.AT_LIMIT])
+        self._spans.supervised.store(out.supervision, self._stamp, done)
         self._plant._link.take_packed(queues, newest_due)
         for noise in (sensors._position_noise, sensors._velocity_noise):
             if noise is not None:

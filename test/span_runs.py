@@ -1,0 +1,66 @@
+"""Runs in Python and in compiled spans for the tests, with the comparison of their messages and recordings."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.loop.engine import TickLoop, run_engine
+from train_ato.loop.result import RunResult
+from train_ato.loop.setup import RunSetup
+
+
+class Messages:
+    """All messages of a run as bytes."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[str, int, bytes]] = []
+
+    def add(self, topic: str, message: Any, stamp: int) -> None:
+        values = [getattr(message, entry.name) for entry in dataclasses.fields(message)]
+        parts = [value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode() for value in values]
+        self.rows.append((topic, stamp, b"|".join(parts)))
+
+
+def setup_of(name: str, changes: dict[str, Any]) -> RunSetup:
+    return choose_scenario(name).changed(changes, None).prepare()
+
+
+def compiled_part(setup: RunSetup) -> float:
+    """Return the part of the ticks of a run that are compiled."""
+    loop = TickLoop(setup, None, compiled=True)
+    loop.start()
+    while not loop.plant.finished:
+        loop.advance()
+    assert loop._spans is not None
+    return loop._spans.ticks / loop.ticks
+
+
+def messages_of(setup: RunSetup, *, compiled: bool) -> list[tuple[str, int, bytes]]:
+    """Return topic, stamp and content of all messages of a run in order."""
+    sink = Messages()
+    assert run_engine(setup, sink=sink, compiled=compiled).failure is None
+    return sink.rows
+
+
+def assert_same_messages(one: list[tuple[str, int, bytes]], other: list[tuple[str, int, bytes]]) -> None:
+    first = next((pair for pair in zip(one, other, strict=False) if pair[0] != pair[1]), None)
+    assert first is None
+    assert len(one) == len(other)
+
+
+def assert_same_recording(one: RunResult, other: RunResult) -> None:
+    assert one.recording is not None and other.recording is not None
+    a, b = one.recording, other.recording
+    assert a.topics.keys() == b.topics.keys()
+    for topic, samples in a.topics.items():
+        found = b.topics[topic]
+        assert samples.time.tobytes() == found.time.tobytes(), topic
+        assert samples.values.keys() == found.values.keys(), topic
+        for name, values in samples.values.items():
+            assert (values.shape, values.tobytes()) == (found[name].shape, found[name].tobytes()), (topic, name)
+    assert repr(a.reports) == repr(b.reports)
+    assert one.published == other.published

@@ -1,0 +1,178 @@
+"""Compiled ticks with a supervisor give the messages and the recording of the ticks in Python, bit for bit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from span_runs import assert_same_messages, assert_same_recording, compiled_part, messages_of, setup_of
+
+from train_ato.loop.engine import TickLoop, run_engine
+from train_ato.loop.setup import prepare
+from train_ato.messages.links import DelayJump
+from train_ato.scenario.scenario import load_scenario
+from train_ato.supervision.compiled import evaluate
+from train_ato.supervision.odometry import motion_estimate
+from train_ato.supervision.packed import packed_track
+from train_ato.supervision.track_supervision import TrackSupervision
+
+SHORT = {"duration": 150}
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    "demo to its stop": ("demo", {"duration": 400}),
+    "heavy haul": ("daqin_heavy_haul", SHORT),
+    "twin, disturbances, noise": ("daqin_heavy_haul:twin+disturbed+noise", SHORT),
+    "mismatch, smc": ("daqin_heavy_haul:tuned+strong_mismatch", {**SHORT, "law": "smc", "compensation": "twin"}),
+    "overspeed on a line with limits": ("crh380a_gpc", {**SHORT, "law": "pid", "compensation": "preview"}),
+    "curve of the service brake": (
+        "crh380a_funnel:short", {"law": "pid", "supervision.service_curve": True, "duration": 250}
+    ),
+    "period of one tick, without assurance": (
+        "crh380a_funnel:short",
+        {"duration": 250, "law": "funnel", "compensation": "none", "supervision.period": 0.05,
+         "supervision.assurance": False},
+    ),
+    "balises": ("demo", {**SHORT, "plant.odometry": {"balise_spacing": 30.0, "wheel_error": 0.01}}),
+    "command held for no time": ("demo", {**SHORT, "supervision.failsafe": {"hold": 0.0}}),
+    "varying delay": (
+        "demo", {**SHORT, "links.command": {"delay": 0.8, "varying": {"amplitude": 0.3, "omega": 1.0}}}
+    ),
+    "gust": ("demo", {**SHORT, "interventions": [{"do": "gust", "at": 60.05, "acceleration": -0.05, "duration": 9}]}),
+    "emergency brake": ("demo", {**SHORT, "interventions": [{"do": "emergency_brake", "at": 90}]}),
+    "lost commands and releases": (
+        "demo",
+        {**SHORT, "interventions": [
+            {"do": "message_loss", "at": 60, "topic": "ato/command", "duration": 0.4},
+            {"do": "message_loss", "at": 120, "topic": "atp/brake_release", "duration": 0.4},
+        ]},
+    ),
+    "frozen measurement, changed delays": (
+        "demo",
+        {**SHORT, "interventions": [
+            {"do": "message_freeze", "at": 50, "topic": "train/measurement", "duration": 0.6},
+            {"do": "delay_jump", "at": 80, "factor": 1.5}, {"do": "delay_jump", "at": 110, "add": -0.5},
+        ]},
+    ),
+    "dropped references, corrupt odometry": (
+        "demo",
+        {**SHORT, "faults": [
+            {"do": "drop", "topic": "ato/reference", "begin": 50, "end": 51, "probability": 0.5},
+            {"do": "corrupt", "topic": "train/odometry", "begin": 120, "end": 122, "probability": 0.3, "value": "bit"},
+        ]},
+    ),
+    "late measurements, repeated commands": (
+        "demo",
+        {**SHORT, "faults": [
+            {"do": "delay", "topic": "train/measurement", "begin": 50.1, "end": 53, "delay": 0.3},
+            {"do": "repeat", "topic": "ato/command", "begin": 80, "end": 81},
+        ]},
+    ),
+    "ATO disengaged and engaged with a new profile": (
+        "crh380a_funnel:short",
+        {"law": "pid", "duration": 420,
+         "ato_requests": [{"at": 60, "do": "disengage"}, {"at": 100, "do": "engage"}]},
+    ),
+    "faults without a supervisor": (
+        "xuzhou_metro",
+        {"duration": 60, "law": "pid", "faults": [
+            {"do": "drop", "topic": "ato/command", "begin": 20, "end": 21, "probability": 0.5},
+        ]},
+    ),
+}  # fmt: skip
+"""Scenario and changes; together they contain every state of the supervisor, and every reaction of the train."""
+FULL = ("daqin_heavy_haul", "daqin_heavy_haul:twin", "daqin_heavy_haul:disturbed+mismatch")
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_supervised_ticks_send_the_messages_of_python(case: str) -> None:
+    """Breaks if limits, odometry, state, brake release or report of a compiled step differ in one bit.
+
+    A fault or an intervention that begins inside a span, or a state of a stage that a span does not continue, does too.
+    """
+    assert_same_messages(*(messages_of(setup_of(*CASES[case]), compiled=chosen) for chosen in (False, True)))
+
+
+@pytest.mark.parametrize("case", ["heavy haul", "overspeed on a line with limits", "faults without a supervisor"])
+def test_supervised_ticks_give_the_recording_of_python(case: str) -> None:
+    """Breaks if a topic of the supervisor is missing in the recording of a span or has another shape."""
+    python, compiled = (run_engine(setup_of(*CASES[case]), compiled=chosen) for chosen in (False, True))
+    assert_same_recording(python, compiled)
+
+
+@pytest.mark.parametrize("case", ["heavy haul", "overspeed on a line with limits", "balises", "gust", "varying delay"])
+def test_most_supervised_ticks_are_compiled(case: str) -> None:
+    """Breaks if a condition leaves a whole run to Python: the tests above would then compare it with itself."""
+    assert compiled_part(setup_of(*CASES[case])) > 0.8
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FULL)
+def test_a_whole_supervised_run_is_equal(name: str) -> None:
+    """Breaks if a state drifts over a long run: brake applications, indication and stop at the end of authority."""
+    assert_same_messages(*(messages_of(setup_of(name, {}), compiled=chosen) for chosen in (False, True)))
+
+
+def test_a_train_above_its_limit_is_left_to_the_supervisor() -> None:
+    """Breaks if a compiled tick goes on beyond a limit: supervisor, assurance and brake must act in Python."""
+    setup = setup_of("demo", {"duration": 200, "supervision.assurance": False, "law": "pid"})
+    loop = TickLoop(setup, None, compiled=True)
+    loop.start()
+    while loop.plant.stamp < 100_000_000_000:
+        loop.advance()
+    assert loop._spans is not None and loop.supervisor is not None
+    before, ceilings = loop._spans.ticks, loop.supervisor._supervisor.track._ceilings
+    assert loop._spans.supervised.is_quiet
+    ceilings[:] = [speeds._replace(service=1.0, warning=1.0, permitted=1.0) for speeds in ceilings]
+    loop._spans.supervised._track[1][:] = np.array(ceilings)
+    for _ in range(20):
+        loop.advance()
+    assert loop._spans.ticks <= before + setup.supervision_ticks
+    assert loop.supervisor._supervisor.interventions == 1
+
+
+@pytest.fixture(scope="module", params=["daqin_heavy_haul", "crh380a_gpc", "crh380a_gpc, service curve"])
+def track(request: pytest.FixtureRequest) -> TrackSupervision:
+    name, _, curve = request.param.partition(", ")
+    changes = ("supervision.service_curve=true",) if curve else ()
+    return prepare(*load_scenario(name, changes)).supervisor().track
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    place=st.floats(0.0, 1.0), near=st.booleans(), speed=st.floats(0.0, 1.0), acceleration=st.floats(-1.0, 0.8),
+    distance=st.floats(0.0, 3000.0),
+)  # fmt: skip
+def test_compiled_limits_are_those_of_python(
+    track: TrackSupervision, place: float, near: bool, speed: float, acceleration: float, distance: float
+) -> None:
+    """Breaks if an arc, a time or a comparison of the compiled limits differs: every speed and the indication."""
+    end, speeds = track.targets[-1].target.location, np.zeros(4)
+    front, v = (end - 8000.0 * place if near else end * place), speed * track.train.max_speed
+    motion = motion_estimate(v, acceleration, distance)
+    try:
+        indicates = int(track.indicates(front, v, motion))
+    except ValueError:  # the curve ends below the compensated speed
+        indicates = -1
+    packed = np.array((front, v, acceleration, motion.speed_error, motion.under_reading))
+    assert evaluate(packed_track(track), packed, speeds) == indicates
+    assert tuple(speeds) == tuple(track.evaluate(front, motion))
+
+
+def test_commands_in_flight_decide_whether_the_protection_can_act() -> None:
+    """Breaks if a gap of the commands, or delays above the largest age, count as commands in time."""
+    setup = setup_of("demo", SHORT)
+    loop = TickLoop(setup, None)
+    loop.start()
+    for _ in range(41):
+        loop.tick()
+    protection, stamp, period = loop.plant.protection, loop.plant.stamp, setup.supervision_ticks * setup.tick_ns
+    assert protection.is_idle(stamp, period)
+    queue = protection._stamps._in_flight[0]
+    kept = queue[3]
+    del queue[3]
+    assert not protection.is_idle(stamp, period)
+    queue.insert(3, kept)
+    protection.jump(DelayJump(at=stamp * 1e-9, add=1.0))
+    assert not protection.is_idle(stamp, period)

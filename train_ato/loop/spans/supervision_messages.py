@@ -1,0 +1,169 @@
+"""Messages of the steps of the supervisor in a span, from its arrays."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from train_ato.loop.recording import ATO_STATE, SUPERVISED_SPEEDS
+from train_ato.loop.recording_builder import RecordingBuilder
+from train_ato.loop.spans import supervision_kernel as s
+from train_ato.loop.spans.stages import Stages
+from train_ato.loop.spans.supervised import SupervisionArrays
+from train_ato.loop.stage_messages import diagnostics_due
+from train_ato.messages.types import (
+    Array,
+    AtoReport,
+    AtoState,
+    BrakeRelease,
+    Diagnostic,
+    Odometry,
+    ProtectionState,
+    SupervisedSpeeds,
+)
+from train_ato.supervision.ceiling import SupervisionSpeeds
+from train_ato.supervision.odometry import MotionEstimate, speed_measurement_error
+from train_ato.supervision.position_estimate import TrainMotion
+from train_ato.supervision.supervisor import TARGET_NEAR, SupervisionDecision, SupervisionState, limit_text
+
+ODOMETRY, PROTECTION, BRAKE_RELEASE = "train/odometry", "train/protection", "atp/brake_release"
+
+
+class SupervisedStep(NamedTuple):
+    """Messages of a step of the supervisor, without its diagnostics."""
+
+    odometry: Odometry
+    protection: ProtectionState
+    speeds: SupervisedSpeeds
+    release: BrakeRelease
+    ato: AtoReport
+
+
+class SupervisionMessages:
+    """Messages of the steps of the supervisor in the ticks of one span.
+
+    Parameters
+    ----------
+    stages
+        Setup and stages of the loop; the supervisor is in its state before the span.
+    arrays
+        Results of the compiled steps.
+    stamps : Array of int, shape (ticks,)
+        Stamps of the ticks [ns].
+    measured : Array, shape (ticks, 3, units)
+        Position [m], speed [m/s] and force [N] of every tick.
+
+    Attributes
+    ----------
+    ticks : Array of int, shape (steps,)
+        Numbers of the ticks with a step.
+    reports : list of Diagnostic or None
+        Diagnostics of the supervisor at every step.
+    """
+
+    def __init__(self, stages: Stages, arrays: SupervisionArrays, stamps: NDArray[np.int64], measured: Array) -> None:
+        assert stages.supervisor is not None
+        self._stages = stages
+        self._stage, self._steps = stages.supervisor, arrays.steps[1 : 1 + arrays.counts[s.STEPS]]
+        self._period = int(arrays.counts[s.PERIOD])
+        self.ticks = np.flatnonzero(stamps % self._period == 0)
+        self._stamps = stamps[self.ticks]
+        seen, first = measured[self.ticks, :, 0], self._stage._count
+        assert first is not None
+        self._alive: Array = np.arange(first + 1, first + 1 + len(self._stamps), dtype=np.float64)
+        offset = stages.setup.model.offsets[0]
+        self._ato = np.column_stack((seen[:, 0] + offset, seen[:, 1], np.full(len(seen), float(AtoState.ENGAGED))))
+        self._foremost = self._steps[:, [s.STEP_FRONT, *[s.STEP_FOREMOST] * 4]]
+        self._speeds = self._steps[:, s.STEP_ESTIMATE : s.STEP_LIMITS + 4]
+        self._decided = self._decisions()
+        self.reports = self._diagnostics()
+
+    def at(self, number: int) -> SupervisedStep:
+        """Return the messages of a step by its number."""
+        row, stamp = self._steps[number], int(self._stamps[number])
+        position, velocity, state = self._ato[number].reshape(3, 1)
+        return SupervisedStep(
+            Odometry(stamp, *row[: s.STEP_FRONT].reshape(3, 2)),
+            ProtectionState(stamp, np.zeros(3)),
+            SupervisedSpeeds(stamp, self._foremost[number], self._speeds[number]),
+            BrakeRelease(stamp, np.ones(3), np.full(3, self._alive[number])),
+            AtoReport(stamp, position, velocity, state),
+        )
+
+    def record(self, recording: RecordingBuilder) -> None:
+        """Add the messages without the diagnostics to a recording as arrays."""
+        stamps, count, add = self._stamps, len(self._stamps), recording.extend_rows
+        rows, ato = self._steps, self._ato
+        add(ODOMETRY, stamps, {"position": rows[:, :2], "speed": rows[:, 2:4], "since_balise": rows[:, 4:6]})
+        add(PROTECTION, stamps, {"active": np.zeros((count, 3))})
+        add(SUPERVISED_SPEEDS, stamps, {"position": self._foremost, "speed": self._speeds})
+        add(BRAKE_RELEASE, stamps, {"released": np.ones((count, 3)), "alive": np.repeat(self._alive[:, None], 3, 1)})
+        add(ATO_STATE, stamps, {"position": ato[:, :1], "velocity": ato[:, 1:2], "state": ato[:, 2:]})
+
+    @property
+    def numbers(self) -> dict[int, int]:
+        """Number of the step by the number of its tick."""
+        return {index: number for number, index in enumerate(self.ticks.tolist())}
+
+    def store(self, ato: AtoReport | None) -> AtoReport | None:
+        """Set the supervisor, its stage and the receiving ends to their states after the last step.
+
+        Parameters
+        ----------
+        ato
+            Report of the ATO at the step before the span, which the profile receives first.
+
+        Returns
+        -------
+        AtoReport or None
+            Report at the last step.
+        """
+        stage, count = self._stage, len(self._stamps)
+        if not count:
+            return ato
+        last = [self.at(number) for number in range(max(count - 2, 0), count)]
+        reports = [ato] * (count < 3) + [self.at(number).ato for number in range(max(count - 3, 0), count - 1)]
+        inputs = self._stages.controller._inputs
+        inputs.accept(PROTECTION, count, [step.protection for step in last])
+        inputs.accept(SUPERVISED_SPEEDS, count, [step.speeds for step in last])
+        self._stages.plant._inputs.accept(BRAKE_RELEASE, count, [step.release for step in last])
+        self._stages.plant.protection.on_release(last[-1].release)
+        self._stages.plant.alive_check.problem(last[-1].release)
+        self._stages.profile._inputs.accept(ATO_STATE, count, [report for report in reports if report][-2:])
+        stage._inputs.accept(ODOMETRY, count, [step.odometry for step in last])
+        decision, supervisor = self._decided[-1], stage._supervisor
+        assert stage._count is not None
+        stage._count += count
+        stage._reported, stage._motion = decision.state, decision.motion
+        stage.odometry_check.last = last[-1].odometry
+        supervisor._state, supervisor._reason = decision.state, decision.reason
+        supervisor._stamp, supervisor._rolled = int(self._stamps[-1]), 0.0
+        return last[-1].ato
+
+    def _decisions(self) -> list[SupervisionDecision]:
+        """Return the decisions of all steps, with the states and reasons of the supervisor in Python."""
+        supervisor, found = self._stage._supervisor, []
+        state, reason = supervisor._state, supervisor._reason
+        for stamp, row in zip(self._stamps.tolist(), self._steps.tolist(), strict=True):
+            speed, error = row[s.STEP_ESTIMATE], row[s.STEP_ERROR]
+            estimate = MotionEstimate(row[s.STEP_ACCELERATION], speed_measurement_error(speed), error, error)
+            motion = TrainMotion(stamp, row[s.STEP_FRONT], speed, estimate)
+            speeds = SupervisionSpeeds(*row[s.STEP_LIMITS : s.STEP_LIMITS + 4])
+            if speed <= speeds.permitted:
+                near = row[s.STEP_INDICATED] > 0.0
+                state, reason = (SupervisionState.INDICATION, TARGET_NEAR) if near else (SupervisionState.NORMAL, "")
+            elif state < SupervisionState.OVERSPEED:
+                state, reason = SupervisionState.OVERSPEED, limit_text(motion, speeds.permitted)
+            found.append(SupervisionDecision(state, reason, speeds, motion))
+        return found
+
+    def _diagnostics(self) -> list[Diagnostic | None]:
+        """Return the diagnostics of every step: once a second, and after a change of the state."""
+        found, before = [], self._stage._reported
+        for decision, stamp in zip(self._decided, self._stamps.tolist(), strict=True):
+            due = decision.state is not before or diagnostics_due(stamp, self._period)
+            found.append(self._stage._diagnostic(stamp, decision) if due else None)
+            before = decision.state
+        return found
