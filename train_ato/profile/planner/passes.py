@@ -102,8 +102,9 @@ def forward(
     """Return E of the fastest solution under the ceiling of the backward pass, and the cell of a stall (or -1).
 
     Above ``cut_off`` (E at every place) the train has no traction: it keeps that speed, or coasts if the line force
-    accelerates it or the cut-off decreases faster.  Above the ceiling it brakes until it is below.  ``reserve`` and
-    ``brake_reserve`` are the fractions of traction and brakes that are not used in a cell, shape (n,) each.
+    accelerates it or the cut-off decreases faster; on a climb it coasts with the service deceleration at most.  Above
+    the ceiling it brakes until it is below.  ``reserve`` and ``brake_reserve`` are the fractions of traction and brakes
+    that are not used in a cell, shape (n,) each.
     """
     n = ceiling.size - 1
     energy = np.empty(n + 1)
@@ -121,7 +122,7 @@ def forward(
         if not above:
             at = _at_balance(table, spacing, reserve[k], line_max[k], energy[k], at)
         if at > cut_off[k + 1]:
-            coast = energy[k] - steps[k] * (_read(table, COAST, last, spacing) + line_mean[k])
+            coast = energy[k] - steps[k] * min(service_deceleration, _read(table, COAST, last, spacing) + line_mean[k])
             at = min(at, max(coast, cut_off[k + 1]))
         at = max(at, min(ceiling[k + 1], energy[k])) if above else min(at, ceiling[k + 1])
         if at <= 0.0 and (k + 1 < n or ceiling[n] > 0.0):

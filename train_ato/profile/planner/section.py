@@ -146,6 +146,7 @@ class PlanSection:
             tables.line_mean,
             tables.rates,
             _or_infinite(self.inputs.settings.acceleration),
+            _or_infinite(self.inputs.settings.deceleration),
             self.end_speed**2 / 2,
         )
 
