@@ -60,7 +60,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--max-speed-kmh", type=least, metavar="V", help="speed limit of the train")
     parser.add_argument("--no-air-brake", action="store_true", help="use electric brakes only")
-    parser.add_argument("--point-mass", action="store_true", help="treat the train as a point mass at its front")
+    parser.add_argument(
+        "--point-mass",
+        action="store_true",
+        help="point mass at the front: speed limits and grades end where the front leaves them",
+    )
     parser.add_argument(
         "--period", type=least, default=0.1, metavar="S", help="time between the knots of the profile (default: 0.1)"
     )

@@ -25,6 +25,8 @@ class SectionTables:
         Line force of every cell, divided by the inertia [m/s²].
     rates : Array, shape (3, n)
         Accelerations over the speed, see :func:`acceleration_table` [m/s²].
+    traction_reserve, brake_reserve : Array, shape (cells,)
+        Fractions of traction and brakes reserved in every cell for the averaging, in addition to the margin.
     """
 
     limit: Array
@@ -32,19 +34,17 @@ class SectionTables:
     line_mean: Array
     line_max: Array
     rates: Array
+    traction_reserve: Array
+    brake_reserve: Array
 
 
-def acceleration_table(
-    train: TrainTables, settings: PlanSettings, window: float, reserve: float, brake_reserve: float
-) -> Array:
+def acceleration_table(train: TrainTables, settings: PlanSettings, window: float) -> Array:
     """Return the rows of the passes: traction minus resistance, brake plus resistance, resistance [m/s²].
 
     Parameters
     ----------
     window
         Window of the later moving average [s].
-    reserve, brake_reserve
-        Fractions of traction and brakes reserved in addition to the margin.
     """
     keep = 1.0 - settings.force_margin
     traction, brake = train.traction, train.brake
@@ -55,8 +55,8 @@ def acceleration_table(
         brake = _lowered_for_averaging(brake, down * window / 2)
     return np.stack(
         (
-            (keep * (1.0 - reserve) * traction - train.resistance) / train.inertia,
-            (keep * (1.0 - brake_reserve) * brake + train.resistance) / train.inertia,
+            (keep * traction - train.resistance) / train.inertia,
+            (keep * brake + train.resistance) / train.inertia,
             train.resistance / train.inertia,
         )
     )

@@ -11,6 +11,9 @@ from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import TrainTables
 
+MIN_CRUISE = 0.5
+"""Speed up to which traction is always permitted, so that every train starts [m/s]."""
+
 
 @dataclass(frozen=True, slots=True)
 class DrivingStrategy:
@@ -42,7 +45,8 @@ class DrivingStrategy:
         flat = np.full(places.size, self.cut_off**2 / 2)
         if self.curve is None:
             return flat
-        return np.asarray(np.minimum(flat, self.scale**2 * np.interp(places, *self.curve)))
+        curve = self.scale**2 * np.interp(places, *self.curve)
+        return np.asarray(np.minimum(flat, np.maximum(curve, MIN_CRUISE**2 / 2)))
 
 
 MINIMUM_TIME = DrivingStrategy()

@@ -45,13 +45,22 @@ class CoarseGrid:
         Mean line force of every fine cell, divided by the inertia [m/s²].
     table : Array
         Rows of the passes, see :mod:`train_ato.profile.planner.passes`.
-    service
-        Service acceleration [m/s²].
+    service, deceleration
+        Service acceleration and deceleration [m/s²].
     end
         E at the end.
     """
 
-    def __init__(self, places: Array, top: Array, line_mean: Array, table: Array, service: float, end: float) -> None:
+    def __init__(
+        self,
+        places: Array,
+        top: Array,
+        line_mean: Array,
+        table: Array,
+        service: float,
+        deceleration: float,
+        end: float,
+    ) -> None:
         count = int(np.clip((places[-1] - places[0]) / MIN_CELL, 10, MAX_CELLS))
         self.places: Array = np.linspace(places[0], places[-1], count + 1)
         work = np.concatenate(([0.0], np.cumsum(line_mean * np.diff(places))))
@@ -61,6 +70,7 @@ class CoarseGrid:
         self.top[-1] = end
         self.table = table
         self.service = service
+        self.deceleration = deceleration
 
 
 def switching_curve(grid: CoarseGrid, price: float, spacing: float) -> tuple[Array, Array]:
@@ -74,7 +84,9 @@ def switching_curve(grid: CoarseGrid, price: float, spacing: float) -> tuple[Arr
         Speed step of the table [m/s].
     """
     energies = np.linspace(0.0, float(grid.top.max()) * (1 + 1e-9), ENERGY_POINTS)
-    curve = _curve(energies, grid.top, grid.line_mean, grid.steps, grid.table, spacing, grid.service, price)
+    curve = _curve(
+        energies, grid.top, grid.line_mean, grid.steps, grid.table, spacing, (grid.service, grid.deceleration), price
+    )
     return grid.places, curve
 
 
@@ -134,9 +146,10 @@ def _curve(
     steps: Array,
     table: Array,
     speed_step: float,
-    service: float,
+    service: tuple[float, float],
     price: float,
 ) -> Array:
+    """Return the switching curve; ``service`` are the acceleration and deceleration limits [m/s²]."""
     n, m = steps.size, energies.size
     spacing = energies[1]
     values, new, marginal = np.zeros(m), np.empty(m), np.ones(m)
@@ -151,10 +164,11 @@ def _curve(
             j = min(int(place), table.shape[1] - 2)
             pull = table[TRACTION, j] + (place - j) * (table[TRACTION, j + 1] - table[TRACTION, j])
             drag = table[COAST, j] + (place - j) * (table[COAST, j + 1] - table[COAST, j])
-            fast = min(energy + step * min(service, pull - line_mean[k]), ceiling)
-            slow = energy - step * (drag + line_mean[k])
+            fast = min(energy + step * min(service[0], pull - line_mean[k]), ceiling)
+            coast = energy - step * (drag + line_mean[k])
+            slow = energy - step * min(service[1], drag + line_mean[k])
             if fast > slow:
-                new[i] = _least_cost(price, step, speed, slow, fast, values, energies)
+                new[i] = slow - coast + _least_cost(price, step, speed, slow, fast, values, energies)
                 marginal[i] = _marginal_cost(price, step, speed, slow, values, spacing)
             else:  # braking to the ceiling, or no traction
                 end = min(slow, ceiling)

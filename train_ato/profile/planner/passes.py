@@ -15,6 +15,8 @@ from plant_sim.compiled import compiled
 from train_ato.messages.types import Array
 
 TRACTION, BRAKE, COAST = range(3)
+BALANCE_STEPS = 40
+"""Bisections of a balancing speed."""
 
 
 @compiled
@@ -25,8 +27,34 @@ def _read(table: Array, row: int, energy: float, spacing: float) -> Any:
 
 
 @compiled
+def _reduced(table: Array, row: int, energy: float, spacing: float, reserve: float) -> Any:
+    """Return the acceleration of a row with a fraction of its force in reserve."""
+    rate = _read(table, row, energy, spacing)
+    if reserve <= 0.0:
+        return rate
+    resistance = _read(table, COAST, energy, spacing)
+    return rate - reserve * (rate + resistance if row == TRACTION else rate - resistance)
+
+
+@compiled
+def _at_balance(table: Array, spacing: float, reserve: float, line: float, begin: float, end: float) -> Any:
+    """Return E at the end of a cell, or E of the balancing speed if the step from ``begin`` has passed it."""
+    first = _reduced(table, TRACTION, begin, spacing, reserve) - line
+    last = _reduced(table, TRACTION, end, spacing, reserve) - line
+    if end <= 0.0 or first * last >= 0.0 or (end - begin) * first <= 0.0:
+        return end
+    for _ in range(BALANCE_STEPS):
+        middle = 0.5 * (begin + end)
+        if (_reduced(table, TRACTION, middle, spacing, reserve) - line) * first > 0.0:
+            begin = middle
+        else:
+            end = middle
+    return begin if first > 0.0 else end
+
+
+@compiled
 def backward(
-    limit: Array, table: Array, spacing: float, line_min: Array, line_mean: Array, steps: Array,
+    limit: Array, table: Array, spacing: float, line_min: Array, line_mean: Array, steps: Array, reserve: Array,
     service: float, end_energy: float, coast_above: float,
 ) -> tuple[Array, int]:  # fmt: skip
     """Return the largest E that keeps every limit ahead, and the cell without a solution (or -1).
@@ -39,6 +67,8 @@ def backward(
         Minimum and mean line force of every cell, divided by the inertia [m/s²].
     steps : Array, shape (n,)
         Length of every cell [m].
+    reserve : Array, shape (n,)
+        Fraction of the brakes that is not used in a cell.
     service
         Service deceleration [m/s²].
     coast_above
@@ -50,7 +80,7 @@ def backward(
     for k in range(n - 1, -1, -1):
         at = energy[k + 1]
         for stage in range(2):
-            rate = min(service, _read(table, BRAKE, at, spacing) + line_min[k])
+            rate = min(service, _reduced(table, BRAKE, at, spacing, reserve[k]) + line_min[k])
             if at > coast_above:
                 own = _read(table, COAST, at, spacing)
                 coast = own + line_mean[k]
@@ -66,12 +96,15 @@ def backward(
 @compiled
 def forward(
     ceiling: Array, table: Array, spacing: float, line_max: Array, line_mean: Array, line_min: Array, steps: Array,
-    service: float, service_deceleration: float, begin_energy: float, cut_off: Array,
+    reserve: Array, brake_reserve: Array, service: float, service_deceleration: float, begin_energy: float,
+    cut_off: Array,
 ) -> tuple[Array, int]:  # fmt: skip
     """Return E of the fastest solution under the ceiling of the backward pass, and the cell of a stall (or -1).
 
     Above ``cut_off`` (E at every place) the train has no traction: it keeps that speed, or coasts if the line force
-    accelerates it or the cut-off decreases faster.  Above the ceiling it brakes until it is below.
+    accelerates it or the cut-off decreases faster; on a climb it coasts with the service deceleration at most.  Above
+    the ceiling it brakes until it is below.  ``reserve`` and ``brake_reserve`` are the fractions of traction and brakes
+    that are not used in a cell, shape (n,) each.
     """
     n = ceiling.size - 1
     energy = np.empty(n + 1)
@@ -81,13 +114,15 @@ def forward(
         above = energy[k] > ceiling[k] * (1.0 + 1e-9) + 1e-12
         for stage in range(2):
             if above:
-                rate = -min(service_deceleration, _read(table, BRAKE, at, spacing) + line_min[k])
+                rate = -min(service_deceleration, _reduced(table, BRAKE, at, spacing, brake_reserve[k]) + line_min[k])
             else:
-                rate = min(service, _read(table, TRACTION, at, spacing) - line_max[k])
+                rate = min(service, _reduced(table, TRACTION, at, spacing, reserve[k]) - line_max[k])
             last = at
             at = energy[k] + (0.5 if stage == 0 else 1.0) * steps[k] * rate
+        if not above:
+            at = _at_balance(table, spacing, reserve[k], line_max[k], energy[k], at)
         if at > cut_off[k + 1]:
-            coast = energy[k] - steps[k] * (_read(table, COAST, last, spacing) + line_mean[k])
+            coast = energy[k] - steps[k] * min(service_deceleration, _read(table, COAST, last, spacing) + line_mean[k])
             at = min(at, max(coast, cut_off[k + 1]))
         at = max(at, min(ceiling[k + 1], energy[k])) if above else min(at, ceiling[k + 1])
         if at <= 0.0 and (k + 1 < n or ceiling[n] > 0.0):

@@ -170,10 +170,13 @@ def _plan_to_timetable(
             f"{fastest.running_time - time:.1f} s"
         )
     dwell = plain_sum(departure - arrival for _, arrival, departure in fastest.arrivals[1:-1])
+    target = time - dwell
     for _ in range(MAX_TIMETABLE_ROUNDS):
-        plan = assemble(spread_time_reserve(sections, time - dwell))
-        if plan.running_time <= time + TIME_TOLERANCE:
+        plan = assemble(spread_time_reserve(sections, target))
+        late = plan.running_time - time
+        if late <= TIME_TOLERANCE:
             return plan
+        target = max(target - 0.5 * late, fastest.running_time - dwell)
     return fastest
 
 

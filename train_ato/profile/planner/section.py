@@ -14,6 +14,7 @@ from train_ato.messages.types import Array
 from train_ato.profile.planner.accelerations import SectionTables, acceleration_table, braking_message, stall_message
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs, SectionKnots
 from train_ato.profile.planner.dynamic_programming import CoarseGrid
+from train_ato.profile.planner.force_reserve import ForceReserve
 from train_ato.profile.planner.line_tables import PlaceGrid
 from train_ato.profile.planner.passes import backward, durations, flatten_peaks, forward, sliding_extreme
 from train_ato.profile.planner.smoothing import largest_acceleration_change, moving_average, time_history
@@ -45,8 +46,6 @@ class PlanSection:
         Accept a begin speed above limits and braking curves, and brake as hard as possible.
     window : float
         Window of the moving average [s]; 0 without a jerk limit.
-    traction_reserve, brake_reserve : float
-        Fractions of traction and brakes reserved for the averaging, in addition to the margin.
     limit_extension : float
         Factor on the time by which limits start earlier and end later.
     """
@@ -60,13 +59,12 @@ class PlanSection:
     ceiling: tuple[Array, Array] | None = None
     accept_overspeed: bool = False
     window: float = 0.0
-    traction_reserve: float = 0.0
-    brake_reserve: float = 0.0
     limit_extension: float = 1.0
     _tables: SectionTables | None = None
     _tables_key: tuple[float, ...] = ()
     _fastest_speed: tuple[Array, Array] | None = None
     _grid: PlaceGrid | None = None
+    _reserve: ForceReserve | None = None
 
     @property
     def grid(self) -> PlaceGrid:
@@ -113,8 +111,8 @@ class PlanSection:
             )
         energy, stalled = forward(
             top, tables.rates, SPEED_STEP, tables.line_max, tables.line_mean, tables.line_min, grid.steps,
-            _or_infinite(settings.acceleration), _or_infinite(settings.deceleration), first,
-            strategy.cut_off_energy(grid.places),
+            tables.traction_reserve, tables.brake_reserve, _or_infinite(settings.acceleration),
+            _or_infinite(settings.deceleration), first, strategy.cut_off_energy(grid.places),
         )  # fmt: skip
         if stalled >= 0:
             raise ValueError(stall_message(self.inputs.train, grid, tables, stalled, bool(energy[0] <= 0)))
@@ -133,7 +131,7 @@ class PlanSection:
         grid, tables = self.grid, self._prepare_tables()
         top, lost = backward(
             limit, tables.rates, SPEED_STEP, tables.line_min, tables.line_mean, grid.steps,
-            _or_infinite(self.inputs.settings.deceleration), self.end_speed**2 / 2, coast_above,
+            tables.brake_reserve, _or_infinite(self.inputs.settings.deceleration), self.end_speed**2 / 2, coast_above,
         )  # fmt: skip
         if lost >= 0:
             raise ValueError(braking_message(self.inputs.train, grid, tables, lost, top))
@@ -148,6 +146,7 @@ class PlanSection:
             tables.line_mean,
             tables.rates,
             _or_infinite(self.inputs.settings.acceleration),
+            _or_infinite(self.inputs.settings.deceleration),
             self.end_speed**2 / 2,
         )
 
@@ -187,14 +186,12 @@ class PlanSection:
                 self.window = max(self.window * 1.01, change / jerk * (1 + TOLERANCE / 2))
                 continue
             knots = self.knots(self.times(start, period, history)[0], start, history)
-            traction, brake, overspeed = self._exceedance(knots)
-            shortfall = max(traction, brake)
+            excess, overspeed = self._exceedance(knots)
+            shortfall = float(excess.max(initial=0.0))
             if max(shortfall, overspeed) <= TOLERANCE:
                 return
-            if traction > TOLERANCE:
-                self.traction_reserve = min(0.9, self.traction_reserve + 1.1 * traction + 1e-4)
-            if brake > TOLERANCE:
-                self.brake_reserve = min(0.9, self.brake_reserve + 1.1 * brake + 1e-4)
+            if shortfall > TOLERANCE:
+                self._reserved.raise_at(knots.place, knots.speed * (self.window / 2 + period), excess)
             if overspeed > TOLERANCE:
                 self.limit_extension *= 1.25
         raise ValueError(
@@ -238,8 +235,14 @@ class PlanSection:
         places, window = self.grid.places, self.window
         return np.asarray(time_history(energy, places, window, self.lead_acceleration, window, 10.0 + window))
 
-    def _exceedance(self, knots: SectionKnots) -> tuple[float, float, float]:
-        """Return the relative excess of traction force, brake force and speed over their limits."""
+    @property
+    def _reserved(self) -> ForceReserve:
+        if self._reserve is None:
+            self._reserve = ForceReserve(PlaceGrid(self.begin, self.end))
+        return self._reserve
+
+    def _exceedance(self, knots: SectionKnots) -> tuple[Array, float]:
+        """Return the relative excess of traction and brake force at every knot, shape (2, n), and of the speed."""
         train, settings = self.inputs.train, self.inputs.settings
         traction, electric, air = train.forces_at(knots.speed)
         keep = 1.0 - settings.force_margin
@@ -248,15 +251,15 @@ class PlanSection:
         if self.begin_speed > 0:  # the initial acceleration cannot change at once
             settled = knots.place > self.grid.begin + self.begin_speed * self.window
             driven, braked = driven & settled, braked & settled
-        up = np.max((knots.force / (keep * traction + 1e-3))[driven], initial=0.0) - 1.0
-        down = np.max((-knots.force / (keep * (electric + air) + 1e-3))[braked], initial=0.0) - 1.0
+        up = np.where(driven, knots.force / (keep * traction + 1e-3) - 1.0, 0.0)
+        down = np.where(braked, -knots.force / (keep * (electric + air) + 1e-3) - 1.0, 0.0)
         limit = self.inputs.limits.at(knots.place, train.length)
         over = 0.0 if self.accept_overspeed else float(np.max(knots.speed / limit, initial=0.0)) - 1.0
-        return float(up), float(down), over
+        return np.maximum(np.stack((up, down)), 0.0), over
 
     def _prepare_tables(self) -> SectionTables:
         """Return the tables for the present window, reserves and limit extension."""
-        key = (self.window, self.traction_reserve, self.brake_reserve, self.limit_extension)
+        key = (self.window, self._reserved.changes, self.limit_extension)
         if self._tables is not None and key == self._tables_key:
             return self._tables
         grid, train = self.grid, self.inputs.train
@@ -271,9 +274,8 @@ class PlanSection:
         limit = self.inputs.limits.over_grid(grid, train.length, extension, rate) ** 2 / 2
         if self.ceiling is not None:
             limit = np.minimum(limit, np.interp(grid.places, self.ceiling[0], self.ceiling[1] ** 2 / 2))
-        reserves = (self.traction_reserve, self.brake_reserve)
-        rates = acceleration_table(train, self.inputs.settings, self.window, *reserves)
-        self._tables, self._tables_key = SectionTables(limit, low, mean, high, rates), key
+        rates = acceleration_table(train, self.inputs.settings, self.window)
+        self._tables, self._tables_key = SectionTables(limit, low, mean, high, rates, *self._reserved.over(grid)), key
         return self._tables
 
     @property

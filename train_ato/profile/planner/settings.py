@@ -41,7 +41,7 @@ class PlanSettings(SiModel):
         True, description="use the air brake if the train has one; in a scenario up to the reduction of brake.policy"
     )
     point_mass: bool = Field(
-        False, description="point mass at the front: no train length for limits, grades and curves"
+        False, description="point mass at the front: speed limits, grades and curves end where the front leaves them"
     )
 
     grade_over_length: bool = Field(
@@ -53,6 +53,11 @@ class PlanSettings(SiModel):
         if self.begin is not None and self.end is not None and self.end <= self.begin:
             raise ValueError(
                 f"end = {self.end:g} m must lie beyond begin = {self.begin:g} m; exchange them or move end on"
+            )
+        if self.point_mass and self.grade_over_length:
+            raise ValueError(
+                "grade_over_length = true with point_mass = true: a point mass has no length to average over; set one "
+                "of them to false"
             )
         return self
 

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from plant_sim.summation import plain_sum
-from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy
+from train_ato.profile.planner.driving_strategy import MIN_CRUISE, MINIMUM_TIME, DrivingStrategy
 from train_ato.profile.planner.dynamic_programming import switching_curve
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.train_tables import SPEED_STEP
@@ -32,8 +32,6 @@ PRICE_RANGE = (1e-5, 1e4)
 SCALE_RANGE = (0.5, 2.0)
 """Search range of the scale on the speeds of a switching curve."""
 MAX_ITERATIONS = 60
-MIN_CRUISE = 0.5
-"""Lower bound of the cruise speed [m/s]."""
 MAX_UNUSED_TIME = 1.0
 """Time reserve that may remain unused if no strategy uses all of it [s]."""
 
@@ -59,7 +57,7 @@ def spread_time_reserve(sections: list[PlanSection], time: float) -> Strategies:
             f"timetable too slack: {time:.1f} s of running needs less than {3.6 * MIN_CRUISE:.1f} km/h; reduce the "
             "time or increase a dwell time"
         )
-    return min(candidates, key=lambda strategies: plain_sum(map(traction_work, sections, strategies)))
+    return min(candidates, key=lambda strategies: _total_work(sections, strategies))
 
 
 def _by_price_of_time(sections: list[PlanSection], time: float) -> Strategies:
@@ -136,6 +134,14 @@ def _running_time(sections: list[PlanSection], strategies: Strategies) -> float:
     """Return the running time of all sections [s]; infinite if a section has no solution."""
     try:
         return plain_sum(section.time(strategy) for section, strategy in zip(sections, strategies, strict=True))
+    except ValueError:
+        return np.inf
+
+
+def _total_work(sections: list[PlanSection], strategies: Strategies) -> float:
+    """Return the traction work of all sections [J]; infinite if a section has no solution."""
+    try:
+        return plain_sum(map(traction_work, sections, strategies))
     except ValueError:
         return np.inf
 

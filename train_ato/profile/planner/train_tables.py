@@ -16,6 +16,8 @@ SPEED_STEP = 0.02
 """Spacing of the tables over the speed [m/s]."""
 MAX_TABLE_SPEED = 200.0
 """Upper end of every table [m/s]."""
+ROUNDING = 1e-6
+"""Relative excess over the top speed that counts as rounding of a planned speed."""
 OVERSPEED = 0.02
 """Fraction of the speed kept as a distance from the end of the brake envelope, so that a small overspeed can brake."""
 
@@ -140,7 +142,11 @@ class TrainTables:
         return np.asarray(c0 + speed * (c1 + speed * c2), dtype=np.float64)
 
     def forces_at(self, speed: Array) -> tuple[Array, Array, Array]:
-        """Return maximum traction, electric and air brake force at speeds >= 0 [N], without interpolation."""
+        """Return maximum traction, electric and air brake force at speeds >= 0 [N], without interpolation.
+
+        Speeds beyond the top speed by rounding have the forces of the top speed, where an envelope may end.
+        """
+        speed = np.where(speed <= self.speed_max * (1.0 + ROUNDING), np.minimum(speed, self.speed_max), speed)
         traction = np.zeros(speed.size) + sum(envelope_at(envelope, speed) for envelope in self._traction)
         electric = np.zeros(speed.size) + sum(envelope_at(envelope, speed) for envelope in self._electric)
         return self._with_available_force(traction, electric, self._air_brake_force(speed))
@@ -156,9 +162,12 @@ class TrainTables:
         electric = np.minimum(electric, left.brake_max)
         return traction, electric, np.minimum(air, left.brake_max - electric)
 
+    def _tabulated(self, envelopes: list[Envelope]) -> list[Array]:
+        return [_tabulate(envelope, self.speed, self.speed_max) for envelope in envelopes]
+
     def _forces_on_grid(self) -> tuple[Array, Array, Array]:
-        traction = np.zeros(self.speed.size) + sum(_tabulate(envelope, self.speed) for envelope in self._traction)
-        electric = np.zeros(self.speed.size) + sum(_tabulate(envelope, self.speed) for envelope in self._electric)
+        traction = np.zeros(self.speed.size) + sum(self._tabulated(self._traction))
+        electric = np.zeros(self.speed.size) + sum(self._tabulated(self._electric))
         return self._with_available_force(traction, electric, self._air_brake_force(self.speed))
 
 
@@ -172,10 +181,20 @@ def envelope_at(envelope: Envelope, speed: Array) -> Array:
     return np.asarray(np.where(inside, np.maximum(force, 0.0), 0.0))
 
 
-def _tabulate(envelope: Envelope, speed: Array) -> Array:
-    """Return the table of an envelope [N]; linear interpolation never exceeds the envelope at a jump."""
+def _tabulate(envelope: Envelope, speed: Array, speed_max: float) -> Array:
+    """Return the table of an envelope [N]; linear interpolation never exceeds the envelope at a jump.
+
+    An envelope that ends at the top speed of the train [m/s] continues beyond it; else the table would have no force
+    in the last step below the top speed.
+    """
     table = envelope_at(envelope, speed)
-    borders = envelope.rows[:, 0]
+    rows = envelope.rows
+    if rows[-1, 0] >= speed_max:
+        _, constant, slope, power = rows[-1]
+        beyond = speed > rows[-1, 0]
+        table[beyond] = np.maximum(constant + slope * speed[beyond] + power / speed[beyond], 0.0)
+        rows = rows[:-1]
+    borders = rows[:, 0]
     below, above = envelope_at(envelope, borders), envelope_at(envelope, borders * (1 + 1e-12) + 1e-12)
     for border, left, right in zip(borders, below, above, strict=True):
         k = int(border / SPEED_STEP)

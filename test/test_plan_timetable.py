@@ -1,0 +1,100 @@
+"""Timetables: plans exist, need less energy with more time, and coast within the deceleration limit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plan_cases import random_case
+from test_plan_reserve import car, climb
+
+from plant_sim.consist import Consist
+from plant_sim.line import Line
+from train_ato.profile.planner.planner import plan
+from train_ato.profile.planner.settings import PlanSettings
+
+SLOW_GRADES = ((0, 20.0854), (140.006, -26.5103), (393.181, -19.196), (453.659, 18.6779), (581.36, 29.1787))
+"""Place [m] and grade [per mille] of a short line with 15.87 km/h."""
+ENERGY_STEP = 1e-4
+"""Resolution of an energy in the summary [kWh]."""
+
+
+def slow_line() -> Line:
+    grades = [{"at": at, "grade_permille": grade} for at, grade in SLOW_GRADES]
+    limits = [{"at": 0, "speed": 4.40799}]
+    return Line.model_validate(
+        {"schema": "train_ato/line/1", "name": "slow", "end": 628.874, "grades": grades, "speed_limits": limits}
+    )
+
+
+def slow_train() -> Consist:
+    vehicle = {
+        "mass": 328471, "length": 90.25, "rotating_mass_factor": 1.06074,
+        "resistance": {"n_per_kn": [0.9708, 0.0216232, 0.00138097]},
+        "traction": [{"to": 40.0812, "force": 122571}], "brake": [{"to": 44.0893, "force": 252851}],
+    }  # fmt: skip
+    data = {"schema": "train_ato/consist/1", "name": "slow", "vehicle_types": {"car": vehicle}}
+    return Consist.model_validate(data | {"train": [{"type": "car"}]})
+
+
+def energies(line: Line, consist: Consist, settings: PlanSettings, times: list[float]) -> list[float]:
+    """Return the traction energy of increasing running times [kWh]; each time is kept."""
+    found = []
+    for time in times:
+        result = plan(line, consist, settings.model_copy(update={"time": time}))
+        assert time - 1.5 <= result.running_time <= time + 0.03
+        found.append(result.summary()["energy_kwh"])
+    return found
+
+
+def test_more_time_needs_less_energy_on_the_slow_line() -> None:
+    """Breaks if a switching curve near 0 stops the train at its start: 204.3 s then needs more than 182.3 s."""
+    found = energies(slow_line(), slow_train(), PlanSettings(), [160, 170, 182.3, 190, 204.3, 220, 250])
+    assert np.diff(found).max() <= ENERGY_STEP
+
+
+@pytest.mark.parametrize("seed", [0, 3, 12])
+def test_more_time_needs_less_energy_on_random_lines(seed: int) -> None:
+    """Breaks if the strategies of one time are not among those of the next."""
+    line, consist, settings = random_case(seed)
+    least = plan(line, consist, settings).running_time
+    found = energies(line, consist, settings, [factor * least for factor in (1.02, 1.1, 1.25, 1.5)])
+    assert np.diff(found).max() <= 1e-4 * found[0] + ENERGY_STEP
+
+
+@pytest.mark.slow
+def test_more_time_needs_less_energy_on_200_random_lines() -> None:
+    """Breaks if a strategy without a solution, or the fastest plan, replaces the least energy of a time."""
+    for seed in range(230):
+        line, consist, settings = random_case(seed)
+        try:
+            least = plan(line, consist, settings).running_time
+        except ValueError:
+            continue
+        found = energies(line, consist, settings, [factor * least for factor in (1.01, 1.05, 1.12, 1.25, 1.5)])
+        assert np.diff(found).max() <= 1e-4 * found[0] + ENERGY_STEP, seed
+
+
+@pytest.mark.parametrize("time", [600.0, 900.0, 1000.0, 1500.0])
+def test_a_fall_with_a_level_start_is_driven_in_any_time(time: float) -> None:
+    """Breaks if the cut-off is 0 where the front of the train is already on the fall: 1000 s "cannot start"."""
+    line = Line.model_validate(
+        {"schema": "train_ato/line/1", "name": "fall", "end_km": 10, "grades": [{"at": 0, "grade_permille": -20}]}
+    )
+    consist = car(117, 20)
+    assert plan(line, consist, PlanSettings(time=time)).running_time == pytest.approx(time, abs=0.1)
+
+
+@pytest.mark.parametrize("permille", [8.0, 15.0, 25.0])
+def test_coasting_uphill_keeps_the_deceleration_limit(permille: float) -> None:
+    """Breaks for coasting without traction on a climb: 0.08 to 0.23 m/s² with a limit of 0.05."""
+    line, consist = climb(2, permille, 1, 8), car(90)
+    asked = PlanSettings(deceleration=0.05)
+    least = plan(line, consist, asked).running_time
+    result = plan(line, consist, asked.model_copy(update={"time": 1.3 * least}))
+    assert result.profile.acceleration.min() >= -0.05 * (1 + 1e-9)
+
+
+def test_a_point_mass_has_no_length_to_average_over() -> None:
+    """Breaks if both options are accepted: the grades of a point mass were averaged."""
+    with pytest.raises(ValueError, match="grade_over_length = true with point_mass = true"):
+        PlanSettings(point_mass=True, grade_over_length=True)
