@@ -111,7 +111,7 @@ def lowest_limit(limits, front, rear):
 
 
 @compiled
-def bounds(required, reference, limits, ends, now, errors, tables, mass, jerk, steps, disturbance, before, allowed):
+def bounds(required, reference, limits, ends, now, errors, tables, mass, jerk, steps, disturbance, rise, at_effect, allowed):
     """Compute the right-hand side b of A z <= b.
 
     Parameters
@@ -133,9 +133,11 @@ def bounds(required, reference, limits, ends, now, errors, tables, mass, jerk, s
     mass, jerk, disturbance
         kg, m/s³, m/s².
     steps : Array, shape (nodes,)
-        Time from the former node; the first is the control period [s].
-    before
-        Total force of the last command [N].
+        Time from the former node plus the lag, through which a command changes the force [s].
+    rise
+        Demanded acceleration for z = 0 minus that which acts at the time of effect [m/s²].
+    at_effect
+        Total force on the reference at the time of effect [N].
     allowed : Array, shape (5 nodes,)
         Result b.
     """
@@ -147,9 +149,7 @@ def bounds(required, reference, limits, ends, now, errors, tables, mass, jerk, s
             low, high = now[0], now[1]
         allowed[j] = (high - required[j]) / mass + disturbance
         allowed[n + j] = (required[j] - low) / mass - disturbance
-        change = (required[j] - (required[j - 1] if j > 0 else before)) / mass
-        if j == 0:
-            change -= disturbance
+        change = (required[j] - (required[j - 1] if j > 1 else at_effect)) / mass if j > 0 else rise
         allowed[2 * n + j] = jerk * steps[j] - change
         allowed[3 * n + j] = jerk * steps[j] + change
         place = reference[0, j] + errors[0, j]

@@ -56,10 +56,11 @@ class Mpc(GuardedLaw):
         self.omega = p.omega or default_omega(model)
         longest = max(float(model.delay.max()), float(model.delay_brake.max()))
         self._ticks = math.ceil(longest / model.tick - 1e-9)
+        self._entries = self._ticks + 2 + math.ceil(0.5 * period / model.tick)
         first = max(period, 0.1 / self.omega)
         self._nodes = node_times(first, max(p.lookahead, first * p.nodes), p.nodes)
-        self._steps = np.concatenate(([period], np.diff(self._nodes)))
-        ticks = model.tick * np.arange(self._ticks + 2)
+        self._steps = np.concatenate(([0.0 if model.lag else period], np.diff(self._nodes))) + model.lag
+        ticks = model.tick * np.arange(self._entries)
         self.lookahead_times: Array = np.concatenate((ticks, self._ticks * model.tick + self._nodes[1:]))
         self._actuators = np.array([model.delay, model.delay_brake, model.share])
         self._sides = [self._side(delay) for delay in (model.delay, model.delay_brake)]
@@ -73,7 +74,7 @@ class Mpc(GuardedLaw):
 
     def _side(self, delay: Array) -> HorizonModel:
         longest = self._ticks * self.model.tick
-        return horizon_model(self._nodes, delay, self.model.share, self.model.lag, longest, self.omega)
+        return horizon_model(self._nodes, delay + 0.5 * self.period, self.model.share, self.model.lag, longest, self.omega)
 
     def clear_state(self) -> None:
         """Clear observer, plan and counts."""
@@ -114,7 +115,10 @@ class Mpc(GuardedLaw):
         feedforward = self._feedforward(required)
         errors = np.empty((2, self._nodes.size))
         free_errors(motion, self._nodes, model.lag, errors[0], errors[1])
-        total = self._decide(inputs, required, errors, disturbance, sum(feedforward))
+        rise = (sum(feedforward) - required[count - 1]) / model.inertia - motion[3]
+        if model.lag == 0.0:
+            rise = (sum(feedforward) - sum(self._last_force)) / model.inertia - disturbance
+        total = self._decide(inputs, required, errors, disturbance, rise, sum(feedforward))
         added = total - sum(feedforward)
         return [force + added * share for force, share in zip(feedforward, self.share, strict=True)]
 
@@ -139,30 +143,31 @@ class Mpc(GuardedLaw):
 
     def _feedforward(self, required: Array) -> list[float]:
         """Return the force of every unit that gives the required force at the time of its effect [N]."""
-        model, tick = self.model, self.model.tick
-        table = required[: self._ticks + 2].tolist()
+        model, tick, half = self.model, self.model.tick, 0.5 * self.period
+        table = required[: self._entries].tolist()
         found = []
         for share, forward, backward in zip(*self._actuators[[2, 0, 1]].tolist(), strict=True):
-            force = _through_lag(table, forward / tick, model.lag / tick)
+            force = _through_lag(table, (forward + half) / tick, model.lag / tick)
             if force < 0.0 and backward != forward:
-                force = min(0.0, _through_lag(table, backward / tick, model.lag / tick))
+                force = min(0.0, _through_lag(table, (backward + half) / tick, model.lag / tick))
             found.append(force * share)
         return found
 
     def _decide(
-        self, inputs: LawInput, required: Array, errors: Array, disturbance: float, feedforward: float
+        self, inputs: LawInput, required: Array, errors: Array, disturbance: float, rise: float, feedforward: float
     ) -> float:
         """Return the total force of the plan for now [N]."""
         model, last = self.model, sum(self._last_force)
-        at_nodes = required[self._ticks + 1 :].copy()
+        at_nodes = required[self._entries - 1 :].copy()
         at_nodes[0] = feedforward
         later = inputs.lookahead
-        reference = np.array([later.position[self._ticks + 1 :], later.velocity[self._ticks + 1 :]])
+        reference = np.array([later.position[self._entries - 1 :], later.velocity[self._entries - 1 :]])
         allowed = np.empty(5 * self._nodes.size)
         now = np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
         bounds(
             at_nodes, reference, self._limits, self._ends, now, errors, self._tables, model.inertia,
-            self.parameters.jerk, self._steps, disturbance, last, allowed,
+            self.parameters.jerk, self._steps, disturbance, rise,
+            float(required[self._ticks]), allowed,
         )  # fmt: skip
         side = self._sides[int(last < 0.0)]
         gradients = (side.gradient_position, side.gradient_velocity)
