@@ -107,7 +107,9 @@ class HorizonModel:
     dual: Array
 
 
-def horizon_model(nodes: Array, delays: Array, share: Array, lag: float, longest: float, omega: float) -> HorizonModel:
+def horizon_model(
+    nodes: Array, delays: Array, share: Array, lag: float, longest: float, omega: float, position_share: float
+) -> HorizonModel:
     """Return the matrices for nodes at times after sending [s].
 
     Parameters
@@ -121,13 +123,15 @@ def horizon_model(nodes: Array, delays: Array, share: Array, lag: float, longest
     longest
         Delay after which the errors are weighted [s].
     omega
-        Double pole of the closed loop [rad/s].
+        Half of the gain on the speed error [rad/s].
+    position_share
+        a, gain on the position error over omega².
     """
     position, velocity = responses(nodes, delays, share, lag, longest)
     weights = trapezoid_weights(nodes)
     weights[-1] += 1.0 / omega
-    weighted_position = omega**4 * weights[:, None] * position
-    weighted_velocity = 2.0 * omega**2 * weights[:, None] * velocity
+    weighted_position = (position_share * omega**2) ** 2 * weights[:, None] * position
+    weighted_velocity = (4.0 - 2.0 * position_share) * omega**2 * weights[:, None] * velocity
     hessian = product(np.ascontiguousarray(position.T), weighted_position)
     hessian = hessian + product(np.ascontiguousarray(velocity.T), weighted_velocity)
     hessian[np.arange(nodes.size), np.arange(nodes.size)] += weights

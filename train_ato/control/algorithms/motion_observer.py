@@ -1,56 +1,93 @@
-"""Steady Kalman filter of position error, speed error and disturbance of a train as one mass.
+"""Kalman filter of position error, speed error and disturbance of a train as one mass, with measured noise.
 
-    e_p' = e_v,   e_v' = (F - W)/M - v_d' + d,   d' = white noise
+    e_p' = e_v,   e_v' = (F - W)/M - v_d' + d,   d' = white noise of PSD omega_o⁴ sigma² Tc
 
-F is the measured force, W the resistance of the model. The noise of d is the one with which the filter of a noisy
-speed alone has the bandwidth omega_o: PSD omega_o⁴ sigma_v² Tc.
+F is the measured force, W the resistance of the model. The PSD of d' gives the bandwidth omega_o at the smallest noise
+sigma (``SPEED_FLOOR``) of the speed; more noise lowers it. The variance of the noise is the mean of half the squared
+difference of consecutive innovations over ``NOISE_TIME``: slow errors of the model do not count as noise (covariance
+matching, Mehra 1972, IEEE Transactions on Automatic Control 17).
 """
+
+# mypy: allow-untyped-defs
 
 from __future__ import annotations
 
 import numpy as np
 
 from plant_sim.compiled import compiled
-from train_ato.messages.types import Array
 
-ITERATIONS = 4000
-"""Steps of the Riccati recursion; the slowest filter settles within 1 000."""
+SPEED_FLOOR = 0.01
+"""Smallest standard deviation of the speed [m/s]; resolution of a wheel sensor."""
+POSITION_FLOOR = 0.005
+"""Smallest standard deviation of the position [m]."""
+NOISE_TIME = 20.0
+"""Time over which the noise is averaged [s]."""
+SPEED_PRIOR, POSITION_PRIOR, PRIOR_SAMPLES = 0.05, 0.05, 20
+"""Standard deviations at the start [m/s, m], and the number of samples that they count for."""
+MAX_NOISE = 1.0
+"""Largest standard deviation [m, m/s]."""
 
 
 @compiled
-def filter_gain(period: float, position_noise: float, speed_noise: float, disturbance_noise: float) -> Array:
-    """Return the gain of the steady Kalman filter, shape (3, 2).
+def filter_step(state, covariance, noise, before, drift, period, weight, position, speed, pull):
+    """Advance the filter by a period and correct it.
 
     Parameters
     ----------
-    period
-        Control period [s].
-    position_noise, speed_noise
-        Standard deviations of the measurements [m, m/s].
-    disturbance_noise
-        Standard deviation of the change of the disturbance in a period [m/s²].
+    state : Array, shape (3,)
+        Position error [m], speed error [m/s], disturbance [m/s²].
+    covariance : Array, shape (3, 3)
+        Covariance of the state.
+    noise : Array, shape (2,)
+        Variances of the measurements.
+    before : Array, shape (2,)
+        Last innovations.
+    drift
+        Variance of the change of the disturbance in a period.
+    period, weight
+        Period [s] and weight of the newest sample in the noise.
+    position, speed, pull
+        Measured errors [m, m/s], modelled relative acceleration [m/s²].
     """
-    p = np.zeros((3, 3))
-    p[0, 0], p[1, 1], p[2, 2] = position_noise**2, speed_noise**2, 1e-4
-    f = np.array([[1.0, period, 0.5 * period * period], [0.0, 1.0, period], [0.0, 0.0, 1.0]])
-    gain, moved, ahead = np.zeros((3, 2)), np.zeros((3, 3)), np.zeros((3, 3))
-    for _ in range(ITERATIONS):
-        for i in range(3):
-            for j in range(3):
-                moved[i, j] = f[i, 0] * p[0, j] + f[i, 1] * p[1, j] + f[i, 2] * p[2, j]
-        for i in range(3):
-            for j in range(3):
-                ahead[i, j] = moved[i, 0] * f[j, 0] + moved[i, 1] * f[j, 1] + moved[i, 2] * f[j, 2]
-        ahead[2, 2] += disturbance_noise**2
-        a, b, c = ahead[0, 0] + position_noise**2, ahead[0, 1], ahead[1, 1] + speed_noise**2
-        size = a * c - b * b
-        for i in range(3):
-            gain[i, 0] = (ahead[i, 0] * c - ahead[i, 1] * b) / size
-            gain[i, 1] = (ahead[i, 1] * a - ahead[i, 0] * b) / size
-        for i in range(3):
-            for j in range(3):
-                p[i, j] = ahead[i, j] - gain[i, 0] * ahead[0, j] - gain[i, 1] * ahead[1, j]
-    return gain
+    total = pull + state[2]
+    state[0] += (state[1] + 0.5 * total * period) * period
+    state[1] += total * period
+    p, h = covariance, period
+    for j in range(3):
+        p[0, j] += h * p[1, j] + 0.5 * h * h * p[2, j]
+        p[1, j] += h * p[2, j]
+    for i in range(3):
+        p[i, 0] += h * p[i, 1] + 0.5 * h * h * p[i, 2]
+        p[i, 1] += h * p[i, 2]
+    p[2, 2] += drift
+    miss_position, miss_speed = position - state[0], speed - state[1]
+    _match(noise, before, weight, miss_position, miss_speed)
+    a = p[0, 0] + noise[0]
+    b = p[0, 1]
+    c = p[1, 1] + noise[1]
+    size = a * c - b * b
+    row0, row1 = p[0].copy(), p[1].copy()
+    for i in range(3):
+        first = (p[i, 0] * c - p[i, 1] * b) / size
+        second = (p[i, 1] * a - p[i, 0] * b) / size
+        state[i] += first * miss_position + second * miss_speed
+        for j in range(3):
+            p[i, j] -= first * row0[j] + second * row1[j]
+    for i in range(3):
+        for j in range(i):
+            p[i, j] = p[j, i]
+
+
+@compiled
+def _match(noise, before, weight, miss_position, miss_speed):
+    """Add a pair of innovations to the variances of the noise."""
+    for i in range(2):
+        miss = miss_position if i == 0 else miss_speed
+        floor = POSITION_FLOOR if i == 0 else SPEED_FLOOR
+        change = miss - before[i]
+        found = noise[i] + weight * (0.5 * change * change - noise[i])
+        noise[i] = min(max(found, floor * floor), MAX_NOISE * MAX_NOISE)
+        before[i] = miss
 
 
 class MotionObserver:
@@ -61,31 +98,53 @@ class MotionObserver:
     period
         Control period [s].
     bandwidth
-        omega_o [rad/s].
-    position_noise, speed_noise
-        Standard deviations of the measurements [m, m/s].
+        omega_o, bandwidth of the disturbance at the smallest noise [rad/s].
     """
 
-    def __init__(self, period: float, bandwidth: float, position_noise: float, speed_noise: float) -> None:
-        drift = bandwidth**2 * speed_noise * period
-        self._gain = filter_gain(period, position_noise, speed_noise, drift).tolist()
+    def __init__(self, period: float, bandwidth: float) -> None:
+        self._drift = (bandwidth**2 * SPEED_FLOOR * period) ** 2
         self._period = period
+        self._samples = NOISE_TIME / period
         self.reset()
 
     def reset(self) -> None:
-        """Restart at the next sample without a disturbance."""
-        self.state: list[float] | None = None
-        self.disturbance = 0.0
-        self.innovation = 0.0
+        """Restart at the next sample without a disturbance and with the prior noise."""
+        self._state = np.zeros(3)
+        self._covariance = np.diag([POSITION_PRIOR**2, SPEED_PRIOR**2, 1e-4])
+        self._noise = np.array([POSITION_PRIOR**2, SPEED_PRIOR**2])
+        self._count = float(PRIOR_SAMPLES)
+        self._before = np.zeros(2)
+        self._runs = False
+
+    @property
+    def position_error(self) -> float:
+        """Estimate of the position error [m]."""
+        return float(self._state[0])
+
+    @property
+    def speed_error(self) -> float:
+        """Estimate of the speed error [m/s]."""
+        return float(self._state[1])
+
+    @property
+    def disturbance(self) -> float:
+        """Estimate of the disturbance [m/s²]."""
+        return float(self._state[2])
+
+    @property
+    def speed_noise(self) -> float:
+        """Estimate of the standard deviation of the measured speed [m/s]."""
+        return float(self._noise[1]) ** 0.5
 
     def restart(self, position: float, speed: float) -> None:
-        """Take a sample as state; the disturbance is held."""
-        self.state = [position, speed]
-        self.innovation = 0.0
+        """Take a sample as position and speed error [m, m/s]; the disturbance is held."""
+        self._state[0], self._state[1] = position, speed
+        self._before[:] = 0.0
+        self._runs = True
 
     def miss(self) -> None:
         """Restart at the next sample with the present disturbance."""
-        self.state = None
+        self._runs = False
 
     def step(self, position: float, speed: float, pull: float) -> None:
         """Advance by a period and correct by a measurement.
@@ -97,18 +156,11 @@ class MotionObserver:
         pull
             Mean modelled acceleration over the period minus that of the reference [m/s²].
         """
-        if self.state is None:
+        if not self._runs:
             self.restart(position, speed)
             return
-        h = self._period
-        total = pull + self.disturbance
-        ahead_position = self.state[0] + (self.state[1] + 0.5 * total * h) * h
-        ahead_speed = self.state[1] + total * h
-        miss_position, miss_speed = position - ahead_position, speed - ahead_speed
-        g = self._gain
-        self.state = [
-            ahead_position + g[0][0] * miss_position + g[0][1] * miss_speed,
-            ahead_speed + g[1][0] * miss_position + g[1][1] * miss_speed,
-        ]
-        self.disturbance += g[2][0] * miss_position + g[2][1] * miss_speed
-        self.innovation = miss_speed
+        self._count = min(self._count + 1.0, max(self._samples, 1.0))
+        filter_step(
+            self._state, self._covariance, self._noise, self._before, self._drift, self._period, 1.0 / self._count,
+            position, speed, pull,
+        )  # fmt: skip

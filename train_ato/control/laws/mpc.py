@@ -34,13 +34,12 @@ class MpcParameters:
     """Parameters of :class:`Mpc`."""
 
     omega: float = parameter(0.0, "rad/s", 0.0, 10.0, "double pole of the closed loop; 0: from delay, lag and couplers")
-    observer_ratio: float = parameter(2.0, "1", 0.1, 100.0, "bandwidth of the observer over omega")
+    observer_ratio: float = parameter(4.0, "1", 0.1, 100.0, "bandwidth of the observer over omega")
     lookahead: float = parameter(120.0, "s", 1.0, 600.0, "length of the horizon")
-    nodes: int = parameter(24, "1", 4, 60, "nodes of the decision over the horizon")
+    nodes: int = parameter(32, "1", 4, 60, "nodes of the decision over the horizon")
     jerk: float = parameter(1.0, "m/s³", 0.01, 1e6, "largest change of the demanded acceleration")
     overspeed: float = parameter(0.1, "m/s", 0.0, 10.0, "permitted excess of a speed limit")
-    position_noise: float = parameter(0.05, "m", 1e-4, 10.0, "standard deviation of the position in the observer")
-    speed_noise: float = parameter(0.03, "m/s", 1e-4, 10.0, "standard deviation of the speed in the observer")
+    position_share: float = parameter(0.5, "1", 0.01, 1.0, "a, gain on the position error over omega²")
 
 
 class Mpc(GuardedLaw):
@@ -64,7 +63,7 @@ class Mpc(GuardedLaw):
         self.lookahead_times: Array = np.concatenate((ticks, self._ticks * model.tick + self._nodes[1:]))
         self._actuators = np.array([model.delay, model.delay_brake, model.share])
         self._sides = [self._side(delay) for delay in (model.delay, model.delay_brake)]
-        self._observer = MotionObserver(period, p.observer_ratio * self.omega, p.position_noise, p.speed_noise)
+        self._observer = MotionObserver(period, p.observer_ratio * self.omega)
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.speed_limits]).reshape(-1, 2)
@@ -74,7 +73,7 @@ class Mpc(GuardedLaw):
 
     def _side(self, delay: Array) -> HorizonModel:
         longest = self._ticks * self.model.tick
-        return horizon_model(self._nodes, delay + 0.5 * self.period, self.model.share, self.model.lag, longest, self.omega)
+        return horizon_model(self._nodes, delay + 0.5 * self.period, self.model.share, self.model.lag, longest, self.omega, self.parameters.position_share)
 
     def clear_state(self) -> None:
         """Clear observer, plan and counts."""
@@ -96,6 +95,7 @@ class Mpc(GuardedLaw):
             "most_exchanges": str(self._most_exchanges),
             "solver_failures": str(self._failures),
             "disturbance": repr(self._observer.disturbance),
+            "speed_noise": repr(self._observer.speed_noise),
         }
 
     def demand(self, inputs: LawInput) -> list[float]:
@@ -104,10 +104,8 @@ class Mpc(GuardedLaw):
         resisting = self._observe(inputs)
         required = model.inertia * ahead.acceleration + ahead.resistance
         count = self._ticks + 1
-        observed = self._observer.state
-        assert observed is not None
         disturbance = self._observer.disturbance - (resisting - float(ahead.resistance[0])) / model.inertia
-        motion = np.array([observed[0], observed[1], disturbance, 0.0])
+        motion = np.array([self._observer.position_error, self._observer.speed_error, disturbance, 0.0])
         free_motion(
             motion, inputs.applied, inputs.commands_in_flight, required[:count], self._actuators, model.tick, model.lag,
             model.inertia,
