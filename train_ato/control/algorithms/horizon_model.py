@@ -17,14 +17,17 @@ Without constraints and over an infinite horizon this is the linear-quadratic re
 the state at the time of effect: a double pole at -omega.
 """
 
+# mypy: allow-untyped-defs
+
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from train_ato.control.algorithms.quadratic_program import cholesky, inverse, product
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_exp
+from train_ato.control.algorithms.quadratic_program import inverse, product
 from train_ato.messages.types import Array
 
 SOFT_FORCE = 1e-6
@@ -59,7 +62,8 @@ def trapezoid_weights(times: Array) -> Array:
     return weights
 
 
-def ramp_response(t: float, lag: float) -> tuple[float, float, float, float]:
+@compiled
+def ramp_response(t, lag):
     """Return force, speed and position after a unit ramp through a lag, and the force after a unit step.
 
     Parameters
@@ -73,7 +77,7 @@ def ramp_response(t: float, lag: float) -> tuple[float, float, float, float]:
         return 0.0, 0.0, 0.0, 0.0
     if lag <= 0.0:
         return t, 0.5 * t * t, t * t * t / 6.0, 1.0
-    left = -math.expm1(-t / lag)
+    left = 1.0 - libm_exp(-t / lag)
     force = t - lag * left
     speed = 0.5 * t * t - lag * force
     return force, speed, t * t * t / 6.0 - lag * speed, left
@@ -147,23 +151,25 @@ def horizon_model(
     )  # fmt: skip
 
 
-def responses(nodes: Array, delays: Array, share: Array, lag: float, longest: float) -> tuple[Array, Array]:
+@compiled
+def responses(nodes, delays, share, lag, longest):
     """Return the errors of position and speed at ``longest + nodes`` for unit decisions, shape (times, nodes)."""
     count = nodes.size
     position, velocity = np.zeros((count, count)), np.zeros((count, count))
-    for delay, part in zip(delays.tolist(), share.tolist(), strict=True):
-        for k, later in enumerate(nodes.tolist()):
-            since = later + longest - delay
-            ramps = [ramp_response(since - begin, lag) for begin in nodes.tolist()]
-            force, speed, _, _ = ramps[0]
-            velocity[k, 0] += part * force
-            position[k, 0] += part * speed
+    for i in range(delays.size):
+        for k in range(count):
+            since = nodes[k] + longest - delays[i]
+            force, speed, _, _ = ramp_response(since, lag)
+            velocity[k, 0] += share[i] * force
+            position[k, 0] += share[i] * speed
             for j in range(count - 1):
-                slope = part / (nodes[j + 1] - nodes[j])
-                for kind, target in ((1, velocity), (2, position)):
-                    change = slope * (ramps[j][kind] - ramps[j + 1][kind])
-                    target[k, j] -= change
-                    target[k, j + 1] += change
+                slope = share[i] / (nodes[j + 1] - nodes[j])
+                _, speed, place, _ = ramp_response(since - nodes[j], lag)
+                _, later_speed, later_place, _ = ramp_response(since - nodes[j + 1], lag)
+                velocity[k, j] -= slope * (speed - later_speed)
+                velocity[k, j + 1] += slope * (speed - later_speed)
+                position[k, j] -= slope * (place - later_place)
+                position[k, j + 1] += slope * (place - later_place)
     return position, velocity
 
 
@@ -182,6 +188,3 @@ def constraint_rows(velocity: Array) -> tuple[Array, Array]:
     rows = np.vstack((unit, -unit, change, -change, velocity))
     softness = np.concatenate((np.full(4 * count, SOFT_FORCE), np.full(count, SOFT_SPEED)))
     return rows, softness
-
-
-__all__ = ["HorizonModel", "cholesky", "horizon_model", "node_times", "ramp_response", "responses"]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from plant_sim.gears import LinearGear
+from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
@@ -34,11 +35,12 @@ class MpcParameters:
     """Parameters of :class:`Mpc`."""
 
     omega: float = parameter(0.0, "rad/s", 0.0, 10.0, "double pole of the closed loop; 0: from delay, lag and couplers")
-    observer_ratio: float = parameter(4.0, "1", 0.1, 100.0, "bandwidth of the observer over omega")
+    observer_ratio: float = parameter(0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, for a train with hauled vehicles 1")
     lookahead: float = parameter(120.0, "s", 1.0, 600.0, "length of the horizon")
     nodes: int = parameter(32, "1", 4, 60, "nodes of the decision over the horizon")
     jerk: float = parameter(1.0, "m/s³", 0.01, 1e6, "largest change of the demanded acceleration")
     overspeed: float = parameter(0.1, "m/s", 0.0, 10.0, "permitted excess of a speed limit")
+    identify: bool = parameter(True, "", 0, 1, "estimate gain and delay of the actuators from the measured force")
     position_share: float = parameter(0.5, "1", 0.01, 1.0, "a, gain on the position error over omega²")
 
 
@@ -53,17 +55,13 @@ class Mpc(GuardedLaw):
         super().__init__(parameters, model, period)
         p = parameters
         self.omega = p.omega or default_omega(model)
-        longest = max(float(model.delay.max()), float(model.delay_brake.max()))
-        self._ticks = math.ceil(longest / model.tick - 1e-9)
-        self._entries = self._ticks + 2 + math.ceil(0.5 * period / model.tick)
         first = max(period, 0.1 / self.omega)
         self._nodes = node_times(first, max(p.lookahead, first * p.nodes), p.nodes)
         self._steps = np.concatenate(([0.0 if model.lag else period], np.diff(self._nodes))) + model.lag
-        ticks = model.tick * np.arange(self._entries)
-        self.lookahead_times: Array = np.concatenate((ticks, self._ticks * model.tick + self._nodes[1:]))
-        self._actuators = np.array([model.delay, model.delay_brake, model.share])
-        self._sides = [self._side(delay) for delay in (model.delay, model.delay_brake)]
-        self._observer = MotionObserver(period, p.observer_ratio * self.omega)
+        self._identification = ActuatorIdentification(model, period)
+        self._models: dict[float, tuple[HorizonModel, HorizonModel]] = {}
+        default_ratio = 5.0 if len(model.consist.vehicles) == model.n_units else 1.0
+        self._observer = MotionObserver(period, (p.observer_ratio or default_ratio) * self.omega)
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.speed_limits]).reshape(-1, 2)
@@ -71,17 +69,35 @@ class Mpc(GuardedLaw):
         self._ends = np.array([half, half - model.consist.length, p.overspeed])
         self.clear_state()
 
-    def _side(self, delay: Array) -> HorizonModel:
-        longest = self._ticks * self.model.tick
-        return horizon_model(self._nodes, delay + 0.5 * self.period, self.model.share, self.model.lag, longest, self.omega, self.parameters.position_share)
+    def _set_delays(self, factor: float) -> None:
+        """Take the delays of the model times a factor: prediction, matrices and times of the lookahead."""
+        model, p = self.model, self.parameters
+        self._actuators = np.array([factor * model.delay, factor * model.delay_brake, model.share])
+        self._ticks = math.ceil(float(self._actuators[:2].max()) / model.tick - 1e-9)
+        self._entries = self._ticks + 2 + math.ceil(0.5 * self.period / model.tick)
+        longest = self._ticks * model.tick
+        self.lookahead_times: Array = np.concatenate(
+            (model.tick * np.arange(self._entries), longest + self._nodes[1:])
+        )
+        if factor not in self._models:
+            self._models[factor] = tuple(
+                horizon_model(
+                    self._nodes, delay + 0.5 * self.period, model.share, model.lag, longest, self.omega,
+                    p.position_share,
+                )
+                for delay in self._actuators[:2]
+            )  # fmt: skip
+        self._sides = self._models[factor]
 
     def clear_state(self) -> None:
-        """Clear observer, plan and counts."""
+        """Clear observer, identification, plan and counts."""
         self._observer.reset()
+        self._identification.reset()
         self._before: tuple[float, float, float] | None = None
         self._plan = np.zeros(self._nodes.size)
         self._active = np.zeros(5 * self._nodes.size, dtype=np.bool_)
         self._failures = self._limited_steps = self._most_exchanges = 0
+        self._set_delays(1.0)
 
     def on_missed_sample(self) -> None:
         """Handle a missed sample: the observer restarts at the next one with the present disturbance."""
@@ -95,19 +111,38 @@ class Mpc(GuardedLaw):
             "most_exchanges": str(self._most_exchanges),
             "solver_failures": str(self._failures),
             "disturbance": repr(self._observer.disturbance),
+            "delay_factor": repr(self._identification.factor),
+            "actuator_gain": repr(self._identification.gain),
+            "actuator_model": "wrong" if self._identification.model_is_wrong else "right",
             "speed_noise": repr(self._observer.speed_noise),
         }
 
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force demand of every unit [N]."""
+        changed = self.parameters.identify and self._identify(inputs)
+        wanted = self._wanted(inputs)
+        if changed:
+            self._set_delays(self._identification.factor)
+        return wanted
+
+    def _identify(self, inputs: LawInput) -> bool:
+        """Compare the measured force with the commands; return True for a new delay, for the next step on."""
+        in_flight = inputs.commands_in_flight
+        last = in_flight[-1] if in_flight.size else np.array(self._last_force)
+        return self._identification.step(last, mean_over_units([1.0] * self.n, inputs.applied.tolist()))
+
+    def _wanted(self, inputs: LawInput) -> list[float]:
+        """Return the force of the plan for every unit [N]."""
         model, ahead = self.model, inputs.lookahead
         resisting = self._observe(inputs)
         required = model.inertia * ahead.acceleration + ahead.resistance
         count = self._ticks + 1
         disturbance = self._observer.disturbance - (resisting - float(ahead.resistance[0])) / model.inertia
         motion = np.array([self._observer.position_error, self._observer.speed_error, disturbance, 0.0])
+        gain = self._identification.gain
+        sent = self._identification.sent if self.parameters.identify else inputs.commands_in_flight
         free_motion(
-            motion, inputs.applied, inputs.commands_in_flight, required[:count], self._actuators, model.tick, model.lag,
+            motion, inputs.applied, gain * sent, required[:count], self._actuators, model.tick, model.lag,
             model.inertia,
         )  # fmt: skip
         feedforward = self._feedforward(required)
@@ -118,7 +153,7 @@ class Mpc(GuardedLaw):
             rise = (sum(feedforward) - sum(self._last_force)) / model.inertia - disturbance
         total = self._decide(inputs, required, errors, disturbance, rise, sum(feedforward))
         added = total - sum(feedforward)
-        return [force + added * share for force, share in zip(feedforward, self.share, strict=True)]
+        return [(force + added * share) / gain for force, share in zip(feedforward, self.share, strict=True)]
 
     def _observe(self, inputs: LawInput) -> float:
         """Advance the observer and return the resistance of the model at the measured state [N]."""
@@ -193,7 +228,7 @@ def _through_lag(table: list[float], place: float, lag: float) -> float:
 def default_omega(model: TrainModel) -> float:
     """Return the pole of the closed loop from delay, lag and the wave impedance of the couplers [rad/s]."""
     dead = max(float(model.delay.max()), float(model.delay_brake.max())) + model.lag
-    omega = min(1.0, 0.5 / dead if dead > 0.0 else 1.0)
+    omega = min(1.0, 0.7 / dead if dead > 0.0 else 1.0)
     vehicles = model.consist.vehicles
     if len(vehicles) > model.n_units:
         stiffness = min(gear.stiffness for gear in model.consist.gears)
