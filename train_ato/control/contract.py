@@ -18,11 +18,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Protocol
 
+import numpy as np
+
 from plant_sim.states import frozen_for_types
 from train_ato.messages.types import Array
 
 __all__ = [
-    "Array", "Law", "LawInput", "LawOutput", "NoParameters", "Parameter", "Preview", "parameter", "parameters_of",
+    "Array", "Law", "LawInput", "LawOutput", "Lookahead", "NO_LOOKAHEAD", "NoParameters", "Parameter", "Preview",
+    "parameter", "parameters_of",
 ]  # fmt: skip
 
 
@@ -40,6 +43,30 @@ class Preview:
     position: Array
     velocity: Array
     acceleration: Array
+
+
+@frozen_for_types
+@dataclass(frozen=True, slots=True)
+class Lookahead:
+    """Reference and known forces at the times that a law names in ``lookahead_times``.
+
+    Attributes
+    ----------
+    position, velocity, acceleration : Array, shape (h,)
+        Of vehicle 0's centre at the time of the measurement plus every entry of ``lookahead_times`` [m, m/s, m/s²].
+    resistance : Array, shape (h,)
+        Running and line resistance of the nominal train there, and the shoe force known from the brake-pipe commands
+        so far [N], > 0 retards.
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    resistance: Array
+
+
+NO_LOOKAHEAD = Lookahead(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
+"""Lookahead of a law without ``lookahead_times``."""
 
 
 @frozen_for_types
@@ -80,6 +107,8 @@ class LawInput:
         Limits at the measured speed [N].
     saturated : bool
         The last command was at a limit.
+    lookahead : Lookahead
+        Reference and known forces at the times that the law names in ``lookahead_times``, from the measurement on.
     """
 
     t: float
@@ -104,6 +133,7 @@ class LawInput:
     force_min: Array
     force_max: Array
     saturated: bool
+    lookahead: Lookahead = NO_LOOKAHEAD
 
 
 @frozen_for_types
@@ -203,6 +233,8 @@ class Law(Protocol):
     Optional attributes:
 
     * ``horizon`` (int, default 0): number of entries of ``LawInput.preview`` that the law uses;
+    * ``lookahead_times`` (Array, default empty): times after the measurement of ``LawInput.lookahead`` [s], rising;
+    * ``diagnostics()``: counts and states of the law as text, for the topic ``/diagnostics``;
     * ``uses_feedforward`` (bool, default True): the output depends on ``LawInput.feedforward``;
     * ``feedforward_hint`` (str): setting under which the law uses it, ``parameter: value``; empty if there is none;
     * ``predicts_delay`` (bool, default False): the law predicts its state over the delay by itself;

@@ -224,6 +224,7 @@ LAWS = Registry(
         "lag_smc": "train_ato.control.laws.lag_smc:LagSmc",
         "funnel": "train_ato.control.laws.funnel:Funnel",
         "gpc": "train_ato.control.laws.gpc:Gpc",
+        "mpc": "train_ato.control.laws.mpc:Mpc",
         "rbf_smc": "train_ato.control.laws.rbf_smc:RbfSmc",
         "rbf_switching_smc": "train_ato.control.laws.rbf_switching_smc:RbfSwitchingSmc",
     },

@@ -148,7 +148,13 @@ class ControlStack:
             "held_steps": str(self._hold.total),
             "saturated_steps": str(self._saturated_steps),
             "swaps": str(self._swaps),
+            **self._law_diagnostics(),
         }
+
+    def _law_diagnostics(self) -> dict[str, str]:
+        """Return the diagnostics of the law under its name; empty for a law without."""
+        found = getattr(self._law, "diagnostics", dict)()
+        return {f"{self._name}.{key}": value for key, value in found.items()}
 
     def step(
         self, measurement: Measurement, reference: Reference | None, estimate: DisturbanceEstimate | None
@@ -284,6 +290,7 @@ class ControlStack:
                 high,
                 self._saturated,
                 getattr(self._law, "horizon", 0),
+                getattr(self._law, "lookahead_times", None),
             )
         )
 

@@ -139,6 +139,10 @@ class Profile:
         part = slice(first, first + (count - 1) * step + 1, step)
         return self._pads[0][part], self._pads[1][part], self._pads[2][part]
 
+    def at_times(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return positions [m], speeds [m/s] and accelerations [m/s²] at many times [s], each of the shape of ``t``."""
+        return self._evaluate(np.rint(t * 1e9).astype(np.int64))
+
     def _evaluate(self, stamps: NDArray[np.int64]) -> tuple[Array, Array, Array]:
         """Return position, speed and acceleration at many stamps [ns]."""
         knots = (self.position, self.velocity, self.acceleration)

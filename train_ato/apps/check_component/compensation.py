@@ -98,7 +98,7 @@ class CompensationRig:
 
     def inputs(self, step: int, compensation: Any, speed_error: float = 0.0) -> CompensationInput:
         """Return the input in a step on the profile, with a speed error [m/s]."""
-        given = self.bench.state_on_profile(step, speed_error, HORIZON)
+        given = dataclasses.replace(self.bench.state_on_profile(step, speed_error), horizon=HORIZON)
         return dataclasses.replace(given, pressure=self._policy().step(0.0, 0.0, 0.0)) if self._air_brake else given
 
     def samples(self, compensation: Any, steps: int, *, coupled: bool = False) -> list[TrainSample]:

@@ -174,7 +174,7 @@ class Bench:
         self._no_commands = np.zeros((0, units))
 
     def state(
-        self, t: float, train: MovingTrain, applied: Array, horizon: int = 0, in_flight: Array | None = None
+        self, t: float, train: MovingTrain, applied: Array, law: Any = None, in_flight: Array | None = None
     ) -> CompensationInput:
         """Return the measured state of the train with the reference of a time.
 
@@ -186,8 +186,8 @@ class Bench:
             The train.
         applied : Array, shape (units,)
             Measured forces [N].
-        horizon
-            Number of entries of the preview.
+        law
+            Law, for its ``horizon`` and ``lookahead_times``; default: none of both.
         in_flight : Array, shape (d, units), optional
             Commands in flight [N]; default: none.
         """
@@ -198,20 +198,21 @@ class Bench:
         reference = Reference(stamp, *self.profile.at(t)[:3])
         low, high = self.model.force_limits(measurement.velocity)
         sent = self._no_commands if in_flight is None else in_flight
-        return CompensationInput(measurement, reference, self._zeros, sent, None, low, high, horizon=horizon)
+        ahead = (getattr(law, "horizon", 0), getattr(law, "lookahead_times", None))
+        return CompensationInput(measurement, reference, self._zeros, sent, None, low, high, False, *ahead)
 
-    def state_on_profile(self, step: int, speed_error: float = 0.0, horizon: int = 0) -> CompensationInput:
+    def state_on_profile(self, step: int, speed_error: float = 0.0, law: Any = None) -> CompensationInput:
         """Return the state in a step on the profile, with a speed error [m/s] and forces of 0."""
         t = step * PERIOD
         place, speed, _, _ = self.profile.at(t)
         length = round(float(self.model.delay.max()) / PERIOD)
         in_flight = np.zeros((length, self.model.n_units))
         train = RigidTrain(self.model, place, max(0.0, speed + speed_error))
-        return self.state(t, train, self._zeros, horizon, in_flight)
+        return self.state(t, train, self._zeros, law, in_flight)
 
     def on_profile(self, step: int, law: Any, speed_error: float = 0.0) -> LawInput:
         """Return the input of a law in a step on the profile, with a speed error [m/s] and forces of 0."""
-        return self._none.step(self.state_on_profile(step, speed_error, getattr(law, "horizon", 0)))
+        return self._none.step(self.state_on_profile(step, speed_error, law))
 
     def drive(self, law: Any, steps: int = STEPS, spoil: range = range(0)) -> tuple[Array, Array]:
         """Simulate the train under a law.
@@ -269,7 +270,7 @@ class Bench:
         for step in range(steps):
             t = step * PERIOD
             in_flight = np.array(queue) if queue else None
-            state = self.state(t, train, applied, getattr(law, "horizon", 0), in_flight)
+            state = self.state(t, train, applied, law, in_flight)
             state = dataclasses.replace(state, pressure=pressure(t))
             given = layer.step(state)
             seen = dataclasses.replace(given, velocity=given.velocity * math.nan) if step in spoil else given

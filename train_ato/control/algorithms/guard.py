@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from train_ato.control.algorithms.force_shares import mean_over_units
-from train_ato.control.contract import LawInput, LawOutput, Preview
+from train_ato.control.contract import LawInput, LawOutput, Lookahead, Preview
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
 
@@ -68,6 +68,17 @@ def is_valid_preview(preview: Preview) -> bool:
     )
 
 
+def is_valid_lookahead(lookahead: Lookahead) -> bool:
+    """Return True if a lookahead is finite and physically possible; an empty one is valid."""
+    count = lookahead.velocity.size
+    return not count or (
+        float(np.abs(lookahead.position).sum()) <= MAX_POSITION * count
+        and float(np.abs(lookahead.velocity).sum()) <= MAX_SPEED * count
+        and float(np.abs(lookahead.acceleration).sum()) <= MAX_SPEED * count
+        and float(np.abs(lookahead.resistance).sum()) <= MAX_FORCE * count
+    )
+
+
 def is_valid(inputs: LawInput) -> bool:
     """Return True if all inputs of a law are finite and physically possible.
 
@@ -91,6 +102,7 @@ def is_valid(inputs: LawInput) -> bool:
         and abs(inputs.t) <= MAX_POSITION
         and 0.0 <= inputs.delay_to_effect <= MAX_DELAY
         and is_valid_preview(inputs.preview)
+        and is_valid_lookahead(inputs.lookahead)
     )
 
 
@@ -109,6 +121,8 @@ def invalid_inputs(inputs: LawInput) -> list[str]:
         found.append("delay_to_effect")
     if not is_valid_preview(inputs.preview):
         found.append("preview")
+    if not is_valid_lookahead(inputs.lookahead):
+        found.append("lookahead")
     limits = valid_limits(inputs.force_min.tolist(), inputs.force_max.tolist())
     return found or ["their sum" if limits else "force_min, force_max"]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from train_ato.control.air_brake.shoes import ShoeForces, ShoeForecast
 from train_ato.control.compensation.contract import CompensationInput
-from train_ato.control.contract import LawInput, Preview
+from train_ato.control.contract import NO_LOOKAHEAD, LawInput, Lookahead, Preview
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -132,4 +132,18 @@ class CompensationBase:
             force_min=inputs.force_min,
             force_max=inputs.force_max,
             saturated=inputs.saturated,
+            lookahead=self._lookahead(inputs, effect, inputs.lookahead_times),
         )
+
+    def _lookahead(self, inputs: CompensationInput, effect: float, later: Array | None) -> Lookahead:
+        """Return the reference and known forces at the times of the law; the shoe force of the effect lasts."""
+        if later is None:
+            return NO_LOOKAHEAD
+        times = inputs.t + later
+        position, velocity, acceleration = self.rigid.profile.at_times(times)
+        resistance = self.rigid.resistances(times)
+        if not self.shoes.idle:
+            now = self.shoes.at(inputs.t, inputs.reference.velocity).total
+            change = self.shoes_along(effect).total - now
+            resistance = resistance + now + change * np.clip(later / max(effect - inputs.t, 1e-9), 0.0, 1.0)
+        return Lookahead(position, velocity, acceleration, resistance)

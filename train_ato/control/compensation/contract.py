@@ -42,6 +42,8 @@ class CompensationInput:
         A limit cut the last command.
     horizon : int
         Number of entries of the preview that the law uses.
+    lookahead_times : Array, optional
+        Times after the measurement of the lookahead of the law [s]; None for a law without.
     """
 
     measurement: Measurement
@@ -53,6 +55,7 @@ class CompensationInput:
     force_max: Array
     saturated: bool = False
     horizon: int = 0
+    lookahead_times: Array | None = None
 
     @property
     def t(self) -> float:

@@ -35,6 +35,9 @@ class ProfileLike(Protocol):
     def window(self, t: float, count: int, period: float) -> tuple[Array, Array, Array]:
         """Return position, speed and acceleration at ``count`` times from ``t`` on, each of shape (count,)."""
 
+    def at_times(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return position, speed and acceleration at many times [s], each of the shape of ``t``."""
+
 
 class RigidForce:
     """Total force of the nominal train along a profile, without the air brake.
@@ -59,6 +62,7 @@ class RigidForce:
         resisting = model.resisting_forces(profile.position, profile.velocity)
         self.inertial: list[float] = inertial.tolist()
         self.resisting: list[float] = resisting.tolist()
+        self._resisting_table = resisting
         self._total: list[float] = (inertial + resisting).tolist()
         self._begin = float(profile.time[0])
         last = len(self._total) - 1
@@ -85,6 +89,14 @@ class RigidForce:
             return self.totals(t)
         h = 0.5 * self._spacing
         return self.totals(t) + lag * ((self.totals(t + h) - self.totals(t - h)) / self._spacing)
+
+    def resistances(self, t: Array) -> Array:
+        """Return :meth:`resistance` at many times [s] in N."""
+        table = self._resisting_table
+        place = np.clip((t - self._begin) / self._spacing, 0.0, table.size - 1)
+        index = np.minimum(place.astype(np.int64), max(0, table.size - 2))
+        low = table[index]
+        return np.asarray(low + (place - index) * (table[np.minimum(index + 1, table.size - 1)] - low))
 
     def resistance(self, t: float) -> float:
         """Return running and line resistance at a time [s] in N."""

@@ -1,0 +1,151 @@
+"""Online estimate of the gain of the actuators and of a common factor on their delays.
+
+A bank of candidates, one per factor c on all delays of the model, computes the total force F_c of the commands sent
+through delay and lag. With exponentially weighted sums the gain and the misfit of a candidate are::
+
+    g_c = sum F F_c / sum F_c²,   E_c = sum F² - g_c² sum F_c²
+
+The estimate changes to another candidate if its misfit is below ``SWITCH_RATIO`` of the present one. Both values are
+bounded. Without a change of force all candidates are equal, and the estimate remains.
+"""
+
+# mypy: allow-untyped-defs
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_exp
+from train_ato.control.algorithms import predictive_plan
+from train_ato.control.algorithms.predictive_plan import newest_arrived
+
+if TYPE_CHECKING:
+    from train_ato.control.train_model import TrainModel
+    from train_ato.messages.types import Array
+
+FACTORS = tuple(0.1 * tenths for tenths in range(4, 21))
+"""Candidates for the factor on the delays."""
+MEMORY_TIME = 20.0
+"""Time constant of the sums [s]."""
+SWITCH_RATIO = 0.5
+"""Misfit of a candidate over that of the present one, below which the estimate changes."""
+MIN_GAIN, MAX_GAIN = 0.5, 1.5
+"""Bounds of the gain."""
+FORCE_FLOOR = 1e-3
+"""Misfit that is not significant, over the largest force of the train."""
+WRONG_MISFIT = 0.05
+"""Relative misfit of the best candidate above which the model of the actuators counts as wrong."""
+
+
+@compiled(uses=(predictive_plan,))
+def bank_step(modelled, sums, sent, applied, delays, factors, tick, lag, keep, pairs):
+    """Advance all candidates by a tick and add the measured force to the sums.
+
+    Parameters
+    ----------
+    modelled : Array, shape (candidates, units)
+        Modelled force of every unit [N].
+    sums : Array, shape (candidates, 3)
+        Sums of F F_c, F_c² and F² [N²].
+    sent : Array, shape (d, units)
+        Commands sent, oldest first, the last one a tick ago [N].
+    applied
+        Measured total force [N].
+    delays : Array, shape (2, units)
+        Delay of the model in traction and in braking [s].
+    factors : Array, shape (candidates,)
+        Factors on the delays.
+    tick, lag
+        s.
+    keep
+        Part of the sums that remains.
+    pairs : int
+        Weight of this sample, 0 or 1.
+    """
+    decay = libm_exp(-tick / lag) if lag > 0.0 else 0.0
+    for c in range(factors.size):
+        total = 0.0
+        for i in range(modelled.shape[1]):
+            forward, backward = factors[c] * delays[0, i], factors[c] * delays[1, i]
+            due = newest_arrived(sent, i, -0.5 * tick, tick, forward, backward)
+            modelled[c, i] = due + (modelled[c, i] - due) * decay
+            total += modelled[c, i]
+        sums[c, 0] = keep * sums[c, 0] + pairs * applied * total
+        sums[c, 1] = keep * sums[c, 1] + pairs * total * total
+        sums[c, 2] = keep * sums[c, 2] + pairs * applied * applied
+
+
+class ActuatorIdentification:
+    """Gain of the actuators and factor on their delays.
+
+    Parameters
+    ----------
+    model
+        The nominal train; its values are the initial estimate.
+    period
+        Control period [s].
+    """
+
+    def __init__(self, model: TrainModel, period: float) -> None:
+        self._delays = np.array([model.delay, model.delay_brake])
+        self._tick, self._lag = model.tick, model.lag
+        self._ticks = max(1, round(period / model.tick))
+        self._factors = np.array(FACTORS) if self._delays.max() > 0.0 else np.ones(1)
+        self._nominal = int(np.argmin(np.abs(self._factors - 1.0)))
+        self._factors[self._nominal] = 1.0
+        self.length = int(np.ceil(self._delays.max() * self._factors.max() / model.tick - 1e-9)) + 1
+        largest = 0.0
+        for envelope in (*model.traction, *model.brake):
+            largest += envelope.largest()
+        self._floor = (FORCE_FLOOR * largest) ** 2
+        self._keep = float(np.exp(-model.tick / MEMORY_TIME)) if model.tick else 1.0
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the values of the model."""
+        self.sent = np.zeros((self.length, self._delays.shape[1]))
+        self._modelled = np.zeros((self._factors.size, self._delays.shape[1]))
+        self._sums = np.zeros((self._factors.size, 3))
+        self._best = self._nominal
+        self.gain, self.misfit = 1.0, 0.0
+
+    @property
+    def factor(self) -> float:
+        """Present factor on the delays."""
+        return float(self._factors[self._best])
+
+    @property
+    def model_is_wrong(self) -> bool:
+        """True if no candidate explains the measured force."""
+        return self.misfit > WRONG_MISFIT
+
+    def step(self, last: Array, applied: float) -> bool:
+        """Add a control period; return True if the factor has changed.
+
+        Parameters
+        ----------
+        last : Array, shape (units,)
+            Command sent in the last period [N].
+        applied
+            Measured total force [N].
+        """
+        for tick in range(self._ticks):
+            self.sent[:-1] = self.sent[1:]
+            self.sent[-1] = last
+            bank_step(
+                self._modelled, self._sums, self.sent, applied, self._delays, self._factors, self._tick, self._lag,
+                self._keep, int(tick == self._ticks - 1),
+            )  # fmt: skip
+        crossed, own, total = self._sums.T
+        gains = np.clip(crossed / np.maximum(own, self._floor), MIN_GAIN, MAX_GAIN)
+        misfits = np.maximum(total - 2.0 * gains * crossed + gains * gains * own, 0.0) + self._floor
+        found, former = int(np.argmin(misfits)), self._best
+        if misfits[found] < SWITCH_RATIO * misfits[former]:
+            self._best = found
+        if own[self._best] > 100.0 * self._floor:
+            self.gain = float(gains[self._best])
+            self.misfit = float(misfits[self._best] / total[self._best]) ** 0.5
+        return self._best != former

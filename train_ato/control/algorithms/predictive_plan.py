@@ -1,0 +1,212 @@
+"""One step of a constrained predictive law on a train as one mass, compiled.
+
+The free motion follows from the measured forces and the commands in flight, unit by unit with its own delay. The plan
+adds the decision of :mod:`train_ato.control.algorithms.horizon_model`.
+"""
+
+# mypy: allow-untyped-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_exp
+from train_ato.control.algorithms import quadratic_program
+from train_ato.control.algorithms.quadratic_program import multipliers
+
+SPEED_STEP = 0.05
+"""Spacing of the tables of force limits [m/s]."""
+
+
+@compiled
+def newest_arrived(sent, unit, later, tick, forward, backward):
+    """Return the newest command of a unit that has arrived ``later`` seconds from now [N]; the oldest if none has."""
+    count = sent.shape[0]
+    for back in range(1, count + 1):
+        command = sent[count - back, unit]
+        delay = backward if command < 0.0 else forward
+        if delay - back * tick <= later + 1e-9:
+            return command
+    return sent[0, unit] if count else 0.0
+
+
+@compiled
+def free_motion(motion, applied, sent, required, actuators, tick, lag, mass):
+    """Advance the motion over the delay for the commands in flight, and for z = 0 in those not yet sent.
+
+    Parameters
+    ----------
+    motion : Array, shape (4,)
+        e_p [m], e_v [m/s] and disturbance [m/s²]; the last entry receives the net acceleration error [m/s²].
+    applied : Array, shape (units,)
+        Force that acts now [N].
+    sent : Array, shape (d, units)
+        Commands in flight [N].
+    required : Array, shape (steps + 1,)
+        Total force that keeps the train on the reference at every tick of the delay [N].
+    actuators : Array, shape (3, units)
+        Delay in traction and braking [s], share of the force.
+    tick, lag, mass
+        s, s, kg.
+    """
+    units, steps = applied.size, required.size - 1
+    decay = libm_exp(-tick / lag) if lag > 0.0 else 0.0
+    lasting = (1.0 - decay) * lag / tick
+    beyond = np.empty(units)
+    for i in range(units):
+        beyond[i] = applied[i] - actuators[2, i] * required[0]
+    for k in range(steps):
+        middle = (k + 0.5) * tick
+        slope = (required[k + 1] - required[k]) / tick
+        demand = 0.5 * (required[k] + required[k + 1]) + lag * slope
+        total = 0.0
+        for i in range(units):
+            delay = actuators[1, i] if demand < 0.0 else actuators[0, i]
+            if middle >= delay - 1e-9:
+                due = -actuators[2, i] * mass * motion[2]
+            else:
+                command = newest_arrived(sent, i, middle, tick, actuators[0, i], actuators[1, i])
+                due = command - actuators[2, i] * demand
+            total += due + (beyond[i] - due) * lasting
+            beyond[i] = due + (beyond[i] - due) * decay
+        pull = total / mass + motion[2]
+        motion[0] += (motion[1] + 0.5 * pull * tick) * tick
+        motion[1] += pull * tick
+    total = 0.0
+    for i in range(units):
+        total += beyond[i]
+    motion[3] = total / mass + motion[2] if lag > 0.0 else 0.0
+
+
+@compiled
+def free_errors(motion, nodes, lag, position, velocity):
+    """Compute the errors of position and speed at the nodes for z = 0 from the motion after the delay."""
+    for k in range(nodes.size):
+        left = 1.0 - libm_exp(-nodes[k] / lag) if lag > 0.0 else 0.0
+        gained = lag * left
+        velocity[k] = motion[1] + motion[3] * gained
+        position[k] = motion[0] + motion[1] * nodes[k] + motion[3] * lag * (nodes[k] - gained)
+
+
+@compiled
+def table_value(table, speed):
+    """Return a force limit at a speed [m/s], linear between the entries."""
+    place = abs(speed) / SPEED_STEP
+    index = int(place)
+    if index >= table.size - 1:
+        return table[table.size - 1]
+    return table[index] + (place - index) * (table[index + 1] - table[index])
+
+
+@compiled
+def lowest_limit(limits, front, rear):
+    """Return the lowest speed limit between two places [m/s]; ``limits`` has place and speed, from the place on."""
+    lowest = np.inf
+    for i in range(limits.shape[0]):
+        end = limits[i + 1, 0] if i + 1 < limits.shape[0] else np.inf
+        if limits[i, 0] <= front and end > rear:
+            lowest = min(lowest, limits[i, 1])
+    return lowest
+
+
+@compiled
+def bounds(required, reference, limits, ends, now, errors, tables, mass, jerk, steps, disturbance, rise, at_effect, allowed):
+    """Compute the right-hand side b of A z <= b.
+
+    Parameters
+    ----------
+    required : Array, shape (nodes,)
+        Total force on the reference at the nodes; the first is the feed-forward now [N].
+    reference : Array, shape (2, nodes)
+        Position of vehicle 0's centre [m] and speed [m/s] at the nodes.
+    limits : Array, shape (n, 2)
+        Place [m] and speed limit from there on [m/s].
+    ends : Array, shape (3,)
+        Front and rear of the train from vehicle 0's centre [m], permitted excess of a speed limit [m/s].
+    now : Array, shape (2,)
+        Smallest and largest total force at the measured speed [N].
+    errors : Array, shape (2, nodes)
+        Errors of the free motion.
+    tables : Array, shape (2, speeds)
+        Largest brake and traction force over the speed [N].
+    mass, jerk, disturbance
+        kg, m/s³, m/s².
+    steps : Array, shape (nodes,)
+        Time from the former node plus the lag, through which a command changes the force [s].
+    rise
+        Demanded acceleration for z = 0 minus that which acts at the time of effect [m/s²].
+    at_effect
+        Total force on the reference at the time of effect [N].
+    allowed : Array, shape (5 nodes,)
+        Result b.
+    """
+    n = required.size
+    for j in range(n):
+        speed = reference[1, j] + errors[1, j]
+        low, high = -table_value(tables[0], speed), table_value(tables[1], speed)
+        if j == 0:
+            low, high = now[0], now[1]
+        allowed[j] = (high - required[j]) / mass + disturbance
+        allowed[n + j] = (required[j] - low) / mass - disturbance
+        change = (required[j] - (required[j - 1] if j > 1 else at_effect)) / mass if j > 0 else rise
+        allowed[2 * n + j] = jerk * steps[j] - change
+        allowed[3 * n + j] = jerk * steps[j] + change
+        place = reference[0, j] + errors[0, j]
+        limit = lowest_limit(limits, place + ends[0], place + ends[1]) + ends[2]
+        allowed[4 * n + j] = min(limit - speed, 1e3)
+
+
+@compiled(uses=(quadratic_program,))
+def decide(gradients, inverted, limited, dual, rows, errors, allowed, active, z):
+    """Compute the decision with the smallest cost under the constraints.
+
+    Parameters
+    ----------
+    gradients : tuple of two Arrays, shape (nodes, nodes)
+        Gradient of the cost for errors of position and speed.
+    inverted, limited, dual, rows
+        H⁻¹, H⁻¹A', A H⁻¹A' with the softness, A.
+    errors : Array, shape (2, nodes)
+        Errors of the free motion.
+    allowed : Array, shape (rows,)
+        b.
+    active : Array of bool, shape (rows,)
+        Active rows of the last solution and of this one.
+    z : Array, shape (nodes,)
+        Result [m/s²].
+
+    Returns
+    -------
+    int
+        Number of exchanges, -1 without a solution: ``z`` is then not changed.
+    """
+    n, m = z.size, allowed.size
+    force = np.zeros(n)
+    for j in range(n):
+        for k in range(n):
+            force[j] -= gradients[0][j, k] * errors[0, k] + gradients[1][j, k] * errors[1, k]
+    free = np.zeros(n)
+    for j in range(n):
+        for k in range(n):
+            free[j] += inverted[j, k] * force[k]
+    slack = allowed.copy()
+    violated = False
+    for i in range(m):
+        for j in range(n):
+            slack[i] -= rows[i, j] * free[j]
+        violated = violated or slack[i] < 0.0
+    found = np.zeros(m)
+    exchanges = 0
+    if violated:
+        exchanges = multipliers(dual, slack, active, found)
+        if exchanges < 0:
+            return exchanges
+    else:
+        active[:] = False
+    for j in range(n):
+        z[j] = free[j]
+        for i in range(m):
+            if found[i] != 0.0:
+                z[j] -= limited[j, i] * found[i]
+    return exchanges

@@ -1,0 +1,250 @@
+"""Constrained model predictive control of the train as one mass, with exact delays and a long look-ahead.
+
+WIP
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from plant_sim.gears import LinearGear
+from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
+from train_ato.control.algorithms.force_shares import mean_over_units
+from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
+from train_ato.control.algorithms.motion_observer import MotionObserver
+from train_ato.control.algorithms.predictive_plan import SPEED_STEP, bounds, decide, free_errors, free_motion
+from train_ato.control.contract import LawInput, parameter
+from train_ato.control.observers.force_balance import lag_weight
+from train_ato.control.train_model import STANDSTILL_SPEED
+from train_ato.messages.types import Array
+
+if TYPE_CHECKING:
+    from train_ato.control.train_model import TrainModel
+
+MAX_TABLE_SPEED = 140.0
+"""Last speed of the tables of force limits [m/s]."""
+
+
+@dataclass(frozen=True)
+class MpcParameters:
+    """Parameters of :class:`Mpc`."""
+
+    omega: float = parameter(0.0, "rad/s", 0.0, 10.0, "double pole of the closed loop; 0: from delay, lag and couplers")
+    observer_ratio: float = parameter(0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, for a train with hauled vehicles 1")
+    lookahead: float = parameter(120.0, "s", 1.0, 600.0, "length of the horizon")
+    nodes: int = parameter(32, "1", 4, 60, "nodes of the decision over the horizon")
+    jerk: float = parameter(1.0, "m/s³", 0.01, 1e6, "largest change of the demanded acceleration")
+    overspeed: float = parameter(0.1, "m/s", 0.0, 10.0, "permitted excess of a speed limit")
+    identify: bool = parameter(True, "", 0, 1, "estimate gain and delay of the actuators from the measured force")
+    position_share: float = parameter(0.5, "1", 0.01, 1.0, "a, gain on the position error over omega²")
+
+
+class Mpc(GuardedLaw):
+    """Constrained model predictive control with exact delays and a long look-ahead (ours)."""
+
+    Parameters: ClassVar[type] = MpcParameters
+    uses_feedforward = True
+    predicts_delay = True
+
+    def __init__(self, parameters: MpcParameters, model: TrainModel, period: float) -> None:
+        super().__init__(parameters, model, period)
+        p = parameters
+        self.omega = p.omega or default_omega(model)
+        first = max(period, 0.1 / self.omega)
+        self._nodes = node_times(first, max(p.lookahead, first * p.nodes), p.nodes)
+        self._steps = np.concatenate(([0.0 if model.lag else period], np.diff(self._nodes))) + model.lag
+        self._identification = ActuatorIdentification(model, period)
+        self._models: dict[float, tuple[HorizonModel, HorizonModel]] = {}
+        default_ratio = 5.0 if len(model.consist.vehicles) == model.n_units else 1.0
+        self._observer = MotionObserver(period, (p.observer_ratio or default_ratio) * self.omega)
+        self._weight = lag_weight(period, model.lag)
+        self._tables = force_tables(model)
+        self._limits = np.array([[limit.at, limit.speed] for limit in model.line.speed_limits]).reshape(-1, 2)
+        half = model.consist.vehicles[0].length / 2.0
+        self._ends = np.array([half, half - model.consist.length, p.overspeed])
+        self.clear_state()
+
+    def _set_delays(self, factor: float) -> None:
+        """Take the delays of the model times a factor: prediction, matrices and times of the lookahead."""
+        model, p = self.model, self.parameters
+        self._actuators = np.array([factor * model.delay, factor * model.delay_brake, model.share])
+        self._ticks = math.ceil(float(self._actuators[:2].max()) / model.tick - 1e-9)
+        self._entries = self._ticks + 2 + math.ceil(0.5 * self.period / model.tick)
+        longest = self._ticks * model.tick
+        self.lookahead_times: Array = np.concatenate(
+            (model.tick * np.arange(self._entries), longest + self._nodes[1:])
+        )
+        if factor not in self._models:
+            self._models[factor] = tuple(
+                horizon_model(
+                    self._nodes, delay + 0.5 * self.period, model.share, model.lag, longest, self.omega,
+                    p.position_share,
+                )
+                for delay in self._actuators[:2]
+            )  # fmt: skip
+        self._sides = self._models[factor]
+
+    def clear_state(self) -> None:
+        """Clear observer, identification, plan and counts."""
+        self._observer.reset()
+        self._identification.reset()
+        self._before: tuple[float, float, float] | None = None
+        self._plan = np.zeros(self._nodes.size)
+        self._active = np.zeros(5 * self._nodes.size, dtype=np.bool_)
+        self._failures = self._limited_steps = self._most_exchanges = 0
+        self._set_delays(1.0)
+
+    def on_missed_sample(self) -> None:
+        """Handle a missed sample: the observer restarts at the next one with the present disturbance."""
+        self._observer.miss()
+        self._before = None
+
+    def diagnostics(self) -> dict[str, str]:
+        """Return the counts of the solver and the disturbance as text."""
+        return {
+            "limited_steps": str(self._limited_steps),
+            "most_exchanges": str(self._most_exchanges),
+            "solver_failures": str(self._failures),
+            "disturbance": repr(self._observer.disturbance),
+            "delay_factor": repr(self._identification.factor),
+            "actuator_gain": repr(self._identification.gain),
+            "actuator_model": "wrong" if self._identification.model_is_wrong else "right",
+            "speed_noise": repr(self._observer.speed_noise),
+        }
+
+    def demand(self, inputs: LawInput) -> list[float]:
+        """Return the force demand of every unit [N]."""
+        changed = self.parameters.identify and self._identify(inputs)
+        wanted = self._wanted(inputs)
+        if changed:
+            self._set_delays(self._identification.factor)
+        return wanted
+
+    def _identify(self, inputs: LawInput) -> bool:
+        """Compare the measured force with the commands; return True for a new delay, for the next step on."""
+        in_flight = inputs.commands_in_flight
+        last = in_flight[-1] if in_flight.size else np.array(self._last_force)
+        return self._identification.step(last, mean_over_units([1.0] * self.n, inputs.applied.tolist()))
+
+    def _wanted(self, inputs: LawInput) -> list[float]:
+        """Return the force of the plan for every unit [N]."""
+        model, ahead = self.model, inputs.lookahead
+        resisting = self._observe(inputs)
+        required = model.inertia * ahead.acceleration + ahead.resistance
+        count = self._ticks + 1
+        disturbance = self._observer.disturbance - (resisting - float(ahead.resistance[0])) / model.inertia
+        motion = np.array([self._observer.position_error, self._observer.speed_error, disturbance, 0.0])
+        gain = self._identification.gain
+        sent = self._identification.sent if self.parameters.identify else inputs.commands_in_flight
+        free_motion(
+            motion, inputs.applied, gain * sent, required[:count], self._actuators, model.tick, model.lag,
+            model.inertia,
+        )  # fmt: skip
+        feedforward = self._feedforward(required)
+        errors = np.empty((2, self._nodes.size))
+        free_errors(motion, self._nodes, model.lag, errors[0], errors[1])
+        rise = (sum(feedforward) - required[count - 1]) / model.inertia - motion[3]
+        if model.lag == 0.0:
+            rise = (sum(feedforward) - sum(self._last_force)) / model.inertia - disturbance
+        total = self._decide(inputs, required, errors, disturbance, rise, sum(feedforward))
+        added = total - sum(feedforward)
+        return [(force + added * share) / gain for force, share in zip(feedforward, self.share, strict=True)]
+
+    def _observe(self, inputs: LawInput) -> float:
+        """Advance the observer and return the resistance of the model at the measured state [N]."""
+        model = self.model
+        speed = self.mean(inputs.velocity.tolist())
+        resisting = model.resisting_force(model.front(inputs.position), speed, 0.0)
+        reference = float(inputs.lookahead.velocity[0])
+        place = mean_over_units(self.share, (inputs.position + model.offsets).tolist())
+        position_error, speed_error = place - float(inputs.lookahead.position[0]), speed - reference
+        force = mean_over_units([1.0] * self.n, inputs.applied.tolist())
+        if self._before is None or abs(speed) < STANDSTILL_SPEED:
+            self._observer.restart(position_error, speed_error)
+        else:
+            force_before, resisting_before, reference_before = self._before
+            drive = self._weight * force_before + (1.0 - self._weight) * force
+            pull = (drive - 0.5 * (resisting_before + resisting)) / model.inertia
+            self._observer.step(position_error, speed_error, pull - (reference - reference_before) / self.period)
+        self._before = (force, resisting, reference)
+        return resisting
+
+    def _feedforward(self, required: Array) -> list[float]:
+        """Return the force of every unit that gives the required force at the time of its effect [N]."""
+        model, tick, half = self.model, self.model.tick, 0.5 * self.period
+        table = required[: self._entries].tolist()
+        found = []
+        for share, forward, backward in zip(*self._actuators[[2, 0, 1]].tolist(), strict=True):
+            force = _through_lag(table, (forward + half) / tick, model.lag / tick)
+            if force < 0.0 and backward != forward:
+                force = min(0.0, _through_lag(table, (backward + half) / tick, model.lag / tick))
+            found.append(force * share)
+        return found
+
+    def _decide(
+        self, inputs: LawInput, required: Array, errors: Array, disturbance: float, rise: float, feedforward: float
+    ) -> float:
+        """Return the total force of the plan for now [N]."""
+        model, last = self.model, sum(self._last_force)
+        at_nodes = required[self._entries - 1 :].copy()
+        at_nodes[0] = feedforward
+        later = inputs.lookahead
+        reference = np.array([later.position[self._entries - 1 :], later.velocity[self._entries - 1 :]])
+        allowed = np.empty(5 * self._nodes.size)
+        now = np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
+        bounds(
+            at_nodes, reference, self._limits, self._ends, now, errors, self._tables, model.inertia,
+            self.parameters.jerk, self._steps, disturbance, rise,
+            float(required[self._ticks]), allowed,
+        )  # fmt: skip
+        side = self._sides[int(last < 0.0)]
+        gradients = (side.gradient_position, side.gradient_velocity)
+        exchanges = decide(
+            gradients, side.inverse, side.limited, side.dual, side.constraints, errors, allowed, self._active,
+            self._plan,
+        )  # fmt: skip
+        if exchanges < 0:
+            self._failures += 1
+            self._active[:] = False
+            self._plan = np.interp(self._nodes + self.period, self._nodes, self._plan)
+        else:
+            self._most_exchanges = max(self._most_exchanges, exchanges)
+            self._limited_steps += bool(self._active.any())
+        return feedforward + model.inertia * (float(self._plan[0]) - disturbance)
+
+
+def _through_lag(table: list[float], place: float, lag: float) -> float:
+    """Return F + Ta F' at a place of a table, with the lag in entries."""
+    index = min(int(place + 1e-9), len(table) - 2)
+    rise = table[index + 1] - table[index]
+    return table[index] + (place - index) * rise + lag * rise
+
+
+def default_omega(model: TrainModel) -> float:
+    """Return the pole of the closed loop from delay, lag and the wave impedance of the couplers [rad/s]."""
+    dead = max(float(model.delay.max()), float(model.delay_brake.max())) + model.lag
+    omega = min(1.0, 0.7 / dead if dead > 0.0 else 1.0)
+    vehicles = model.consist.vehicles
+    if len(vehicles) > model.n_units:
+        stiffness = min(gear.stiffness for gear in model.consist.gears)
+        mass = model.mass / len(vehicles)
+        omega = min(omega, math.sqrt(stiffness * mass) * model.n_units / (3.0 * model.inertia))
+    return omega
+
+
+def force_tables(model: TrainModel) -> Array:
+    """Return the largest brake and traction force of the train over the speed [N], shape (2, speeds)."""
+    speeds = SPEED_STEP * np.arange(round(MAX_TABLE_SPEED / SPEED_STEP))
+    tables = np.empty((2, speeds.size))
+    for row, envelopes in enumerate((model.brake, model.traction)):
+        for column, speed in enumerate(speeds.tolist()):
+            tables[row, column] = mean_over_units([1.0] * model.n_units, [each.force(speed) for each in envelopes])
+    return tables
+
+
+__all__ = ["LinearGear", "Mpc", "MpcParameters"]
