@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.summation import plain_sum
-from train_ato.control.train_model import TrainModel
+from train_ato.control.air_brake.trip_policy import PlannedApplication
 from train_ato.messages.types import Array
 from train_ato.profile.driver import average_speed
 from train_ato.profile.profile import Profile
@@ -46,8 +47,8 @@ class TripPlan:
     ----------
     profile : Profile
         Speed profile of vehicle 0's centre.
-    applications : tuple of Application
-        Applications of the air brake.
+    applications : tuple of PlannedApplication
+        Applications of the air brake, with the planned use of the electric brake.
     run : TripRun
         Run of the nominal train, up to the last part of the braking.
     journey : Journey
@@ -57,7 +58,7 @@ class TripPlan:
     """
 
     profile: Profile
-    applications: tuple[Application, ...]
+    applications: tuple[PlannedApplication, ...]
     run: TripRun
     journey: Journey
     price: float
@@ -66,6 +67,36 @@ class TripPlan:
     def running_time(self) -> float:
         """Time from the begin to standstill [s]."""
         return self.profile.end - self.profile.start
+
+    @property
+    def coupler_max(self) -> float:
+        """Largest coupler force of the nominal train, draft or buff [N]."""
+        return max(self.run.totals.draft_max, -self.run.totals.buff_max)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the plan, units in the keys."""
+        totals, damage = self.run.totals, coupler_damage(self.run.couplers)
+        return {
+            "running_time_s": round(self.running_time, 1),
+            "distance_m": round(float(self.profile.position[-1] - self.profile.position[0]), 1),
+            "energy_kwh": round(totals.traction / JOULES_PER_KWH, 1),
+            "energy_regenerated_kwh": round(totals.regenerated / JOULES_PER_KWH, 1),
+            "energy_air_brake_kwh": round(-totals.air_brake / JOULES_PER_KWH, 1),
+            "time_price_kwh_per_s": round(self.price, 4),
+            "speed_max_kmh": round(3.6 * float(self.profile.velocity.max()), 2),
+            "coupler_draft_max_kn": round(totals.draft_max / 1e3, 1),
+            "coupler_buff_max_kn": round(totals.buff_max / 1e3, 1),
+            "coupler_damage": round(float(damage.sum()), 4),
+            "coupler_damage_worst": round(float(damage.max(initial=0.0)), 4),
+            "applications": [
+                {
+                    "apply_km": round(entry.apply / 1e3, 3),
+                    "release_km": round(entry.release / 1e3, 3),
+                    "reduction_kpa": round(entry.reduction / 1e3, 1),
+                }
+                for entry in self.applications
+            ],
+        }
 
 
 class TripPlanner:
@@ -106,7 +137,25 @@ class TripPlanner:
         """Return the plan for a price of time [kWh/s]."""
         journey = self._search.journey(price * JOULES_PER_KWH)
         run = follow_journey(self._model, self._settings, journey, journey.applications)
-        return TripPlan(self._profile(run), journey.applications, run, journey, price)
+        applications = tuple(self._planned(entry, run) for entry in journey.applications)
+        return TripPlan(self._profile(run), applications, run, journey, price)
+
+    def _planned(self, application: Application, run: TripRun) -> PlannedApplication:
+        """Return an application with the use of the electric brake at its places."""
+        shares = []
+        for place in (application.apply, application.release):
+            index = min(int(np.searchsorted(run.position, place)), run.position.size - 1)
+            low, _ = self._model.limits_of_units([float(run.speed[index])] * self._model.n_units)
+            available = -plain_sum(low)
+            share = -float(run.force[index]) / available if available > 0.0 else 0.0
+            shares.append(round(min(max(share, -1.0), 1.0), 3))
+        return PlannedApplication(
+            apply=round(application.apply, 1),
+            release=round(application.release, 1),
+            reduction=application.reduction,
+            electric_at_apply=shares[0],
+            electric_at_release=shares[1],
+        )
 
     def _profile(self, run: TripRun) -> Profile:
         """Return the averaged speed of a run, continued to standstill at the stop."""
@@ -231,3 +280,41 @@ def permitted_reductions(consist: Consist, settings: TripSettings) -> tuple[floa
                 f"{brake.reduction[-1] / 1e3:g} kPa); correct it"
             )
     return settings.air_brake.reductions or (brake.reduction[-1],)
+
+
+def plan_trip(
+    line: Line,
+    consist: Consist,
+    settings: TripSettings,
+    period: float = 0.1,
+    report: Callable[[str], None] = lambda _: None,
+) -> TripPlan:
+    """Return the trip plan of the settings.
+
+    Parameters
+    ----------
+    line, consist
+        Line and train.
+    settings
+        Journey, weights and limits.
+    period
+        Time between the knots of the profile [s].
+    report
+        Called with a line of text after every journey of the search.
+
+    Raises
+    ------
+    ValueError
+        One line: key, value, problem; fix.
+    """
+    planner = TripPlanner(line, consist, settings, period)
+    if settings.time is None:
+        plan = planner.at_price(settings.time_weight)
+    else:
+        plan = planner.at_time(settings.time, report)
+    if plan.coupler_max > settings.coupler_max:
+        raise ValueError(
+            f"coupler_max: {settings.coupler_max / 1e3:g} kN: the plan has {plan.coupler_max / 1e3:.0f} kN; permit less "
+            "traction or brake, or a smaller slew"
+        )
+    return plan
