@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from plant_sim.input_error import explain
 from train_ato.apps.report.plan_figure import draw_plan
 from train_ato.arguments import check_new_file
+from train_ato.cli.plan_trip import add_trip_arguments, execute_trip
 from train_ato.profile.file import write_profile
 from train_ato.profile.planner.inputs import find_line, find_train
 from train_ato.profile.planner.planner import Plan, plan
@@ -72,6 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, action="append", default=[], metavar="FILE",
         help="profile (.csv, .yaml) or figure (.png, .pdf, .svg); may be repeated",
     )  # fmt: skip
+    add_trip_arguments(parser)
 
 
 def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
@@ -103,6 +105,8 @@ def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
 
 def execute(options: argparse.Namespace) -> int:
     """Compute the profile and print one JSON value or a table."""
+    if options.trip is not None:
+        return execute_trip(options)
     from train_ato.apps.runs.progress import PLANNER_NOTE, compilation_noted
     from train_ato.apps.runs.summary_table import format_value
     from train_ato.cli.screen import print_json, print_table

@@ -1,4 +1,4 @@
-"""Policies of the air brake: none, planned events, trigger (paper 000, section 1.2), or blend with the electric brake.
+"""Policies of the air brake: none, planned events, trigger (paper 000, section 1.2), blend, or trip.
 
 A policy computes the brake-pipe pressure demanded at the head from time, position, speed and measured force. It
 depends on the measurement only, so that the copies in the controller and in the observer make the same events.
@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from plant_sim.line import Line
 from plant_sim.units import Length, Pressure, SiModel, Slope, Speed, Time
 from train_ato.control.air_brake.blending import BlendedBrake, BlendRules
+from train_ato.control.air_brake.trip_policy import PlannedApplication, TripBrake, TripRules
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -50,10 +51,12 @@ class TriggerRules(SiModel):
 class BrakeSpec(SiModel):
     """The scenario's ``brake:`` block."""
 
-    policy: Literal["none", "planned", "trigger", "blend"] = "none"
+    policy: Literal["none", "planned", "trigger", "blend", "trip"] = "none"
     events: tuple[BrakeEvent, ...] = ()
     trigger: TriggerRules = TriggerRules()
     blend: BlendRules = BlendRules()
+    applications: tuple[PlannedApplication, ...] = Field((), description="planned applications of policy trip")
+    trip: TripRules = TripRules()
 
     @model_validator(mode="after")
     def _fits(self) -> BrakeSpec:
@@ -63,6 +66,11 @@ class BrakeSpec(SiModel):
             raise ValueError(
                 f"events need policy planned, here {self.policy}; set brake.policy: planned or remove brake.events"
             )
+        if (self.policy == "trip") != bool(self.applications):
+            raise ValueError(
+                f"policy {self.policy} with {len(self.applications)} applications; policy trip needs some, the others "
+                "have none"
+            )
         return self
 
     @property
@@ -70,6 +78,8 @@ class BrakeSpec(SiModel):
         """Largest reduction of the brake pipe by the policy [Pa]."""
         if self.policy == "planned":
             return max(event.reduction for event in self.events)
+        if self.policy == "trip":
+            return max(application.reduction for application in self.applications)
         return {"none": 0.0, "trigger": self.trigger.reduction, "blend": self.blend.reduction}[self.policy]
 
 
@@ -177,11 +187,14 @@ def make_brake_policy(spec: BrakeSpec, model: TrainModel, line: Line) -> BrakePo
         if spec.policy != "none":
             raise ValueError(f"brake.policy: {spec.policy}: the consist has no air_brake; set brake.policy: none")
         return ReleasedBrake(0.0)
-    if spec.policy == "planned":
+    if spec.policy in ("planned", "trip"):
         if spec.deepest > brake.charged:
+            key = "events" if spec.policy == "planned" else "applications"
             raise ValueError(
-                f"brake.events: a reduction of {spec.deepest:g} Pa exceeds the charged {brake.charged:g} Pa; lower it"
+                f"brake.{key}: a reduction of {spec.deepest:g} Pa exceeds the charged {brake.charged:g} Pa; lower it"
             )
+        if spec.policy == "trip":
+            return TripBrake(brake.charged, spec.applications, spec.trip, model)
         return PlannedBrake(brake.charged, spec.events)
     if spec.policy == "trigger":
         return TriggeredBrake(brake.charged, spec.trigger, line)

@@ -1,0 +1,191 @@
+"""Journey of least cost: tables of the search, its prices, and the forward pass with the brake events.
+
+Method after Howlett and Pudney, "Energy-Efficient Train Control" (1995), for the price of time; the brake states and
+the recharge pause are an extension for long trains with an automatic air brake.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from train_ato.messages.types import Array
+from train_ato.profile.trip import search as s
+from train_ato.profile.trip.reduced_train import AGE_STEP, SPEED_STEP, ReducedTrain
+from train_ato.profile.trip.settings import TripSettings
+
+ROLLING = 0.7
+"""Lowest speed of a rolling train in the search [m/s]."""
+LEVELS = np.array([1.0, 0.8, 0.6, 0.4, 0.2, 0.0, -0.2, -0.4, -0.6, -0.8, -1.0])
+"""Fractions of traction (> 0) and electric brake (< 0) in the search."""
+FINE_LEVELS = np.linspace(1.0, -1.0, 81)
+"""The same in the forward pass."""
+APPLICATION_PRICE = 5e6
+"""Price of an application [J]: of two journeys of nearly equal energy, the one with fewer applications is chosen."""
+
+
+@dataclass(frozen=True)
+class Application:
+    """Application of the air brake on a journey.
+
+    Attributes
+    ----------
+    apply, release : float
+        Places of vehicle 0's centre [m].
+    reduction : float
+        Reduction of the brake pipe [Pa].
+    """
+
+    apply: float
+    release: float
+    reduction: float
+
+
+@dataclass(frozen=True)
+class Journey:
+    """Journey of the reduced model, at the ends of the cells.
+
+    Attributes
+    ----------
+    place, speed, time : Array, shape (cells + 1,)
+        Vehicle 0's centre [m], m/s, s.
+    force, shoes : Array, shape (cells,)
+        Force of the drives and of the shoes in a cell [N].
+    applications : tuple of Application
+        In the order of the journey.
+    """
+
+    place: Array
+    speed: Array
+    time: Array
+    force: Array
+    shoes: Array
+    applications: tuple[Application, ...]
+
+    @property
+    def duration(self) -> float:
+        """Running time [s]."""
+        return float(self.time[-1])
+
+    @property
+    def traction_work(self) -> float:
+        """Work of the drives in traction [J]."""
+        return float((np.maximum(self.force, 0.0) * np.diff(self.place)).sum())
+
+
+class JourneySearch:
+    """Search on one train and line, for several prices of time.
+
+    Parameters
+    ----------
+    train
+        Tables of train and line.
+    settings
+        Weights, final speed and rules of the air brake.
+    """
+
+    def __init__(self, train: ReducedTrain, settings: TripSettings) -> None:
+        self._train, self._settings = train, settings
+        shoe, largest, self._ranges = _brake_states(train, settings.air_brake.pause)
+        self._shoes = np.stack((shoe, largest))
+        self._cells = np.stack((train.line_force, train.limit[1:]))
+        self._drives = np.stack((train.traction, train.brake, train.running))
+
+    def _constants(self, price: float) -> Array:
+        train, settings = self._train, self._settings
+        constant = np.zeros(s.CONSTANTS)
+        constant[[s.INERTIA, s.CELL_LENGTH, s.SPEED_GRID, s.AGE_GRID]] = train.inertia, train.cell, SPEED_STEP, AGE_STEP
+        constant[[s.PRICE, s.RECOVERED, s.ROLLING]] = price, settings.recovered, ROLLING
+        constant[[s.END_ENERGY, s.APPLICATION]] = 0.5 * settings.final_speed**2, APPLICATION_PRICE
+        constant[s.OLDEST] = np.ceil(settings.air_brake.min_application / AGE_STEP)
+        constant[s.RELEASE_SPEED] = settings.air_brake.min_release_speed
+        return constant
+
+    def journey(self, price: float) -> Journey:
+        """Return the journey of least work plus price [J/s] times time.
+
+        Raises
+        ------
+        ValueError
+            With the place at which train and brakes permit no continuation.
+        """
+        constant = self._constants(price)
+        tables = (self._cells, self._drives, self._shoes, self._ranges, constant)
+        value = s.solve_values(LEVELS, *tables)
+        return self._forward(value, tables)
+
+    def _forward(self, value: Array, tables: tuple[Array, ...]) -> Journey:
+        train, constant = self._train, tables[-1]
+        speed, state, time = 0.0, 0.0, 0.0
+        rows: list[tuple[float, float, float, float]] = []
+        changes: list[tuple[float, float]] = []
+        for k in range(train.cells):
+            state, cost, force, after = self._decide(speed, k, state, value[k + 1], tables)
+            if cost >= s.IMPOSSIBLE:
+                raise ValueError(
+                    f"no journey beyond km {train.place(k) / 1e3:.2f}: traction or brakes are too weak there; permit "
+                    "more of them, or a lower minimum release speed"
+                )
+            reduction = self._reduction_of(state)
+            if reduction != (changes[-1][1] if changes else 0.0):
+                changes.append((train.place(k), reduction))
+            shoe = float(np.interp(state, np.arange(self._shoes.shape[1]), self._shoes[s.SHOE_FORCE]))
+            rows.append((speed, time, force, shoe))
+            duration = 2.0 * train.cell / (speed + after)
+            state = s.older_state(state, duration, self._ranges, AGE_STEP)
+            speed, time = after, time + duration
+        table = np.array(rows)
+        place = train.begin + train.cell * np.arange(train.cells + 1)
+        return Journey(
+            place, np.append(table[:, 0], speed), np.append(table[:, 1], time), table[:, 2], table[:, 3],
+            _applications(changes),
+        )  # fmt: skip
+
+    def _decide(
+        self, speed: float, k: int, state: float, value: Array, tables: tuple[Array, ...]
+    ) -> tuple[float, float, float, float]:
+        """Return brake state, cost [J], force [N] and next speed [m/s] of the best continuation."""
+        constant = tables[-1]
+        choices = [(state, 0.0)]
+        for row in self._ranges.tolist():
+            if state == 0.0:
+                choices.append((float(row[s.APPLIED_FIRST]), constant[s.APPLICATION]))
+            old = min(row[s.APPLIED_FIRST] + constant[s.OLDEST], row[s.APPLIED_LAST])
+            if old <= state <= row[s.APPLIED_LAST] and speed >= constant[s.RELEASE_SPEED]:
+                choices.append((float(row[s.RELEASED_FIRST]), 0.0))
+        found = []
+        for choice, price in choices:
+            cost, force, after = s.best_force(speed, k, choice, value, FINE_LEVELS, *tables)
+            found.append((choice, cost + price, force, after))
+        return min(found, key=lambda row: row[1])
+
+    def _reduction_of(self, state: float) -> float:
+        """Return the reduction of the brake pipe in a brake state [Pa]."""
+        for row, response in zip(self._ranges.tolist(), self._train.responses, strict=True):
+            if row[s.APPLIED_FIRST] <= state <= row[s.APPLIED_LAST]:
+                return response.reduction
+        return 0.0
+
+
+def _brake_states(train: ReducedTrain, pause: float) -> tuple[Array, Array, Array]:
+    """Return shoe force at standstill, force of the complete application, both [N], and the ranges of the states."""
+    force, largest, ranges = [0.0], [1.0], []
+    for response in train.responses:
+        count = max(response.release.size, int(np.ceil(pause / AGE_STEP)) + 1)
+        released = np.zeros(count)
+        released[: response.release.size] = response.release
+        first = len(force)
+        middle = first + response.apply.size
+        ranges.append((first, middle - 1, middle, middle + count - 1))
+        force += [*response.apply.tolist(), *released.tolist()]
+        largest += [float(response.apply[-1])] * (response.apply.size + count)
+    return np.array([*force, 0.0]), np.array([*largest, 1.0]), np.array(ranges, dtype=np.int64).reshape(-1, 4)
+
+
+def _applications(changes: list[tuple[float, float]]) -> tuple[Application, ...]:
+    """Return the applications of changes of the reduction [m, Pa]."""
+    found = []
+    for (begin, reduction), (end, _) in zip(changes[::2], changes[1::2], strict=True):
+        found.append(Application(begin, end, reduction))
+    return tuple(found)

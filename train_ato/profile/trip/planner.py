@@ -1,0 +1,320 @@
+"""Trip planner: journey of least cost, run of the whole train along it, profile and applications from this run.
+
+1. A dynamic programming on the reduced model decides traction, electric brake and applications (:mod:`.search`).
+2. The nominal train with all vehicles is driven along this journey (:mod:`.driven_run`).
+3. The running time of 2 corrects the price of time of 1, until the timetable is kept.
+4. The averaged speed of the last run is the profile; it contains the brake waves and the couplers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from plant_sim.consist import Consist
+from plant_sim.line import Line
+from plant_sim.summation import plain_sum
+from train_ato.control.air_brake.trip_policy import PlannedApplication
+from train_ato.messages.types import Array
+from train_ato.profile.driver import average_speed
+from train_ato.profile.profile import Profile
+from train_ato.profile.trip.driven_run import AVERAGE, TripRun, follow_journey
+from train_ato.profile.trip.fatigue import coupler_damage
+from train_ato.profile.trip.final_stop import braking_distance, final_deceleration, stop_knots
+from train_ato.profile.trip.journey import Application, Journey, JourneySearch
+from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train
+from train_ato.profile.trip.settings import TripSettings
+
+JOULES_PER_KWH = 3.6e6
+TIME_TOLERANCE = 1e-3
+"""Permitted relative deviation from the running time."""
+MAX_ROUNDS = 8
+"""Largest number of journeys for a running time."""
+LAST_PART = 1.4
+"""Length of the last part of the braking, over that from exactly the final speed: the run is up to 1 km/h faster."""
+PRICE_RANGE = (0.005, 20.0)
+"""Lowest and highest price of time [kWh/s]."""
+
+
+@dataclass(frozen=True)
+class TripPlan:
+    """Planned trip of a long train.
+
+    Attributes
+    ----------
+    profile : Profile
+        Speed profile of vehicle 0's centre.
+    applications : tuple of PlannedApplication
+        Applications of the air brake, with the planned use of the electric brake.
+    run : TripRun
+        Run of the nominal train, up to the last part of the braking.
+    journey : Journey
+        Journey of the reduced model.
+    price : float
+        Price of time [kWh/s].
+    """
+
+    profile: Profile
+    applications: tuple[PlannedApplication, ...]
+    run: TripRun
+    journey: Journey
+    price: float
+
+    @property
+    def running_time(self) -> float:
+        """Time from the begin to standstill [s]."""
+        return self.profile.end - self.profile.start
+
+    @property
+    def coupler_max(self) -> float:
+        """Largest coupler force of the nominal train, draft or buff [N]."""
+        return max(self.run.totals.draft_max, -self.run.totals.buff_max)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the plan, units in the keys."""
+        totals, damage = self.run.totals, coupler_damage(self.run.couplers)
+        return {
+            "running_time_s": round(self.running_time, 1),
+            "distance_m": round(float(self.profile.position[-1] - self.profile.position[0]), 1),
+            "energy_kwh": round(totals.traction / JOULES_PER_KWH, 1),
+            "energy_regenerated_kwh": round(totals.regenerated / JOULES_PER_KWH, 1),
+            "energy_air_brake_kwh": round(-totals.air_brake / JOULES_PER_KWH, 1),
+            "time_price_kwh_per_s": round(self.price, 4),
+            "speed_max_kmh": round(3.6 * float(self.profile.velocity.max()), 2),
+            "coupler_draft_max_kn": round(totals.draft_max / 1e3, 1),
+            "coupler_buff_max_kn": round(totals.buff_max / 1e3, 1),
+            "coupler_damage": round(float(damage.sum()), 4),
+            "coupler_damage_worst": round(float(damage.max(initial=0.0)), 4),
+            "applications": [
+                {
+                    "apply_km": round(entry.apply / 1e3, 3),
+                    "release_km": round(entry.release / 1e3, 3),
+                    "reduction_kpa": round(entry.reduction / 1e3, 1),
+                }
+                for entry in self.applications
+            ],
+        }
+
+
+class TripPlanner:
+    """Planner of one train on one line.
+
+    Parameters
+    ----------
+    line, consist
+        Line and train.
+    settings
+        Journey, weights and limits.
+    period
+        Time between the knots of the profile [s].
+
+    Raises
+    ------
+    ValueError
+        One line: key, value, problem; fix.
+    """
+
+    def __init__(self, line: Line, consist: Consist, settings: TripSettings, period: float = 0.1) -> None:
+        self._settings, self._period = settings, period
+        self._half = consist.vehicles[0].length / 2
+        self._model = nominal_train_model(consist, line)
+        begin, self._stop = journey_ends(line, settings, self._half)
+        last = self._last_part()
+        train = reduced_train(self._model, settings, begin, self._stop - last, permitted_reductions(consist, settings))
+        self._search = JourneySearch(train, settings)
+
+    def _last_part(self) -> float:
+        """Return the distance of the last part of the braking [m]."""
+        model, settings, speed = self._model, self._settings, self._settings.final_speed
+        low, _ = model.limits_of_units([speed] * model.n_units)
+        strong = (model.running_resistance(speed) - settings.brake * plain_sum(low)) / model.inertia
+        return LAST_PART * braking_distance(speed, strong, settings.final_deceleration)
+
+    def at_price(self, price: float) -> TripPlan:
+        """Return the plan for a price of time [kWh/s]."""
+        journey = self._search.journey(price * JOULES_PER_KWH)
+        run = follow_journey(self._model, self._settings, journey, journey.applications)
+        applications = tuple(self._planned(entry, run) for entry in journey.applications)
+        return TripPlan(self._profile(run), applications, run, journey, price)
+
+    def _planned(self, application: Application, run: TripRun) -> PlannedApplication:
+        """Return an application with the use of the electric brake at its places."""
+        shares = []
+        for place in (application.apply, application.release):
+            index = min(int(np.searchsorted(run.position, place)), run.position.size - 1)
+            low, _ = self._model.limits_of_units([float(run.speed[index])] * self._model.n_units)
+            available = -plain_sum(low)
+            share = -float(run.force[index]) / available if available > 0.0 else 0.0
+            shares.append(round(min(max(share, -1.0), 1.0), 3))
+        return PlannedApplication(
+            apply=round(application.apply, 1),
+            release=round(application.release, 1),
+            reduction=application.reduction,
+            electric_at_apply=shares[0],
+            electric_at_release=shares[1],
+        )
+
+    def _profile(self, run: TripRun) -> Profile:
+        """Return the averaged speed of a run, continued to standstill at the stop."""
+        time = np.arange(0.0, run.time[-1] + 1e-9, self._period)
+        speed, mean = (
+            average_speed(np.interp(time, run.time, column), self._period, AVERAGE)
+            for column in (run.speed, run.mean_speed)
+        )
+        speed[0] = mean[0] = 0.0
+        acceleration, own = np.gradient(mean, self._period), np.gradient(speed, self._period)
+        acceleration[0] = own[0] = 0.0
+        steps = self._period * (speed[1:] + speed[:-1]) / 2 - self._period**2 * np.diff(own) / 12
+        position = run.position[0] + np.concatenate(([0.0], np.cumsum(steps)))
+        kept = self._cut(position, speed, acceleration)
+        rest = stop_knots(
+            float(position[kept - 1]), float(speed[kept - 1]), -float(acceleration[kept - 1]), self._stop, self._period
+        )
+        columns = [np.concatenate((a[:kept], b)) for a, b in zip((position, speed, acceleration), rest, strict=True)]
+        return Profile.uniform(0.0, self._period, *columns)
+
+    def _cut(self, position: Array, speed: Array, acceleration: Array) -> int:
+        """Return the number of knots before the last part: the most with its deceleration, or with the least one."""
+        last = position.size - round(2 * AVERAGE / self._period)
+        first = last - round(60.0 / self._period)
+        found = []
+        for kept in range(last, first, -round(1.0 / self._period)):
+            state = float(speed[kept - 1]), -float(acceleration[kept - 1])
+            try:
+                needed = final_deceleration(*state, self._stop - float(position[kept - 1]))
+            except ValueError:
+                continue
+            if needed <= self._settings.final_deceleration:
+                return kept
+            found.append((needed, kept))
+        if not found:
+            raise ValueError(
+                "final_deceleration: the run is too fast or too slow for the stop; permit a stronger brake, or decrease "
+                "final_deceleration"
+            )
+        return min(found)[1]
+
+    def at_time(self, time: float, report: Callable[[str], None] = lambda _: None) -> TripPlan:
+        """Return the plan with a running time [s], by the secant of the logarithms of price and time.
+
+        Raises
+        ------
+        ValueError
+            If the time is too short, or so long that the train would stop.
+        """
+        price, found = self._settings.time_weight, []
+        for number in range(MAX_ROUNDS):
+            plan = self.at_price(price)
+            error = plan.running_time / time - 1.0
+            report(f"journey {number + 1}: {plan.running_time:.0f} s at a price of {price:.3f} kWh/s")
+            found.append((price, plan))
+            if abs(error) <= TIME_TOLERANCE:
+                return plan
+            price = _next_price(found, time)
+            if not PRICE_RANGE[0] <= price <= PRICE_RANGE[1]:
+                break
+        best = min((plan for _, plan in found), key=lambda plan: abs(plan.running_time - time))
+        raise ValueError(
+            f"time: {time:g} s: not possible with these limits, the nearest is {best.running_time:.0f} s; give a time "
+            "nearer to it, or permit more traction"
+        )
+
+
+def _next_price(found: list[tuple[float, TripPlan]], time: float) -> float:
+    """Return the next price of time [kWh/s] of the search for a running time [s]."""
+    ordered = sorted(found, key=lambda row: row[0])
+    long = [row for row in ordered if row[1].running_time > time]
+    short = [row for row in ordered if row[1].running_time <= time]
+    if not short:
+        return 3.0 * ordered[-1][0] if len(found) > 1 else _typical(found[0], time)
+    if not long:
+        return ordered[0][0] / 3.0 if len(found) > 1 else _typical(found[0], time)
+    (p0, a), (p1, b) = long[-1], short[0]
+    share = np.log(a.running_time / time) / np.log(a.running_time / b.running_time)
+    share = float(np.clip(share, 0.1, 0.9))
+    return float(p0 * (p1 / p0) ** share)
+
+
+def _typical(row: tuple[float, TripPlan], time: float) -> float:
+    """Return the price for a running time [s] if the price falls with its sixth power."""
+    return float(row[0] * np.clip((row[1].running_time / time) ** 6 * 1.1, 0.2, 5.0))
+
+
+def journey_ends(line: Line, settings: TripSettings, half: float) -> tuple[float, float]:
+    """Return begin and stop of vehicle 0's centre [m].
+
+    Raises
+    ------
+    ValueError
+        If they are not on the line.
+    """
+    stops = [stop.at for stop in line.stops]
+    end = settings.end if settings.end is not None else (stops[-1] if stops else line.end)
+    begin = settings.begin - half if settings.begin is not None else line.begin
+    if not line.begin <= begin < end - half - 1000.0 or end > line.end:
+        raise ValueError(
+            f"begin, end: km {(begin + half) / 1e3:.3f} to km {end / 1e3:.3f}: not 1 km or more on line '{line.name}' "
+            f"(km {line.begin / 1e3:.3f} to km {line.end / 1e3:.3f}); correct them"
+        )
+    return begin, end - half
+
+
+def permitted_reductions(consist: Consist, settings: TripSettings) -> tuple[float, ...]:
+    """Return the reductions of the brake pipe that a plan may use [Pa]; none without an air brake.
+
+    Raises
+    ------
+    ValueError
+        If one is beyond the table of the train.
+    """
+    brake = consist.air_brake
+    if brake is None:
+        return ()
+    for reduction in settings.air_brake.reductions:
+        if not 0.0 < reduction <= brake.reduction[-1]:
+            raise ValueError(
+                f"air_brake.reductions: {reduction / 1e3:g} kPa: not in the table of train '{consist.name}' (up to "
+                f"{brake.reduction[-1] / 1e3:g} kPa); correct it"
+            )
+    return settings.air_brake.reductions or (brake.reduction[-1],)
+
+
+def plan_trip(
+    line: Line,
+    consist: Consist,
+    settings: TripSettings,
+    period: float = 0.1,
+    report: Callable[[str], None] = lambda _: None,
+) -> TripPlan:
+    """Return the trip plan of the settings.
+
+    Parameters
+    ----------
+    line, consist
+        Line and train.
+    settings
+        Journey, weights and limits.
+    period
+        Time between the knots of the profile [s].
+    report
+        Called with a line of text after every journey of the search.
+
+    Raises
+    ------
+    ValueError
+        One line: key, value, problem; fix.
+    """
+    planner = TripPlanner(line, consist, settings, period)
+    if settings.time is None:
+        plan = planner.at_price(settings.time_weight)
+    else:
+        plan = planner.at_time(settings.time, report)
+    if plan.coupler_max > settings.coupler_max:
+        raise ValueError(
+            f"coupler_max: {settings.coupler_max / 1e3:g} kN: the plan has {plan.coupler_max / 1e3:.0f} kN; permit less "
+            "traction or brake, or a smaller slew"
+        )
+    return plan

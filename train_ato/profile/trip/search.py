@@ -1,0 +1,170 @@
+"""Search of the cheapest journey of the reduced model: dynamic programming over place, speed and brake state.
+
+Stages are the cells of the line. A state is a speed on a grid and a brake state: charged; applied since an age; released
+since an age (no application before the recharge pause has passed). Controls are the force of the drives (fractions of
+the envelopes, coasting, constant speed), an application, and a release. Bellman's equation from the last cell to the
+first one::
+
+    J_k(v, b) = min_F [ (max(F, 0) - recovered max(-F, 0)) ds + price dt + J_k+1(v', b') ],   v'²/2 = v²/2 + a ds
+
+J is linear between the speeds of the grid and between the ages. Traction against applied or releasing shoes is
+excluded. Speeds above the limit are penalised. The journey follows J forwards with a finer set of forces.
+
+All compiled code of the search is in this file, because numba's cache detects changes of this file only.
+"""
+
+# mypy: allow-untyped-defs
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant_sim.compiled import compiled
+
+IMPOSSIBLE = 1e13
+"""Cost of a state without a continuation [J]."""
+EXCESS = 1e9
+"""Cost of a speed above the limit, per m/s and cell [J]."""
+END_EXCESS = 1e10
+"""Cost of a speed above the final one, per m²/s² at the end [J]."""
+POWER_BRAKING = 0.3
+"""Part of the shoe force of a complete application above which no traction is permitted."""
+# Entries of `constant`. ROLLING: lowest speed of a rolling train. END_ENERGY: v²/2 at the end.
+(
+    INERTIA, CELL_LENGTH, SPEED_GRID, AGE_GRID, PRICE, RECOVERED, ROLLING, END_ENERGY, APPLICATION, OLDEST,
+    RELEASE_SPEED,
+) = range(11)  # fmt: skip
+CONSTANTS = 11
+# Rows of `cells`, one column per cell (LIMIT: at its end), of `drives`, one column per speed, and of `shoes`, one
+# column per brake state (LARGEST: force of the complete application). `ranges` has one row per reduction.
+LINE_FORCE, LIMIT = range(2)
+TRACTION, BRAKE, RUNNING = range(3)
+SHOE_FORCE, LARGEST = range(2)
+APPLIED_FIRST, APPLIED_LAST, RELEASED_FIRST, RELEASED_LAST = range(4)
+
+
+@compiled
+def _between(row, place):
+    """Return the value of a row at a place between its entries."""
+    place = min(max(place, 0.0), len(row) - 1.001)
+    j = int(place)
+    return row[j] + (place - j) * (row[j + 1] - row[j])
+
+
+@compiled
+def _is_applied(state, ranges):
+    """Return True if a brake state belongs to an application."""
+    for r in range(len(ranges)):
+        if ranges[r, APPLIED_FIRST] <= state <= ranges[r, APPLIED_LAST]:
+            return True
+    return False
+
+
+@compiled
+def older_state(state, duration, ranges, age_grid):
+    """Return a brake state, a number between the states of the grid, after a duration [s]."""
+    for r in range(len(ranges)):
+        if ranges[r, APPLIED_FIRST] <= state <= ranges[r, APPLIED_LAST]:
+            return min(state + duration / age_grid, float(ranges[r, APPLIED_LAST]))
+        if ranges[r, RELEASED_FIRST] <= state <= ranges[r, RELEASED_LAST]:
+            place = state + duration / age_grid
+            return place if place < ranges[r, RELEASED_LAST] else 0.0
+    return 0.0
+
+
+@compiled
+def _value(value, state, speed, ranges, speed_grid):
+    """Return J of a stage at a brake state and a speed, linear between states and speeds."""
+    low = int(state)
+    found = _between(value[low], speed / speed_grid)
+    weight = state - low
+    if weight > 0.0:
+        high = low + 1
+        for r in range(len(ranges)):
+            if high > ranges[r, RELEASED_LAST] and low <= ranges[r, RELEASED_LAST]:
+                high = 0
+        found += weight * (_between(value[high], speed / speed_grid) - found)
+    return found
+
+
+@compiled
+def retarding_force(v, line_force, running, shoe):
+    """Return line, running and shoe force at a speed [N]; the friction of the shoes is that of the plant's kernel."""
+    speed = 3.6 * v
+    return line_force + running + shoe * (2.0 * speed + 150.0) / (3.0 * speed + 150.0)
+
+
+@compiled
+def _cost(v, force, k, state, shoe, running, value, cells, ranges, constant):
+    """Return the cost of a force in a cell plus J after it [J], and the speed at its end [m/s]."""
+    length, grid = constant[CELL_LENGTH], constant[SPEED_GRID]
+    pull = force - retarding_force(v, cells[LINE_FORCE, k], running, shoe)
+    energy = 0.5 * v * v + length * pull / constant[INERTIA]
+    after = np.sqrt(2.0 * energy) if energy > 0.0 else 0.0
+    if after < constant[ROLLING] or after > (value.shape[1] - 1) * grid:
+        return IMPOSSIBLE, after
+    duration = 2.0 * length / (v + after)
+    older = older_state(state, duration, ranges, constant[AGE_GRID])
+    cost = (max(force, 0.0) + constant[RECOVERED] * min(force, 0.0)) * length + constant[PRICE] * duration
+    cost += EXCESS * max(after - cells[LIMIT, k], 0.0)
+    return cost + _value(value, older, after, ranges, grid), after
+
+
+@compiled
+def best_force(v, k, state, value, levels, cells, drives, shoes, ranges, constant):
+    """Return cost [J], force [N] and next speed [m/s] of the best force from a state on."""
+    place = v / constant[SPEED_GRID]
+    high, low = _between(drives[TRACTION], place), _between(drives[BRAKE], place)
+    running, shoe = _between(drives[RUNNING], place), _between(shoes[SHOE_FORCE], state)
+    if state > 0.0 and (_is_applied(state, ranges) or shoe > POWER_BRAKING * shoes[LARGEST, int(state)]):
+        high = 0.0
+    best, chosen, next_speed = IMPOSSIBLE, 0.0, 0.0
+    hold = retarding_force(v, cells[LINE_FORCE, k], running, shoe)
+    for n in range(len(levels) + 1):
+        if n == len(levels):
+            if hold > high or hold < -low:
+                continue
+            force = hold
+        else:
+            force = levels[n] * (high if levels[n] > 0.0 else low)
+            if n > 0 and levels[n] > 0.0 and high == 0.0:
+                continue
+        cost, after = _cost(v, force, k, state, shoe, running, value, cells, ranges, constant)
+        if cost < best:
+            best, chosen, next_speed = cost, force, after
+    return best, chosen, next_speed
+
+
+@compiled
+def solve_values(levels, cells, drives, shoes, ranges, constant):
+    """Return J at every stage, brake state and speed [J], shape (cells + 1, states, speeds)."""
+    count, states, speeds = cells.shape[1], shoes.shape[1], drives.shape[1]
+    value = np.full((count + 1, states, speeds), IMPOSSIBLE)
+    for b in range(states):
+        for j in range(1, speeds):
+            if not _is_applied(b, ranges):
+                energy = 0.5 * (j * constant[SPEED_GRID]) ** 2
+                value[count, b, j] = END_EXCESS * max(energy - constant[END_ENERGY], 0.0)
+    for k in range(count - 1, -1, -1):
+        for b in range(states):
+            for j in range(speeds):
+                v = j * constant[SPEED_GRID]
+                if j == 0 or v >= constant[ROLLING]:
+                    value[k, b, j], _, _ = best_force(
+                        v, k, float(b), value[k + 1], levels, cells, drives, shoes, ranges, constant
+                    )
+        _change_brake(value[k], ranges, constant)
+    return value
+
+
+@compiled
+def _change_brake(value, ranges, constant):
+    """Apply the best application and release of a stage to its values."""
+    for r in range(len(ranges)):
+        first, last = ranges[r, APPLIED_FIRST], ranges[r, APPLIED_LAST]
+        oldest = min(first + int(constant[OLDEST]), last)
+        for j in range(value.shape[1]):
+            if j * constant[SPEED_GRID] >= constant[RELEASE_SPEED]:
+                for b in range(oldest, last + 1):
+                    value[b, j] = min(value[b, j], value[ranges[r, RELEASED_FIRST], j])
+            value[0, j] = min(value[0, j], value[first, j] + constant[APPLICATION])

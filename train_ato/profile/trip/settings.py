@@ -1,0 +1,46 @@
+"""Settings of the trip planner: stops, weights, limits of drives and couplers, rules of the air brake."""
+
+from __future__ import annotations
+
+from pydantic import Field, model_validator
+
+from plant_sim.units import Acceleration, Force, ForceRate, Length, Pressure, Ratio, SiModel, Speed, Time
+
+
+class AirBrakeRules(SiModel):
+    """Rules for the applications of the air brake."""
+
+    reductions: tuple[Pressure, ...] = Field(
+        (), description="reductions of the brake pipe that a plan may use; default: the deepest one of the train"
+    )
+    pause: Time = Field(60.0, ge=0, description="minimum time from a release to the next application (recharge)")
+    min_application: Time = Field(25.0, ge=0, description="minimum time from an application to its release")
+    min_release_speed: Speed = Field(35 / 3.6, ge=0, description="no release below this speed")
+    min_reservoir: Ratio = Field(
+        0.95, ge=0, le=1, description="minimum filling of the reservoirs at an application, of trains that use them"
+    )
+
+
+class TripSettings(SiModel):
+    """Journey, weights and limits of a trip plan; places are those of the train's front."""
+
+    begin: Length | None = Field(None, description="start of the front; default: begin of the line plus half a vehicle")
+    end: Length | None = Field(None, description="stop of the front; default: the last stop, or the end of the line")
+    time: Time | None = Field(None, gt=0, description="running time; default: the time is free and has its weight")
+    time_weight: float = Field(0.5, ge=0, description="energy that a second is worth without running time [kWh/s]")
+    recovered: Ratio = Field(0.0, ge=0, le=1, description="share of the electric brake's work that counts as gained")
+    traction: Ratio = Field(0.75, gt=0, le=1, description="used part of the traction envelope")
+    brake: Ratio = Field(0.7, gt=0, le=1, description="used part of the electric brake")
+    traction_max: Force | None = Field(None, gt=0, description="largest traction force of the train")
+    slew: ForceRate = Field(16e3, gt=0, description="largest change of the force of the train per second")
+    speed_margin: Speed = Field(1.3 / 3.6, ge=0, description="distance from the speed limits")
+    coupler_max: Force = Field(600e3, gt=0, description="largest coupler force on the nominal train")
+    final_speed: Speed = Field(6 / 3.6, gt=0, description="speed from which the train brakes to the stop")
+    final_deceleration: Acceleration = Field(0.012, gt=0, description="deceleration of this last part, about")
+    air_brake: AirBrakeRules = AirBrakeRules()
+
+    @model_validator(mode="after")
+    def _places(self) -> TripSettings:
+        if self.begin is not None and self.end is not None and self.end <= self.begin:
+            raise ValueError(f"end = {self.end:g} m must lie beyond begin = {self.begin:g} m; move end on")
+        return self
