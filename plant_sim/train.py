@@ -279,7 +279,7 @@ class Train:
         )  # fmt: skip
 
     def _keep_outside(self) -> None:
-        listed = self._outside.vehicles
+        listed = self._outside.listed
         speed = self.arrays.state[k.V, listed]
         force, per_speed = self._outside.mean
         self._outside_force[listed] = force + per_speed * speed
