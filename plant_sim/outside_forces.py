@@ -10,6 +10,7 @@ import numpy as np
 
 from plant_sim.disturbances import (
     DisturbanceSource,
+    Equation40,
     Gust,
     OutsideForce,
     Paper002,
@@ -95,6 +96,7 @@ class OutsideForces:
             if not isinstance(source, UnmodelledGrade)
         ]
         self.has_drift = any(isinstance(source, Paper002) for source, _ in acting)
+        self.has_cubes = any(isinstance(source, Equation40) and source.speed_power == 3 for source, _ in acting)
         self._planned = sorted({i for source, _ in acting for i in source.listed(len(mass))})
         self._sources: list[tuple[Any, Columns, Array]] = []
         for source, random in acting:

@@ -214,6 +214,26 @@ class Train:
             self._keep_outside()
         self.stamp += self.tick_ns
 
+    @property
+    def is_quiet(self) -> bool:
+        """True if ticks need no Python: no brake wave, jump, added gust, parted coupler or force by the cubed speed."""
+        changes = self._jumps.waiting or self._has_added_gusts or self._parted.parted or self._brake.propagating()
+        return not (changes or self._outside.has_cubes)
+
+    def advance_quiet(self, demand: Array) -> None:
+        """Integrate several ticks in one compiled call; demand [N] of shape (ticks, substeps, units), quiet train."""
+        a = self.arrays
+        outside, _, means = self._outside.ahead(self.stamp, len(demand))
+        k.advance_ticks(
+            self.stamp, self.tick_ns, self._step, a.state, a.vehicle, a.vehicle_index, a.gear,
+            a.table, a.run, a.body, a.unit, a.unit_index, a.envelope, a.piece,
+            self._brake.array, demand, outside, self._outside.vehicles, a.setting,
+        )  # fmt: skip
+        if self._outside.acts:
+            self._outside.mean = means[-1]
+            self._keep_outside()
+        self.stamp += len(demand) * self.tick_ns
+
     def add_gust(self, gust: Gust) -> None:
         """Add a gust that is not in the setup, from the next tick on.
 
