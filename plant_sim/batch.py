@@ -16,7 +16,7 @@ from plant_sim.states import Array
 from plant_sim.train import Train
 
 MOST_TICKS = 64
-"""Ticks of one compiled call; more need more memory for the outside forces, 51 kB per tick for wind on 106 vehicles."""
+"""Ticks of one compiled call; disturbances end it after their block."""
 
 
 def advance_trains(trains: Sequence[Train], demands: Sequence[Array], threads: int | None = None) -> None:
@@ -49,7 +49,12 @@ def advance_trains(trains: Sequence[Train], demands: Sequence[Array], threads: i
             raise ValueError(f"demand of train {number} has the shape {demand.shape}; give {wanted}")
         if not np.isfinite(demand).all():
             raise ValueError(f"demand of train {number} is not finite; correct it")
-    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+    workers = min(threads or os.cpu_count() or 1, len(trains))
+    if workers <= 1:
+        for train, demand in zip(trains, arrays, strict=True):
+            _advance_train(train, demand)
+        return
+    with ThreadPoolExecutor(workers) as pool:
         for _ in pool.map(_advance_train, trains, arrays):
             pass
 
@@ -58,9 +63,8 @@ def _advance_train(train: Train, demand: Array) -> None:
     """Integrate the ticks of one train: quiet parts in compiled calls, other ticks one by one."""
     done = 0
     while done < len(demand):
-        ticks = min(len(demand) - done, MOST_TICKS) if train.is_quiet else 1
-        if ticks > 1:
-            train.advance_quiet(demand[done : done + ticks])
+        if train.is_quiet:
+            done += train.advance_quiet(demand[done : done + MOST_TICKS])
         else:
             train.advance(demand[done])
-        done += ticks
+            done += 1

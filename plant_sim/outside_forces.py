@@ -189,6 +189,23 @@ class OutsideForces:
         self.mean = np.add.reduce(self._sum[:2], axis=1) / self._steps
         return self._sum
 
+    def rest_of_block(self, stamp: int, count: int) -> Array:
+        """Return the forces of at most ``count`` ticks from a stamp [ns] on, without added gusts and cubes.
+
+        Shape (ticks, 3, steps, listed vehicles) as in :meth:`ahead`, without a copy; valid until the next call. ``mean``
+        is that of the last of these ticks.
+        """
+        if not self.acts:
+            return np.broadcast_to(self._sum, (count, *self._sum.shape))
+        index = (stamp - self._block_begin) // self._tick_ns
+        if not 0 <= index < len(self._block):
+            index = 0
+            self._buffer[:] = 0.0
+            self._keep(stamp, *self._block_from(stamp, self._buffer))
+        block: Array = self._block[index : index + count]
+        self.mean = self._means[index + len(block) - 1]
+        return block
+
     def ahead(self, stamp: int, count: int) -> tuple[Array, Array, Array]:
         """Return the forces of the ticks from a stamp on, without added gusts.
 

@@ -220,19 +220,25 @@ class Train:
         changes = self._jumps.waiting or self._has_added_gusts or self._parted.parted or self._brake.propagating()
         return not (changes or self._outside.has_cubes)
 
-    def advance_quiet(self, demand: Array) -> None:
-        """Integrate several ticks in one compiled call; demand [N] of shape (ticks, substeps, units), quiet train."""
+    def advance_quiet(self, demand: Array) -> int:
+        """Integrate ticks of a quiet train in one compiled call; return their number.
+
+        Parameters
+        ----------
+        demand : Array, shape (ticks, substeps, units)
+            Finite force commands that are due at every plant step [N]; the disturbances may end the call earlier.
+        """
         a = self.arrays
-        outside, _, means = self._outside.ahead(self.stamp, len(demand))
+        outside = np.ascontiguousarray(self._outside.rest_of_block(self.stamp, len(demand)))
         k.advance_ticks(
             self.stamp, self.tick_ns, self._step, a.state, a.vehicle, a.vehicle_index, a.gear,
             a.table, a.run, a.body, a.unit, a.unit_index, a.envelope, a.piece,
-            self._brake.array, demand, outside, self._outside.vehicles, a.setting,
+            self._brake.array, demand[: len(outside)], outside, self._outside.vehicles, a.setting,
         )  # fmt: skip
         if self._outside.acts:
-            self._outside.mean = means[-1]
             self._keep_outside()
-        self.stamp += len(demand) * self.tick_ns
+        self.stamp += len(outside) * self.tick_ns
+        return len(outside)
 
     def add_gust(self, gust: Gust) -> None:
         """Add a gust that is not in the setup, from the next tick on.
