@@ -32,6 +32,7 @@ class PlainTrain:
     def __init__(self, arrays: Arrays, step: float) -> None:
         self.arrays = copy.deepcopy(arrays)
         self._step = step
+        self._displacement: Array = np.zeros(0)
         kinds = np.zeros(self.arrays.vehicle.shape[1] - 1, dtype=np.int64)
         for first, end, kind, _ in self.arrays.run:
             kinds[first:end] = kind

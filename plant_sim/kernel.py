@@ -709,3 +709,19 @@ def advance(
         _outside_account(k, dt, state, outside, outside_vehicle)
         if left > 0:
             _relocate(state, vehicle, vehicle_index, piece)
+
+
+@compiled(allocates=False)
+def advance_ticks(
+    stamp, tick_ns, dt, state, vehicle, vehicle_index, gear, table, run, body, unit, unit_index, envelope,
+    piece, event, demand, outside, outside_vehicle, setting,
+):  # fmt: skip
+    """Integrate ``demand.shape[0]`` ticks from a stamp [ns] on, without a brake event; arguments of :func:`advance`.
+
+    ``demand`` has the shape (ticks, steps, units), ``outside`` (ticks, 3, steps, listed vehicles).
+    """
+    for tick in range(demand.shape[0]):
+        advance(
+            (stamp + tick * tick_ns) * 1e-9, dt, state, vehicle, vehicle_index, gear, table, run, body, unit,
+            unit_index, envelope, piece, event, 0, demand[tick], outside[tick], outside_vehicle, setting,
+        )  # fmt: skip

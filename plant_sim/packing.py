@@ -24,6 +24,12 @@ NO_LIMIT = 1e30
 """Finite value for 'no limit' of force, rate and speed, far beyond any train."""
 
 
+PAGE = 4096
+PLACES = (0, 768, 2560)
+"""Distance of state, draft gears and vehicles from the begin of a page [bytes]. At some distances a load waits for a
+store with the same last 12 bits of its address: 6.3 instead of 5.5 ns per vehicle-step for 106 vehicles at (0, 0, 0)."""
+
+
 @dataclass(slots=True)
 class Arrays:
     """Arrays of :func:`plant_sim.kernel.advance`; the names of the rows are in that module."""
@@ -248,6 +254,19 @@ def _settings(consist: Consist, setup: PlantSetup, step: float) -> Array:
     return setting
 
 
+def _placed(arrays: Sequence[Array]) -> list[Array]:
+    """Return copies of the arrays at :data:`PLACES` beyond pages of their own."""
+    sizes = [-(-(array.nbytes + PAGE) // PAGE) * PAGE for array in arrays]
+    memory = np.zeros(PAGE + int(np.sum(sizes)), dtype=np.uint8)
+    begin, placed = -memory.ctypes.data % PAGE, []
+    for array, size, place in zip(arrays, sizes, PLACES, strict=True):
+        copy = memory[begin + place : begin + place + array.nbytes].view(np.float64).reshape(array.shape)
+        copy[:] = array
+        placed.append(copy)
+        begin += size
+    return placed
+
+
 def pack(consist: Consist, line: Line, setup: PlantSetup, step: float) -> Arrays:
     """Return the arrays of the kernel for a plant step [s].
 
@@ -269,7 +288,8 @@ def pack(consist: Consist, line: Line, setup: PlantSetup, step: float) -> Arrays
     vehicle_index[k.PIECE] = first
     vehicle = _pack_vehicles(vehicles, consist, setup)
     vehicle_index[k.ORDER] = np.argsort(vehicle[k.PIPE_DISTANCE], kind="stable")
-    state, setting = _initial_state(consist, setup), _settings(consist, setup, step)
+    setting = _settings(consist, setup, step)
+    state, gear, vehicle = _placed((_initial_state(consist, setup), gear, vehicle))
     arrays = Arrays(vehicle, state, vehicle_index, gear, table, run, body, unit, unit_index, envelope, piece, setting)
     k.locate(state, vehicle, vehicle_index, piece)
     return arrays

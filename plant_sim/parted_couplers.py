@@ -42,6 +42,11 @@ class PartedCouplers:
         self._units = np.array(consist.power_units, dtype=np.int64)
         self._since: float | None = None
 
+    @property
+    def parted(self) -> bool:
+        """True after the first parting."""
+        return self._since is not None
+
     def check(self, couplers: Sequence[int]) -> None:
         """Raise ValueError if the couplers behind these vehicles are missing or rigid."""
         rigid = [range(first, end) for first, end, kind, _ in self._arrays.run if kind == k.RIGID]

@@ -58,6 +58,8 @@ def test_kernel_equals_plain_numpy(consist: Consist, setup: dict[str, Any]) -> N
     assert compiled.totals.air_brake < 0.0
     for name in ("state", "unit", "gear"):
         got, wanted = getattr(ours, name), getattr(theirs, name)
+        if name == "state":  # the kernel has these two for some vehicles only
+            got, wanted = (np.delete(array, (k.FRICTION_SHARE, k.SPEED_BEFORE), axis=0) for array in (got, wanted))
         scale = 1.0 + np.abs(wanted).max(axis=1, keepdims=True)
         assert np.abs((got - wanted) / scale).max() < 1e-11, name
 
@@ -210,18 +212,60 @@ def test_demand_is_checked() -> None:
     assert not plant.arrays.state[k.V].any()
 
 
+def test_equal_draft_gears_are_found() -> None:
+    """Breaks if a run with two different draft gears counts as equal: the second would have the constants of the first."""
+    other = {**GEARS["clip"], "stroke": 0.1}
+    data = heavy(wagons=6).model_dump(by_alias=True, exclude_none=True)
+    data["draft_gears"].update(other=other, same=dict(data["draft_gears"]["mt2_mt2"]))
+    for gear, equal in (("other", 0), ("same", 1)):
+        data["couplings"] = [{"behind": [0], "gear": "qkx100_mt2"}, {"behind": [3], "gear": gear}]
+        runs = train(Consist.model_validate(data)).arrays.run
+        assert runs[:, k.EQUAL].tolist() == [1, equal]
+
+
+def test_constants_of_equal_draft_gears_change_nothing() -> None:
+    """Breaks if the loop that reads the constants once has other bits than the one that reads them per coupler."""
+    plants = [train(heavy(wagons=20), load_line("daqin_section"), start={"position_km": 20.15}) for _ in range(2)]
+    plants[1].arrays.run[:, k.EQUAL] = 0
+    for plant in plants:
+        run_ramps(plant)
+    assert plants[0].arrays.state.tobytes() == plants[1].arrays.state.tobytes()
+    assert plants[0].arrays.gear.tobytes() == plants[1].arrays.gear.tobytes()
+
+
+@pytest.mark.parametrize(
+    "speeds", [(0.9, 0.9), (1.1, 1.1), (3.0, 3.0), (-3.0, -3.0), (-3.0, 3.1), (0.0, 1.9), (0.5, 2.5)]
+)
+def test_standing_is_the_mean_speed_below_the_limit(speeds: tuple[float, float]) -> None:
+    """Breaks if the shortcut for fast trains decides another case, for example that of two directions."""
+    plant = train(heavy(wagons=1), start={"speeds": list(speeds)})
+    mass = plant.arrays.vehicle[k.MASS]
+    mean = float((mass * speeds).sum() / mass.sum())
+    assert k._standing(plant.arrays.state, plant.arrays.vehicle, 1.0) == (abs(mean) < 1.0)
+
+
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names of the instructions of x86")
-@pytest.mark.parametrize("name", ["_linear", "_clip", "_smoothed", "_speeds", "_cylinders", "_positions"])
+@pytest.mark.parametrize(
+    "name",
+    ["_linear", "_clip", "_smoothed", "_speeds", "_braked_speeds", "_held_speeds", "_cylinders", "_slide_protection"],
+)
 def test_loops_over_vehicles_are_vectorised(name: str) -> None:
-    """Breaks for example after a signed index in the loop of the draft gear: it then takes one vehicle at a time."""
+    """Breaks if a loop takes one vehicle at a time, or stores under a mask, which takes twice as long on some CPUs.
+
+    Reasons are for example an index with a sign, more than 128 pairs of rows to compare, a conditional store.
+    """
     a = train(heavy()).arrays
-    couplers = (1, 105, a.state[k.X], a.state[k.V], a.state, a.vehicle, a.gear)
+    couplers = (a.state[k.X], a.state[k.V], a.state, a.vehicle, a.gear)
     arguments: dict[str, tuple[Any, ...]] = {
-        "_speeds": (0.005, 0.0, False, a.state, a.vehicle),
+        "_clip": (1, 105, True, *couplers),
+        "_speeds": (0.005, a.state, a.vehicle),
+        "_braked_speeds": (0.005, a.state, a.vehicle),
+        "_held_speeds": (0.005, 1.0, a.state, a.vehicle),
         "_cylinders": (a.state, a.vehicle, a.setting),
-        "_positions": (0.005, 106, a.state),
+        "_slide_protection": (a.state, a.vehicle, True),
     }
     fresh = njit(error_model="numpy")(getattr(k, name).py_func)  # the cache keeps no instructions
-    fresh(*arguments.get(name, couplers))
+    fresh(*arguments.get(name, (1, 105, *couplers)))
     (instructions,) = fresh.inspect_asm().values()
     assert re.search(r"\sv?(mul|add|sub)pd\s", instructions)
+    assert "maskmov" not in instructions
