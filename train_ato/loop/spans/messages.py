@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervised import SupervisionArrays
 from train_ato.loop.spans.supervision_messages import BRAKE_RELEASE, ODOMETRY, PROTECTION, SupervisionMessages
-from train_ato.loop.stage_messages import Published, diagnostics_due
+from train_ato.loop.stage_messages import SECOND_NS, Published
 from train_ato.messages.types import (
     Array,
     AtoReport,
@@ -120,7 +120,7 @@ class SpanMessages:
         add("/clock", stamps, {})
         add(TRUTH, stamps, {"position": truth[:, 0], "velocity": truth[:, 1], "coupler_force": truth[:, 2]})
         if train._pipe is not None:
-            ends = np.array([train.pipe_pressures(t) for t in (stamps * 1e-9).tolist()])
+            ends = train.pipe_pressures_at_each(np.asarray(stamps * 1e-9, dtype=np.float64))
             add(BRAKE_PIPE, stamps, {"pressure": ends[:, :1]})
             add(BRAKE_PIPE_TAIL, stamps, {"pressure": ends[:, 1:]})
             add(BRAKE_SHOES, stamps, {"shoe_force": truth[:, 3]})
@@ -232,18 +232,13 @@ class SpanMessages:
     def _diagnostics(self) -> dict[int, Reports]:
         """Return the diagnostics by the number of their tick."""
         stages, stack, arrays = self._stages, self._stack, self._arrays
-        due = [index for index, stamp in enumerate(self._stamps.tolist()) if diagnostics_due(stamp, self._tick)]
-        found: dict[int, Reports] = {}
-        supervisor: dict[int, Diagnostic | None] = {}
-        if self._supervision is not None:
-            reports = zip(self._supervision.ticks.tolist(), self._supervision.reports, strict=True)
-            supervisor = {index: report for index, report in reports if report is not None}
-            found = {index: (None, report, None, None, None) for index, report in supervisor.items()}
-        for number, index in enumerate(due):
+        due = np.flatnonzero(self._stamps % SECOND_NS < self._tick).tolist()
+        supervisor = {} if self._supervision is None else self._supervision.reports
+        found: dict[int, Reports] = {index: (None, report, None, None, None) for index, report in supervisor.items()}
+        totals = self._train.totals_at_each(*(values[: len(due)] for values in arrays.reports))
+        for index, sums in zip(due, totals, strict=True):
             stamp = int(self._stamps[index])
-            state, gear, unit, setting = (values[number] for values in arrays.reports)
-            then = replace(self._train.arrays, state=state, gear=gear, unit=unit, setting=setting)
-            plant = stages.plant.diagnostic_at(stamp, self._train.totals_at(then))
+            plant = stages.plant.diagnostic_at(stamp, sums)
             now, stack._saturated_steps = stack._saturated_steps, int(arrays.at_limit[index + 1])
             controller = stages.controller.diagnostic(stamp)
             stack._saturated_steps = now
