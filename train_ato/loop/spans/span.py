@@ -26,7 +26,7 @@ from train_ato.messages.types import Array, AtoReport
 
 SHORTEST = 4
 """Shortest span that is worth its preparation [ticks]."""
-MAX_PAUSE = 64
+MAX_PAUSE = 16
 """Largest number of ticks in Python between two spans without a tick."""
 FAR = 1e300
 """Place or time that is never reached [m, s]."""
