@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervised import SupervisedTicks
 from train_ato.loop.stage_messages import SECOND_NS
 from train_ato.messages.links import PackedQueues
+from train_ato.messages.tick_block import TickBlock
 from train_ato.messages.types import Array, AtoReport
 
 SHORTEST = 4
@@ -45,6 +47,8 @@ class CompiledSpans:
         Recording of the run in memory.
     publish
         Called with stamp and messages of every tick; None if only the recording needs them.
+    publish_ticks
+        Called with the messages of all ticks of a span in place of ``publish``; returns False if it does not take them.
 
     Attributes
     ----------
@@ -54,8 +58,14 @@ class CompiledSpans:
         Last report of the ATO; set before :meth:`run`, which replaces it.
     """
 
-    def __init__(self, stages: Stages, recording: RecordingBuilder, publish: Publish | None) -> None:
-        self.stages, self._recording, self._publish = stages, recording, publish
+    def __init__(
+        self,
+        stages: Stages,
+        recording: RecordingBuilder,
+        publish: Publish | None,
+        publish_ticks: Callable[[TickBlock], bool] | None = None,
+    ) -> None:
+        self.stages, self._recording, self._publish, self._publish_ticks = stages, recording, publish, publish_ticks
         self._forecast: Forecast | None = None
         self._law: Any = None
         self._compiled: CompiledLaw | None = None
@@ -88,7 +98,7 @@ class CompiledSpans:
         self._pause = 1
         self.ticks += done
         messages = SpanMessages(self.stages, span.arrays, stamp, done)
-        if self._publish is None:
+        if self._publish is None or (self._publish_ticks is not None and self._publish_ticks(messages.block())):
             messages.record(self._recording)
         else:
             messages.publish(self._publish)

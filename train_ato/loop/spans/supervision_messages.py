@@ -74,8 +74,9 @@ class SupervisionMessages:
         assert first is not None
         self._alive: Array = np.arange(first + 1, first + 1 + len(self._stamps), dtype=np.float64)
         offset = stages.setup.model.offsets[0]
-        self._ato = np.column_stack((seen[:, 0] + offset, seen[:, 1], np.full(len(seen), float(AtoState.ENGAGED))))
-        self._foremost = self._steps[:, [s.STEP_FRONT, *[s.STEP_FOREMOST] * 4]]
+        state = np.full(len(seen), float(AtoState.ENGAGED))
+        self._ato = np.ascontiguousarray(np.column_stack((seen[:, 0] + offset, seen[:, 1], state)))
+        self._foremost = np.ascontiguousarray(self._steps[:, [s.STEP_FRONT, *[s.STEP_FOREMOST] * 4]])
         self._speeds = self._steps[:, s.STEP_ESTIMATE : s.STEP_LIMITS + 4]
         self._states, self._reasons = self._known_states()
         self.reports = self._diagnostics()
