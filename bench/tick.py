@@ -3,9 +3,10 @@
     python bench/tick.py [SCENARIO ...]
 
 The times are medians over the ticks of a run of 60 s, without the log. The floor is the time of the kernel for the
-steps of a tick. Runs without supervision are also measured whole, in Python and in compiled spans
-(:mod:`train_ato.loop.spans`), with equal numbers. The messages of a tick are dataclasses without the run-time check of
-frozen fields (:func:`plant_sim.states.frozen_for_types`); the last line compares one of them with the frozen form.
+steps of a tick. Runs with a compiled law are also measured whole, in Python and in compiled spans
+(:mod:`train_ato.loop.spans`), with equal numbers; ``bench/tick_parts.py`` has the parts of a span. The messages of a
+tick are dataclasses without the run-time check of frozen fields (:func:`plant_sim.states.frozen_for_types`); the last
+line compares one of them with the frozen form.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ from train_ato.scenario.scenario import load_scenario
 SCENARIOS = ("daqin_heavy_haul", "daqin_heavy_haul:twin", "xuzhou_metro", "crh380a_funnel:short", "crh380a_gpc:short")
 SIMULATED_S = 60
 COMPILED = (
-    ("daqin_heavy_haul", ("supervision.enabled=false",)),
-    ("daqin_heavy_haul:twin", ("supervision.enabled=false",)),
+    ("daqin_heavy_haul", ()),
+    ("daqin_heavy_haul:twin", ()),
     ("xuzhou_metro", ("law=pid", "duration=200")),
     ("crh380a_funnel:short", ("supervision.enabled=false", "law=funnel", "compensation=none")),
 )
@@ -134,8 +135,8 @@ def main() -> int:
         python, compiled, factor = run_times(name, assignments)
         publish(Figure(f"compiled tick, {name}", compiled, "us", "the same in Python", python))
         sys.stdout.write(
-            f"{name}, whole run, {' '.join(assignments)}: {python:.0f} us a tick, in compiled spans {compiled:.1f} us "
-            f"({python / compiled:.1f} times faster, {factor:.0f} times real time)\n"
+            f"{' '.join((name, 'whole run', *assignments))}: {python:.0f} us a tick, in compiled spans "
+            f"{compiled:.1f} us ({python / compiled:.1f} times faster, {factor:.0f} times real time)\n"
         )
     frozen, plain = construction_us(FrozenMeasurement), construction_us(Measurement)
     publish(Figure("construction of a measurement", plain, "us", "frozen", frozen))

@@ -49,6 +49,11 @@ class _Place:
         self._constant = 1.0
         self.newest = -1
 
+    @property
+    def is_settled(self) -> bool:
+        """True at the final pressure."""
+        return self.pressure == self._final
+
     def follow(self, time: float) -> None:
         """Approach the final pressure until a time [s]."""
         duration, self._time = time - self._time, time
@@ -90,6 +95,11 @@ class PipePressure:
         """Add a change; the times of changes must not decrease."""
         self._changes[self._number] = change
         self._number += 1
+
+    @property
+    def is_settled(self) -> bool:
+        """True if the pressures remain as they are until the next change."""
+        return not self._changes and all(place.is_settled for place in self._places)
 
     def at(self, time: float) -> tuple[float, ...]:
         """Return the pressure at every place [Pa] at a time [s]; times must not decrease."""

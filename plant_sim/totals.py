@@ -88,23 +88,61 @@ def totals_of(arrays: Arrays, vehicles: int, kinetic: float, jump_energy: float)
     jump_energy
         Part of it from jumps of mass [J].
     """
-    draft, buff = arrays.gear[k.DRAFT, : vehicles - 1].copy(), arrays.gear[k.BUFF, : vehicles - 1].copy()
-    work = dict(zip(WORKS, arrays.state[WORKS, :vehicles].sum(axis=1).tolist(), strict=True))
-    return Totals(
-        draft=draft,
-        buff=buff,
-        draft_max=float(draft.max(initial=0.0)),
-        buff_max=float(buff.min(initial=0.0)),
-        traction=float(arrays.unit[k.WORK_TRACTION].sum()),
-        regenerated=float(arrays.unit[k.WORK_REGENERATED].sum()),
-        running=work[k.WORK_RUNNING],
-        curve=work[k.WORK_CURVE],
-        grade=work[k.WORK_GRADE],
-        air_brake=work[k.WORK_AIR],
-        holding_brake=work[k.WORK_HOLD],
-        couplers=work[k.WORK_COUPLER],
-        outside=work[k.WORK_OUTSIDE] + jump_energy,
-        kinetic=kinetic,
-        saturated=arrays.unit[k.SATURATED_TIME].copy(),
-        saturated_any=float(arrays.setting[k.SATURATED_TIME_ANY]),
+    state, gear, unit, setting = arrays.state[None], arrays.gear[None], arrays.unit[None], arrays.setting[None]
+    return totals_of_each(state, gear, unit, setting, vehicles, [kinetic], jump_energy)[0]
+
+
+def kinetic_energy_of_each(mass: Array, states: Array) -> list[float]:
+    """Return the kinetic energies of several states [J]: masses of shape (n,), states of shape (k, rows, n or more)."""
+    v = states[:, k.V, : mass.size]
+    return [0.5 * energy for energy in (mass * v * v).sum(axis=1).tolist()]
+
+
+def totals_of_each(
+    states: Array, gears: Array, units: Array, settings: Array, vehicles: int, kinetic: list[float], jump_energy: float
+) -> list[Totals]:
+    """Return the totals of several states of the kernel.
+
+    Parameters
+    ----------
+    states, gears, units, settings
+        State, gear, unit and setting of the kernel, with the states in the first dimension.
+    vehicles, kinetic, jump_energy
+        As in :func:`totals_of`, with a kinetic energy per state.
+    """
+    draft, buff = gears[:, k.DRAFT, : vehicles - 1].copy(), gears[:, k.BUFF, : vehicles - 1].copy()
+    saturated = units[:, k.SATURATED_TIME].copy()
+    columns = zip(
+        draft.max(axis=1, initial=0.0).tolist(),
+        buff.min(axis=1, initial=0.0).tolist(),
+        units[:, k.WORK_TRACTION].sum(axis=1).tolist(),
+        units[:, k.WORK_REGENERATED].sum(axis=1).tolist(),
+        states[:, WORKS, :vehicles].sum(axis=2).tolist(),
+        kinetic,
+        settings[:, k.SATURATED_TIME_ANY].tolist(),
+        strict=True,
     )
+    found = []
+    for index, (highest, lowest, traction, regenerated, works, change, at_limit) in enumerate(columns):
+        work = dict(zip(WORKS, works, strict=True))
+        found.append(
+            Totals(
+                draft=draft[index],
+                buff=buff[index],
+                draft_max=highest,
+                buff_max=lowest,
+                traction=traction,
+                regenerated=regenerated,
+                running=work[k.WORK_RUNNING],
+                curve=work[k.WORK_CURVE],
+                grade=work[k.WORK_GRADE],
+                air_brake=work[k.WORK_AIR],
+                holding_brake=work[k.WORK_HOLD],
+                couplers=work[k.WORK_COUPLER],
+                outside=work[k.WORK_OUTSIDE] + jump_energy,
+                kinetic=change,
+                saturated=saturated[index],
+                saturated_any=at_limit,
+            )
+        )
+    return found

@@ -22,7 +22,7 @@ from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.sensors import SensorSet
 from plant_sim.states import Array, BrakeShoes, Measurement, Pipe, VehicleStates
 from plant_sim.streams import random_stream
-from plant_sim.totals import Totals, kinetic_energy, totals_of
+from plant_sim.totals import Totals, kinetic_energy, kinetic_energy_of_each, totals_of, totals_of_each
 
 
 class Observation(NamedTuple):
@@ -170,6 +170,15 @@ class Train:
             self._pipe.changes.clear()
         return self._pressure.at(time)
 
+    def pipe_pressures_at_each(self, times: Array) -> Array:
+        """Return the brake-pipe pressures at the first and the last vehicle at rising times [s], shape (times, 2)."""
+        first = self.pipe_pressures(times.item(0))
+        assert self._pressure is not None
+        if self._pressure.is_settled:
+            self._pressure.at(times.item(-1))
+            return np.tile(first, (times.size, 1))
+        return np.array([first, *map(self._pressure.at, times[1:].tolist())])
+
     def advance(self, demand: Array, brake_pipe_pa: float | None = None) -> None:
         """Integrate one tick.
 
@@ -316,9 +325,21 @@ class Train:
         return self.totals_at(self.arrays)
 
     def totals_at(self, arrays: Arrays) -> Totals:
-        """Return extremes and works up to an earlier state of the arrays, after the last jump."""
+        """Return extremes and works up to a state of the arrays."""
         change = kinetic_energy(arrays, self.n) - self._kinetic_start
         return totals_of(arrays, self.n, change, self._jumps.energy)
+
+    def totals_at_each(self, states: Array, gears: Array, units: Array, settings: Array) -> list[Totals]:
+        """Return extremes and works up to earlier states of the kernel, after the last jump.
+
+        Parameters
+        ----------
+        states, gears, units, settings
+            Arrays of the kernel with the states in the first dimension.
+        """
+        energies = kinetic_energy_of_each(self.arrays.vehicle[k.MASS], states)
+        changes = [energy - self._kinetic_start for energy in energies]
+        return totals_of_each(states, gears, units, settings, self.n, changes, self._jumps.energy)
 
 
 def compile_kernel() -> bool:

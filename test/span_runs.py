@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
-
-import numpy as np
 
 from train_ato.apps.runs.scenario_choice import choose_scenario
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup
+from train_ato.messages.codec.codec import Wire
 
 
 class Messages:
-    """All messages of a run as bytes."""
+    """All messages of a run as the bytes of the log."""
 
-    def __init__(self) -> None:
+    def __init__(self, setup: RunSetup) -> None:
         self.rows: list[tuple[str, int, bytes]] = []
+        self._wire = Wire(setup.layout)
 
     def add(self, topic: str, message: Any, stamp: int) -> None:
-        values = [getattr(message, entry.name) for entry in dataclasses.fields(message)]
-        parts = [value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode() for value in values]
-        self.rows.append((topic, stamp, b"|".join(parts)))
+        self.rows.append((topic, stamp, self._wire.encode(topic, message)))
 
 
 def setup_of(name: str, changes: dict[str, Any]) -> RunSetup:
@@ -41,7 +38,7 @@ def compiled_part(setup: RunSetup) -> float:
 
 def messages_of(setup: RunSetup, *, compiled: bool) -> list[tuple[str, int, bytes]]:
     """Return topic, stamp and content of all messages of a run in order."""
-    sink = Messages()
+    sink = Messages(setup)
     assert run_engine(setup, sink=sink, compiled=compiled).failure is None
     return sink.rows
 

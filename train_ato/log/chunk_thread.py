@@ -12,8 +12,11 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import IO
 
+import numpy as np
+
 from train_ato.log.chunk_clock import ChunkClock
 from train_ato.log.mcap_writer import McapWriter, OpenChunk
+from train_ato.log.tick_records import TickRecords
 
 CLOSE_AFTER_S = 0.85
 """Age at which the open chunk is closed [s], so that it is written within a second."""
@@ -73,6 +76,18 @@ class ChunkThread:
             for channel, publish_ns, log_ns, data in entries:
                 if add(channel, publish_ns, log_ns, data) > limit:
                     self._hand_over()
+
+    def extend_ticks(self, records: TickRecords) -> None:
+        """Add the messages of a block of ticks, errors as :meth:`extend`; a chunk is closed after a whole tick."""
+        ends, first = np.cumsum(records.sizes), 0
+        with self.lock:
+            self.check()
+            while first < ends.size:
+                room = max(self._limit - self._writer.size, 0) + (int(ends[first - 1]) if first else 0)
+                end = min(int(np.searchsorted(ends, room, side="right")) + 1, ends.size)
+                if self._writer.add_ticks(records, first, end) > self._limit:
+                    self._hand_over()
+                first = end
 
     def _hand_over(self) -> None:
         """Pass the open chunk to the thread after the previous one is written; requires the lock."""

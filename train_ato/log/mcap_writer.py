@@ -34,9 +34,9 @@ from mcap.records import (
 )
 
 from train_ato.log.compression import DEFAULT, packer
+from train_ato.log.tick_records import TickRecords, message_head
 
 MAGIC = b"\x89MCAP0\r\n"
-_MESSAGE = struct.Struct("<BQHIQQ")
 _INDEX = struct.Struct("<BQHI")
 
 
@@ -105,6 +105,11 @@ class McapWriter:
         return [taken + len(entries) // 2 for taken, entries in zip(self._taken, self._chunk.index, strict=True)]
 
     @property
+    def size(self) -> int:
+        """Size of the open chunk [bytes]."""
+        return len(self._chunk.data)
+
+    @property
     def opened(self) -> float | None:
         """Steady-clock time of the first message in the open chunk [s], None for an empty chunk."""
         return self._chunk.opened
@@ -135,9 +140,20 @@ class McapWriter:
         if chunk.opened is None:
             chunk.opened = time.monotonic()
         chunk.index[channel - 1] += (log_ns, len(records))
-        records += _MESSAGE.pack(5, 22 + len(data), channel, 0, log_ns, publish_ns)
+        records += message_head(channel, publish_ns, log_ns, len(data))
         records += data
         return len(records)
+
+    def add_ticks(self, records: TickRecords, first: int, end: int) -> int:
+        """Add the messages of some ticks of a block and return the size of the open chunk [bytes]."""
+        chunk = self._chunk
+        if chunk.opened is None:
+            chunk.opened = time.monotonic()
+        data, index = records.part(first, end, len(chunk.data))
+        chunk.data += data
+        for channel, entries in index.items():
+            chunk.index[channel - 1] += entries
+        return len(chunk.data)
 
     def take_chunk(self) -> OpenChunk | None:
         """Return the open chunk for :meth:`write_chunk` and begin a new one; None for an empty chunk."""

@@ -22,6 +22,7 @@ from train_ato.log.whole_file import write_whole
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.codec.codec import Wire
+from train_ato.messages.tick_block import TickBlock
 from train_ato.messages.topics import EPOCH_NS, topics_of
 from train_ato.scenario.overlays import overlay
 from train_ato.scenario.scenario import check_scenario, load_scenario
@@ -205,6 +206,11 @@ class Encoder:
         """Encode and record one message."""
         moment = EPOCH_NS + stamp
         self._log.add(topic, moment, moment, self._wire.encode(topic, message))
+
+    def add_ticks(self, block: TickBlock) -> bool:
+        """Encode and record the messages of a block of ticks; return True."""
+        self._log.extend_ticks(block, self._wire)
+        return True
 
 
 def next_free(name: str) -> Path:

@@ -32,8 +32,11 @@ from train_ato.log.chunk_thread import ChunkThread, Entry
 from train_ato.log.compression import DEFAULT
 from train_ato.log.definitions import definition
 from train_ato.log.mcap_writer import McapWriter
+from train_ato.log.tick_records import TickRecords
 from train_ato.log.wall_time import WALL_TIME, WallTime
 from train_ato.log.whole_file import write_whole
+from train_ato.messages.codec.codec import Wire
+from train_ato.messages.tick_block import TickBlock
 from train_ato.messages.topics import EPOCH_NS, TOPICS, Topic
 
 CHUNK = 512 * 1024
@@ -161,6 +164,10 @@ class LogFile:
         """Add messages as :meth:`write`."""
         self._chunks.extend(entries)
 
+    def extend_ticks(self, records: TickRecords) -> None:
+        """Add the messages of a block of ticks."""
+        self._chunks.extend_ticks(records)
+
     def flush(self) -> None:
         """Write the open chunk to the file."""
         self._chunks.flush()
@@ -264,6 +271,10 @@ class RunLog:
     def extend(self, entries: Iterable[Entry]) -> None:
         """Record messages by the numbers of their topics."""
         self._file.extend(entries)
+
+    def extend_ticks(self, block: TickBlock, wire: Wire) -> None:
+        """Record the messages of a block of ticks, with publish time = log time = stamp."""
+        self._file.extend_ticks(TickRecords(block, wire, self.numbers))
 
     def close(self) -> None:
         """Finish the log and rename it to ``run.mcap``."""

@@ -79,6 +79,12 @@ class ControllerStage:
         self._outage = ""
         self._takeover: TakeoverRamp | None = None
         self.step_times = StepTimes([])
+        self._constants = {
+            "compensation": setup.compensation,
+            "delay": repr(setup.model.delay.tolist()),
+            "delay_brake": repr(setup.model.delay_brake.tolist()),
+            "lag": repr(setup.model.lag),
+        }
 
     def join(self, stamp: int) -> None:
         """Join a run that has reached a stamp [ns], in place of an ended controller.
@@ -287,13 +293,9 @@ class ControllerStage:
         noted = self._inputs.take_changed() or bool(self.changed) or self.ato.changed
         if self._stack is None or not (noted or diagnostics_due(stamp, self.setup.tick_ns) or self._stack.holding):
             return None
-        model = self.setup.model
         values = {
             "controller": self.controller,
-            "compensation": self.setup.compensation,
-            "delay": repr(model.delay.tolist()),
-            "delay_brake": repr(model.delay_brake.tolist()),
-            "lag": repr(model.lag),
+            **self._constants,
             **self._stack.diagnostics(),
             **self._inputs.diagnostics(),
         }

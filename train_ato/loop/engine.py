@@ -31,7 +31,11 @@ COMPILED_FROM = 2000
 
 
 class Sink(Protocol):
-    """Receiver of the messages of a run in the order of publication."""
+    """Receiver of the messages of a run in the order of publication.
+
+    A sink with a method ``add_ticks`` receives those of compiled ticks as a
+    :class:`~train_ato.messages.tick_block.TickBlock`, unless it returns False.
+    """
 
     def add(self, topic: str, message: object, stamp: int) -> None:
         """Add one message."""
@@ -118,7 +122,9 @@ class TickLoop:
         self._spans: CompiledSpans | None = None
         if compiled and spans_possible(setup):
             stages = Stages(setup, self.plant, self.profile, self.observer, self.controller, self.supervisor)
-            self._spans = CompiledSpans(stages, self.recording, None if sink is None else self._publish)
+            self._spans = CompiledSpans(
+                stages, self.recording, None if sink is None else self._publish, getattr(sink, "add_ticks", None)
+            )
 
     def _publish(self, stamp: int, messages: Published) -> None:
         self.recording.extend(messages)

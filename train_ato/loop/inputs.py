@@ -113,9 +113,10 @@ class StageInputs:
     def diagnostics(self) -> dict[str, str]:
         """Return faults and counts as text; empty in a run without missed and refused messages."""
         values: dict[str, str] = {}
-        acting = [text for receiver in self._receivers.values() for text in receiver.acting]
+        faulty = [receiver for receiver in self._receivers.values() if not receiver.is_faultless]
+        acting = [text for receiver in faulty for text in receiver.acting]
         if acting:
             values[KEY] = json.dumps(acting)
-        for receiver in self._receivers.values():
+        for receiver in faulty:
             values |= receiver.diagnostics()
         return values

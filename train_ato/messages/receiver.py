@@ -199,6 +199,11 @@ class Receiver:
         return f"contradictory messages of stamp {message.stamp * 1e-9:.3f} s"
 
     @property
+    def is_faultless(self) -> bool:
+        """True without faults and without a missed or refused message; :meth:`diagnostics` are then empty."""
+        return not (self._effects or self.missed or self.refused)
+
+    @property
     def acting(self) -> list[str]:
         """Descriptions of the faults that act now."""
         return [effect.spec.described() for effect, acts in zip(self._effects, self._acting, strict=True) if acts]

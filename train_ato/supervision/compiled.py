@@ -50,13 +50,13 @@ def _larger(a, b):
 
 
 @compiled
-def position_error(distance):
+def odometry_position_error(distance):
     """Return the error of the position [m] as :func:`train_ato.supervision.odometry.odometer_error`."""
     return 0.0 + POSITION_OFFSET + POSITION_SHARE * abs(distance)
 
 
 @compiled
-def speed_error(speed):
+def odometry_speed_error(speed):
     """Return the error of a speed [m/s] as :func:`train_ato.supervision.odometry.speed_measurement_error`."""
     return (SPEED_ERROR + SPEED_ERROR_SLOPE * _larger(abs(speed) * KMH - SPEED_KNEE, 0.0)) / KMH
 

@@ -11,6 +11,7 @@ from train_ato.log.compression import DEFAULT
 from train_ato.log.run_folder import Encoder, RunFolder
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup
+from train_ato.messages.tick_block import TickBlock
 
 MESSAGES_IN_MEMORY = 100_000
 """Maximum number of messages in memory: about 100 MB for a train of 106 vehicles, 18 minutes at 10 Hz."""
@@ -62,6 +63,10 @@ class RunRecord:
         self._messages.append((topic, message, stamp))
         if len(self._messages) >= MESSAGES_IN_MEMORY:
             self.begin_log()
+
+    def add_ticks(self, block: TickBlock) -> bool:
+        """Write the messages of a block of ticks to the open log; return False without one, for single messages."""
+        return self._sink is not None and self._sink.add_ticks(block)
 
     def folder(self) -> RunFolder:
         """Return the run folder; create a temporary one if there is none."""

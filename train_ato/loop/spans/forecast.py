@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.force_shares import mean_over_units
@@ -24,8 +27,8 @@ class Forecast:
         Prepared run.
     profile
         Profile of the whole run.
-    compensation
-        Compensation with its profile.
+    stack
+        Control stack with its compensation.
 
     Attributes
     ----------
@@ -33,7 +36,8 @@ class Forecast:
         Position [m], speed [m/s], acceleration, and acceleration at the effect of the command [m/s²].
     """
 
-    def __init__(self, setup: RunSetup, profile: Profile, compensation: CompensationBase) -> None:
+    def __init__(self, setup: RunSetup, profile: Profile, stack: ControlStack) -> None:
+        compensation: Any = stack._compensation
         self._setup, self._profile, self._compensation = setup, profile, compensation
         self._stamps = setup.tick_ns * np.arange(setup.ticks, dtype=np.int64)
         self._times: Array = np.asarray(self._stamps * 1e-9, dtype=np.float64)
@@ -52,16 +56,19 @@ class Forecast:
             self._differ = np.zeros(units, dtype=np.bool_)
             self._effects = self._times
         self.reference: Array = np.array([*now, effect[2]])
+        later = profile._evaluate(np.rint((self._times + stack._delay_to_effect) * 1e9).astype(np.int64))
+        self._at_rest = (now[1] == 0.0) & (now[2] == 0.0) & (later[1] == 0.0)
         self._effect_speed = effect[1]
 
-    def is_of(self, profile: Profile, compensation: CompensationBase) -> bool:
+    def is_of(self, profile: Profile, stack: ControlStack) -> bool:
         """Return True for the profile and the compensation of this forecast."""
-        return self._profile is profile and self._compensation is compensation
+        return self._profile is profile and self._compensation is stack._compensation
 
     def of(self, first: int, count: int, stack: ControlStack, *, shoes_used: bool) -> SpanForecast:
         """Return the values of some ticks from a tick on, with the events of the brake so far."""
-        forecast = SpanForecast(self._compensation, self._times[first : first + count], stack._pressure)
         part, units = slice(first, first + count), self._setup.model.n_units
+        forecast = SpanForecast(self._compensation, self._times[part], stack._pressure)
+        forecast.at_rest = self._at_rest[part]
         forecast.shoes, totals = np.zeros((count, 1 + units)), np.zeros((count, 1))
         if shoes_used and not self._compensation.shoes.idle:
             forecast.keep_shoes()
@@ -93,10 +100,13 @@ class SpanForecast:
         Feed-forward of every unit [N].
     shoes : Array, shape (ticks, 1 + units)
         Shoe force of the train and of every unit's vehicle [N].
+    at_rest : Array of bool, shape (ticks,)
+        True for a profile at rest now and after the delay of the commands.
     """
 
     feedforward: Array
     shoes: Array
+    at_rest: NDArray[np.bool_]
 
     def __init__(self, compensation: CompensationBase, times: Array, pressure: float | None) -> None:
         self._compensation, self._pressure = compensation, pressure

@@ -91,8 +91,8 @@ def _opposing(tick, measured, couplers, beside, own, table, shoes, inputs):
 
 
 @compiled
-def _must_leave(tick, t, measured, couplers, x_front, bound, event, events, n):
-    """Return True for a tick that is left to Python: standstill, events of brakes and jumps, impossible values."""
+def _must_leave(tick, t, measured, couplers, x_front, bound, event, events, n, at_rest):
+    """Return True for a tick that is left to Python: a start, events of brakes and jumps, impossible values."""
     fastest = 0.0
     for u in range(measured.shape[2]):
         v = abs(measured[tick, MEASURED_VELOCITY, u])
@@ -106,12 +106,21 @@ def _must_leave(tick, t, measured, couplers, x_front, bound, event, events, n):
             return True
     if measured[tick, MEASURED_POSITION, 0] >= bound[NEXT_PLACE] or t >= bound[NEXT_TIME]:
         return True
-    if fastest < bound[STANDSTILL_SPEED] or x_front >= bound[NEXT_JUMP_PLACE]:
+    if (fastest < bound[STANDSTILL_SPEED] and not at_rest[tick]) or x_front >= bound[NEXT_JUMP_PLACE]:
         return True
     reached = False
     for j in range(events):
         reached |= event[k.REACHED, j] >= n
     return reached
+
+
+@compiled
+def _stands(tick, measured, bound):
+    """Return True for a train at standstill."""
+    fastest = 0.0
+    for u in range(measured.shape[2]):
+        fastest = max(fastest, abs(measured[tick, MEASURED_VELOCITY, u]))
+    return fastest < bound[STANDSTILL_SPEED]
 
 
 @compiled
@@ -163,14 +172,15 @@ def run_span(
     stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensor, units, sensors, gaps,
     law, constant, law_state, inputs, reference, feedforward, shoes, beside, own, tables, limits, segments,
     bound, count, delays, newest, due, value, bounds, held, history, truth, measured, couplers, sent, at_limit, reports,
-    supervision,
+    supervision, at_rest,
 ):  # fmt: skip
     """Run consecutive ticks until a tick that is left to Python; return the number of ticks run.
 
     All arrays are changed in place. Outputs have one row per tick: ``truth`` (ticks, 4, vehicles) with position, speed,
     coupler and shoe force, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with command and number of steps
-    at a limit before the first tick. ``reports`` has the state of the train at the ticks with diagnostics,
-    ``supervision`` the arrays of :class:`train_ato.loop.spans.supervised.SupervisionArrays`.
+    at a limit before the first tick. ``reports`` has the state of the train at the ticks with diagnostics.
+    ``supervision`` has the arrays of :class:`train_ato.loop.spans.supervised.SupervisionArrays`; ``at_rest`` is True
+    for a reference at rest now and after the delay of the commands.
     """
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     outside, cubes, cubed = forces
@@ -183,7 +193,7 @@ def run_span(
         _measure(tick, (state, unit), noise, sensor, units, sensors, gaps, measured, couplers)
         at = stamp + tick * tick_ns
         t = at * 1e-9
-        if _must_leave(tick, t, measured, couplers, state[k.X, 0], bound, event, events, n):
+        if _must_leave(tick, t, measured, couplers, state[k.X, 0], bound, event, events, n, at_rest):
             return tick
         if supervision[0][supervision_code.PERIOD] > 0:
             supervised[:], odometers[:] = supervision[0], supervision[2]
@@ -214,6 +224,8 @@ def run_span(
                 law_state[:], inputs[:] = saved, kept
                 supervision[0][:], supervision[2][:] = supervised, odometers
                 return tick
+            if at_rest[tick] and _stands(tick, measured, bound):
+                sent[tick + 1] = 0.0
             at_limit[tick + 1] = at_limit[tick] + limited
             count[AT_LIMIT] = limited
         else:

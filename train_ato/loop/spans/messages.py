@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from train_ato.loop.recording import (
     DIAGNOSTICS,
     DISTURBANCE,
     ESTIMATE,
+    FIELDS,
     MEASUREMENT,
     REFERENCE,
     SUPERVISED_SPEEDS,
@@ -27,7 +30,8 @@ from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervised import SupervisionArrays
 from train_ato.loop.spans.supervision_messages import BRAKE_RELEASE, ODOMETRY, PROTECTION, SupervisionMessages
-from train_ato.loop.stage_messages import Published, diagnostics_due
+from train_ato.loop.stage_messages import SECOND_NS, Published
+from train_ato.messages.tick_block import TickBlock, Values
 from train_ato.messages.types import (
     Array,
     AtoReport,
@@ -113,33 +117,70 @@ class SpanMessages:
         if stages.supervisor is not None:
             self._supervision = SupervisionMessages(stages, arrays.supervision, self._stamps, arrays.measured[:done])
 
+    @cached_property
+    def _rows(self) -> list[tuple[str, Values]]:
+        """Topic and values of the messages of every tick, in the order of publication."""
+        a, done, stamps, disturbed = self._arrays, self._done, self._stamps, self._stages.setup.layout.disturbed
+        truth, measured, couplers = a.truth[:done], a.measured[:done], a.couplers[:done]
+        rows: list[tuple[str, Values]] = [("/clock", {})]
+        rows.append((TRUTH, {"position": truth[:, 0], "velocity": truth[:, 1], "coupler_force": truth[:, 2]}))
+        if self._train._pipe is not None:
+            ends = self._train.pipe_pressures_at_each(np.asarray(stamps * 1e-9, dtype=np.float64))
+            rows += [(BRAKE_PIPE, {"pressure": ends[:, :1]}), (BRAKE_PIPE_TAIL, {"pressure": ends[:, 1:]})]
+            rows.append((BRAKE_SHOES, {"shoe_force": truth[:, 3]}))
+        if disturbed:
+            rows.append((DISTURBANCE, {"force": np.array([self._next_disturbance(index) for index in range(done)])}))
+        seen = {"position": measured[:, 0], "velocity": measured[:, 1], "applied": measured[:, 2]}
+        seen |= {"deflection": couplers[:, 0], "rate": couplers[:, 1], "force": couplers[:, 2]}
+        reference = dict(zip(("position", "velocity", "acceleration"), a.reference[:3, :done, None], strict=True))
+        planned = np.full((done, 1), self._stages.profile.planned)
+        rows += [(MEASUREMENT, seen), (REFERENCE, {**reference, "planned": planned})]
+        rows.append((ESTIMATE, {"force": np.zeros((done, self._zero.size))}))
+        if self._pressure is not None:
+            rows.append((BRAKE_PIPE_COMMAND, {"pressure": np.full((done, 1), self._pressure)}))
+        rows.append((COMMAND, {"force": a.sent[1 : done + 1]}))
+        return rows
+
     def record(self, recording: RecordingBuilder) -> None:
         """Add the messages to a recording as arrays."""
-        a, done, stamps, train, add = self._arrays, self._done, self._stamps, self._train, recording.extend_rows
-        truth, measured, reference = a.truth[:done], a.measured[:done], a.reference[:3, :done, None]
-        add("/clock", stamps, {})
-        add(TRUTH, stamps, {"position": truth[:, 0], "velocity": truth[:, 1], "coupler_force": truth[:, 2]})
-        if train._pipe is not None:
-            ends = np.array([train.pipe_pressures(t) for t in (stamps * 1e-9).tolist()])
-            add(BRAKE_PIPE, stamps, {"pressure": ends[:, :1]})
-            add(BRAKE_PIPE_TAIL, stamps, {"pressure": ends[:, 1:]})
-            add(BRAKE_SHOES, stamps, {"shoe_force": truth[:, 3]})
-            add(BRAKE_PIPE_COMMAND, stamps, {"pressure": np.full((done, 1), self._stack._pressure)})
-        if self._stages.setup.layout.disturbed:
-            add(DISTURBANCE, stamps, {"force": np.array([self._next_disturbance(index) for index in range(done)])})
-        values = {"position": measured[:, 0], "velocity": measured[:, 1], "applied": measured[:, 2]}
-        add(MEASUREMENT, stamps, values)
+        for topic, values in self._rows:
+            kept = {name: values[name] for name in FIELDS.get(topic, ())}
+            recording.extend_rows(topic, self._stamps, kept)
         if self._supervision is not None:
             self._supervision.record(recording)
-        add(REFERENCE, stamps, dict(zip(("position", "velocity", "acceleration"), reference, strict=True)))
-        add(ESTIMATE, stamps, {"force": np.zeros((done, self._zero.size))})
-        add(COMMAND, stamps, {"force": a.sent[1 : done + 1]})
-        reports = self._diagnostics()
+        reports = self._reports
         recording.extend((DIAGNOSTICS, report) for index in sorted(reports) for report in reports[index] if report)
+
+    def block(self) -> TickBlock:
+        """Return the messages as arrays, with those that are not of every tick between them."""
+        place = {topic: number for number, (topic, _) in enumerate(self._rows)}
+        numbers = {} if self._supervision is None else self._supervision.numbers
+        between: dict[int, list[tuple[int, str, Any]]] = {}
+        before = [place[topic] for topic in (MEASUREMENT, REFERENCE, REFERENCE, ESTIMATE, COMMAND)]
+        for index in sorted({*self._reports, *numbers}):
+            reports = self._reports.get(index, (None,) * 5)
+            diagnostics = [
+                [(at, DIAGNOSTICS, report)] if report else [] for at, report in zip(before, reports, strict=True)
+            ]
+            plant, supervisor, profile, observer, controller = diagnostics
+            found: list[tuple[int, str, Any]] = [*plant]
+            ato = []
+            if index in numbers:
+                assert self._supervision is not None
+                step, (measured, expected, sent) = (
+                    self._supervision.at(numbers[index]),
+                    (before[0], before[1], before[4]),
+                )
+                found += [(measured, ODOMETRY, step.odometry), (measured, PROTECTION, step.protection)]
+                found.append((expected, SUPERVISED_SPEEDS, step.speeds))
+                found += [*supervisor, (expected, BRAKE_RELEASE, step.release)]
+                ato = [(sent, ATO_STATE, step.ato)]
+            between[index] = [*found, *profile, *observer, *ato, *controller]
+        return TickBlock(self._stamps, self._rows, between)
 
     def publish(self, publish: Publish) -> None:
         """Publish the messages tick by tick, in the order of the loop."""
-        diagnostics, none = self._diagnostics(), ((),) * 5
+        diagnostics, none = self._reports, ((),) * 5
         numbers = {} if self._supervision is None else dict(self._supervision.numbers)
         for index, stamp in enumerate(self._stamps.tolist()):
             reports = diagnostics.get(index)
@@ -229,21 +270,17 @@ class SpanMessages:
             train._outside_force[outside.vehicles] = force + per_speed * speed[outside.vehicles]
         return published
 
-    def _diagnostics(self) -> dict[int, Reports]:
-        """Return the diagnostics by the number of their tick."""
+    @cached_property
+    def _reports(self) -> dict[int, Reports]:
+        """Diagnostics by the number of their tick."""
         stages, stack, arrays = self._stages, self._stack, self._arrays
-        due = [index for index, stamp in enumerate(self._stamps.tolist()) if diagnostics_due(stamp, self._tick)]
-        found: dict[int, Reports] = {}
-        supervisor: dict[int, Diagnostic | None] = {}
-        if self._supervision is not None:
-            reports = zip(self._supervision.ticks.tolist(), self._supervision.reports, strict=True)
-            supervisor = {index: report for index, report in reports if report is not None}
-            found = {index: (None, report, None, None, None) for index, report in supervisor.items()}
-        for number, index in enumerate(due):
+        due = np.flatnonzero(self._stamps % SECOND_NS < self._tick).tolist()
+        supervisor = {} if self._supervision is None else self._supervision.reports
+        found: dict[int, Reports] = {index: (None, report, None, None, None) for index, report in supervisor.items()}
+        totals = self._train.totals_at_each(*(values[: len(due)] for values in arrays.reports))
+        for index, sums in zip(due, totals, strict=True):
             stamp = int(self._stamps[index])
-            state, gear, unit, setting = (values[number] for values in arrays.reports)
-            then = replace(self._train.arrays, state=state, gear=gear, unit=unit, setting=setting)
-            plant = stages.plant.diagnostic_at(stamp, self._train.totals_at(then))
+            plant = stages.plant.diagnostic_at(stamp, sums)
             now, stack._saturated_steps = stack._saturated_steps, int(arrays.at_limit[index + 1])
             controller = stages.controller.diagnostic(stamp)
             stack._saturated_steps = now

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from plant_sim.plant_setup import Jump
-from train_ato.control.compensation.base import CompensationBase
 from train_ato.control.compensation.twin import Twin
 from train_ato.control.compiled import laws as c
 from train_ato.control.compiled.packing import CompiledLaw, has_compiled_step
@@ -23,10 +23,13 @@ from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervised import SupervisedTicks
 from train_ato.loop.stage_messages import SECOND_NS
 from train_ato.messages.links import PackedQueues
+from train_ato.messages.tick_block import TickBlock
 from train_ato.messages.types import Array, AtoReport
 
 SHORTEST = 4
 """Shortest span that is worth its preparation [ticks]."""
+MAX_PAUSE = 16
+"""Largest number of ticks in Python between two spans without a tick."""
 FAR = 1e300
 """Place or time that is never reached [m, s]."""
 LIMITS = (1e6, 100.0, 1e7)
@@ -44,6 +47,8 @@ class CompiledSpans:
         Recording of the run in memory.
     publish
         Called with stamp and messages of every tick; None if only the recording needs them.
+    publish_ticks
+        Called with the messages of all ticks of a span in place of ``publish``; returns False if it does not take them.
 
     Attributes
     ----------
@@ -53,12 +58,19 @@ class CompiledSpans:
         Last report of the ATO; set before :meth:`run`, which replaces it.
     """
 
-    def __init__(self, stages: Stages, recording: RecordingBuilder, publish: Publish | None) -> None:
-        self.stages, self._recording, self._publish = stages, recording, publish
+    def __init__(
+        self,
+        stages: Stages,
+        recording: RecordingBuilder,
+        publish: Publish | None,
+        publish_ticks: Callable[[TickBlock], bool] | None = None,
+    ) -> None:
+        self.stages, self._recording, self._publish, self._publish_ticks = stages, recording, publish, publish_ticks
         self._forecast: Forecast | None = None
         self._law: Any = None
         self._compiled: CompiledLaw | None = None
         self._retry = self.ticks = 0
+        self._pause = 1
         self.ato: AtoReport | None = None
         self.supervised = SupervisedTicks(stages)
         self.model = _model_arrays(stages.setup)
@@ -79,12 +91,14 @@ class CompiledSpans:
         stamp = plant.stamp
         span = _Span(self, stack, law, count)
         done = span.run()
-        if not done:  # at standstill the next ticks, too, are left to Python
-            self._retry = stamp + SECOND_NS
+        if not done:  # at a start the next ticks, too, are left to Python
+            self._retry = stamp + self._pause * self.stages.setup.tick_ns
+            self._pause = min(2 * self._pause, MAX_PAUSE)
             return 0
+        self._pause = 1
         self.ticks += done
         messages = SpanMessages(self.stages, span.arrays, stamp, done)
-        if self._publish is None:
+        if self._publish is None or (self._publish_ticks is not None and self._publish_ticks(messages.block())):
             messages.record(self._recording)
         else:
             messages.publish(self._publish)
@@ -98,11 +112,11 @@ class CompiledSpans:
             self._compiled = CompiledLaw(stack._law) if has_compiled_step(stack._law) else None  # type: ignore[arg-type]
         return self._compiled
 
-    def forecast(self, compensation: CompensationBase) -> Forecast:
+    def forecast(self, stack: ControlStack) -> Forecast:
         """Return reference and feed-forward of all ticks, computed once per profile and compensation."""
         profile = self.stages.profile.profile
-        if self._forecast is None or not self._forecast.is_of(profile, compensation):
-            self._forecast = Forecast(self.stages.setup, profile, compensation)
+        if self._forecast is None or not self._forecast.is_of(profile, stack):
+            self._forecast = Forecast(self.stages.setup, profile, stack)
         return self._forecast
 
 
@@ -120,8 +134,7 @@ class _Span:
         self._setup, self._plant = spans.stages.setup, spans.stages.plant
         self._train = train = self._plant.train
         self._first, self._stamp = self._plant.tick, self._plant.stamp
-        compensation: Any = stack._compensation
-        forecast = spans.forecast(compensation)
+        forecast = spans.forecast(stack)
         self._forecast = forecast.of(self._first, count, stack, shoes_used=self._uses_shoes())
         units, sensors = len(train.units), len(train.sensors)
         most, changing = count * train.tick_ns // SECOND_NS + 2, train.arrays
@@ -160,7 +173,7 @@ class _Span:
             self._forecast.feedforward, self._forecast.shoes, self._beside(), *spans.model,
             self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
             out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
-            tuple(out.supervision),
+            tuple(out.supervision), self._forecast.at_rest,
         ))  # fmt: skip
         self._forecast.take_back(done)
         if done:

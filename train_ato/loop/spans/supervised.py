@@ -14,7 +14,7 @@ from train_ato.loop.spans.stages import Stages
 from train_ato.loop.train_protection import Protection
 from train_ato.messages.types import Array, AtoState
 from train_ato.supervision.packed import TrackArrays, packed_track
-from train_ato.supervision.supervisor import SupervisionState
+from train_ato.supervision.supervisor import STANDSTILL_SPEED, SupervisionState
 
 Past = deque[tuple[int, float]]
 
@@ -136,7 +136,7 @@ class SupervisedTicks:
         stages.supervisor._supervisor._estimator._past = deque(past[arrays.counts[s.FIRST_ESTIMATED] :])
         if ato.assurance is not None:
             ato.assurance._past = deque(past[arrays.counts[s.FIRST_RATED] :])
-        ato._speed, ato.standstill = past[-1][1], False
+        ato._speed, ato.standstill = past[-1][1], past[-1][1] < STANDSTILL_SPEED
 
 
 def _store_odometers(odometers: Odometers, values: list[float]) -> None:

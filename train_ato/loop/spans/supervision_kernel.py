@@ -1,6 +1,6 @@
 """Compiled steps of the supervisor without effect on the train: odometry, limits, and the checks of the ATO.
 
-A step with an effect (a brake, a takeover, an implausible value) or near standstill is left to the stages in Python.
+A step with an effect (a brake, a takeover, an implausible value) or backwards is left to the stages in Python.
 """
 
 # mypy: allow-untyped-defs
@@ -31,8 +31,8 @@ WHEEL, RADAR, SPACING, HALF, REACTION, LIMIT, SPEED_DIFFERENCE, POSITION_DIFFERE
     STEP_POSITION, STEP_POSITION_RADAR, STEP_SPEED, STEP_SPEED_RADAR, STEP_SINCE, STEP_SINCE_RADAR, STEP_FRONT,
     STEP_FOREMOST, STEP_ESTIMATE, STEP_LIMITS,
 ) = range(10)  # fmt: skip
-STEP_ACCELERATION, STEP_ERROR, STEP_INDICATED = range(STEP_LIMITS + 4, STEP_LIMITS + 7)
-STEP_COLUMNS = STEP_LIMITS + 7
+STEP_ACCELERATION, STEP_ERROR, STEP_INDICATED, STEP_MOVING = range(STEP_LIMITS + 4, STEP_LIMITS + 8)
+STEP_COLUMNS = STEP_LIMITS + 8
 
 
 @compiled
@@ -61,7 +61,7 @@ def _is_plausible(span, now, before):
         one, other = speed * span, before[STEP_SPEED + index] * span
         tolerance = STEP_TOLERANCE + STEP_SHARE * max(abs(one), abs(other))
         if since < earlier:
-            tolerance += c.position_error(earlier)
+            tolerance += c.odometry_position_error(earlier)
         moved = now[STEP_POSITION + index] - before[STEP_POSITION + index]
         if not min(one, other) - tolerance <= moved <= max(one, other) + tolerance:
             return False
@@ -82,7 +82,7 @@ def _rate(stamps, speeds, first, end, stamp, window):
 def _is_tracked(constant, row, position, velocity):
     """Return True without a difference of :class:`train_ato.control.plausibility.MeasurementCheck`."""
     expected, estimate = row[STEP_ESTIMATE], row[STEP_FRONT]
-    if abs(velocity - expected) > constant[SPEED_DIFFERENCE] + c.speed_error(expected):
+    if abs(velocity - expected) > constant[SPEED_DIFFERENCE] + c.odometry_speed_error(expected):
         return False
     front = position + constant[FRONT_OFFSET]
     return not abs(front - estimate) > constant[POSITION_DIFFERENCE] + row[STEP_FOREMOST] - estimate
@@ -117,7 +117,7 @@ def supervise(stamp, x_front, v_front, position, velocity, supervision, motion):
     row[STEP_SINCE], row[STEP_SINCE_RADAR] = odometers[SINCE], odometers[SINCE_RADAR]
     wheel, radar = row[STEP_SPEED], row[STEP_SPEED_RADAR]
     speed = radar if abs(radar) > abs(wheel) else wheel
-    if not (STANDSTILL_SPEED <= speed < MAX_SPEED and abs(x_front) < MAX_POSITION):
+    if not (0.0 <= speed < MAX_SPEED and abs(x_front) < MAX_POSITION):
         return False
     if not _is_plausible((stamp - count[STAMP]) * 1e-9, row, before):
         return False
@@ -125,20 +125,22 @@ def supervise(stamp, x_front, v_front, position, velocity, supervision, motion):
     first, span = _rate(stamps, speeds, count[FIRST_ESTIMATED], end + 1, stamp, ESTIMATE_NS)
     motion[c.ACCELERATION] = (speed - speeds[first]) / span if span > 0.0 else 0.0
     motion[c.FRONT] = max(row[STEP_POSITION], row[STEP_POSITION_RADAR])
-    motion[c.SPEED], motion[c.ERROR] = speed, c.speed_error(speed)
-    motion[c.POSITION_ERROR] = c.position_error(max(row[STEP_SINCE], row[STEP_SINCE_RADAR]))
+    motion[c.SPEED], motion[c.ERROR] = speed, c.odometry_speed_error(speed)
+    motion[c.POSITION_ERROR] = c.odometry_position_error(max(row[STEP_SINCE], row[STEP_SINCE_RADAR]))
     limits = row[STEP_LIMITS : STEP_LIMITS + 4]
     indicated = c.evaluate(track, motion, limits)
     row[STEP_FRONT], row[STEP_FOREMOST] = motion[c.FRONT], motion[c.FRONT] + motion[c.POSITION_ERROR]
     row[STEP_ESTIMATE], row[STEP_INDICATED] = speed, indicated
     row[STEP_ACCELERATION], row[STEP_ERROR] = motion[c.ACCELERATION], motion[c.POSITION_ERROR]
-    if indicated < 0 or not (speed <= limits[1] and speed <= limits[2] and speed <= limits[3]):
+    row[STEP_MOVING] = speed >= STANDSTILL_SPEED
+    above = speed > limits[1] or speed > limits[2] or speed > limits[3]
+    if speed >= STANDSTILL_SPEED and (indicated < 0 or above):
         return False
     rated, span = _rate(stamps, speeds, count[FIRST_RATED], end + 1, stamp, RATE_NS)
     if constant[REACTION] >= 0.0:
         share = constant[REACTION] / span if span > 0.0 else 0.0
         predicted = speed + (speed - speeds[rated]) * share
-        if not max(speed, predicted) < limits[int(constant[LIMIT])]:
+        if speed > 0.0 and not max(speed, predicted) < limits[int(constant[LIMIT])]:
             return False
     if not _is_tracked(constant, row, position, velocity):
         return False

@@ -12,7 +12,7 @@ from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.spans import supervision_kernel as s
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervised import SupervisionArrays
-from train_ato.loop.stage_messages import diagnostics_due
+from train_ato.loop.stage_messages import SECOND_NS
 from train_ato.messages.types import (
     Array,
     AtoReport,
@@ -59,8 +59,8 @@ class SupervisionMessages:
     ----------
     ticks : Array of int, shape (steps,)
         Numbers of the ticks with a step.
-    reports : list of Diagnostic or None
-        Diagnostics of the supervisor at every step.
+    reports : dict of Diagnostic
+        Diagnostics of the supervisor by the number of their tick.
     """
 
     def __init__(self, stages: Stages, arrays: SupervisionArrays, stamps: NDArray[np.int64], measured: Array) -> None:
@@ -74,10 +74,11 @@ class SupervisionMessages:
         assert first is not None
         self._alive: Array = np.arange(first + 1, first + 1 + len(self._stamps), dtype=np.float64)
         offset = stages.setup.model.offsets[0]
-        self._ato = np.column_stack((seen[:, 0] + offset, seen[:, 1], np.full(len(seen), float(AtoState.ENGAGED))))
-        self._foremost = self._steps[:, [s.STEP_FRONT, *[s.STEP_FOREMOST] * 4]]
+        state = np.full(len(seen), float(AtoState.ENGAGED))
+        self._ato = np.ascontiguousarray(np.column_stack((seen[:, 0] + offset, seen[:, 1], state)))
+        self._foremost = np.ascontiguousarray(self._steps[:, [s.STEP_FRONT, *[s.STEP_FOREMOST] * 4]])
         self._speeds = self._steps[:, s.STEP_ESTIMATE : s.STEP_LIMITS + 4]
-        self._decided = self._decisions()
+        self._states, self._reasons = self._known_states()
         self.reports = self._diagnostics()
 
     def at(self, number: int) -> SupervisedStep:
@@ -133,7 +134,7 @@ class SupervisionMessages:
         self._stages.plant.alive_check.problem(last[-1].release)
         self._stages.profile._inputs.accept(ATO_STATE, count, [report for report in reports if report][-2:])
         stage._inputs.accept(ODOMETRY, count, [step.odometry for step in last])
-        decision, supervisor = self._decided[-1], stage._supervisor
+        decision, supervisor = self._decision(count - 1), stage._supervisor
         assert stage._count is not None
         stage._count += count
         stage._reported, stage._motion = decision.state, decision.motion
@@ -142,28 +143,47 @@ class SupervisionMessages:
         supervisor._stamp, supervisor._rolled = int(self._stamps[-1]), 0.0
         return last[-1].ato
 
-    def _decisions(self) -> list[SupervisionDecision]:
-        """Return the decisions of all steps, with the states and reasons of the supervisor in Python."""
-        supervisor, found = self._stage._supervisor, []
+    def _known_states(self) -> tuple[list[SupervisionState], list[str]]:
+        """Return state and reason of every step: those of the supervisor in Python."""
+        supervisor = self._stage._supervisor
         state, reason = supervisor._state, supervisor._reason
-        for stamp, row in zip(self._stamps.tolist(), self._steps.tolist(), strict=True):
-            speed, error = row[s.STEP_ESTIMATE], row[s.STEP_ERROR]
-            estimate = MotionEstimate(row[s.STEP_ACCELERATION], speed_measurement_error(speed), error, error)
-            motion = TrainMotion(stamp, row[s.STEP_FRONT], speed, estimate)
-            speeds = SupervisionSpeeds(*row[s.STEP_LIMITS : s.STEP_LIMITS + 4])
-            if speed <= speeds.permitted:
-                near = row[s.STEP_INDICATED] > 0.0
-                state, reason = (SupervisionState.INDICATION, TARGET_NEAR) if near else (SupervisionState.NORMAL, "")
-            elif state < SupervisionState.OVERSPEED:
-                state, reason = SupervisionState.OVERSPEED, limit_text(motion, speeds.permitted)
-            found.append(SupervisionDecision(state, reason, speeds, motion))
-        return found
+        within = self._steps[:, s.STEP_ESTIMATE] <= self._steps[:, s.STEP_LIMITS]
+        moving = self._steps[:, s.STEP_MOVING] > 0.0
+        near = moving & (self._steps[:, s.STEP_INDICATED] > 0.0)
+        if within.all() and not near.any():
+            return [SupervisionState.NORMAL] * len(near), [""] * len(near)
+        states, reasons = [], []
+        above = (moving & ~within).tolist()
+        for number, (allowed, indicated) in enumerate(zip(within.tolist(), near.tolist(), strict=True)):
+            if allowed:
+                normal = (SupervisionState.NORMAL, "")
+                state, reason = (SupervisionState.INDICATION, TARGET_NEAR) if indicated else normal
+            elif above[number] and state < SupervisionState.OVERSPEED:
+                permitted = float(self._steps[number, s.STEP_LIMITS])
+                state, reason = SupervisionState.OVERSPEED, limit_text(self._motion(number), permitted)
+            states.append(state)
+            reasons.append(reason)
+        return states, reasons
 
-    def _diagnostics(self) -> list[Diagnostic | None]:
-        """Return the diagnostics of every step: once a second, and after a change of the state."""
-        found, before = [], self._stage._reported
-        for decision, stamp in zip(self._decided, self._stamps.tolist(), strict=True):
-            due = decision.state is not before or diagnostics_due(stamp, self._period)
-            found.append(self._stage._diagnostic(stamp, decision) if due else None)
-            before = decision.state
+    def _motion(self, number: int) -> TrainMotion:
+        """Return the estimated motion of a step."""
+        row = self._steps[number].tolist()
+        speed, error = row[s.STEP_ESTIMATE], row[s.STEP_ERROR]
+        estimate = MotionEstimate(row[s.STEP_ACCELERATION], speed_measurement_error(speed), error, error)
+        return TrainMotion(int(self._stamps[number]), row[s.STEP_FRONT], speed, estimate)
+
+    def _decision(self, number: int) -> SupervisionDecision:
+        """Return the decision of a step."""
+        speeds = SupervisionSpeeds(*self._steps[number, s.STEP_LIMITS : s.STEP_LIMITS + 4].tolist())
+        return SupervisionDecision(self._states[number], self._reasons[number], speeds, self._motion(number))
+
+    def _diagnostics(self) -> dict[int, Diagnostic]:
+        """Return the diagnostics by the number of their tick: once a second, and after a change of the state."""
+        found, before = {}, self._stage._reported
+        due = (self._stamps % SECOND_NS < self._period).tolist()
+        for number, state in enumerate(self._states):
+            if due[number] or state is not before:
+                report = self._stage._diagnostic(int(self._stamps[number]), self._decision(number))
+                found[int(self.ticks[number])] = report
+            before = state
         return found

@@ -8,10 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from train_ato.messages.codec.cdr import stamp_of
 from train_ato.messages.codec.fixed import FixedCodec
 from train_ato.messages.codec.variable import VARIABLE
 from train_ato.messages.layout import TrainLayout
+from train_ato.messages.tick_block import Values
 from train_ato.messages.topics import topics_of
 
 __all__ = ["Wire", "stamp_of"]
@@ -36,12 +40,14 @@ class Wire:
         self._encoders: dict[str, Callable[[Any], bytes]] = {}
         self._decoders: dict[str, Callable[[bytes], Any]] = {}
         self._longest: dict[str, int] = {}
+        self._fixed: dict[str, FixedCodec] = {}
         for topic in topics_of(layout):
             if topic.of_variable_length:
                 self._encoders[topic.name], self._decoders[topic.name] = VARIABLE[topic.message]
             else:
                 codec = FixedCodec(topic, layout)
                 self._encoders[topic.name], self._decoders[topic.name] = codec.encode, codec.decode
+                self._fixed[topic.name] = codec
                 self._longest[topic.name] = 2 * codec.length + MAX_FRAME
 
     def longest(self, topic: str) -> int:
@@ -59,6 +65,20 @@ class Wire:
             If a run of this train has no such topic.
         """
         return self._encoders[topic](message)
+
+    def encode_each(self, topic: str, stamps: NDArray[np.int64], values: Values) -> NDArray[np.uint8]:
+        """Return the CDR bytes of several messages of fixed length, shape (messages, bytes); errors as :meth:`encode`.
+
+        Parameters
+        ----------
+        topic
+            Topic with messages of fixed length.
+        stamps : Array of int, shape (messages,)
+            Stamps [ns].
+        values
+            Values by field, shape (messages, n) each.
+        """
+        return self._fixed[topic].encode_each(stamps, values)
 
     def decode(self, topic: str, data: bytes) -> Any:
         """Return the message of the bytes; arrays are copies.

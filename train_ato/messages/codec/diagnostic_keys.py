@@ -24,11 +24,13 @@ HARDWARE: dict[str, str] = {
 """Unit of the vehicle with a node, ``hardware_id`` of its diagnostics."""
 
 
+@lru_cache(maxsize=64)
 def unit_suffix(unit: str) -> str:
     """Return a unit as suffix of a name: ``m/s²`` becomes ``_m_s2``; "" without a unit."""
     return "_" + unit.lower().replace("/", "_").replace("²", "2").replace("³", "3") if unit else ""
 
 
+@lru_cache(maxsize=1024)
 def message_key(key: str) -> str:
     """Return the key of a value in a message: the key with the suffix of its unit."""
     return key + unit_suffix(DIAGNOSTIC_UNITS.get(key, ""))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -155,6 +156,10 @@ def _column(values: list[Array]) -> Array:
     return np.concatenate(values).astype(np.float64) if values else np.zeros(0)
 
 
+_PADDING = (b"\x00\x00\x00\x00", b"\x00\x00\x00", b"\x00\x00", b"\x00")
+"""End of a text and its padding, by the rest of its length."""
+
+
 def _append(out: bytearray, value: str | int) -> None:
     """Append a length, or a text with its length; lengths are aligned to 4 bytes."""
     out += bytes(-len(out) % 4)
@@ -165,20 +170,26 @@ def _append(out: bytearray, value: str | int) -> None:
         out += _LENGTH.pack(len(raw) + 1) + raw + b"\x00"
 
 
+def _text(value: str) -> bytes:
+    """Return a text with its length, padded to a multiple of 4 bytes."""
+    raw = value.encode()
+    return _LENGTH.pack(len(raw) + 1) + raw + _PADDING[len(raw) % 4]
+
+
+_repeated_text = lru_cache(maxsize=1024)(_text)
+
+
 def encode_diagnostic(message: Diagnostic) -> bytes:
     """Return the CDR bytes of the state of a node, padded to a multiple of 4 bytes as by every transport."""
-    out = bytearray(_HEAD + packed_stamp(message.stamp))
-    _append(out, "")  # the header's frame
-    _append(out, 1)
-    out += bytes((message.level,))
-    for text in (message.node, message.message, HARDWARE.get(message.node, "")):
-        _append(out, text)
-    pairs = list(message_values(message.values))
-    _append(out, len(pairs))
-    for key, value in pairs:
-        _append(out, key)
-        _append(out, value)
-    return bytes(out) + bytes(-len(out) % 4)
+    names = (message.node, message.message, HARDWARE.get(message.node, ""))
+    parts = [_HEAD, packed_stamp(message.stamp), _repeated_text(""), _LENGTH.pack(1), bytes((message.level, 0, 0, 0))]
+    parts += map(_repeated_text, names)
+    count = 0
+    values: list[bytes] = []
+    for key, value in message_values(message.values):
+        values += (_repeated_text(key), _text(value))
+        count += 1
+    return b"".join((*parts, _LENGTH.pack(count), *values))
 
 
 def decode_diagnostic(data: bytes) -> Diagnostic:
