@@ -11,7 +11,10 @@ Law, per unit, e = v - v_d (with the opposite sign in papers 001 and 004)::
     de/dt through a first-order filter of time constant derivative_time
 
 ``K`` is the unit's share of the train's inertia (``gains: per_mass``; kp in 1/s, ki in 1/s², kd dimensionless) or its
-share of 1 (``gains: force``; kp in N/(m/s), ki in N/m, kd in N s²/m). Paper 000 prints the second form with 1e7, 1, 1;
+share of 1 (``gains: force``; kp in N/(m/s), ki in N/m, kd in N s²/m).  With ``gains: model`` kp and ki follow from the
+model, for a train that has to stop within centimetres: the train is an integrator of the force behind the dead time
+theta = delay + lag + period, and the rule of Skogestad (SIMC, Journal of Process Control 13, 2003, table 1) gives
+kp = 1/(2 theta), ki = kp/(8 theta); kd is 0. Paper 000 prints the second form with 1e7, 1, 1;
 its error is then the force divided by 1e7. With ``u_ff`` the nominal train follows the reference at the time at which
 the command takes effect; the PID of the papers has no feed-forward (``feedforward: false``).
 
@@ -49,8 +52,8 @@ class PidParameters:
         "",
         0,
         0,
-        "kp, ki, kd are multiplied by the inertia of the train, or are forces",
-        choices=("per_mass", "force"),
+        "kp, ki, kd are multiplied by the inertia of the train, or are forces, or follow from the model",
+        choices=("per_mass", "force", "model"),
     )
     kp: float = parameter(0.05, "1/s or N/(m/s)", 0.0, 1e9, "gain on the speed error")
     ki: float = parameter(0.001, "1/s² or N/m", 0.0, 1e9, "gain on the integral of the speed error")
@@ -70,6 +73,28 @@ class PidParameters:
     disturbance: bool = parameter(True, "", 0, 1, "subtract the estimate of the observer")
 
 
+def gains_of_model(model: TrainModel, period: float) -> tuple[float, float, float]:
+    """Return kp [1/s], ki [1/s²] and kd [1] for delay, lag and couplers of a train, after the SIMC rule.
+
+    On several vehicles with elastic couplers the gains are at most the defaults, because of the wave in the couplers.
+
+    Parameters
+    ----------
+    model
+        Train with delay and lag [s].
+    period
+        Of the law [s].
+    """
+    delay = max(float(model.delay.max(initial=0.0)), float(model.delay_brake.max(initial=0.0)))
+    dead_time = delay + model.lag + period
+    kp = 1.0 / (2.0 * dead_time)
+    ki = kp / (8.0 * dead_time)
+    gears = model.consist.draft_gears.values()
+    if len(model.consist.vehicles) > 1 and any(gear.kind != "rigid" for gear in gears):
+        return min(kp, PidParameters().kp), min(ki, PidParameters().ki), 0.0
+    return kp, ki, 0.0
+
+
 class Pid(GuardedLaw):
     """PID on the speed error with feed-forward, clamped integral and filtered derivative."""
 
@@ -77,8 +102,10 @@ class Pid(GuardedLaw):
 
     def __init__(self, parameters: PidParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        scale = model.inertia if parameters.gains == "per_mass" else 1.0
+        scale = 1.0 if parameters.gains == "force" else model.inertia
         gains = (parameters.kp, parameters.ki, parameters.kd)
+        if parameters.gains == "model":
+            gains = gains_of_model(model, period)
         self._gains = [tuple(scale * share * gain for gain in gains) for share in model.share.tolist()]
         self._derivative_decay = (
             math.exp(-period / parameters.derivative_time) if parameters.derivative_time > 0 else 0.0
