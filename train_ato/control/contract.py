@@ -24,7 +24,7 @@ from plant_sim.states import frozen_for_types
 from train_ato.messages.types import Array
 
 __all__ = [
-    "Array", "Law", "LawInput", "LawOutput", "Lookahead", "NO_LOOKAHEAD", "NoParameters", "Parameter", "Preview",
+    "NO_LOOKAHEAD", "Array", "Law", "LawInput", "LawOutput", "Lookahead", "NoParameters", "Parameter", "Preview",
     "parameter", "parameters_of",
 ]  # fmt: skip
 

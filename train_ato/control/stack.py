@@ -153,7 +153,7 @@ class ControlStack:
 
     def _law_diagnostics(self) -> dict[str, str]:
         """Return the diagnostics of the law under its name; empty for a law without."""
-        found = getattr(self._law, "diagnostics", dict)()
+        found: dict[str, str] = getattr(self._law, "diagnostics", dict)()
         return {f"{self._name}.{key}": value for key, value in found.items()}
 
     def step(

@@ -140,6 +140,19 @@ DEMO_RUNS: dict[str, DemoRun] = {
             "the same, tuned": _run(f"{DAQIN}:tuned", "funnel"),
         }
     ),
+    "law/mpc": DemoRun(
+        {
+            "mpc": _run(f"{GPC}+limited", "mpc"),
+            "pid, preview": _run(f"{GPC}+limited", "pid", compensation="preview"),
+            "mpc, limits that suffice": _run(GPC, "mpc"),
+            "mpc, delays 1.5 times those of the model": _run(f"{GPC}+delay_half_more", "mpc"),
+            "mpc, gain, delay and lag jump": _run(f"{GPC}+jump", "mpc"),
+            "mpc, metro, disturbed": _run(f"{METRO}:disturbed", "mpc", compensation="none"),
+            "mpc, freight, delay 1 s": _run(f"{FREIGHT}:realistic+delay_1_0", "mpc", compensation="none"),
+            "mpc, long train": _run("demo", "mpc"),
+        },
+        draw="position",
+    ),
     "law/gpc": DemoRun(
         {
             "gpc": _run(GPC, "gpc", compensation="none"),

@@ -13,6 +13,7 @@ bounded. Without a change of force all candidates are equal, and the estimate re
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -101,7 +102,7 @@ class ActuatorIdentification:
         for envelope in (*model.traction, *model.brake):
             largest += envelope.largest()
         self._floor = (FORCE_FLOOR * largest) ** 2
-        self._keep = float(np.exp(-model.tick / MEMORY_TIME)) if model.tick else 1.0
+        self._keep = math.exp(-model.tick / MEMORY_TIME)
         self.reset()
 
     def reset(self) -> None:
@@ -147,5 +148,5 @@ class ActuatorIdentification:
             self._best = found
         if own[self._best] > 100.0 * self._floor:
             self.gain = float(gains[self._best])
-            self.misfit = float(misfits[self._best] / total[self._best]) ** 0.5
+            self.misfit = float(misfits[self._best] / max(total[self._best], self._floor)) ** 0.5
         return self._best != former

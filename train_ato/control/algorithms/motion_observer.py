@@ -12,6 +12,8 @@ matching, Mehra 1972, IEEE Transactions on Automatic Control 17).
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from plant_sim.compiled import compiled
@@ -29,7 +31,7 @@ MAX_NOISE = 1.0
 
 
 @compiled
-def filter_step(state, covariance, noise, before, drift, period, weight, position, speed, pull):
+def filter_step(state, covariance, noise, before, drifts, period, weight, position, speed, pull):
     """Advance the filter by a period and correct it.
 
     Parameters
@@ -42,8 +44,8 @@ def filter_step(state, covariance, noise, before, drift, period, weight, positio
         Variances of the measurements.
     before : Array, shape (2,)
         Last innovations.
-    drift
-        Variance of the change of the disturbance in a period.
+    drifts : Array, shape (2,)
+        Variance of the change of speed and of disturbance in a period that the model does not explain.
     period, weight
         Period [s] and weight of the newest sample in the noise.
     position, speed, pull
@@ -59,7 +61,8 @@ def filter_step(state, covariance, noise, before, drift, period, weight, positio
     for i in range(3):
         p[i, 0] += h * p[i, 1] + 0.5 * h * h * p[i, 2]
         p[i, 1] += h * p[i, 2]
-    p[2, 2] += drift
+    p[1, 1] += drifts[0]
+    p[2, 2] += drifts[1]
     miss_position, miss_speed = position - state[0], speed - state[1]
     _match(noise, before, weight, miss_position, miss_speed)
     a = p[0, 0] + noise[0]
@@ -99,10 +102,12 @@ class MotionObserver:
         Control period [s].
     bandwidth
         omega_o, bandwidth of the disturbance at the smallest noise [rad/s].
+    waves
+        Bandwidth with which the speed follows the measurement, for motion that one mass does not have [rad/s].
     """
 
-    def __init__(self, period: float, bandwidth: float) -> None:
-        self._drift = (bandwidth**2 * SPEED_FLOOR * period) ** 2
+    def __init__(self, period: float, bandwidth: float, waves: float) -> None:
+        self._drifts = np.array([(waves * SPEED_FLOOR * period) ** 2, (bandwidth**2 * SPEED_FLOOR * period) ** 2])
         self._period = period
         self._samples = NOISE_TIME / period
         self.reset()
@@ -134,7 +139,7 @@ class MotionObserver:
     @property
     def speed_noise(self) -> float:
         """Estimate of the standard deviation of the measured speed [m/s]."""
-        return float(self._noise[1]) ** 0.5
+        return math.sqrt(self._noise[1])
 
     def restart(self, position: float, speed: float) -> None:
         """Take a sample as position and speed error [m, m/s]; the disturbance is held."""
@@ -161,6 +166,6 @@ class MotionObserver:
             return
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         filter_step(
-            self._state, self._covariance, self._noise, self._before, self._drift, self._period, 1.0 / self._count,
+            self._state, self._covariance, self._noise, self._before, self._drifts, self._period, 1.0 / self._count,
             position, speed, pull,
         )  # fmt: skip

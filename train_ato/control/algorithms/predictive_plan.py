@@ -111,7 +111,9 @@ def lowest_limit(limits, front, rear):
 
 
 @compiled
-def bounds(required, reference, limits, ends, now, errors, tables, mass, jerk, steps, disturbance, rise, at_effect, allowed):
+def bounds(
+    required, reference, limits, ends, now, errors, tables, mass, jerk, steps, disturbance, rise, at_effect, allowed
+):
     """Compute the right-hand side b of A z <= b.
 
     Parameters

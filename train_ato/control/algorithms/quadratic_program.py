@@ -2,9 +2,9 @@
 
     min 1/2 z'Hz - f'z + 1/2 sum s_i²/rho_i,   A z <= b + s
 
-has the dual: multipliers y >= 0 with w = b - A H⁻¹f + (A H⁻¹A' + diag(rho)) y >= 0 and y'w = 0, a linear complementarity
-problem with a positive definite matrix P. It always has one solution, so the programme is never infeasible. P depends
-only on the model and is computed once.
+has the dual: multipliers y >= 0 with w = b - A H⁻¹f + (A H⁻¹A' + diag(rho)) y >= 0 and y'w = 0, a linear
+complementarity problem with a positive definite matrix P. It always has one solution, so the programme is never
+infeasible. P depends only on the model and is computed once.
 
 Block principal pivoting (Judice and Pires 1994, Computers & Operations Research 21) exchanges all rows of wrong sign at
 once, and only the last one after three exchanges without progress: this is finite for every such P. It starts from the
