@@ -1,7 +1,7 @@
 """Policy of a planned trip: applications at planned places, moved by the measured use of the electric brake.
 
-A plan knows the nominal train only. On the real train the electric brake shows the difference, because the controller
-keeps the planned speed with it: a heavier train or weaker shoes need more of it than planned, more resistance less. The
+A plan is for the nominal train. On the real train the use of the electric brake differs, because the controller keeps
+the planned speed with it: a heavier train or weaker shoes need more of it than planned, more resistance less. The
 share of the electric brake in use therefore moves an application by up to ``shift``:
 
 * apply earlier if the electric brake is nearly used up; later while it is used clearly less than planned;

@@ -20,6 +20,7 @@ from plant_sim.summation import plain_sum
 from train_ato.control.air_brake.trip_policy import PlannedApplication
 from train_ato.messages.types import Array
 from train_ato.profile.driver import average_speed
+from train_ato.profile.planner.line_tables import SpeedLimits
 from train_ato.profile.profile import Profile
 from train_ato.profile.trip.driven_run import AVERAGE, TripRun, follow_journey
 from train_ato.profile.trip.fatigue import coupler_damage
@@ -29,11 +30,13 @@ from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_tr
 from train_ato.profile.trip.settings import TripSettings
 
 JOULES_PER_KWH = 3.6e6
-TIME_TOLERANCE = 1e-3
-"""Permitted relative deviation from the running time."""
+TIME_TOLERANCE, LARGEST_DEVIATION = 1e-3, 0.01
+"""Relative deviation from the running time that ends the search, and that of a plan of the last round.
+
+The running time is not continuous in the price: an application moves by whole cells."""
 SLACK_AVERAGE = 20.0
 """Window of the average of the motion of vehicle 0 against the mean of the train [s]."""
-MAX_ROUNDS = 8
+MAX_ROUNDS = 7
 """Largest number of journeys for a running time."""
 LAST_PART = 1.15
 """Reserve of the length of the last part of the braking: the run is a little faster than the journey."""
@@ -144,8 +147,26 @@ class TripPlanner:
         """Return the plan for a price of time [kWh/s]."""
         journey = self._search.journey(price * JOULES_PER_KWH)
         run = follow_journey(self._model, self._settings, journey, journey.applications)
+        self._check_limits(run)
         applications = tuple(self._planned(entry, run) for entry in journey.applications)
         return TripPlan(self._profile(run), applications, run, journey, price)
+
+    def _check_limits(self, run: TripRun) -> None:
+        """Check that the run of the nominal train keeps the speed limits.
+
+        Raises
+        ------
+        ValueError
+            With the place of the largest excess.
+        """
+        limits = SpeedLimits(self._model.line, float("inf"))
+        excess = run.speed - limits.at(run.position + self._half, self._model.consist.length)
+        worst = int(excess.argmax())
+        if excess[worst] > 0.0:
+            raise ValueError(
+                f"speed limit exceeded by {3.6 * excess[worst]:.1f} km/h at km {run.position[worst] / 1e3:.2f}: the "
+                "permitted brakes are too weak there; permit more brake or reductions, or increase speed_margin"
+            )
 
     def _planned(self, application: Application, run: TripRun) -> PlannedApplication:
         """Return an application with the use of the electric brake at its places."""
@@ -227,6 +248,8 @@ class TripPlanner:
             if not PRICE_RANGE[0] <= price <= PRICE_RANGE[1]:
                 break
         best = min((plan for _, plan in found), key=lambda plan: abs(plan.running_time - time))
+        if abs(best.running_time / time - 1.0) <= LARGEST_DEVIATION:
+            return best
         raise ValueError(
             f"time: {time:g} s: not possible with these limits, the nearest is {best.running_time:.0f} s; give a time "
             "nearer to it, or permit more traction"
