@@ -80,6 +80,7 @@ setup(
         "pandas>=2.1",
         "pyarrow>=14",
         "pebble>=5.0.7",
+        "rainflow>=3.2",
         "argcomplete>=3.1",
         *ros_wheels(),
     ],

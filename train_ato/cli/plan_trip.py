@@ -80,7 +80,9 @@ def execute_trip(options: argparse.Namespace) -> int:
     rows = [(key, format_value(value)) for key, value in result.items() if not isinstance(value, (list, dict))]
     print_table(("", ""), rows)
     if result["applications"]:
-        entries = ([f"{e['apply_km']:.3f}", f"{e['release_km']:.3f}", e["reduction_kpa"]] for e in result["applications"])
+        entries = (
+            [f"{e['apply_km']:.3f}", f"{e['release_km']:.3f}", e["reduction_kpa"]] for e in result["applications"]
+        )
         print_table(("apply, km", "release, km", "reduction, kPa"), entries)
     for name in result["files"]:
         sys.stdout.write(f"{name}\n")
@@ -121,4 +123,5 @@ def _settings(options: argparse.Namespace) -> Any:
     try:
         return TripSettings.model_validate(data)
     except ValidationError as error:
-        raise ValueError(explain(error, "options of plan" if options.trip == DEFAULTS else options.trip, TripSettings))
+        source = "options of plan" if options.trip == DEFAULTS else options.trip
+        raise ValueError(explain(error, source, TripSettings)) from None

@@ -1,7 +1,7 @@
 """Policy of a planned trip: applications at planned places, moved by the measured use of the electric brake.
 
-A plan knows the nominal train only. On the real train the electric brake shows the difference, because the controller
-keeps the planned speed with it: a heavier train or weaker shoes need more of it than planned, more resistance less. The
+A plan is for the nominal train. On the real train the use of the electric brake differs, because the controller keeps
+the planned speed with it: a heavier train or weaker shoes need more of it than planned, more resistance less. The
 share of the electric brake in use therefore moves an application by up to ``shift``:
 
 * apply earlier if the electric brake is nearly used up; later while it is used clearly less than planned;
@@ -32,8 +32,8 @@ class PlannedApplication(SiModel):
     apply: Length = Field(description="place of the application")
     release: Length = Field(description="place of the release")
     reduction: Pressure = Field(50e3, gt=0, description="reduction of the brake pipe")
-    electric_at_apply: Ratio = Field(0.0, ge=-1, le=1, description="planned use of the electric brake at the application")
-    electric_at_release: Ratio = Field(0.0, ge=-1, le=1, description="planned use of the electric brake at the release")
+    electric_at_apply: Ratio = Field(0.0, ge=-1, le=1, description="planned use of the electric brake there")
+    electric_at_release: Ratio = Field(0.0, ge=-1, le=1, description="planned use of the electric brake there")
 
     @model_validator(mode="after")
     def _in_order(self) -> PlannedApplication:
@@ -46,7 +46,7 @@ class TripRules(SiModel):
     """Rules that move the planned applications."""
 
     shift: Length = Field(300.0, ge=0, description="largest distance by which an application or release moves")
-    call: Ratio = Field(0.92, gt=0, le=1, description="use of the electric brake from which the air brake is applied ...")
+    call: Ratio = Field(0.92, gt=0, le=1, description="use of the electric brake that applies the air brake ...")
     ease: Ratio = Field(0.35, ge=0, lt=1, description="... and up to which an unplanned application is released ...")
     after: Time = Field(4.0, ge=0, description="... after this time")
     tolerance: Ratio = Field(0.15, ge=0, le=1, description="difference to the planned use that moves a place")

@@ -22,12 +22,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from plant_sim.plant_setup import PlantSetup
+from plant_sim.summation import plain_sum
 from plant_sim.totals import Totals
 from plant_sim.train import Train
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
-from train_ato.profile.driver import average_speed
-from train_ato.profile.profile import Profile
 from train_ato.profile.trip.journey import Application, Journey
 from train_ato.profile.trip.search import POWER_BRAKING
 from train_ato.profile.trip.settings import TripSettings
@@ -36,8 +35,8 @@ PERIOD, STEP = 0.5, 0.005
 """Period of the force and step of the simulated train [s]."""
 GAIN = 0.02
 """Acceleration per speed error [1/s]."""
-DEAD_BAND = 1.0 / 3.6
-"""Speed error without a correction [m/s]."""
+DEAD_BAND, DEAD_BAND_SPEED = 1.0 / 3.6, 40.0 / 3.6
+"""Speed error without a correction, and speed below which it decreases in proportion [m/s]."""
 SMOOTHING = 200.0
 """Length over which the force of the journey is averaged [m]."""
 AVERAGE = 5.0
@@ -94,8 +93,8 @@ class JourneyFollower:
         settings, model = self._settings, self._model
         wanted = float(np.interp(position, self._force_places, self._force))
         reference = max(float(np.interp(position, self._place, self._speed)), settings.final_speed)
-        error = reference - velocity
-        wanted += model.inertia * GAIN * (error - min(max(error, -DEAD_BAND), DEAD_BAND))
+        error, band = reference - velocity, DEAD_BAND * min(1.0, velocity / DEAD_BAND_SPEED)
+        wanted += model.inertia * GAIN * (error - min(max(error, -band), band))
         low, high = model.limits_of_units([velocity] * model.n_units)
         most = 0.0 if braked else settings.traction * float(np.sum(high))
         if settings.traction_max is not None:
@@ -125,6 +124,7 @@ def follow_journey(
     rows: list[tuple[float, float, float, float, float]] = []
     couplers: list[Array] = []
     end = float(journey.place[-1])
+    released = 0.0 if air is None else POWER_BRAKING * air.braking_factor[-1] * plain_sum(model.consist.friction_forces)
     while True:
         position, velocity = float(train.position[0]), float(train.velocity[0])
         shoes = train.shoe_force
@@ -134,13 +134,15 @@ def follow_journey(
             break
         standstill = standstill + PERIOD if velocity < 1e-3 else 0.0
         if standstill > MAX_STANDSTILL:
-            raise ValueError(f"the train stops at km {position / 1e3:.2f}: too heavy for the grade; permit more traction")
+            raise ValueError(
+                f"the train stops at km {position / 1e3:.2f}: the grade is too steep; permit more traction"
+            )
         reduction = reduction_at(position, applications)
-        largest = 0.0 if air is None else POWER_BRAKING * air.braking_factor[-1] * sum(model.consist.friction_forces)
-        force = follower.force(position, velocity, force, reduction > 0.0 or rows[-1][3] > largest)
+        force = follower.force(position, velocity, force, reduction > 0.0 or rows[-1][3] > released)
         train.advance(force * share, None if air is None else air.charged - reduction)
     table = np.array(rows)
-    return TripRun(PERIOD, *(table[:, i] for i in range(5)), np.array(couplers), train.totals)
+    places, speeds, forces, shoe_forces, means = table.T
+    return TripRun(PERIOD, places, speeds, forces, shoe_forces, means, np.array(couplers), train.totals)
 
 
 def reduction_at(position: float, applications: tuple[Application, ...]) -> float:

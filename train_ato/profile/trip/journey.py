@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from train_ato.messages.types import Array
 from train_ato.profile.trip import search as s
@@ -21,6 +22,9 @@ LEVELS = np.array([1.0, 0.8, 0.6, 0.4, 0.2, 0.0, -0.2, -0.4, -0.6, -0.8, -1.0])
 """Fractions of traction (> 0) and electric brake (< 0) in the search."""
 FINE_LEVELS = np.linspace(1.0, -1.0, 81)
 """The same in the forward pass."""
+Integers = NDArray[np.int64]
+Tables = tuple[Array, Array, Array, Integers, Array]
+"""Arguments of the compiled search: cells, drives, shoes, ranges, constants."""
 APPLICATION_PRICE = 5e6
 """Price of an application [J]: of two journeys of nearly equal energy, the one with fewer applications is chosen."""
 
@@ -115,8 +119,8 @@ class JourneySearch:
         value = s.solve_values(LEVELS, *tables)
         return self._forward(value, tables)
 
-    def _forward(self, value: Array, tables: tuple[Array, ...]) -> Journey:
-        train, constant = self._train, tables[-1]
+    def _forward(self, value: Array, tables: Tables) -> Journey:
+        train = self._train
         speed, state, time = 0.0, 0.0, 0.0
         rows: list[tuple[float, float, float, float]] = []
         changes: list[tuple[float, float]] = []
@@ -136,14 +140,14 @@ class JourneySearch:
             state = s.older_state(state, duration, self._ranges, AGE_STEP)
             speed, time = after, time + duration
         table = np.array(rows)
-        place = train.begin + train.cell * np.arange(train.cells + 1)
+        place: Array = train.begin + train.cell * np.arange(train.cells + 1, dtype=np.float64)
         return Journey(
             place, np.append(table[:, 0], speed), np.append(table[:, 1], time), table[:, 2], table[:, 3],
             _applications(changes),
         )  # fmt: skip
 
     def _decide(
-        self, speed: float, k: int, state: float, value: Array, tables: tuple[Array, ...]
+        self, speed: float, k: int, state: float, value: Array, tables: Tables
     ) -> tuple[float, float, float, float]:
         """Return brake state, cost [J], force [N] and next speed [m/s] of the best continuation."""
         constant = tables[-1]
@@ -168,7 +172,7 @@ class JourneySearch:
         return 0.0
 
 
-def _brake_states(train: ReducedTrain, pause: float) -> tuple[Array, Array, Array]:
+def _brake_states(train: ReducedTrain, pause: float) -> tuple[Array, Array, Integers]:
     """Return shoe force at standstill, force of the complete application, both [N], and the ranges of the states."""
     force, largest, ranges = [0.0], [1.0], []
     for response in train.responses:

@@ -116,7 +116,7 @@ def shoe_response(consist: Consist, reduction: float) -> ShoeResponse:
 
 def _until_settled(forecast: BrakeForecast, begin: float) -> Array:
     """Return the total force at ages 0, AGE_STEP, ... until it is constant within :data:`SETTLED` [N]."""
-    ages = AGE_STEP * np.arange(400)
+    ages: Array = AGE_STEP * np.arange(400, dtype=np.float64)
     force = forecast.forces_at(begin + ages, 0.0).sum(axis=1)
     span = abs(force[-1] - force[0])
     settled = np.flatnonzero(np.abs(force - force[-1]) <= SETTLED * span)
@@ -146,10 +146,10 @@ def reduced_train(
     places = (begin + cell * np.arange(cells))[:, None] + inside
     line_force = np.array([[model.line_force(place) for place in row] for row in places.tolist()]).mean(axis=1)
     limits = SpeedLimits(model.line, _top_speed(model))
-    front = begin + cell * np.arange(cells + 1) + consist.vehicles[0].length / 2
+    front: Array = begin + cell * np.arange(cells + 1, dtype=np.float64) + consist.vehicles[0].length / 2
     at_ends = limits.at(front, consist.length) - settings.speed_margin
     limit = np.minimum(at_ends, np.concatenate((at_ends[1:], at_ends[-1:])))
-    speed = SPEED_STEP * np.arange(int(limit.max() / SPEED_STEP) + 4)
+    speed: Array = SPEED_STEP * np.arange(int(limit.max() / SPEED_STEP) + 4, dtype=np.float64)
     high = np.array([plain_sum(model.limits_of_units([v] * model.n_units)[1]) for v in speed.tolist()])
     low = np.array([plain_sum(model.limits_of_units([v] * model.n_units)[0]) for v in speed.tolist()])
     traction = settings.traction * high

@@ -1,9 +1,9 @@
 """Search of the cheapest journey of the reduced model: dynamic programming over place, speed and brake state.
 
-Stages are the cells of the line. A state is a speed on a grid and a brake state: charged; applied since an age; released
-since an age (no application before the recharge pause has passed). Controls are the force of the drives (fractions of
-the envelopes, coasting, constant speed), an application, and a release. Bellman's equation from the last cell to the
-first one::
+Stages are the cells of the line. A state is a speed on a grid and a brake state: charged; applied since an age;
+released since an age (no application before the recharge pause has passed). Controls are the force of the drives
+(fractions of the envelopes, coasting, constant speed), an application, and a release. Bellman's equation from the last
+cell to the first one::
 
     J_k(v, b) = min_F [ (max(F, 0) - recovered max(-F, 0)) ds + price dt + J_k+1(v', b') ],   v'²/2 = v²/2 + a ds
 
@@ -54,10 +54,10 @@ def _between(row, place):
 @compiled
 def _is_applied(state, ranges):
     """Return True if a brake state belongs to an application."""
+    found = False
     for r in range(len(ranges)):
-        if ranges[r, APPLIED_FIRST] <= state <= ranges[r, APPLIED_LAST]:
-            return True
-    return False
+        found = found or ranges[r, APPLIED_FIRST] <= state <= ranges[r, APPLIED_LAST]
+    return found
 
 
 @compiled

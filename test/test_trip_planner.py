@@ -1,0 +1,189 @@
+"""Trip planner: fatigue, last part, search with brake states, plan of the whole train, command."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from plant_sim.consist import Consist
+from plant_sim.library import load_consist
+from plant_sim.line import Line
+from train_ato.cli.plan import add_arguments, execute
+from train_ato.profile.trip.fatigue import coupler_damage, reversals
+from train_ato.profile.trip.final_stop import braking_distance, final_deceleration, stop_knots
+from train_ato.profile.trip.journey import Journey, JourneySearch
+from train_ato.profile.trip.planner import TripPlanner, plan_trip
+from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train, shoe_response
+from train_ato.profile.trip.settings import TripSettings
+from train_ato.scenario.scenario import load_scenario
+
+LIMIT = 60 / 3.6
+
+
+@pytest.fixture(scope="module")
+def consist() -> Consist:
+    return load_consist("hxd1_c80_105")
+
+
+@pytest.fixture(scope="module")
+def line() -> Line:
+    """Fall of 4 km that is too steep for the electric brake alone, between level track."""
+    grades = [{"at_km": 0, "grade": 0.0}, {"at_km": 3, "grade_permille": -11}, {"at_km": 7, "grade": 0.0}]
+    limits = [{"at": 0, "speed_kmh": 60}]
+    return Line.model_validate(
+        {"schema": "train_ato/line/1", "name": "fall", "end_km": 14, "grades": grades, "speed_limits": limits}
+    )
+
+
+def test_cycles_are_those_of_the_standard() -> None:
+    """Breaks if half cycles count as whole ones: the history of ASTM E1049-85, figure 6, ranges times counts are 23."""
+    history = 1e5 * np.array([-2.0, 1.0, -3.0, 5.0, -1.0, 3.0, -4.0, 4.0, -2.0])
+    assert coupler_damage(history[:, None], slope=1.0) == pytest.approx([2.3])
+
+
+def test_damage_is_that_of_the_reversals() -> None:
+    """Breaks if plateaus or points between the extremes add or remove cycles."""
+    history = np.array([0.0, 1.0, 1.0, 3.0, 3.0, 2.0, -4.0, -4.0, 0.5])
+    assert reversals(history).tolist() == [0.0, 3.0, -4.0, 0.5]
+
+
+@pytest.mark.parametrize(("speed", "deceleration", "final"), [(1.8, 0.04, 0.015), (1.5, 0.0, 0.02), (2.0, 0.02, 0.02)])
+def test_the_last_part_ends_at_the_stop(speed: float, deceleration: float, final: float) -> None:
+    """Breaks if distance and its inverse differ, or the knots end elsewhere or rolling."""
+    distance = braking_distance(speed, deceleration, final)
+    assert final_deceleration(speed, deceleration, distance) == pytest.approx(final, rel=1e-6)
+    position, velocity, _ = stop_knots(100.0, speed, deceleration, 100.0 + distance, 0.1)
+    assert position[-1] == 100.0 + distance and velocity[-1] == 0.0
+    # trapezoids of a speed with |a| <= 0.04 m/s² and jerk 0.002 m/s³: error below 0.002 * 0.1² / 12 per second
+    assert 0.1 * (velocity.sum() + speed / 2) == pytest.approx(distance, abs=0.01)
+
+
+def test_shoe_response_has_wave_filling_and_emptying(consist: Consist) -> None:
+    """Breaks if the wave time is missing: the last vehicle is reached after 6.4 s, released after 35 s."""
+    response = shoe_response(consist, 50e3)
+    full = 0.17 * sum(consist.friction_forces)
+    assert response.apply[0] == 0.0 and response.apply[-1] == pytest.approx(full, rel=0.011)
+    at_4_s = response.apply[1]
+    assert at_4_s < 0.5 * full, "after 4 s the wave has passed 800 m of 1 272 m"
+    assert response.release[0] == pytest.approx(full, rel=0.011), "1 %: a settled application"
+    assert response.release[8] > 0.08 * full, "after 32 s a tenth of the train is not reached yet"
+
+
+def journey_of(consist: Consist, line: Line, price: float, **rules: float) -> Journey:
+    settings = TripSettings.model_validate({"air_brake": rules})
+    model = nominal_train_model(consist, line)
+    train = reduced_train(model, settings, 0.0, 12_000.0, (50e3,))
+    return JourneySearch(train, settings).journey(price)
+
+
+def test_a_higher_price_of_time_is_faster_and_costs_work(consist: Consist, line: Line) -> None:
+    """Breaks if the search does not weigh time against work."""
+    slow, fast = (journey_of(consist, line, price) for price in (0.3 * 3.6e6, 3 * 3.6e6))
+    assert fast.duration < slow.duration and fast.traction_work > slow.traction_work
+
+
+def test_applications_keep_their_rules(consist: Consist, line: Line) -> None:
+    """Breaks if the search releases too early or below the minimum speed, or applies within the recharge pause."""
+    journey = journey_of(consist, line, 1.2 * 3.6e6, pause=100.0, min_application=40.0, min_release_speed=12.0)
+    assert journey.applications, "the electric brake holds 6.3 per mille, the fall has 11"
+    times = [np.interp((entry.apply, entry.release), journey.place, journey.time) for entry in journey.applications]
+    cell = 100.0 / 5.0  # a change is at the begin of a cell; the slowest cell of the fall lasts less than this [s]
+    for applied, released in times:
+        assert released - applied >= 40.0 - cell
+    for (_, released), (applied, _) in zip(times, times[1:], strict=False):
+        assert applied - released >= 100.0 - cell
+    for entry in journey.applications:
+        assert np.interp(entry.release, journey.place, journey.speed) >= 12.0
+    braked = journey.shoes > 0.3 * journey.shoes.max()
+    assert not (braked & (journey.force > 0.0)).any(), "traction against applied shoes"
+
+
+def test_the_plan_keeps_limits_time_and_stop_on_the_whole_train(consist: Consist, line: Line) -> None:
+    """Breaks if the plan is that of a mass point: the run of all vehicles would exceed the limit in the fall."""
+    settings = TripSettings(end=12_000.0, time=1200.0)
+    plan = plan_trip(line, consist, settings)
+    assert plan.running_time == pytest.approx(1200.0, rel=0.01)
+    assert plan.profile.position[-1] == pytest.approx(12_000.0 - consist.vehicles[0].length / 2, abs=1e-5)
+    assert plan.profile.velocity[-1] == 0.0
+    assert plan.run.speed.max() <= LIMIT and plan.profile.velocity.max() <= LIMIT
+    assert plan.applications and plan.coupler_max <= settings.coupler_max
+    figures = plan.summary()
+    assert figures["energy_air_brake_kwh"] > 0.0 and figures["coupler_damage"] > 0.0
+
+
+def test_brakes_that_are_too_weak_are_refused(consist: Consist, line: Line) -> None:
+    """Breaks if a plan exceeds the limit silently because its train has no air brake."""
+    bare = consist.model_copy(update={"air_brake": None})
+    with pytest.raises(ValueError, match=r"speed limit exceeded by .* km/h at km|no journey beyond km"):
+        TripPlanner(line, bare, TripSettings(end=12_000.0)).at_price(1.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "word"),
+    [
+        ({"end": 20_000.0}, "begin, end"),
+        ({"end": 12_000.0, "air_brake": {"reductions_kpa": [170]}}, "air_brake.reductions: 170 kPa"),
+        ({"end": 12_000.0, "time": 500.0}, "time: 500 s: not possible"),
+        ({"end": 12_000.0, "coupler_max_kn": 100, "time_weight": 1.0}, "coupler_max: 100 kN"),
+    ],
+)
+def test_impossible_trips_are_refused_in_one_line(
+    consist: Consist, line: Line, settings: dict[str, object], word: str
+) -> None:
+    """Breaks if bad input is planned silently, or the message lacks the key."""
+    with pytest.raises(ValueError, match=word) as raised:
+        plan_trip(line, consist, TripSettings.model_validate(settings))
+    assert "\n" not in str(raised.value) and ";" in str(raised.value)
+
+
+def options(*words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    parser.add_argument("--json", action="store_true")
+    return parser.parse_args(words)
+
+
+def test_one_command_writes_a_scenario_that_runs(
+    tmp_path: Path, line: Line, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if the written scenario lacks profile, applications or plant."""
+    file, out = tmp_path / "fall.yaml", tmp_path / "trip.yaml"
+    file.write_text(json.dumps(line.model_dump(mode="json", by_alias=True)), encoding="utf-8")
+    weights = tmp_path / "weights.yaml"
+    weights.write_text("time_weight: 1.0\n", encoding="utf-8")
+    words = (str(file), "hxd1_c80_105", "--trip", str(weights), "--to-km", "12", "--out", str(out))
+    assert execute(options(*words, "--out", str(tmp_path / "trip.png"), "--json")) == 0
+    figures = json.loads(capsys.readouterr().out)
+    scenario, _ = load_scenario(str(out))
+    assert scenario.brake.policy == "trip" and len(scenario.brake.applications) == len(figures["applications"])
+    assert scenario.duration > figures["running_time_s"]
+    assert {Path(name).suffix for name in figures["files"]} == {".yaml", ".csv", ".png"}
+
+
+def test_options_of_other_plans_are_refused() -> None:
+    """Breaks if an option without effect is accepted."""
+    with pytest.raises(ValueError, match="--jerk"):
+        execute(options("daqin_section", "hxd1_c80_105", "--trip", "--jerk", "0.1"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "mismatch", [{}, {"mass_scale": 1.03, "brake_scale": 0.92, "resistance_scale": 1.15}, {"mass_scale": 0.97}]
+)
+def test_the_shipped_trip_reaches_its_goals(mismatch: dict[str, float]) -> None:
+    """Breaks if the plan is not feasible on the plant with lag, delay and other masses: the goals of the project."""
+    import train_ato as ta
+
+    run = ta.run("daqin_heavy_haul:trip", set={"plant.mismatch": mismatch} if mismatch else {})
+    metrics = run.metrics
+    assert metrics["overspeed_max_kmh"] == 0.0
+    assert metrics["coupler_draft_max_kn"] <= 600 and metrics["coupler_buff_max_kn"] >= -600
+    assert metrics["speed_rmse_kmh"] <= 0.2
+    if not mismatch:
+        assert metrics["energy_traction_kwh"] <= 620
+        assert abs(metrics["stop_error_m"]) <= 0.3
+        assert metrics["running_time_s"] == pytest.approx(3206, rel=0.01)
