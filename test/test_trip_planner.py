@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -94,7 +95,7 @@ def test_applications_keep_their_rules(consist: Consist, line: Line) -> None:
     cell = 100.0 / 5.0  # a change is at the begin of a cell; the slowest cell of the fall lasts less than this [s]
     for applied, released in times:
         assert released - applied >= 40.0 - cell
-    for (_, released), (applied, _) in zip(times, times[1:], strict=False):
+    for (_, released), (applied, _) in pairwise(times):
         assert applied - released >= 100.0 - cell
     for entry in journey.applications:
         assert np.interp(entry.release, journey.place, journey.speed) >= 12.0

@@ -16,9 +16,6 @@ class AirBrakeRules(SiModel):
     pause: Time = Field(60.0, ge=0, description="minimum time from a release to the next application (recharge)")
     min_application: Time = Field(25.0, ge=0, description="minimum time from an application to its release")
     min_release_speed: Speed = Field(35 / 3.6, ge=0, description="no release below this speed")
-    min_reservoir: Ratio = Field(
-        0.95, ge=0, le=1, description="minimum filling of the reservoirs at an application, of trains that use them"
-    )
 
 
 class TripSettings(SiModel):
