@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+import threading
 from typing import Any
 
 import numpy as np
 import pytest
 from plant_trains import TICK_NS, heavy, train
 
+from plant_sim import kernel as k
 from plant_sim.batch import advance_trains
 from plant_sim.library import load_line
 from plant_sim.states import Array
@@ -67,6 +70,31 @@ def test_quiet_ticks_are_one_call() -> None:
     assert not plant("released", 550e3).is_quiet
     assert not plant("jump").is_quiet
     assert not plant("cubes").is_quiet
+
+
+@pytest.mark.skipif(not hasattr(k.advance_ticks, "targetoptions"), reason="without compiler")
+def test_compiled_ticks_release_the_lock_of_the_interpreter() -> None:
+    """Breaks if threads wait for each other, so that a batch takes one core."""
+    begun, ended = threading.Event(), threading.Event()
+    plants = [plant("released") for _ in range(2)]
+
+    def integrate() -> None:
+        begun.set()
+        plants[0].advance_quiet(demands(20_000))
+        ended.set()
+
+    worker = threading.Thread(target=integrate)
+    former = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    worker.start()
+    begun.wait()
+    steps = 0
+    while not ended.is_set():
+        plants[1].advance(demands(1)[0])
+        steps += 1
+    worker.join()
+    sys.setswitchinterval(former)
+    assert steps > 50
 
 
 def test_batch_is_checked_before_the_first_step() -> None:
