@@ -3,9 +3,9 @@
     python bench/kernel.py
 
 The figures are nanoseconds per vehicle and plant step (5 ms, ticks of 0.1 s), the best of several runs.  `tick` calls
-`Train.advance` for every tick; `batch` calls `advance_trains` for 100 ticks of one train in one thread.  A bare loop has
-the loads, stores and divisions of a loop of the kernel and no other work than sums.  The exit status is 1 if a goal is
-missed widely (see goals.py).
+`Train.advance` for every tick; `batch` calls `advance_trains` for 100 ticks of one train in one thread.  A bare loop
+has the loads, stores and divisions of a loop of the kernel and no other work than sums.  The exit status is 1 if a goal
+is missed widely (see goals.py).
 """
 
 from __future__ import annotations

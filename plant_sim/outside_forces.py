@@ -192,8 +192,8 @@ class OutsideForces:
     def rest_of_block(self, stamp: int, count: int) -> Array:
         """Return the forces of at most ``count`` ticks from a stamp [ns] on, without added gusts and cubes.
 
-        Shape (ticks, 3, steps, listed vehicles) as in :meth:`ahead`, without a copy; valid until the next call. ``mean``
-        is that of the last of these ticks.
+        Shape (ticks, 3, steps, listed vehicles) as in :meth:`ahead`, without a copy; valid until the next call. The
+        attribute ``mean`` becomes that of the last of these ticks.
         """
         if not self.acts:
             return np.broadcast_to(self._sum, (count, *self._sum.shape))

@@ -27,7 +27,7 @@ NO_LIMIT = 1e30
 PAGE = 4096
 PLACES = (0, 768, 2560)
 """Distance of state, draft gears and vehicles from the begin of a page [bytes]. At some distances a load waits for a
-store with the same last 12 bits of its address: 6.3 instead of 5.5 ns per vehicle-step for 106 vehicles at (0, 0, 0)."""
+store with the same last 12 bits of its address: 6.3 instead of 5.5 ns per vehicle-step at (0, 0, 0), 106 vehicles."""
 
 
 @dataclass(slots=True)

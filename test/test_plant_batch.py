@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import numpy as np
 import pytest
 from plant_trains import TICK_NS, heavy, train
 
+from plant_sim import kernel as k
 from plant_sim.batch import advance_trains
 from plant_sim.library import load_line
 from plant_sim.states import Array
@@ -67,6 +69,19 @@ def test_quiet_ticks_are_one_call() -> None:
     assert not plant("released", 550e3).is_quiet
     assert not plant("jump").is_quiet
     assert not plant("cubes").is_quiet
+
+
+@pytest.mark.skipif(not hasattr(k.advance_ticks, "targetoptions"), reason="without compiler")
+def test_compiled_ticks_release_the_lock_of_the_interpreter() -> None:
+    """Breaks if threads wait for each other: another thread then sees the train at the begin and at the end only."""
+    moving, long = plant("released"), demands(50_000)
+    moving.advance_quiet(demands(2))  # compiled or loaded from the cache
+    worker = threading.Thread(target=moving.advance_quiet, args=(long,))
+    positions = {float(moving.arrays.state[k.X, 0])}
+    worker.start()
+    while worker.is_alive():
+        positions.add(float(moving.arrays.state[k.X, 0]))
+    assert len(positions) > 3
 
 
 def test_batch_is_checked_before_the_first_step() -> None:

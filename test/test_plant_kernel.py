@@ -213,7 +213,7 @@ def test_demand_is_checked() -> None:
 
 
 def test_equal_draft_gears_are_found() -> None:
-    """Breaks if a run with two different draft gears counts as equal: the second would have the constants of the first."""
+    """Breaks if two different draft gears count as equal: the second would have the constants of the first."""
     other = {**GEARS["clip"], "stroke": 0.1}
     data = heavy(wagons=6).model_dump(by_alias=True, exclude_none=True)
     data["draft_gears"].update(other=other, same=dict(data["draft_gears"]["mt2_mt2"]))
