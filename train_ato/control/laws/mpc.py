@@ -24,7 +24,7 @@ for hauled vehicles at most a third of the wave impedance sqrt(k m) of the coupl
 **Constraints**, all soft, so that the programme always has a solution: force of the envelopes at the speed of every
 node; |jerk| of the train at most ``jerk``; speed at most the limit of the line over the whole train plus ``overspeed``.
 The dual is a linear complementarity problem with a constant matrix, solved by block principal pivoting from the last
-active rows (`quadratic_program.py`), at most 60 exchanges. If they are not enough, the last plan goes on; diagnostics
+active rows (`quadratic_program.py`), at most 200 exchanges. If they are not enough, the last plan goes on; diagnostics
 count it.
 
 **Disturbance.** A Kalman filter of e_p, e_v, d whose noise is measured (`motion_observer.py`): offset-free, with the
@@ -203,7 +203,7 @@ class Mpc(GuardedLaw):
         """Advance the observer and return the resistance of the model at the measured state [N]."""
         model = self.model
         speed = self.mean(inputs.velocity.tolist())
-        resisting = model.resisting_force(model.front(inputs.position), speed, 0.0)
+        resisting = model.resisting_force(model.front(inputs.position), speed, inputs.train_shoe_force)
         reference = float(inputs.lookahead.velocity[0])
         place = mean_over_units(self.share, (inputs.position + model.offsets).tolist())
         position_error, speed_error = place - float(inputs.lookahead.position[0]), speed - reference
