@@ -74,6 +74,8 @@ def row(scenario: str, changes: dict[str, Any], law: str, seeds: int) -> dict[st
             run = ta.run(
                 scenario, law=None if law == "paper" else law, set=changes, seed=seed, progress=False, **chosen
             )
+        except ta.RunInterrupted:
+            raise SystemExit(130) from None
         except (ValueError, ta.RunFailed) as error:
             return {"problem": str(error)}
         found.append(run.metrics)

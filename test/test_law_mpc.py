@@ -30,8 +30,8 @@ def _model(delay=1.0, lag=0.4):
 def test_multipliers_solve_the_complementarity_problem(seed, rows):
     """A wrong exchange leaves a negative multiplier, a negative slack, or both positive."""
     random = np.random.default_rng(seed)
-    factor = random.normal(size=(rows, 12))
-    matrix = factor @ factor.T + 1e-3 * np.eye(rows)
+    factor = random.normal(size=(rows, rows))
+    matrix = factor @ factor.T + 0.1 * np.eye(rows)
     slack, found = random.normal(size=rows), np.zeros(rows)
     active = random.random(rows) < 0.3
     assert multipliers(matrix, slack, active, found) >= 0

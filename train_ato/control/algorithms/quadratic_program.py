@@ -21,7 +21,7 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 
-MAX_EXCHANGES = 60
+MAX_EXCHANGES = 200
 """Largest number of exchanges of one solution; a bound on steps, not on time, so that runs repeat."""
 TOLERANCE = 1e-9
 """Largest violation of a sign, over the largest entry of the right-hand side."""
