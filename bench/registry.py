@@ -39,6 +39,7 @@ BENCHMARKS = (
     Benchmark("memory", "largest memory of a simulated hour; beside the imports alone", quick=("--hours", "0.1")),
     Benchmark("kernel", "plant; beside plain numpy"),
     Benchmark("tick", "tick of the engine by scenario; beside its kernel", quick=("daqin_heavy_haul", "xuzhou_metro")),
+    Benchmark("tick_parts", "parts of a tick in Python and in spans; beside the kernel", quick=("xuzhou_metro",)),
     Benchmark("laws", "step of every law; beside a law without computation", quick=("pid", "smc", "funnel")),
     Benchmark("codec", "messages; beside rosbags"),
     Benchmark("curves", "braking curves; beside a pass over the vehicles, and two searches"),

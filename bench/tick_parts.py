@@ -17,6 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from figures import Figure, publish
 from tick import stage_times
 
 from train_ato.log.run_folder import Encoder
@@ -112,6 +113,7 @@ def table(name: str) -> list[str]:
     for title, run in runs:
         times = span_times(run, setup)
         whole = times.pop("whole run")
+        publish(Figure(f"{name}, {title}", whole, "us", "its compiled call", times[COMPILED_CALL]))
         speed = setup.tick / whole * 1e6
         lines.append(f"| **{title}**: {speed:.0f} times real time | {whole:.1f} | 100 % |")
         for part, value in sorted(times.items(), key=lambda entry: -entry[1]):

@@ -19,19 +19,19 @@ from train_ato.supervision.odometry import motion_estimate
 from train_ato.supervision.packed import packed_track
 from train_ato.supervision.track_supervision import TrackSupervision
 
-SHORT = {"duration": 150}
+SHORT = {"duration": 130}
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
-    "demo to its stop": ("demo", {"duration": 400}),
+    "demo to its stop": ("demo", {}),
     "heavy haul": ("daqin_heavy_haul", SHORT),
     "twin, disturbances, noise": ("daqin_heavy_haul:twin+disturbed+noise", SHORT),
     "mismatch, smc": ("daqin_heavy_haul:tuned+strong_mismatch", {**SHORT, "law": "smc", "compensation": "twin"}),
     "overspeed on a line with limits": ("crh380a_gpc", {**SHORT, "law": "pid", "compensation": "preview"}),
     "curve of the service brake": (
-        "crh380a_funnel:short", {"law": "pid", "supervision.service_curve": True, "duration": 250}
+        "crh380a_funnel:short", {"law": "pid", "supervision.service_curve": True, "duration": 100}
     ),
     "period of one tick, without assurance": (
         "crh380a_funnel:short",
-        {"duration": 250, "law": "funnel", "compensation": "none", "supervision.period": 0.05,
+        {"duration": 60, "law": "funnel", "compensation": "none", "supervision.period": 0.05,
          "supervision.assurance": False},
     ),
     "balises": ("demo", {**SHORT, "plant.odometry": {"balise_spacing": 30.0, "wheel_error": 0.01}}),
@@ -71,8 +71,8 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "ATO disengaged and engaged with a new profile": (
         "crh380a_funnel:short",
-        {"law": "pid", "duration": 420,
-         "ato_requests": [{"at": 60, "do": "disengage"}, {"at": 100, "do": "engage"}]},
+        {"law": "pid", "duration": 160,
+         "ato_requests": [{"at": 20, "do": "disengage"}, {"at": 30, "do": "engage"}]},
     ),
     "faults without a supervisor": (
         "xuzhou_metro",
