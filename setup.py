@@ -77,6 +77,7 @@ setup(
         "Jinja2>=3.1",
         "tornado>=6.2",
         "foxglove-sdk>=0.30",
+        "scipy>=1.15",
         "pandas>=2.1",
         "pyarrow>=14",
         "pebble>=5.0.7",

@@ -43,8 +43,8 @@ ARRAYS = {
     "train_ato/profile/planner/train_tables.py": {
         "sum((envelope_at(envelope, speed) for envelope in self._traction))",
         "sum((envelope_at(envelope, speed) for envelope in self._electric))",
-        "sum((_tabulate(envelope, self.speed) for envelope in self._traction))",
-        "sum((_tabulate(envelope, self.speed) for envelope in self._electric))",
+        "sum(self._tabulated(self._traction))",
+        "sum(self._tabulated(self._electric))",
     }
 }
 """Sums of numpy arrays: added in order in every version."""

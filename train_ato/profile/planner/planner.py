@@ -151,6 +151,27 @@ def plan(
     return fastest if settings.time is None else _plan_to_timetable(sections, fastest, settings.time, assemble)
 
 
+def traction_work_bound(result: Plan) -> float:
+    """Return a lower bound of the traction work of every plan with the running time of a plan [J].
+
+    Raises
+    ------
+    ValueError
+        If the bound has no solution.
+    """
+    from train_ato.profile.planner.energy_bound import energy_lower_bound
+
+    settings = result.settings
+    force = LineForce(result.line, result.train, settings.grade_over_length)
+    inputs = SectionInputs(result.train, force, SpeedLimits(result.line, result.train.speed_max), settings)
+    stops = stops_of(result.line, settings)
+    sections = [
+        PlanSection(inputs, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in stops.sections(settings)
+    ]
+    dwell = plain_sum(departure - arrival for _, arrival, departure in result.arrivals[1:-1])
+    return energy_lower_bound(sections, result.running_time - dwell)
+
+
 def _plan_to_timetable(
     sections: list[PlanSection], fastest: Plan, time: float, assemble: Callable[[list[DrivingStrategy]], Plan]
 ) -> Plan:

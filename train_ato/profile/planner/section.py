@@ -99,7 +99,7 @@ class PlanSection:
         ValueError
             If there is no solution: place, reason; fix.
         """
-        grid, tables, settings = self.grid, self._prepare_tables(), self.inputs.settings
+        grid, tables, settings = self.grid, self.tables, self.inputs.settings
         end_energy = self.end_speed**2 / 2
         limit = np.minimum(tables.limit, strategy.cap**2 / 2)
         top = self._ceiling_energy(limit, strategy.coast_above**2 / 2)
@@ -128,7 +128,7 @@ class PlanSection:
 
     def _ceiling_energy(self, limit: Array, coast_above: float = np.inf) -> Array:
         """Return the largest v²/2 that keeps every limit ahead [m²/s²]."""
-        grid, tables = self.grid, self._prepare_tables()
+        grid, tables = self.grid, self.tables
         top, lost = backward(
             limit, tables.rates, SPEED_STEP, tables.line_min, tables.line_mean, grid.steps,
             tables.brake_reserve, _or_infinite(self.inputs.settings.deceleration), self.end_speed**2 / 2, coast_above,
@@ -139,7 +139,7 @@ class PlanSection:
 
     def coarse_grid(self) -> CoarseGrid:
         """Return the section on the coarse grid of the dynamic programming."""
-        tables = self._prepare_tables()
+        tables = self.tables
         return CoarseGrid(
             self.grid.places,
             self._ceiling_energy(tables.limit),
@@ -257,7 +257,8 @@ class PlanSection:
         over = 0.0 if self.accept_overspeed else float(np.max(knots.speed / limit, initial=0.0)) - 1.0
         return np.maximum(np.stack((up, down)), 0.0), over
 
-    def _prepare_tables(self) -> SectionTables:
+    @property
+    def tables(self) -> SectionTables:
         """Return the tables for the present window, reserves and limit extension."""
         key = (self.window, self._reserved.changes, self.limit_extension)
         if self._tables is not None and key == self._tables_key:

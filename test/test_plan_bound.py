@@ -1,0 +1,47 @@
+"""Lower bound of the traction work: never above a feasible run, and close to the least one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plan_cases import random_case
+from test_plan_energy import SEARCHED, hills, metro
+
+from plant_sim.line import Line
+from train_ato.profile.planner.planner import Plan, plan, traction_work_bound
+from train_ato.profile.planner.settings import PlanSettings
+
+BARE = PlanSettings(jerk=None, point_mass=True, force_margin=0.0)
+
+
+def timetabled(line: Line, settings: PlanSettings, factor: float) -> Plan:
+    """Return the plan of a running time relative to the minimum."""
+    least = plan(line, metro(), settings).running_time
+    return plan(line, metro(), settings.model_copy(update={"time": factor * least}))
+
+
+@pytest.mark.parametrize(("factor", "kwh"), SEARCHED)
+def test_the_bound_is_below_an_exhaustive_search_and_close(factor: float, kwh: float) -> None:
+    """Breaks for a wrong sign of any term: the search over 900 energies x 400 places has a run with this energy."""
+    bound = traction_work_bound(timetabled(hills(60), BARE, factor)) / 3.6e6
+    assert bound <= kwh
+    assert bound >= 0.9 * kwh  # a bound without use: 0 is always valid
+
+
+def test_the_bound_of_a_level_line_without_slack_in_it() -> None:
+    """Breaks if a part of the bracket is missing: a level run needs at least the resistance at its mean speed."""
+    line = Line.model_validate({"schema": "train_ato/line/1", "name": "level", "end": 6000})
+    result = timetabled(line, BARE, 1.3)
+    bound = traction_work_bound(result)
+    resistance = result.train.resistance_at(np.array([6000 / result.running_time]))
+    assert float(resistance[0]) * 6000 <= bound <= 3.6e6 * result.summary()["energy_kwh"]
+
+
+@pytest.mark.parametrize("seed", [1, 4, 23])
+def test_no_random_plan_needs_less(seed: int) -> None:
+    """Breaks for grades, lengths, margins or jerk that the bound counts as a cost but a run does not have."""
+    line, consist, settings = random_case(seed)
+    least = plan(line, consist, settings.model_copy(update={"calling": False}))
+    asked = least.settings.model_copy(update={"time": 1.15 * least.running_time})
+    result = plan(line, consist, asked)
+    assert traction_work_bound(result) <= 3.6e6 * result.summary()["energy_kwh"] * (1 + 1e-6)

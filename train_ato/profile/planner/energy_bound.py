@@ -1,0 +1,226 @@
+"""Lower bound of the traction work of a timetable: the certificate of a plan.
+
+For a run with E = v²/2 over the place s, traction or brake force u (divided by the inertia) and resistance r(E) + g(s)
+the motion is dE/ds = u - r(E) - g(s), the traction work W = int max(u, 0) ds and the time T = int ds / sqrt(2 E).
+
+The bound holds for every continuous, piecewise linear function m(s) >= 0 and every price of time p >= 0.  With the
+largest traction t(E) each feasible u <= t(E) satisfies max(u, 0) >= m u - max(m - 1, 0) t(E): for u >= 0 the difference
+is (1 - m)(u - t) >= 0 if m > 1 and (1 - m) u >= 0 otherwise, for u < 0 it is -m u + max(m - 1, 0) t >= 0.  With u from
+the motion and integration by parts over a section, T at most the time T* of the timetable::
+
+    W >= W + p (T - T*)
+      >= [m E] + int m g ds + int (-m' E + m r(E) - max(m - 1, 0) t(E) + p / sqrt(2 E)) ds - p T*
+      >= [m E] + int m g ds + int min over E of (the bracket) ds - p T*,
+
+where the minimum is over all E up to that of the fastest run, which no run exceeds at any place.  The forward pass
+uses the largest line force of a cell; E of the fastest run is therefore increased by the range of that force times the
+length.  Where m is linear the minimum is a concave function of s (a minimum of functions that are linear or concave in
+m), thus its integral is not below the mean of the values at both ends times the length.  The minimum over E is the
+least of lower bounds on the intervals of a grid: each monotone term has its lower value of both ends.  No step needs an
+optimal m: a poor one gives a low bound.  m and p are the solution of a linear program with the bracket at some E of
+every cell; where the minimum lies elsewhere its E is added, until the bound is close to the value of the program.
+Jerk limit and service braking are left out, which lowers the bound only.
+
+The gap has three causes: the plan is not optimal; it keeps the jerk limit, on short sections the largest part; and m
+depends on the place only, so that t(E), which is convex, counts with its mean over slow and fast runs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.summation import plain_dot
+from train_ato.messages.types import Array
+from train_ato.profile.planner.passes import COAST, TRACTION
+from train_ato.profile.planner.section import PlanSection
+from train_ato.profile.planner.train_tables import SPEED_STEP
+
+SPEED_POINTS = 2000
+"""Number of grid points of the speed in the minimum."""
+CELLS, MIN_CELLS = 500, 60
+"""Number of cells of the multiplier on all sections together, and least number of cells on one section."""
+FIRST_POINTS = 12
+"""Number of E of every cell in the first linear program."""
+MAX_PROGRAMS = 5
+"""Largest number of linear programs."""
+GAP = 2e-3
+"""Distance of the bound from the value of the program that ends the search, relative to the bound."""
+LARGEST_MULTIPLIER, LARGEST_PRICE = 20.0, 1e3
+"""Range of m, and of the price of time [W/kg]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Bounded:
+    """A section for the bound; all forces are divided by the inertia [m/s²].
+
+    Attributes
+    ----------
+    nodes : Array, shape (n + 1,)
+        Places of the nodes of the multiplier [m].
+    steps : Array, shape (n,)
+        Distance between them [m].
+    table : Array
+        Rows of the passes, see :mod:`train_ato.profile.planner.passes`.
+    largest : Array, shape (n,)
+        E of the fastest run in every cell, the largest of the cell.
+    line_work : Array, shape (n + 1,)
+        Factor of every node of m in the work against the line force, and of m E at both ends [J/kg].
+    spread : Array, shape (n,)
+        Factor of the change of m in a cell, the largest error of that work [J/kg].
+    """
+
+    nodes: Array
+    steps: Array
+    table: Array
+    largest: Array
+    line_work: Array
+    spread: Array
+
+    def bracket(self, price: float, weight: float, slope: float, speed: Array) -> Array:
+        """Return lower bounds of the bracket [m/s²] between increasing speeds [m/s], for one m and its slope."""
+        resistance, traction = self.forces(speed)
+        energy = speed**2 / 2
+        pull = max(weight - 1.0, 0.0) * np.maximum(traction[1:], traction[:-1])
+        moved = -slope * (energy[1:] if slope > 0 else energy[:-1])
+        return np.asarray(moved + weight * resistance[:-1] - pull + price / speed[1:])
+
+    def forces(self, speed: Array) -> tuple[Array, Array]:
+        """Return resistance and largest traction at speeds [m/s²]."""
+        columns = SPEED_STEP * np.arange(self.table.shape[1])
+        resistance = np.interp(speed, columns, self.table[COAST])
+        return resistance, np.interp(speed, columns, self.table[TRACTION]) + resistance
+
+
+def energy_lower_bound(sections: list[PlanSection], time: float) -> float:
+    """Return a lower bound of the traction work of every run that needs at most a running time [J].
+
+    Parameters
+    ----------
+    sections
+        Sections between two stops.
+    time
+        Running time of all sections without dwell times [s].
+    """
+    bounded = [_prepared(section, max(MIN_CELLS, CELLS // len(sections))) for section in sections]
+    program = _Program(bounded, time)
+    best = 0.0
+    for _ in range(MAX_PROGRAMS):
+        value, price, weights = program.solve()
+        found = -price * time
+        for number, (section, weight) in enumerate(zip(bounded, weights, strict=True)):
+            least, speeds = _least_bracket(section, weight, price)
+            program.add(number, speeds)
+            change = plain_dot(section.spread, np.abs(np.diff(weight)))
+            found += plain_dot(weight, section.line_work) - change + plain_dot(least, section.steps)
+        best = max(best, found)
+        if value - best <= GAP * best:
+            break
+    return best * sections[0].inputs.train.inertia
+
+
+def _prepared(section: PlanSection, cells: int) -> _Bounded:
+    """Return a section without the window of the jerk limit, so that no feasible run exceeds its largest E."""
+    free = PlanSection(
+        section.inputs, section.begin, section.end, begin_speed=section.begin_speed, end_speed=section.end_speed
+    )
+    places, fastest, table = free.grid.places, free.energy_profile(), free.tables.rates
+    nodes = np.linspace(places[0], places[-1], cells + 1)
+    steps = np.diff(nodes)
+    low, mean, high = (force / section.inputs.train.inertia for force in section.inputs.force.over_cells(free.grid))
+    top = fastest + plain_dot(high - low, free.grid.steps)  # the passes use the largest force of a cell, not its mean
+    first = np.maximum(np.searchsorted(places, nodes[:-1], side="right") - 2, 0)
+    last = np.minimum(np.searchsorted(places, nodes[1:], side="left") + 1, places.size - 1)
+    largest = np.array([top[a : b + 1].max() for a, b in zip(first, last, strict=True)])
+    work = 0.5 * mean * free.grid.steps
+    cell = np.clip(np.searchsorted(nodes, places, side="right") - 1, 0, cells - 1)
+    share = np.clip((places - nodes[cell]) / steps[cell], 0.0, 1.0)
+    at_places = np.concatenate((work, [0.0])) + np.concatenate(([0.0], work))
+    line_work = np.zeros(nodes.size)
+    np.add.at(line_work, cell, (1.0 - share) * at_places)
+    np.add.at(line_work, cell + 1, share * at_places)
+    line_work[0] -= fastest[0]
+    line_work[-1] += fastest[-1]
+    spread = np.zeros(cells)
+    np.add.at(spread, cell[:-1], 0.25 * (high - low) * free.grid.steps**2 / steps[cell[:-1]])
+    return _Bounded(nodes, steps, table, largest, line_work, spread)
+
+
+def _least_bracket(section: _Bounded, weight: Array, price: float) -> tuple[Array, Array]:
+    """Return a lower bound of the mean of the minimum in every cell [m/s²], and the speed of the minimum [m/s]."""
+    speed = np.linspace(0.0, float(np.sqrt(2.0 * section.largest.max())) * (1 + 1e-9), SPEED_POINTS)
+    slope = np.diff(weight) / section.steps
+    least, at = np.empty(slope.size), np.empty(slope.size)
+    for k in range(slope.size):
+        count = min(int(np.searchsorted(speed, np.sqrt(2.0 * section.largest[k]), side="left")), speed.size - 1)
+        both = [section.bracket(price, float(m), float(slope[k]), speed[: count + 1]) for m in weight[k : k + 2]]
+        least[k] = 0.5 * (float(both[0].min()) + float(both[1].min()))
+        at[k] = speed[1 + int(np.argmin(both[0] + both[1]))]
+    return least, np.minimum(at, np.sqrt(2.0 * section.largest))
+
+
+class _Program:
+    """Linear program for price and multipliers: columns p, then m, max(m - 1, 0) and the bracket of every section."""
+
+    def __init__(self, bounded: list[_Bounded], time: float) -> None:
+        sizes = [section.steps.size for section in bounded]
+        self._first = np.concatenate(([1], 1 + np.cumsum([3 * n + 2 for n in sizes])))
+        self._bounded, self._sizes = bounded, sizes
+        self._cost = np.zeros(self._first[-1])
+        self._cost[0] = time
+        self._limits: list[tuple[float | None, float | None]] = [(0.0, LARGEST_PRICE)]
+        self._rows: list[tuple[NDArray[np.int64], Array, Array]] = []
+        for number, (section, n) in enumerate(zip(bounded, sizes, strict=True)):
+            m, w, y = self._columns(number)
+            self._cost[m : m + n + 1] = -section.line_work
+            self._cost[y : y + n] = -section.steps
+            self._limits += [(0.0, LARGEST_MULTIPLIER)] * (n + 1) + [(0.0, None)] * (n + 1) + [(None, None)] * n
+            node = np.arange(n + 1)
+            self._rows.append(
+                (np.stack((m + node, w + node), axis=1), np.tile([1.0, -1.0], (n + 1, 1)), np.ones(n + 1))
+            )
+            top = np.sqrt(2.0 * section.largest)
+            for part in np.linspace(1.0, 1.0 / FIRST_POINTS, FIRST_POINTS):
+                self.add(number, part * top)
+
+    def _columns(self, number: int) -> tuple[int, int, int]:
+        first, n = int(self._first[number]), self._sizes[number]
+        return first, first + n + 1, first + 2 * n + 2
+
+    def add(self, number: int, speed: Array) -> None:
+        """Add the bracket of every cell at a speed [m/s], shape (n,), as a bound of its minimum."""
+        section, cell = self._bounded[number], np.arange(self._sizes[number])
+        m, w, y = self._columns(number)
+        speed = np.maximum(speed, 1e-3)
+        resistance, traction = section.forces(speed)
+        rate = speed**2 / 2 / section.steps
+        columns = np.stack(
+            (y + cell, 0 * cell, m + cell, m + cell + 1, w + cell, w + cell + 1), axis=1
+        )  # y <= p / v + m r - (m - 1)+ t - m' E
+        half = 0.5 * resistance
+        factors = np.stack(
+            (np.ones(cell.size), -1.0 / speed, -half - rate, -half + rate, 0.5 * traction, 0.5 * traction), axis=1
+        )
+        self._rows.append((columns, factors, np.zeros(cell.size)))
+
+    def solve(self) -> tuple[float, float, list[Array]]:
+        """Return value [J/kg], price of time [W/kg] and the multipliers of every section."""
+        from scipy.optimize import linprog
+        from scipy.sparse import csr_matrix
+
+        counts = [np.full(columns.shape[0], columns.shape[1]) for columns, _, _ in self._rows]
+        starts = np.concatenate(([0], np.cumsum(np.concatenate(counts))))
+        columns = np.concatenate([entry.ravel() for entry, _, _ in self._rows])
+        factors = np.concatenate([entry.ravel() for _, entry, _ in self._rows])
+        matrix = csr_matrix((factors, columns, starts), shape=(starts.size - 1, self._cost.size))
+        right = np.concatenate([entry for _, _, entry in self._rows])
+        result = linprog(self._cost, matrix, right, bounds=self._limits, method="highs")
+        if result.x is None:
+            raise ValueError(f"the energy bound has no solution: {result.message}; report the line and the train")
+        weights = []
+        for number, n in enumerate(self._sizes):
+            m = self._columns(number)[0]
+            weights.append(np.maximum(result.x[m : m + n + 1], 0.0))
+        return -float(result.fun), max(float(result.x[0]), 0.0), weights
