@@ -156,7 +156,9 @@ def test_recorded_run_with_former_names_verifies(tmp_path: Path, capsys: pytest.
         former = re.sub(r"^evaluation:", "score:", former, flags=re.M)
         former = re.sub(r"^  holding_brake_ratio:", "  holding:", former, flags=re.M)
         former = re.sub(r"^  ideal_actuator:", "  unlimited:", former, flags=re.M)
-        former = re.sub(r"^    release_margin:", "    margin:", former, flags=re.M)
+        trigger = re.search(r"^  trigger:\n(?:    .*\n)*", former, flags=re.M)
+        if trigger:
+            former = former.replace(trigger[0], trigger[0].replace("    release_margin:", "    margin:"))
         assert former != before
         file.write_text(former)
     capsys.readouterr()

@@ -37,6 +37,7 @@ AHEAD = 30.0
 OWN_EQUIVALENT = ("fixed_time_smc", "funnel", "gpc", "lag_smc", "rbf_smc", "smc")
 REFUSED = {(law, compensation) for law in OWN_EQUIVALENT for compensation in ("pade", "twin")}
 REFUSED |= {("gpc", "predictor"), ("gpc", "train_predictor")}
+REFUSED |= {("mpc", compensation) for compensation in ("pade", "twin", "predictor", "train_predictor")}
 
 
 @functools.cache

@@ -16,7 +16,7 @@ from law_trains import FIVE, SINGLE, inputs, model
 
 from train_ato.apps.check_component.checking import check_component, findings_table
 from train_ato.cli import main
-from train_ato.control.contract import LawInput, LawOutput
+from train_ato.control.contract import LawInput, LawOutput, Lookahead
 from train_ato.control.laws.pid import Pid
 from train_ato.control.registry import LAWS, load_class
 
@@ -44,18 +44,23 @@ def test_every_law_passes_the_contract(name):
     assert sum(finding.test == "recovers after NaN" for finding in found) >= 2
 
 
+def _filled(entry, value):
+    """Return an entry of the input of a law with a value in all its places."""
+    if isinstance(entry, Lookahead):
+        return Lookahead(*np.full((4, entry.position.size), value))
+    return np.full_like(entry, value) if isinstance(entry, np.ndarray) else value
+
+
 @pytest.mark.parametrize("name", NAMES)
 @given(steps=st.lists(st.dictionaries(st.sampled_from(FIELDS), WILD, max_size=4), min_size=1, max_size=8))
 def test_no_law_ever_returns_a_force_that_may_not_be_sent(name, steps):
     """For any sequence of values every force is finite and inside the limits."""
     of = model(FIVE)
     law = LAWS.make(name, {}, of, 0.1)
+    size = len(getattr(law, "lookahead_times", ()))
     for spoilt in steps:
-        base = inputs(of)
-        changes = {
-            field: np.full_like(getattr(base, field), value) if isinstance(getattr(base, field), np.ndarray) else value
-            for field, value in spoilt.items()
-        }
+        base = dataclasses.replace(inputs(of), lookahead=Lookahead(*np.zeros((4, size))))
+        changes = {field: _filled(getattr(base, field), value) for field, value in spoilt.items()}
         out = law.step(dataclasses.replace(base, **changes))
         assert np.isfinite(out.force).all()
         assert (np.abs(out.force) <= 400e3).all()

@@ -69,6 +69,7 @@ SETTINGS = {
     "lag_smc": Setting("lag_smc", observer="eso"),
     "funnel": Setting("funnel"),
     "gpc": Setting("gpc", compensation="none"),
+    "mpc": Setting("mpc", compensation="none"),
 }
 
 

@@ -28,7 +28,7 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
-from train_ato.control.algorithms.quadratic_program import inverse, product
+from train_ato.control.algorithms.quadratic_program import inverse, matrix_product
 from train_ato.messages.types import Array
 
 SOFT_FORCE = 1e-6
@@ -137,13 +137,13 @@ def horizon_model(
     weights[-1] += 1.0 / omega
     weighted_position = (position_share * omega**2) ** 2 * weights[:, None] * position
     weighted_velocity = (4.0 - 2.0 * position_share) * omega**2 * weights[:, None] * velocity
-    hessian = product(np.ascontiguousarray(position.T), weighted_position)
-    hessian = hessian + product(np.ascontiguousarray(velocity.T), weighted_velocity)
+    hessian = matrix_product(np.ascontiguousarray(position.T), weighted_position)
+    hessian = hessian + matrix_product(np.ascontiguousarray(velocity.T), weighted_velocity)
     hessian[np.arange(nodes.size), np.arange(nodes.size)] += weights
     inverted = inverse(hessian)
     constraints, softness = constraint_rows(velocity)
-    limited = product(inverted, np.ascontiguousarray(constraints.T))
-    dual = product(constraints, limited)
+    limited = matrix_product(inverted, np.ascontiguousarray(constraints.T))
+    dual = matrix_product(constraints, limited)
     diagonal = np.diag(dual).copy()
     dual[np.arange(diagonal.size), np.arange(diagonal.size)] += softness * diagonal + 1e-12
     return HorizonModel(

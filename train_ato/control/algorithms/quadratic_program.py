@@ -69,7 +69,7 @@ def inverse(matrix):
 
 
 @compiled
-def product(left, right):
+def matrix_product(left, right):
     """Return the product of two matrices, added in order."""
     found = np.zeros((left.shape[0], right.shape[1]))
     for i in range(left.shape[0]):

@@ -95,11 +95,15 @@ class CompiledLaw:
                 surface._before, surface._integral = before if known else None, integral
 
 
+_STEPS = {kind: kind.step for kind in (Pid, Smc, Funnel)}
+"""Steps with a compiled form: a step that a program replaces at run time has none."""
+
+
 def has_compiled_step(law: Any) -> bool:
     """Return True for a law with a compiled step for its parameters."""
-    if type(law) in (Pid, Funnel):
-        return True
-    return type(law) is Smc and not (law._measured and law._couplers._spring)
+    if _STEPS.get(type(law)) is not type(law).step:
+        return False
+    return type(law) is not Smc or not (law._measured and law._couplers._spring)
 
 
 def _pid_constants(law: Pid) -> Array:

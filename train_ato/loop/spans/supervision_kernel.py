@@ -11,7 +11,7 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from train_ato.control.assurance import RATE_TIME
-from train_ato.supervision import compiled as c
+from train_ato.loop.spans import limits_kernel as c
 from train_ato.supervision.odometry_check import MOVING_SPEED, STEP_SHARE, STEP_TOLERANCE
 from train_ato.supervision.position_estimate import ACCELERATION_TIME
 from train_ato.supervision.supervisor import STANDSTILL_SPEED

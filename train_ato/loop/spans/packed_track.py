@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from train_ato.messages.types import Array
-from train_ato.supervision import compiled as c
+from train_ato.loop.spans import limits_kernel as c
 from train_ato.supervision.deceleration_curve import DecelerationCurve
 from train_ato.supervision.limits import TargetLimits
 from train_ato.supervision.track_supervision import WIDEST_MOTION, TrackSupervision
@@ -28,8 +28,8 @@ def packed_track(track: TrackSupervision) -> TrackArrays:
         Begin of every ceiling but the first [m].
     ceilings : Array, shape (limits + 1, 4)
         Ceiling speeds [m/s].
-    targets : Array, shape (targets, :data:`train_ato.supervision.compiled.TARGET_COLUMNS`)
-        Constants of the targets, by the columns of :mod:`train_ato.supervision.compiled`.
+    targets : Array, shape (targets, :data:`train_ato.loop.spans.limits_kernel.TARGET_COLUMNS`)
+        Constants of the targets, by the columns of :mod:`train_ato.loop.spans.limits_kernel`.
     curves : Array, shape (arcs, 3)
         Speed [m/s], location [m] and deceleration [m/s²] of the arcs.
     widest : Array, shape (3,)

@@ -1,6 +1,6 @@
 """Compiled supervision limits, with the operations of :mod:`train_ato.supervision.track_supervision` in the same order.
 
-The limits are arrays (:mod:`train_ato.supervision.packed`). A value that the functions in Python refuse is NaN.
+The limits are arrays (:mod:`train_ato.loop.spans.packed_track`). A value that the functions in Python refuse is NaN.
 """
 
 # mypy: allow-untyped-defs
@@ -176,7 +176,7 @@ def evaluate(track, motion, speeds):
     Parameters
     ----------
     track
-        Arrays of :class:`train_ato.supervision.packed.PackedTrack`.
+        Arrays of :class:`train_ato.loop.spans.packed_track.PackedTrack`.
     motion
         Estimate by the entries above.
     speeds
