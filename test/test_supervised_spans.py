@@ -12,11 +12,11 @@ from span_runs import assert_same_messages, assert_same_recording, compiled_part
 
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.setup import prepare
+from train_ato.loop.spans.limits_kernel import evaluate
+from train_ato.loop.spans.packed_track import packed_track
 from train_ato.messages.links import DelayJump
 from train_ato.scenario.scenario import load_scenario
-from train_ato.loop.spans.limits_kernel import evaluate
 from train_ato.supervision.odometry import motion_estimate
-from train_ato.loop.spans.packed_track import packed_track
 from train_ato.supervision.track_supervision import TrackSupervision
 
 SHORT = {"duration": 130}

@@ -11,8 +11,8 @@ from plant_sim import kernel as k
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_tanh
 from train_ato.control.compiled import laws as c
-from train_ato.loop.spans import supervision_kernel as supervision_code
 from train_ato.loop.spans import limits_kernel as limits_code
+from train_ato.loop.spans import supervision_kernel as supervision_code
 
 # Rows of `measured` (ticks, rows, units).
 MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_FORCE = range(3)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from train_ato.messages.types import Array
 from train_ato.loop.spans import limits_kernel as c
+from train_ato.messages.types import Array
 from train_ato.supervision.deceleration_curve import DecelerationCurve
 from train_ato.supervision.limits import TargetLimits
 from train_ato.supervision.track_supervision import WIDEST_MOTION, TrackSupervision

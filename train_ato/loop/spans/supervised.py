@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from plant_sim.odometry import Odometers
 from train_ato.loop.spans import supervision_kernel as s
+from train_ato.loop.spans.packed_track import TrackArrays, packed_track
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.train_protection import Protection
 from train_ato.messages.types import Array, AtoState
-from train_ato.loop.spans.packed_track import TrackArrays, packed_track
 from train_ato.supervision.supervisor import STANDSTILL_SPEED, SupervisionState
 
 Past = deque[tuple[int, float]]
