@@ -39,14 +39,15 @@ def compiled_part(setup: RunSetup) -> float:
 def messages_of(setup: RunSetup, *, compiled: bool) -> list[tuple[str, int, bytes]]:
     """Return topic, stamp and content of all messages of a run in order."""
     sink = Messages(setup)
-    assert run_engine(setup, sink=sink, compiled=compiled).failure is None
+    failure = run_engine(setup, sink=sink, compiled=compiled).failure
+    assert failure is None, failure
     return sink.rows
 
 
 def assert_same_messages(one: list[tuple[str, int, bytes]], other: list[tuple[str, int, bytes]]) -> None:
     first = next((pair for pair in zip(one, other, strict=False) if pair[0] != pair[1]), None)
-    assert first is None
-    assert len(one) == len(other)
+    assert first is None, first
+    assert len(one) == len(other), (len(one), len(other))
 
 
 def assert_same_recording(one: RunResult, other: RunResult) -> None:

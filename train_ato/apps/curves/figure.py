@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from train_ato.apps.curves.table import CurveTable
-from train_ato.apps.report.print_parts import SHEET_SIZE, styled
+from train_ato.apps.report.print_parts import SHEET_SIZE, styled, write_figure
 from train_ato.apps.report.quantities import BLACK, BLUE, BROWN, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 
 CURVE_COLOURS = {
@@ -36,10 +36,7 @@ def draw_curves(tables: dict[str, CurveTable], path: Path) -> None:
     panels = figure.subplots(len(tables), 1, squeeze=False)[:, 0]
     for panel, (name, table) in zip(panels, tables.items(), strict=True):
         _draw_table(panel, name, table)
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+    write_figure(figure, path)
 
 
 def _draw_table(panel: Axes, name: str, table: CurveTable) -> None:

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from plant_sim.track import Track
-from train_ato.apps.report.print_parts import SHEET_SIZE, styled
+from train_ato.apps.report.print_parts import SHEET_SIZE, styled, write_figure
 from train_ato.apps.report.quantities import GREY, INK, ORANGE, QUANTITIES
 from train_ato.messages.types import Array
 from train_ato.profile.planner.line_tables import LineForce
@@ -47,10 +47,7 @@ def draw_plan(plan: Plan, path: Path) -> None:
         f"{plan.train.name} on {plan.line.name}: {plan.running_time:.1f} s, {span / 1e3:.3f} km, "
         f"{plan.summary()['energy_kwh']:.0f} kWh"
     )
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+    write_figure(figure, path)
 
 
 def _draw_speed(panel: Axes, plan: Plan, place: Array, scale: float) -> None:

@@ -302,3 +302,17 @@ def draw_track(axes: Axes, data: PageData) -> None:
 def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
     """Write a figure in the common style, without date; equal figures result in equal files."""
     figure.savefig(path, dpi=dpi, metadata={"Date": None} if path.suffix == ".svg" else {"Software": None})
+
+
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write a figure in its own style and resolution, in the format of the suffix of its path.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be written.
+    """
+    try:
+        figure.savefig(path)
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be written ({error.strerror}); choose another place") from None

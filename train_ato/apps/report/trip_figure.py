@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.track import Track
-from train_ato.apps.report.print_parts import SHEET_SIZE, styled
+from train_ato.apps.report.print_parts import SHEET_SIZE, styled, write_figure
 from train_ato.apps.report.quantities import GREY, ORANGE, QUANTITIES
 from train_ato.profile.planner.line_tables import SpeedLimits
 from train_ato.profile.trip.planner import TripPlan
@@ -51,10 +51,7 @@ def draw_trip(plan: TripPlan, line: Line, consist: Consist, path: Path) -> None:
         f"{consist.name} on {line.name}: {figures['running_time_s']:.0f} s, {figures['energy_kwh']:.0f} kWh, "
         f"{len(plan.applications)} applications"
     )
-    try:
-        figure.savefig(path)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+    write_figure(figure, path)
 
 
 def _draw_speed(panel: Axes, plan: TripPlan, line: Line, consist: Consist) -> None:
