@@ -41,10 +41,12 @@ def draw_trip(plan: TripPlan, line: Line, consist: Consist, path: Path) -> None:
     track = Track(line)
     places = np.linspace(float(run.position[0]), float(run.position[-1]), 2000)
     grade.plot(places / 1e3, 1e3 * track.grade[np.searchsorted(track.breaks, places, side="right")], color=GREY, lw=1)
-    grade.set_ylabel("grade in per mille")
+    grade.set_ylabel("grade in ‰")
     grade.set_xlabel("place of vehicle 0's centre in km")
-    for panel in (speed, force, coupler):
+    speed.legend(loc="lower center", ncols=3)  # the profile is above it, except at both ends
+    for panel in (force, coupler):
         panel.legend(loc="upper right")
+    for panel in (speed, force, coupler):
         panel.margins(x=0.01)
     figures = plan.summary()
     figure.suptitle(
