@@ -56,7 +56,7 @@ class Terminals:
             stderr=subprocess.STDOUT,
             text=True,
         )
-        self.processes[role] = process
+        self.processes[role if role not in self.processes else f"second {role}"] = process
         return process
 
     def ends(self) -> dict[str, tuple[int, str]]:
