@@ -10,9 +10,16 @@ from plant_sim import compiled as compilation
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_tanh
-from train_ato.control.compiled import laws as c
+from train_ato.control.compiled import entries as c
+from train_ato.control.compiled import laws as laws_code
+from train_ato.control.compiled import observers as observers_code
+from train_ato.control.compiled import prediction as prediction_code
+from train_ato.control.compiled import sliding as sliding_code
 from train_ato.loop.spans import limits_kernel as limits_code
 from train_ato.loop.spans import supervision_kernel as supervision_code
+from train_ato.messages.validity import MAX_FORCE as MAX_VALID_FORCE
+from train_ato.messages.validity import MAX_POSITION as MAX_VALID_POSITION
+from train_ato.messages.validity import MAX_SPEED as MAX_VALID_SPEED
 
 # Rows of `measured` (ticks, rows, units).
 MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_FORCE = range(3)
@@ -24,6 +31,10 @@ POSITION_BIAS, VELOCITY_BIAS, POSITION_QUANTUM, VELOCITY_QUANTUM = range(4)
 MAX_POSITION, MAX_SPEED, MAX_FORCE, STANDSTILL_SPEED, NEXT_PLACE, NEXT_TIME, NEXT_JUMP_PLACE = range(7)
 # Entries of `count`: first tick, ticks between the steps of the law, 1 if the last step was at a limit, reports.
 FIRST_TICK, EVERY, AT_LIMIT, REPORTS = range(4)
+MAX_DEMAND = 1e300
+"""Demand of a law beyond which a step is left to Python [N]."""
+VALID_POSITION, VALID_SPEED, VALID_FORCE = 0.9 * MAX_VALID_POSITION, 0.9 * MAX_VALID_SPEED, 0.9 * MAX_VALID_FORCE
+"""Sums of the inputs of a law from which a step is left to Python [m, m/s, N]; speeds per unit."""
 # Columns of `own`, one row per unit: constants of the vehicle and of the line of the model.
 MASS, C0, C1, C2, FADING_SPEED, LINE_BEGIN, LINE_GRID, OFFSET = range(8)
 
@@ -65,29 +76,52 @@ def _envelope(rows, first, end, speed):
 
 
 @compiled
-def _interpolated(table, place):
-    """Return the value of a table between its entries, as :func:`train_ato.control.train_model.interpolated`."""
-    if place <= 0.0:
-        return table[0]
-    index = int(place)
-    if index >= len(table) - 1:
-        return table[-1]
-    return table[index] + (place - index) * (table[index + 1] - table[index])
+def _opposing(couplers, beside, springs, own, table, shoes, inputs):
+    """Write the forces against the motion of every unit's vehicle [N], for position and speed of the inputs."""
+    sensors = couplers.shape[1]
+    for u in range(len(beside)):
+        pull = 0.0
+        for side in range(1, -1, -1):  # behind minus in front
+            number = beside[u, side]
+            force = 0.0
+            if number >= sensors:
+                spring = springs[number - sensors]
+                a, b = int(spring[0]), int(spring[1])
+                distance = (inputs[c.POSITION, a] + own[a, OFFSET]) - (inputs[c.POSITION, b] + own[b, OFFSET])
+                force = spring[2] * distance + spring[3] * (inputs[c.VELOCITY, a] - inputs[c.VELOCITY, b])
+            elif number >= 0:
+                force = couplers[COUPLER_FORCE, number]
+            pull = force if side == 1 else pull - force
+        v = inputs[c.VELOCITY, u]
+        speed = abs(v)
+        running = (own[u, C0] + own[u, C1] * speed + own[u, C2] * speed * speed) * libm_tanh(v / own[u, FADING_SPEED])
+        place = (inputs[c.POSITION, u] - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
+        inputs[c.COUPLERS, u] = pull
+        inputs[c.RESISTANCE, u] = running + own[u, MASS] * c.between_entries(table, place)
+        inputs[c.SHOES, u] = shoes[1 + u]
 
 
 @compiled
-def _opposing(tick, measured, couplers, beside, own, table, shoes, inputs):
-    """Write the forces against the motion of every unit's vehicle [N]."""
-    for u in range(len(beside)):
-        front, behind = beside[u, 0], beside[u, 1]
-        pull = 0.0 if behind < 0 else couplers[tick, COUPLER_FORCE, behind]
-        pull -= 0.0 if front < 0 else couplers[tick, COUPLER_FORCE, front]
-        v = measured[tick, MEASURED_VELOCITY, u]
-        speed = abs(v)
-        running = (own[u, C0] + own[u, C1] * speed + own[u, C2] * speed * speed) * libm_tanh(v / own[u, FADING_SPEED])
-        place = (measured[tick, MEASURED_POSITION, u] - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
-        resistance = running + own[u, MASS] * _interpolated(table, place)
-        inputs[c.OPPOSING, u] = pull + resistance + shoes[tick, 1 + u]
+def _line_force(inputs, own, table):
+    """Return the line force on the train [N] for the position of its first unit."""
+    front = inputs[c.POSITION, 0] + own[0, OFFSET]
+    return c.between_entries(table, (front - own[0, LINE_BEGIN]) / own[0, LINE_GRID])
+
+
+@compiled(uses=(c, observers_code))
+def _observe(tick, couplers, own, tables, observing, inputs, now, bound):
+    """Compute the estimate of a tick [N]; return False for one that is left to Python."""
+    observer, constant, state, estimates, shoes, beside, springs = observing
+    if observer == observers_code.NO_OBSERVER:
+        return True
+    now[c.LINE_FORCE], now[c.TRAIN_SHOE_FORCE] = _line_force(inputs, own, tables[1]), shoes[tick, 0]
+    _opposing(couplers[tick], beside, springs, own, tables[0], shoes[tick], inputs)
+    observers_code.estimate(observer, constant, state, inputs, now, estimates[tick])
+    for u in range(inputs.shape[1]):
+        if not abs(estimates[tick, u]) < bound[MAX_FORCE]:
+            return False
+        inputs[c.DISTURBANCE, u] = estimates[tick, u]
+    return True
 
 
 @compiled
@@ -124,10 +158,23 @@ def _stands(tick, measured, bound):
 
 
 @compiled
-def _command(inputs, wanted, sent, bound):
+def _is_valid(inputs, now):
+    """Return True if the inputs of the law are far inside the bounds of ``train_ato.control.algorithms.guard``."""
+    speeds = abs(now[c.ACCELERATION_AT_EFFECT]) + abs(now[c.JERK_AT_EFFECT])
+    places, forces, n = 0.0, abs(now[c.TRAIN_SHOE_FORCE]), inputs.shape[1]
+    for u in range(n):
+        speeds += abs(inputs[c.VELOCITY, u]) + abs(now[c.REFERENCE_VELOCITY]) + abs(now[c.REFERENCE_ACCELERATION])
+        places += abs(inputs[c.POSITION, u]) + abs(inputs[c.REFERENCE_POSITION, u])
+        forces += abs(inputs[c.FORCE_MIN, u]) + abs(inputs[c.FORCE_MAX, u]) + abs(inputs[c.FEEDFORWARD, u])
+        forces += abs(inputs[c.DISTURBANCE, u]) + abs(inputs[c.APPLIED, u]) + abs(inputs[c.SHOES, u])
+    return speeds < VALID_SPEED * n and places < VALID_POSITION and forces < VALID_FORCE
+
+
+@compiled
+def _command(inputs, wanted, sent):
     """Limit the demands as law and control stack; return 1 at a limit, 0 inside, -1 for a demand left to Python."""
     for u in range(len(wanted)):
-        if not abs(wanted[u]) < bound[MAX_FORCE] * 1e3:
+        if not abs(wanted[u]) < MAX_DEMAND:
             return -1
     at_limit = 0
     for u in range(len(wanted)):
@@ -138,6 +185,37 @@ def _command(inputs, wanted, sent, bound):
         if limited != 0.0 and not low < limited < high:
             at_limit = 1
     return at_limit
+
+
+@compiled
+def _set_inputs(tick, measured, reference, feedforward, own, limits, segments, inputs, now):
+    """Write reference, feed-forward and limits of a step of the law."""
+    for u in range(inputs.shape[1]):
+        speed = abs(measured[tick, MEASURED_VELOCITY, u])
+        inputs[c.REFERENCE_POSITION, u] = reference[0, tick] - own[u, OFFSET]
+        inputs[c.FEEDFORWARD, u] = feedforward[tick, u]
+        inputs[c.FORCE_MIN, u] = -_envelope(limits, segments[u, 0], segments[u, 1], speed)
+        inputs[c.FORCE_MAX, u] = _envelope(limits, segments[u, 2], segments[u, 3], speed)
+    now[c.REFERENCE_VELOCITY], now[c.REFERENCE_ACCELERATION] = reference[1, tick], reference[2, tick]
+    now[c.ACCELERATION_AT_EFFECT], now[c.JERK_AT_EFFECT] = reference[3, tick], reference[4, tick]
+
+
+@compiled(uses=(c, laws_code, prediction_code))
+def _law_step(tick, t, couplers, own, tables, shoes, law, predicting, history, inputs, now, wanted, sent):
+    """Compute the command of a tick from its inputs; return 1 at a limit, 0 inside, -1 for one left to Python."""
+    number, constant, state, beside, springs = law
+    now[c.TRAIN_SHOE_FORCE] = shoes[tick, 0]
+    if len(predicting[0]):
+        line_force = _line_force(inputs, own, tables[1])
+        prediction_code.predict(
+            t, predicting[0], predicting[1], predicting[2], history, line_force, shoes[tick, 0], inputs
+        )
+    now[c.LINE_FORCE] = _line_force(inputs, own, tables[1])
+    _opposing(couplers[tick], beside, springs, own, tables[0], shoes[tick], inputs)
+    if not _is_valid(inputs, now):
+        return -1
+    laws_code.demand(number, constant, state, inputs, now, wanted)
+    return _command(inputs, wanted, sent)
 
 
 @compiled
@@ -167,10 +245,11 @@ def _arrived(newest, due, value, bounds, held, window):
             bounds[0, u] += 1
 
 
-@compiled(uses=(k, c, compilation, limits_code, supervision_code))
+@compiled(uses=(k, c, laws_code, sliding_code, observers_code, prediction_code, compilation, limits_code,
+                supervision_code))  # fmt: skip
 def run_span(
     stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensor, units, sensors, gaps,
-    law, constant, law_state, inputs, reference, feedforward, shoes, beside, own, tables, limits, segments,
+    law, observing, predicting, inputs, reference, feedforward, shoes, own, tables, limits, segments,
     bound, count, delays, newest, due, value, bounds, held, history, truth, measured, couplers, sent, at_limit, reports,
     supervision, at_rest,
 ):  # fmt: skip
@@ -180,13 +259,15 @@ def run_span(
     coupler and shoe force, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with command and number of steps
     at a limit before the first tick. ``reports`` has the state of the train at the ticks with diagnostics.
     ``supervision`` has the arrays of :class:`train_ato.loop.spans.supervised.SupervisionArrays`; ``at_rest`` is True
-    for a reference at rest now and after the delay of the commands.
+    for a reference at rest now and after the delay of the commands. ``law``, ``observing`` and ``predicting`` have
+    number, constants, state and couplers of the law and of the observer, and the arrays of the prediction.
     """
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     outside, cubes, cubed = forces
     every, states, gears, unit_states, settings = reports
     n, steps, nu = vehicle.shape[1], newest.shape[1], len(units)
-    saved, kept = law_state.copy(), inputs.copy()
+    law_state, observer_state = law[2], observing[2]
+    saved, observed, kept = law_state.copy(), observer_state.copy(), inputs.copy()
     supervised, odometers, motion = supervision[0].copy(), supervision[2].copy(), np.zeros(5)
     wanted, now, window = np.zeros(nu), np.zeros(c.NOW_ENTRIES), np.zeros((steps, nu))
     for tick in range(len(newest)):
@@ -195,35 +276,26 @@ def run_span(
         t = at * 1e-9
         if _must_leave(tick, t, measured, couplers, state[k.X, 0], bound, event, events, n, at_rest):
             return tick
+        supervised[:], odometers[:] = supervision[0], supervision[2]
+        saved[:], observed[:], kept[:] = law_state, observer_state, inputs
+        usable, limited = True, 0
         if supervision[0][supervision_code.PERIOD] > 0:
-            supervised[:], odometers[:] = supervision[0], supervision[2]
             place, speed = measured[tick, MEASURED_POSITION, 0], measured[tick, MEASURED_VELOCITY, 0]
-            if not supervision_code.supervise(at, state[k.X, 0], state[k.V, 0], place, speed, supervision, motion):
-                supervision[0][:], supervision[2][:] = supervised, odometers
-                return tick
-        if (count[FIRST_TICK] + tick) % count[EVERY] == 0:
-            saved[:], kept[:] = law_state, inputs
-            for u in range(nu):
-                speed = abs(measured[tick, MEASURED_VELOCITY, u])
-                inputs[c.POSITION, u] = measured[tick, MEASURED_POSITION, u]
-                inputs[c.VELOCITY, u] = measured[tick, MEASURED_VELOCITY, u]
-                inputs[c.APPLIED, u] = measured[tick, MEASURED_FORCE, u]
-                inputs[c.REFERENCE_POSITION, u] = reference[0, tick] - own[u, OFFSET]
-                inputs[c.FEEDFORWARD, u] = feedforward[tick, u]
-                inputs[c.FORCE_MIN, u] = -_envelope(limits, segments[u, 0], segments[u, 1], speed)
-                inputs[c.FORCE_MAX, u] = _envelope(limits, segments[u, 2], segments[u, 3], speed)
-            now[c.REFERENCE_VELOCITY], now[c.REFERENCE_ACCELERATION] = reference[1, tick], reference[2, tick]
-            now[c.ACCELERATION_AT_EFFECT] = reference[3, tick]
-            front = measured[tick, MEASURED_POSITION, 0] + own[0, OFFSET]
-            now[c.LINE_FORCE] = _interpolated(tables[1], (front - own[0, LINE_BEGIN]) / own[0, LINE_GRID])
-            now[c.TRAIN_SHOE_FORCE] = shoes[tick, 0]
-            _opposing(tick, measured, couplers, beside, own, tables[0], shoes, inputs)
-            c.demand(law, constant, law_state, inputs, now, wanted)
-            limited = _command(inputs, wanted, sent[tick + 1], bound)
-            if limited < 0:
-                law_state[:], inputs[:] = saved, kept
-                supervision[0][:], supervision[2][:] = supervised, odometers
-                return tick
+            usable = supervision_code.supervise(at, state[k.X, 0], state[k.V, 0], place, speed, supervision, motion)
+        if usable:
+            inputs[c.POSITION : c.APPLIED + 1] = measured[tick]
+            usable = _observe(tick, couplers, own, tables, observing, inputs, now, bound)
+        is_step = (count[FIRST_TICK] + tick) % count[EVERY] == 0
+        if usable and is_step:
+            _set_inputs(tick, measured, reference, feedforward, own, limits, segments, inputs, now)
+            limited = _law_step(
+                tick, t, couplers, own, tables, shoes, law, predicting, history, inputs, now, wanted, sent[tick + 1]
+            )
+        if not usable or limited < 0:
+            law_state[:], observer_state[:], inputs[:] = saved, observed, kept
+            supervision[0][:], supervision[2][:] = supervised, odometers
+            return tick
+        if is_step:
             if at_rest[tick] and _stands(tick, measured, bound):
                 sent[tick + 1] = 0.0
             at_limit[tick + 1] = at_limit[tick] + limited
