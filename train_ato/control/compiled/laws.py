@@ -14,6 +14,7 @@ from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp, libm_pow, libm_tanh
 from train_ato.control.compiled import entries as entries_code
 from train_ato.control.compiled import sliding as sliding_code
+from train_ato.control.compiled import switching as switching_code
 from train_ato.control.compiled.entries import (
     APPLIED,
     DISTURBANCE,
@@ -35,8 +36,9 @@ from train_ato.control.compiled.entries import (
     ordered_total,
 )
 from train_ato.control.compiled.sliding import fixed_time_smc_step, lag_smc_step, smc_step
+from train_ato.control.compiled.switching import rbf_switching_smc_step
 
-PID, FUNNEL, SMC, FIXED_TIME_SMC, LAG_SMC = range(5)
+PID, FUNNEL, SMC, FIXED_TIME_SMC, LAG_SMC, RBF_SWITCHING_SMC = range(6)
 """Laws with a compiled step."""
 # Entries of `constant` of pid, and its first gain; three gains per unit.
 (
@@ -227,7 +229,7 @@ def funnel_step(constant, state, inputs, now, force):
         force[unit] = wanted * inputs[SHARE, unit]
 
 
-@compiled(uses=(entries_code, sliding_code))
+@compiled(uses=(entries_code, sliding_code, switching_code))
 def demand(law, constant, state, inputs, now, force):
     """Compute the demand of a law by its number [N], shape (units,)."""
     if law == PID:
@@ -238,5 +240,7 @@ def demand(law, constant, state, inputs, now, force):
         smc_step(constant, state, inputs, now, force)
     elif law == FIXED_TIME_SMC:
         fixed_time_smc_step(constant, state, inputs, now, force)
-    else:
+    elif law == LAG_SMC:
         lag_smc_step(constant, state, inputs, now, force)
+    else:
+        rbf_switching_smc_step(constant, state, inputs, now, force)

@@ -8,6 +8,7 @@ import numpy as np
 
 from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.compiled import observers as c
+from train_ato.control.compiled.entries import TRAIN_ENTRIES
 from train_ato.control.compiled.train_packing import train_constants
 from train_ato.control.observers.cascade import Cascade, ExplicitCascade, ImplicitCascade, LevantCascade
 from train_ato.control.observers.cascaded import Cascaded
@@ -52,7 +53,7 @@ class CompiledObserver:
             return
         balance: ForceBalance = observer._balance
         constant = np.zeros(c.O_MASS + len(balance._mass))
-        constant[: c.TRAIN_ENTRIES] = train_constants(observer.model)
+        constant[:TRAIN_ENTRIES] = train_constants(observer.model)
         constant[[c.O_WHOLE_TRAIN, c.O_MODEL_FACTOR, c.O_WEIGHT, c.O_PERIOD]] = (
             balance.whole_train, balance._model_factor, balance._weight, observer.period,
         )  # fmt: skip
@@ -75,6 +76,7 @@ class CompiledObserver:
         observer: Any = self._observer
         before, bodies = observer._before, observer._balance.count
         rows = [(0.0, 0.0, 0.0)] * bodies if before is None else before
+        own: list[tuple[float, ...]]
         if self.number == c.ESO:
             own = [(v._value is not None, v._value or 0.0, v.unknown_rate) for v in observer._vehicles]
         elif self.number == c.NDO:

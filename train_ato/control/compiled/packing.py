@@ -19,6 +19,11 @@ from train_ato.control.compiled.sliding_packing import (
     smc_constants,
     take_sliding_state,
 )
+from train_ato.control.compiled.switching_packing import (
+    switching_constants,
+    switching_state,
+    take_switching_state,
+)
 from train_ato.control.laws.fixed_time_smc import FixedTimeSmc
 from train_ato.control.laws.funnel import (
     A1,
@@ -34,6 +39,7 @@ from train_ato.control.laws.funnel import (
 from train_ato.control.laws.lag_smc import LagSmc
 from train_ato.control.laws.pid import Pid
 from train_ato.control.laws.rbf_smc import RbfSmc
+from train_ato.control.laws.rbf_switching_smc import RbfSwitchingSmc
 from train_ato.control.laws.smc import Smc
 from train_ato.control.train_model import DRY_FRICTION_SPEED
 from train_ato.messages.types import Array
@@ -86,7 +92,7 @@ class CompiledLaw:
             return np.array([*flags, *law._integral, *law._rate, *before, *filtered])
         if self.number == c.FUNNEL:
             return _funnel_state(law)
-        return sliding_state(law)
+        return switching_state(law) if self.number == c.RBF_SWITCHING_SMC else sliding_state(law)
 
     def take_state(self, state: Array) -> None:
         """Set the state of the law."""
@@ -101,6 +107,8 @@ class CompiledLaw:
             law._filtered = filtered if values[c.HAS_FILTERED] else None
         elif self.number == c.FUNNEL:
             _take_funnel_state(law, values)
+        elif self.number == c.RBF_SWITCHING_SMC:
+            take_switching_state(law, values)
         else:
             take_sliding_state(law, values)
 
@@ -109,6 +117,8 @@ def has_compiled_step(law: Any) -> bool:
     """Return True for a law with a compiled step for its parameters."""
     if _STEPS.get(type(law)) is not type(law).step:
         return False
+    if type(law) is RbfSwitchingSmc:
+        return not law._equivalents
     return type(law) is not FixedTimeSmc or law.parameters.states == "measured"
 
 
@@ -158,13 +168,14 @@ def _take_funnel_state(law: Any, values: list[float]) -> None:
     law._excess = deque(values[excess : excess + count], maxlen=law._excess.maxlen)
 
 
-_FORMS: tuple[tuple[type, int, Callable[[Any], Array]], ...] = (
+_FORMS: tuple[tuple[Any, int, Callable[[Any], Array]], ...] = (
     (Pid, c.PID, _pid_constants),
     (Funnel, c.FUNNEL, _funnel_constants),
     (Smc, c.SMC, smc_constants),
     (RbfSmc, c.SMC, smc_constants),
     (FixedTimeSmc, c.FIXED_TIME_SMC, fixed_time_smc_constants),
     (LagSmc, c.LAG_SMC, lag_smc_constants),
+    (RbfSwitchingSmc, c.RBF_SWITCHING_SMC, switching_constants),
 )
 """Laws with a compiled step, their numbers and their constants."""
 _STEPS = {kind: kind.step for kind, _, _ in _FORMS}

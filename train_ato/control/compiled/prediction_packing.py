@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from train_ato.control.algorithms.force_shares import PAIRWISE, mean_over_units
 from train_ato.control.command_history import CommandHistory
 from train_ato.control.compensation.predictor import Predictor
-from train_ato.control.compiled import prediction as c
 from train_ato.control.compiled.train_packing import train_constants
 from train_ato.messages.types import Array
 

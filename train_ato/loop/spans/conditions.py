@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from plant_sim.brake_events import PipeEvents
-from train_ato.control.air_brake.policy import PlannedBrake, ReleasedBrake
 from train_ato.control.compensation.none import NoCompensation
 from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
+from train_ato.control.compiled.entries import LONGEST_SUM
 from train_ato.control.compiled.observer_packing import has_compiled_observer
 from train_ato.control.compiled.packing import CompiledLaw
+from train_ato.control.compiled.policy_packing import has_compiled_policy, has_same_state
 from train_ato.control.compiled.prediction_packing import has_compiled_prediction
 from train_ato.control.observers.cascaded import Cascaded
 from train_ato.control.observers.eso import Eso
@@ -93,21 +94,20 @@ def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack,
         and compensation.forward != compensation.backward
     ):
         return False  # the time of the effect depends on the sign of the command
-    return (
-        _observer_is_regular(stages, stack)
-        and type(stack._policy) in (ReleasedBrake, PlannedBrake)
-        and not train._has_added_gusts
-    )
+    if not has_compiled_policy(stack._policy, setup.model.n_units) or train._has_added_gusts:
+        return False
+    return _observer_is_regular(stages, stack)
 
 
 def _observer_is_regular(stages: Stages, stack: ControlStack) -> bool:
-    """Return True for the observer `none`, or another one without shoe forces in its balance."""
+    """Return True for the observer `none`, or another one whose forecast of the shoe forces has a compiled form."""
     own = stages.observer._stack
     if type(own._observer) is NoObserver:
         return True
-    if not has_compiled_observer(own._observer):
+    if not has_compiled_observer(own._observer) or not has_same_state(own._policy, stack._policy):
         return False
-    return not own._shoes.fitted or (own._shoes.idle and own._shoes._pressure == stack._pressure)
+    shoes, vehicles = own._shoes, len(stages.setup.model.consist.vehicles)
+    return not shoes.fitted or (shoes._pressure == stack._pressure and (shoes.idle or vehicles <= LONGEST_SUM))
 
 
 def _inputs(stages: Stages) -> list[StageInputs]:

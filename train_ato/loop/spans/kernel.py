@@ -9,17 +9,17 @@ import numpy as np
 from plant_sim import compiled as compilation
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
-from plant_sim.elementary import libm_tanh
+from train_ato.control.compiled import brake_policies as policies_code
 from train_ato.control.compiled import entries as c
 from train_ato.control.compiled import laws as laws_code
 from train_ato.control.compiled import observers as observers_code
 from train_ato.control.compiled import prediction as prediction_code
 from train_ato.control.compiled import sliding as sliding_code
+from train_ato.control.compiled import switching as switching_code
+from train_ato.loop.spans import control_kernel as control_code
 from train_ato.loop.spans import limits_kernel as limits_code
 from train_ato.loop.spans import supervision_kernel as supervision_code
-from train_ato.messages.validity import MAX_FORCE as MAX_VALID_FORCE
-from train_ato.messages.validity import MAX_POSITION as MAX_VALID_POSITION
-from train_ato.messages.validity import MAX_SPEED as MAX_VALID_SPEED
+from train_ato.loop.spans.control_kernel import changes_brake, law_step, observe, set_inputs
 
 # Rows of `measured` (ticks, rows, units).
 MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_FORCE = range(3)
@@ -31,12 +31,6 @@ POSITION_BIAS, VELOCITY_BIAS, POSITION_QUANTUM, VELOCITY_QUANTUM = range(4)
 MAX_POSITION, MAX_SPEED, MAX_FORCE, STANDSTILL_SPEED, NEXT_PLACE, NEXT_TIME, NEXT_JUMP_PLACE = range(7)
 # Entries of `count`: first tick, ticks between the steps of the law, 1 if the last step was at a limit, reports.
 FIRST_TICK, EVERY, AT_LIMIT, REPORTS = range(4)
-MAX_DEMAND = 1e300
-"""Demand of a law beyond which a step is left to Python [N]."""
-VALID_POSITION, VALID_SPEED, VALID_FORCE = 0.9 * MAX_VALID_POSITION, 0.9 * MAX_VALID_SPEED, 0.9 * MAX_VALID_FORCE
-"""Sums of the inputs of a law from which a step is left to Python [m, m/s, N]; speeds per unit."""
-# Columns of `own`, one row per unit: constants of the vehicle and of the line of the model.
-MASS, C0, C1, C2, FADING_SPEED, LINE_BEGIN, LINE_GRID, OFFSET = range(8)
 
 
 @compiled(uses=(k, compilation))
@@ -63,65 +57,6 @@ def _measure(tick, arrays, noise, sensor, units, sensors, gaps, measured, couple
         couplers[tick, DEFLECTION, j] = deflection + noise[2][tick, 0, j]
         couplers[tick, RATE, j] = state[k.V, front] - state[k.V, front + 1]
         couplers[tick, COUPLER_FORCE, j] = state[k.COUPLER, front + 1] + noise[2][tick, 1, j]
-
-
-@compiled
-def _envelope(rows, first, end, speed):
-    """Return the largest force at a speed [N], as :meth:`plant_sim.traction.Envelope.force`."""
-    for row in range(first, end):
-        if speed <= rows[row, 0]:
-            force = rows[row, 1] + rows[row, 2] * speed + rows[row, 3] / (speed if speed > 0.1 else 0.1)
-            return force if force > 0.0 else 0.0
-    return 0.0
-
-
-@compiled
-def _opposing(couplers, beside, springs, own, table, shoes, inputs):
-    """Write the forces against the motion of every unit's vehicle [N], for position and speed of the inputs."""
-    sensors = couplers.shape[1]
-    for u in range(len(beside)):
-        pull = 0.0
-        for side in range(1, -1, -1):  # behind minus in front
-            number = beside[u, side]
-            force = 0.0
-            if number >= sensors:
-                spring = springs[number - sensors]
-                a, b = int(spring[0]), int(spring[1])
-                distance = (inputs[c.POSITION, a] + own[a, OFFSET]) - (inputs[c.POSITION, b] + own[b, OFFSET])
-                force = spring[2] * distance + spring[3] * (inputs[c.VELOCITY, a] - inputs[c.VELOCITY, b])
-            elif number >= 0:
-                force = couplers[COUPLER_FORCE, number]
-            pull = force if side == 1 else pull - force
-        v = inputs[c.VELOCITY, u]
-        speed = abs(v)
-        running = (own[u, C0] + own[u, C1] * speed + own[u, C2] * speed * speed) * libm_tanh(v / own[u, FADING_SPEED])
-        place = (inputs[c.POSITION, u] - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
-        inputs[c.COUPLERS, u] = pull
-        inputs[c.RESISTANCE, u] = running + own[u, MASS] * c.between_entries(table, place)
-        inputs[c.SHOES, u] = shoes[1 + u]
-
-
-@compiled
-def _line_force(inputs, own, table):
-    """Return the line force on the train [N] for the position of its first unit."""
-    front = inputs[c.POSITION, 0] + own[0, OFFSET]
-    return c.between_entries(table, (front - own[0, LINE_BEGIN]) / own[0, LINE_GRID])
-
-
-@compiled(uses=(c, observers_code))
-def _observe(tick, couplers, own, tables, observing, inputs, now, bound):
-    """Compute the estimate of a tick [N]; return False for one that is left to Python."""
-    observer, constant, state, estimates, shoes, beside, springs = observing
-    if observer == observers_code.NO_OBSERVER:
-        return True
-    now[c.LINE_FORCE], now[c.TRAIN_SHOE_FORCE] = _line_force(inputs, own, tables[1]), shoes[tick, 0]
-    _opposing(couplers[tick], beside, springs, own, tables[0], shoes[tick], inputs)
-    observers_code.estimate(observer, constant, state, inputs, now, estimates[tick])
-    for u in range(inputs.shape[1]):
-        if not abs(estimates[tick, u]) < bound[MAX_FORCE]:
-            return False
-        inputs[c.DISTURBANCE, u] = estimates[tick, u]
-    return True
 
 
 @compiled
@@ -158,67 +93,6 @@ def _stands(tick, measured, bound):
 
 
 @compiled
-def _is_valid(inputs, now):
-    """Return True if the inputs of the law are far inside the bounds of ``train_ato.control.algorithms.guard``."""
-    speeds = abs(now[c.ACCELERATION_AT_EFFECT]) + abs(now[c.JERK_AT_EFFECT])
-    places, forces, n = 0.0, abs(now[c.TRAIN_SHOE_FORCE]), inputs.shape[1]
-    for u in range(n):
-        speeds += abs(inputs[c.VELOCITY, u]) + abs(now[c.REFERENCE_VELOCITY]) + abs(now[c.REFERENCE_ACCELERATION])
-        places += abs(inputs[c.POSITION, u]) + abs(inputs[c.REFERENCE_POSITION, u])
-        forces += abs(inputs[c.FORCE_MIN, u]) + abs(inputs[c.FORCE_MAX, u]) + abs(inputs[c.FEEDFORWARD, u])
-        forces += abs(inputs[c.DISTURBANCE, u]) + abs(inputs[c.APPLIED, u]) + abs(inputs[c.SHOES, u])
-    return speeds < VALID_SPEED * n and places < VALID_POSITION and forces < VALID_FORCE
-
-
-@compiled
-def _command(inputs, wanted, sent):
-    """Limit the demands as law and control stack; return 1 at a limit, 0 inside, -1 for a demand left to Python."""
-    for u in range(len(wanted)):
-        if not abs(wanted[u]) < MAX_DEMAND:
-            return -1
-    at_limit = 0
-    for u in range(len(wanted)):
-        low, high = inputs[c.FORCE_MIN, u], inputs[c.FORCE_MAX, u]
-        limited = low if wanted[u] < low else high if wanted[u] > high else wanted[u]
-        inputs[c.SATURATED, u], inputs[c.LAST_FORCE, u] = 1.0 if limited != wanted[u] else 0.0, limited
-        sent[u] = limited
-        if limited != 0.0 and not low < limited < high:
-            at_limit = 1
-    return at_limit
-
-
-@compiled
-def _set_inputs(tick, measured, reference, feedforward, own, limits, segments, inputs, now):
-    """Write reference, feed-forward and limits of a step of the law."""
-    for u in range(inputs.shape[1]):
-        speed = abs(measured[tick, MEASURED_VELOCITY, u])
-        inputs[c.REFERENCE_POSITION, u] = reference[0, tick] - own[u, OFFSET]
-        inputs[c.FEEDFORWARD, u] = feedforward[tick, u]
-        inputs[c.FORCE_MIN, u] = -_envelope(limits, segments[u, 0], segments[u, 1], speed)
-        inputs[c.FORCE_MAX, u] = _envelope(limits, segments[u, 2], segments[u, 3], speed)
-    now[c.REFERENCE_VELOCITY], now[c.REFERENCE_ACCELERATION] = reference[1, tick], reference[2, tick]
-    now[c.ACCELERATION_AT_EFFECT], now[c.JERK_AT_EFFECT] = reference[3, tick], reference[4, tick]
-
-
-@compiled(uses=(c, laws_code, prediction_code))
-def _law_step(tick, t, couplers, own, tables, shoes, law, predicting, history, inputs, now, wanted, sent):
-    """Compute the command of a tick from its inputs; return 1 at a limit, 0 inside, -1 for one left to Python."""
-    number, constant, state, beside, springs = law
-    now[c.TRAIN_SHOE_FORCE] = shoes[tick, 0]
-    if len(predicting[0]):
-        line_force = _line_force(inputs, own, tables[1])
-        prediction_code.predict(
-            t, predicting[0], predicting[1], predicting[2], history, line_force, shoes[tick, 0], inputs
-        )
-    now[c.LINE_FORCE] = _line_force(inputs, own, tables[1])
-    _opposing(couplers[tick], beside, springs, own, tables[0], shoes[tick], inputs)
-    if not _is_valid(inputs, now):
-        return -1
-    laws_code.demand(number, constant, state, inputs, now, wanted)
-    return _command(inputs, wanted, sent)
-
-
-@compiled
 def _push(stamp, sent, delays, due, value, bounds):
     """Queue the commands of a stamp, as :meth:`train_ato.messages.links.Link.push`."""
     for u in range(len(sent)):
@@ -245,11 +119,15 @@ def _arrived(newest, due, value, bounds, held, window):
             bounds[0, u] += 1
 
 
-@compiled(uses=(k, c, laws_code, sliding_code, observers_code, prediction_code, compilation, limits_code,
-                supervision_code))  # fmt: skip
+@compiled(
+    uses=(
+        k, c, laws_code, sliding_code, switching_code, observers_code, prediction_code, policies_code, compilation,
+        control_code, limits_code, supervision_code,
+    )
+)  # fmt: skip
 def run_span(
     stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensor, units, sensors, gaps,
-    law, observing, predicting, inputs, reference, feedforward, shoes, own, tables, limits, segments,
+    law, observing, predicting, braking, inputs, reference, feedforward, shoes, own, tables, limits, segments,
     bound, count, delays, newest, due, value, bounds, held, history, truth, measured, couplers, sent, at_limit, reports,
     supervision, at_rest,
 ):  # fmt: skip
@@ -260,14 +138,16 @@ def run_span(
     at a limit before the first tick. ``reports`` has the state of the train at the ticks with diagnostics.
     ``supervision`` has the arrays of :class:`train_ato.loop.spans.supervised.SupervisionArrays`; ``at_rest`` is True
     for a reference at rest now and after the delay of the commands. ``law``, ``observing`` and ``predicting`` have
-    number, constants, state and couplers of the law and of the observer, and the arrays of the prediction.
+    number, constants, state and couplers of the law and of the observer, and the arrays of the prediction; ``braking``
+    has number, constants and state of the policy of the air brake.
     """
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     outside, cubes, cubed = forces
     every, states, gears, unit_states, settings = reports
     n, steps, nu = vehicle.shape[1], newest.shape[1], len(units)
-    law_state, observer_state = law[2], observing[2]
+    law_state, observer_state, policy_state = law[2], observing[2], braking[2]
     saved, observed, kept = law_state.copy(), observer_state.copy(), inputs.copy()
+    demanded = policy_state.copy()
     supervised, odometers, motion = supervision[0].copy(), supervision[2].copy(), np.zeros(5)
     wanted, now, window = np.zeros(nu), np.zeros(c.NOW_ENTRIES), np.zeros((steps, nu))
     for tick in range(len(newest)):
@@ -277,22 +157,25 @@ def run_span(
         if _must_leave(tick, t, measured, couplers, state[k.X, 0], bound, event, events, n, at_rest):
             return tick
         supervised[:], odometers[:] = supervision[0], supervision[2]
-        saved[:], observed[:], kept[:] = law_state, observer_state, inputs
+        saved[:], observed[:], kept[:], demanded[:] = law_state, observer_state, inputs, policy_state
         usable, limited = True, 0
         if supervision[0][supervision_code.PERIOD] > 0:
             place, speed = measured[tick, MEASURED_POSITION, 0], measured[tick, MEASURED_VELOCITY, 0]
             usable = supervision_code.supervise(at, state[k.X, 0], state[k.V, 0], place, speed, supervision, motion)
         if usable:
             inputs[c.POSITION : c.APPLIED + 1] = measured[tick]
-            usable = _observe(tick, couplers, own, tables, observing, inputs, now, bound)
+            usable = not changes_brake(t, braking, limits, segments, inputs)
+        if usable:
+            usable = observe(tick, couplers[tick, COUPLER_FORCE], own, tables, observing, inputs, now)
         is_step = (count[FIRST_TICK] + tick) % count[EVERY] == 0
         if usable and is_step:
-            _set_inputs(tick, measured, reference, feedforward, own, limits, segments, inputs, now)
-            limited = _law_step(
-                tick, t, couplers, own, tables, shoes, law, predicting, history, inputs, now, wanted, sent[tick + 1]
-            )
+            set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now)
+            limited = law_step(
+                tick, t, couplers[tick, COUPLER_FORCE], own, tables, shoes, law, predicting, history, inputs, now,
+                wanted, sent[tick + 1],
+            )  # fmt: skip
         if not usable or limited < 0:
-            law_state[:], observer_state[:], inputs[:] = saved, observed, kept
+            law_state[:], observer_state[:], inputs[:], policy_state[:] = saved, observed, kept, demanded
             supervision[0][:], supervision[2][:] = supervised, odometers
             return tick
         if is_step:

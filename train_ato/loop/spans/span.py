@@ -13,6 +13,7 @@ from train_ato.control.compensation.twin import Twin
 from train_ato.control.compiled import entries as c
 from train_ato.control.compiled.observer_packing import CompiledObserver
 from train_ato.control.compiled.packing import CompiledLaw, has_compiled_step
+from train_ato.control.compiled.policy_packing import CompiledPolicy
 from train_ato.control.compiled.prediction_packing import PackedPrediction, packed_prediction
 from train_ato.control.compiled.train_packing import coupler_arrays
 from train_ato.control.stack import ControlStack
@@ -23,6 +24,7 @@ from train_ato.loop.spans import kernel
 from train_ato.loop.spans.conditions import is_regular, ticks_to_event
 from train_ato.loop.spans.forecast import Forecast
 from train_ato.loop.spans.messages import Publish, SpanArrays, SpanMessages
+from train_ato.loop.spans.observer_shoes import ObserverShoes
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervised import SupervisedTicks
 from train_ato.loop.stage_messages import SECOND_NS
@@ -169,6 +171,10 @@ class _Span:
         own: Any = stack._law
         self._inputs[[c.SHARE, c.SATURATED, c.LAST_FORCE]] = own.share, own.saturated, own._last_force
         self._state, self._observed = law.state(), spans.observer.state()
+        self._policy = CompiledPolicy(stack._policy)
+        times = np.array(self._forecast.times)
+        own, used = spans.stages.observer._stack, bool(spans.observer.number)
+        self._observer_shoes = ObserverShoes(own, times, stack._pressure, used=used)
         self._expected = np.ascontiguousarray(forecast.expected[:, self._first : self._first + count])
         self._counts = np.array((stack._ticks, stack._every, stack._saturated, 0), dtype=np.int64)
 
@@ -186,13 +192,14 @@ class _Span:
             train._brake.array, events, (out.outside, out.cubes, cubed), train._outside.vehicles, a.setting,
             self._noise(), spans.sensor_errors, sensors._units, sensors._front, sensors._gaps,
             (self._law.number, self._law.constant, self._state, *coupler_arrays(self._law.couplers)),
-            self._observing(), tuple(spans.prediction), self._inputs, self._expected,
+            self._observing(), tuple(spans.prediction), self._policy.arrays, self._inputs, self._expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
             self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
             out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
             tuple(out.supervision), self._forecast.at_rest,
         ))  # fmt: skip
         self._forecast.take_back(done)
+        self._observer_shoes.take_back(done, float(out.measured[done - 1, 1, 0]) if done else None)
         if done:
             self._store(done, queues, int(newest[done - 1, -1]))
         return done
@@ -213,16 +220,17 @@ class _Span:
         return position, velocity, couplers
 
     def _observing(self) -> tuple[Any, ...]:
-        """Return the arrays of the observer; the shoe forces are 0, because other ticks are left to Python."""
-        observer = self._spans.observer
-        shoes = np.zeros((self._count if observer.number else 0, 1 + len(self._train.units)))
+        """Return the arrays of the observer."""
+        observer, slow = self._spans.observer, self._observer_shoes.slow
+        units = self._spans.stages.observer._stack._shoes._units
+        shoes = (slow, units, np.zeros(1 + len(units)), np.zeros(slow.shape[1]))
         couplers = self._spans.observer_couplers
         return (observer.number, observer.constant, self._observed, self.arrays.estimates, shoes, *couplers)
 
     def _bounds(self) -> Array:
         """Return the values from which on a tick is left to Python."""
         policy: Any = self._stack._policy
-        event = policy.next_event if self._setup.layout.air_brake else None
+        event = getattr(policy, "next_event", None) if self._setup.layout.air_brake else None
         place = FAR if event is None or event.place is None else event.place
         time = FAR if event is None or event.time is None else event.time
         jumps = [jump.place for jump in self._train._jumps._waiting if isinstance(jump, Jump) and jump.at is None]
@@ -235,7 +243,9 @@ class _Span:
         stack, train, sensors, out = self._stack, self._train, self._train._sensors, self.arrays
         law: Any = stack._law
         self._law.take_state(self._state)
-        self._store_observer(done)
+        observer = self._spans.stages.observer._stack
+        self._spans.observer.take_state(self._observed, out.estimates[done - 1].tolist())
+        self._policy.store(stack._policy, observer._policy)
         law.saturated = [bool(value) for value in self._inputs[c.SATURATED]]
         law._last_force = self._inputs[c.LAST_FORCE].tolist()
         stack._ticks += done
@@ -252,14 +262,6 @@ class _Span:
         sensors._last = (out.measured[done - 1, 0].copy(), out.measured[done - 1, 1].copy())
         train.stamp += done * train.tick_ns
         self._plant.tick += done
-
-    def _store_observer(self, done: int) -> None:
-        """Set observer and its forecast of the shoe forces to their states after some ticks."""
-        own, out, observer = self._spans.stages.observer._stack, self.arrays, self._spans.observer
-        observer.take_state(self._observed, out.estimates[done - 1].tolist())
-        if observer.number and own._shoes.fitted:
-            own._shoes.skip(done)
-            own._speed = float(out.measured[done - 1, 1, 0])
 
 
 def _model_arrays(setup: RunSetup) -> tuple[Array, tuple[Array, Array], Array, Any]:
