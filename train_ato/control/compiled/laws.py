@@ -13,8 +13,6 @@ from math import copysign, sqrt
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp, libm_pow, libm_tanh
 from train_ato.control.compiled import entries as entries_code
-from train_ato.control.compiled import sliding as sliding_code
-from train_ato.control.compiled import switching as switching_code
 from train_ato.control.compiled.entries import (
     APPLIED,
     DISTURBANCE,
@@ -61,7 +59,7 @@ FUNNEL_CONSTANTS = 37
 ) = range(13)  # fmt: skip
 
 
-@compiled
+@compiled(uses=(entries_code,))
 def pid_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.pid.Pid` [N]."""
     n, limit, decay = inputs.shape[1], constant[INTEGRAL_LIMIT], constant[FILTER_DECAY]
@@ -205,7 +203,7 @@ def _widen(constant, state, inputs, wanted, error):
     state[H_PHI1] = clamped(state[H_PHI1] + h * slope, constant[F_BETA1] / constant[F_A1], most)
 
 
-@compiled
+@compiled(uses=(entries_code,))
 def funnel_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.funnel.Funnel` [N]."""
     n = inputs.shape[1]
@@ -229,7 +227,7 @@ def funnel_step(constant, state, inputs, now, force):
         force[unit] = wanted * inputs[SHARE, unit]
 
 
-@compiled(uses=(entries_code, sliding_code, switching_code))
+@compiled(alone=False)
 def demand(law, constant, state, inputs, now, force):
     """Compute the demand of a law by its number [N], shape (units,)."""
     if law == PID:

@@ -76,7 +76,7 @@ def _observed_shoes(slow, vehicles, speed, shoes, forces):
         shoes[1 + u] = forces[vehicles[u]]
 
 
-@compiled
+@compiled(alone=False)
 def observe(tick, coupler_forces, own, tables, observing, inputs, now):
     """Compute the estimate of a tick [N]; return False for one that is left to Python."""
     observer, constant, state, estimates, (slow, vehicles, shoes, forces), beside, springs = observing
@@ -94,7 +94,7 @@ def observe(tick, coupler_forces, own, tables, observing, inputs, now):
     return True
 
 
-@compiled
+@compiled(alone=False)
 def changes_brake(t, braking, limits, segments, inputs):
     """Return True for a tick at which the policy of the air brake changes the pressure."""
     policy, constant, state, steep = braking
@@ -138,7 +138,7 @@ def _command(inputs, wanted, sent):
     return at_limit
 
 
-@compiled
+@compiled(alone=False)
 def set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now):
     """Write reference, feed-forward and limits of a step of the law."""
     for u in range(inputs.shape[1]):
@@ -151,7 +151,7 @@ def set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now)
     now[c.ACCELERATION_AT_EFFECT], now[c.JERK_AT_EFFECT] = reference[3, tick], reference[4, tick]
 
 
-@compiled
+@compiled(alone=False)
 def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, history, inputs, now, wanted, sent):
     """Compute the command of a tick from its inputs; return 1 at a limit, 0 inside, -1 for one left to Python."""
     number, constant, state, beside, springs = law
