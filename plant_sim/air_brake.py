@@ -148,8 +148,12 @@ class BrakeForecast:
     def forces_at(self, times: Array, velocity: float | Array) -> Array:
         """Return the shoe forces [N], shape (times, n), at times [s] and a speed, or one in every row [m/s]."""
         speed = k.KMH * np.abs(velocity)
-        full = self._full * self._at(times)[0]
+        full = self.slow_forces_at(times)
         return np.asarray(full * (k.SHOE_A * speed + k.SHOE_SPEED) / (k.SHOE_B * speed + k.SHOE_SPEED))
+
+    def slow_forces_at(self, times: Array) -> Array:
+        """Return the shoe forces at standstill [N], shape (times, n), at times [s]."""
+        return np.asarray(self._full * self._at(times)[0])
 
     def force(self, time: float, velocity: float | Array) -> float:
         """Return the shoe force of the train [N] at a time [s] and speed [m/s]."""

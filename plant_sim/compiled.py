@@ -16,7 +16,12 @@ _uncached: list[str] = []
 
 
 def compiled(
-    function: Any = None, *, uses: tuple[ModuleType, ...] = (), into_caller: bool = False, allocates: bool = True
+    function: Any = None,
+    *,
+    uses: tuple[ModuleType, ...] = (),
+    into_caller: bool = False,
+    allocates: bool = True,
+    alone: bool = True,
 ) -> Any:
     """Compile a function without fast-math, so that every run on one machine gives the same bits.
 
@@ -34,14 +39,19 @@ def compiled(
         work out of the loop.
     allocates
         False for a function that makes no array: references to its arguments are not counted.
+    alone
+        False for a function that is compiled as a part of its callers only: the compiler optimises a function again in
+        every caller of a caller, so a chain of calls with much code multiplies the time of the compilation.
 
     Notes
     -----
     A compiled function releases the lock of the interpreter, so that a pool of threads runs several at the same time.
     """
     if function is None:
-        return partial(compiled, uses=uses, into_caller=into_caller, allocates=allocates)
-    options = {"error_model": "numpy", "nogil": True, "forceinline": into_caller, "_nrt": allocates}
+        return partial(compiled, uses=uses, into_caller=into_caller, allocates=allocates, alone=alone)
+    options: dict[str, Any] = {"error_model": "numpy", "nogil": True, "forceinline": into_caller, "_nrt": allocates}
+    if not alone:
+        options["inline"] = "always"
     try:
         dispatcher = njit(cache=True, **options)(function)
     except RuntimeError as error:

@@ -116,8 +116,7 @@ def test_the_kernel_is_compiled_once() -> None:
 @pytest.mark.parametrize(
     "changes",
     [
-        {"observer": "ndo"},
-        {"compensation": "predictor"},
+        {"compensation": "pade"},
         {"links.command.jitter": 0.1},
         {"links.measurement.delay": 0.1},
         {"plant.sensors.freeze": [{"unit": 0, "begin": 5, "end": 6}]},

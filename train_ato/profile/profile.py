@@ -143,6 +143,12 @@ class Profile:
         """Return positions [m], speeds [m/s] and accelerations [m/s²] at many times [s], each of the shape of ``t``."""
         return self._evaluate(np.rint(t * 1e9).astype(np.int64))
 
+    def jerks_at(self, stamps: NDArray[np.int64]) -> Array:
+        """Return the jerk at many stamps [ns] in m/s³, that of :meth:`at_stamp` bit for bit."""
+        index = (stamps - self.start_ns) // self.period_ns
+        inside = (index >= 0) & (index < len(self._j))  # the jerk is 0 at the last knot and before a step
+        return np.asarray(np.where(inside, np.array(self._j)[np.clip(index, 0, len(self._j) - 1)], 0.0))
+
     def _evaluate(self, stamps: NDArray[np.int64]) -> tuple[Array, Array, Array]:
         """Return position, speed and acceleration at many stamps [ns]."""
         knots = (self.position, self.velocity, self.acceleration)

@@ -69,6 +69,11 @@ class ShoeForecast:
             found[:, 0], found[:, 1:] = forces.sum(axis=1), forces[:, self._units]
         return found
 
+    def slow_forces_at(self, times: Array) -> Array:
+        """Return the forces of all vehicles at standstill for many times [s], shape (times, vehicles)."""
+        assert self._forecast is not None
+        return self._forecast.slow_forces_at(times)
+
     def copy(self) -> ShoeForecast:
         """Return a forecast with the same events."""
         other = copy.copy(self)

@@ -12,22 +12,36 @@ from math import copysign, sqrt
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp, libm_pow, libm_tanh
-
-PID, FUNNEL, SMC = range(3)
-"""Laws with a compiled step."""
-# Rows of `inputs`, one column per unit.
-# OPPOSING: couplers, resistance and shoes against the motion of the unit's vehicle. LAST_FORCE, SATURATED: of the law.
-(
-    POSITION, VELOCITY, APPLIED, REFERENCE_POSITION, FEEDFORWARD, FORCE_MIN, FORCE_MAX, OPPOSING, SHARE, SATURATED,
+from train_ato.control.compiled import entries as entries_code
+from train_ato.control.compiled.entries import (
+    APPLIED,
+    DISTURBANCE,
+    FEEDFORWARD,
+    FORCE_MAX,
+    FORCE_MIN,
     LAST_FORCE,
-) = range(11)  # fmt: skip
-INPUT_ROWS = 11
-# Entries of `now`, values of the step for all units.
-# LINE_FORCE, TRAIN_SHOE_FORCE: forces against the motion of the train.
-REFERENCE_VELOCITY, REFERENCE_ACCELERATION, ACCELERATION_AT_EFFECT, LINE_FORCE, TRAIN_SHOE_FORCE = range(5)
-NOW_ENTRIES = 5
+    LINE_FORCE,
+    POSITION,
+    REFERENCE_ACCELERATION,
+    REFERENCE_POSITION,
+    REFERENCE_VELOCITY,
+    SATURATED,
+    SHARE,
+    TRAIN_SHOE_FORCE,
+    VELOCITY,
+    clamped,
+    mean_of_units,
+    ordered_total,
+)
+from train_ato.control.compiled.sliding import fixed_time_smc_step, lag_smc_step, smc_step
+from train_ato.control.compiled.switching import rbf_switching_smc_step
+
+PID, FUNNEL, SMC, FIXED_TIME_SMC, LAG_SMC, RBF_SWITCHING_SMC = range(6)
+"""Laws with a compiled step."""
 # Entries of `constant` of pid, and its first gain; three gains per unit.
-OF_POSITION, INTEGRAL_LIMIT, FILTER_DECAY, DERIVATIVE_DECAY, PERIOD, USES_FEEDFORWARD, PID_GAINS = range(7)
+(
+    OF_POSITION, INTEGRAL_LIMIT, FILTER_DECAY, DERIVATIVE_DECAY, PERIOD, USES_FEEDFORWARD, USES_ESTIMATE, PID_GAINS,
+) = range(8)  # fmt: skip
 # Entries of `state` of pid: two flags, then four values per unit.
 HAS_BEFORE, HAS_FILTERED, PID_UNITS = range(3)
 # Entries of `constant` of the funnel.
@@ -43,21 +57,9 @@ FUNNEL_CONSTANTS = 37
     H_BIAS, H_PHI1, H_PHI2, H_H, H_BOUND, H_T, H_HAS_ALPHA, H_ALPHA, H_HAS_WANTED, H_WANTED, H_EXCESS_COUNT,
     H_EXCESS_ROOM, H_WEIGHTS,
 ) = range(13)  # fmt: skip
-# Entries of `constant` of smc; the masses of the units are last. Its state: flag, error and integral of every unit.
-(
-    S_L1, S_L2, S_XI, S_ALPHA, S_KAPPA, S_KS, S_PHI, S_MODEL_FACTOR, S_INTEGRAL_LIMIT, S_ANTI_WINDUP, S_MEASURED,
-    S_PERIOD, S_MASS,
-) = range(13)  # fmt: skip
 
 
-@compiled
-def clamped(value, low, high):
-    """Return ``min(max(value, low), high)``, with the results of Python for equal values."""
-    raised = low if low > value else value
-    return high if high < raised else raised
-
-
-@compiled
+@compiled(uses=(entries_code,))
 def pid_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.pid.Pid` [N]."""
     n, limit, decay = inputs.shape[1], constant[INTEGRAL_LIMIT], constant[FILTER_DECAY]
@@ -88,29 +90,12 @@ def pid_step(constant, state, inputs, now, force):
                 rate[unit] = keep * rate[unit] + (1.0 - keep) * raw
             found += constant[gain + 2] * rate[unit]
         known = inputs[FEEDFORWARD, unit] if constant[USES_FEEDFORWARD] > 0.0 else 0.0
-        force[unit] = known - 0.0 - found
+        estimated = inputs[DISTURBANCE, unit] if constant[USES_ESTIMATE] > 0.0 else 0.0
+        force[unit] = known - estimated - found
         before[unit] = error
     state[HAS_BEFORE] = 1.0
     if decay != 0.0:
         state[HAS_FILTERED] = 1.0
-
-
-@compiled
-def _mean(share, values, n):
-    if n == 1:
-        return values[0]
-    total = 0.0
-    for unit in range(n):
-        total += share[unit] * values[unit]
-    return total
-
-
-@compiled
-def _total(values):
-    total = 0.0
-    for value in values:
-        total += value
-    return total
 
 
 @compiled
@@ -125,7 +110,7 @@ def _gain(constant, gain, error, boundary):
 def _delay_state(constant, state, inputs):
     if state[H_HAS_WANTED] == 0.0 or constant[F_DELAY_STATE] == 0.0:
         return
-    sent, acting = _total(inputs[LAST_FORCE]), _total(inputs[APPLIED])
+    sent, acting = ordered_total(inputs[LAST_FORCE]), ordered_total(inputs[APPLIED])
     if constant[F_PRINTED] > 0.0:
         room, queue = int(state[H_EXCESS_ROOM]), state[H_WEIGHTS + int(constant[F_CENTRES]) :]
         if state[H_EXCESS_COUNT] < room:
@@ -203,10 +188,10 @@ def _widen(constant, state, inputs, wanted, error):
     h, beta2, before = constant[F_PERIOD], constant[F_BETA2], state[H_PHI2]
     rest = beta2 / constant[F_A2]
     wide = (before - rest) * constant[F_NARROW] + rest
-    low, high = _total(inputs[FORCE_MIN]), _total(inputs[FORCE_MAX])
+    low, high = ordered_total(inputs[FORCE_MIN]), ordered_total(inputs[FORCE_MAX])
     printed = constant[F_PRINTED_KAPPA] > 0.0
     if constant[F_DYNAMIC] > 0.0 and (printed or not low <= wanted <= high):
-        possible = _total(inputs[APPLIED]) if printed else clamped(wanted, low, high)
+        possible = ordered_total(inputs[APPLIED]) if printed else clamped(wanted, low, high)
         excess = abs(wanted - possible) / constant[F_INERTIA]
         size = abs(error)
         grow = excess / (constant[F_DELTA] if constant[F_DELTA] > size else size)
@@ -218,16 +203,16 @@ def _widen(constant, state, inputs, wanted, error):
     state[H_PHI1] = clamped(state[H_PHI1] + h * slope, constant[F_BETA1] / constant[F_A1], most)
 
 
-@compiled
+@compiled(uses=(entries_code,))
 def funnel_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.funnel.Funnel` [N]."""
     n = inputs.shape[1]
-    place_error = _mean(inputs[SHARE], inputs[POSITION] - inputs[REFERENCE_POSITION], n)
-    speed = _mean(inputs[SHARE], inputs[VELOCITY], n)
+    place_error = mean_of_units(inputs[SHARE], inputs[POSITION] - inputs[REFERENCE_POSITION], n)
+    speed = mean_of_units(inputs[SHARE], inputs[VELOCITY], n)
     target, pull = now[REFERENCE_VELOCITY], now[REFERENCE_ACCELERATION]
     if n > 1:
-        target = _mean(inputs[SHARE], inputs[VELOCITY] * 0.0 + target, n)
-        pull = _mean(inputs[SHARE], inputs[VELOCITY] * 0.0 + pull, n)
+        target = mean_of_units(inputs[SHARE], inputs[VELOCITY] * 0.0 + target, n)
+        pull = mean_of_units(inputs[SHARE], inputs[VELOCITY] * 0.0 + pull, n)
     _delay_state(constant, state, inputs)
     k1 = _gain(constant, constant[F_K10], place_error, state[H_PHI1])
     alpha, rate = _surface(constant, state, target - k1 * place_error, pull - k1 * (speed - target))
@@ -235,50 +220,25 @@ def funnel_step(constant, state, inputs, now, force):
     k2 = _gain(constant, constant[F_K20], error, state[H_PHI2])
     wanted = constant[F_INERTIA] * (rate - k2 * error - constant[F_LEAK] * state[H_H])
     wanted += _resistance(constant, state, inputs, now, speed, error)
-    wanted -= 0.0
+    wanted -= ordered_total(inputs[DISTURBANCE])
     _widen(constant, state, inputs, wanted, error)
     state[H_WANTED], state[H_HAS_WANTED] = wanted, 1.0
     for unit in range(n):
         force[unit] = wanted * inputs[SHARE, unit]
 
 
-@compiled
-def _sign(value, width):
-    if width <= 0.0:
-        return 1.0 if value > 0.0 else -1.0 if value < 0.0 else 0.0
-    return clamped(value / width, -1.0, 1.0)
-
-
-@compiled
-def smc_step(constant, state, inputs, now, force):
-    """Compute the demand of :class:`train_ato.control.laws.smc.Smc` [N]."""
-    n, limit = inputs.shape[1], constant[S_INTEGRAL_LIMIT]
-    for unit in range(n):
-        error = inputs[POSITION, unit] - inputs[REFERENCE_POSITION, unit]
-        rate = inputs[VELOCITY, unit] - now[REFERENCE_VELOCITY]
-        mass, own = constant[S_MASS + unit], state[3 * unit : 3 * unit + 3]
-        if constant[S_MEASURED] > 0.0:
-            against = inputs[OPPOSING, unit] * constant[S_MODEL_FACTOR]
-            equivalent = mass * now[ACCELERATION_AT_EFFECT] + against
-        else:
-            equivalent = inputs[FEEDFORWARD, unit]
-        if not (inputs[SATURATED, unit] > 0.0 and constant[S_ANTI_WINDUP] > 0.0) and own[0] > 0.0:
-            own[2] = clamped(own[2] + 0.5 * (error + own[1]) * constant[S_PERIOD], -limit, limit)
-        own[0], own[1] = 1.0, error
-        surface = rate + constant[S_L1] * error + constant[S_L2] * own[2]
-        switching = constant[S_KAPPA] * libm_tanh(abs(error) / 2.0) * _sign(surface, constant[S_PHI])
-        power = 0.0 if surface == 0.0 else copysign(libm_pow(abs(surface), constant[S_ALPHA]), surface)
-        pull = constant[S_L1] * rate + constant[S_L2] * error + constant[S_KS] * surface
-        pull = pull + constant[S_XI] * power + switching
-        force[unit] = equivalent - 0.0 - mass * (pull + 0.0)
-
-
-@compiled
+@compiled(alone=False)
 def demand(law, constant, state, inputs, now, force):
     """Compute the demand of a law by its number [N], shape (units,)."""
     if law == PID:
         pid_step(constant, state, inputs, now, force)
     elif law == FUNNEL:
         funnel_step(constant, state, inputs, now, force)
-    else:
+    elif law == SMC:
         smc_step(constant, state, inputs, now, force)
+    elif law == FIXED_TIME_SMC:
+        fixed_time_smc_step(constant, state, inputs, now, force)
+    elif law == LAG_SMC:
+        lag_smc_step(constant, state, inputs, now, force)
+    else:
+        rbf_switching_smc_step(constant, state, inputs, now, force)

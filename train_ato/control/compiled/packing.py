@@ -4,12 +4,27 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.compiled import laws as c
+from train_ato.control.compiled.sliding_packing import (
+    fixed_time_smc_constants,
+    lag_smc_constants,
+    sliding_state,
+    smc_constants,
+    take_sliding_state,
+)
+from train_ato.control.compiled.switching_packing import (
+    switching_constants,
+    switching_state,
+    take_switching_state,
+)
+from train_ato.control.laws.fixed_time_smc import FixedTimeSmc
 from train_ato.control.laws.funnel import (
     A1,
     A2,
@@ -21,7 +36,10 @@ from train_ato.control.laws.funnel import (
     P1,
     Funnel,
 )
+from train_ato.control.laws.lag_smc import LagSmc
 from train_ato.control.laws.pid import Pid
+from train_ato.control.laws.rbf_smc import RbfSmc
+from train_ato.control.laws.rbf_switching_smc import RbfSwitchingSmc
 from train_ato.control.laws.smc import Smc
 from train_ato.control.train_model import DRY_FRICTION_SPEED
 from train_ato.messages.types import Array
@@ -41,29 +59,29 @@ class CompiledLaw:
         Number of the law in :mod:`train_ato.control.compiled.laws`.
     constant : Array
         Constants of the law.
-    sensors : list of tuple
-        Index of the sensor in front of and behind every unit, -1 without a coupler; of a law that measures couplers.
+    couplers : UnitCouplers or None
+        Couplers beside the units, of a law that uses their forces.
     """
 
     def __init__(self, law: GuardedLaw) -> None:
         self._law = law
-        if type(law) is Pid:
-            self.number, self.constant = c.PID, _pid_constants(law)
-        elif type(law) is Funnel:
-            self.number, self.constant = c.FUNNEL, _funnel_constants(law)
-        else:
-            assert type(law) is Smc
-            self.number, self.constant = c.SMC, _smc_constants(law)
-        measured: Any = law._couplers if type(law) is Smc and law._measured else None
-        beside = [] if measured is None else measured._beside
-        self.sensors = [
-            tuple(-1 if coupler is None else measured._sensor[coupler] for coupler in pair) for pair in beside
-        ]
+        self.number, constant = next((number, make) for kind, number, make in _FORMS if kind is type(law))
+        self.constant = constant(law)
+        own: Any = law
+        separate = (isinstance(law, Smc) and law._measured) or (isinstance(law, LagSmc) and not law._common)
+        uses_couplers = separate or isinstance(law, FixedTimeSmc)
+        self.couplers: UnitCouplers | None = own._couplers if uses_couplers else None
 
     @property
     def uses_shoes(self) -> bool:
         """Return True if the law uses the forecast of the shoe forces by itself, beside the feed-forward."""
-        return bool(self.sensors) or (self.number == c.FUNNEL and bool(self.constant[c.F_USES_MODEL]))
+        own = self.number == c.FUNNEL and bool(self.constant[c.F_USES_MODEL])
+        return self.couplers is not None or own or self.number == c.LAG_SMC
+
+    @property
+    def uses_effect(self) -> bool:
+        """Return True if the law uses the profile at the effect of the command, beside the feed-forward."""
+        return self.couplers is not None or self.number == c.LAG_SMC
 
     def state(self) -> Array:
         """Return the present state of the law."""
@@ -74,8 +92,7 @@ class CompiledLaw:
             return np.array([*flags, *law._integral, *law._rate, *before, *filtered])
         if self.number == c.FUNNEL:
             return _funnel_state(law)
-        rows = [(surface._before is not None, surface._before or 0.0, surface._integral) for surface in law._surfaces]
-        return np.array(rows, dtype=np.float64).ravel()
+        return switching_state(law) if self.number == c.RBF_SWITCHING_SMC else sliding_state(law)
 
     def take_state(self, state: Array) -> None:
         """Set the state of the law."""
@@ -90,26 +107,25 @@ class CompiledLaw:
             law._filtered = filtered if values[c.HAS_FILTERED] else None
         elif self.number == c.FUNNEL:
             _take_funnel_state(law, values)
+        elif self.number == c.RBF_SWITCHING_SMC:
+            take_switching_state(law, values)
         else:
-            for surface, (known, before, integral) in zip(law._surfaces, state.reshape(-1, 3).tolist(), strict=True):
-                surface._before, surface._integral = before if known else None, integral
-
-
-_STEPS = {kind: kind.step for kind in (Pid, Smc, Funnel)}
-"""Steps with a compiled form: a step that a program replaces at run time has none."""
+            take_sliding_state(law, values)
 
 
 def has_compiled_step(law: Any) -> bool:
     """Return True for a law with a compiled step for its parameters."""
     if _STEPS.get(type(law)) is not type(law).step:
         return False
-    return type(law) is not Smc or not (law._measured and law._couplers._spring)
+    if type(law) is RbfSwitchingSmc:
+        return not law._equivalents
+    return type(law) is not FixedTimeSmc or law.parameters.states == "measured"
 
 
 def _pid_constants(law: Pid) -> Array:
     p = law.parameters
     head = [law._of_position, p.integral_limit, law._filter_decay, law._derivative_decay, law.period,
-            law.uses_feedforward]  # fmt: skip
+            law.uses_feedforward, law._uses_estimate]  # fmt: skip
     return np.array([*map(float, head), *np.ravel(law._gains).tolist()])
 
 
@@ -152,8 +168,15 @@ def _take_funnel_state(law: Any, values: list[float]) -> None:
     law._excess = deque(values[excess : excess + count], maxlen=law._excess.maxlen)
 
 
-def _smc_constants(law: Smc) -> Array:
-    p = law.parameters
-    head = [p.l1, p.l2, p.xi, p.alpha, p.kappa, p.ks, p.phi, 1.0 / (1.0 + p.model_error), p.integral_limit,
-            p.anti_windup, law._measured, law.period]  # fmt: skip
-    return np.array([*map(float, head), *law._mass])
+_FORMS: tuple[tuple[Any, int, Callable[[Any], Array]], ...] = (
+    (Pid, c.PID, _pid_constants),
+    (Funnel, c.FUNNEL, _funnel_constants),
+    (Smc, c.SMC, smc_constants),
+    (RbfSmc, c.SMC, smc_constants),
+    (FixedTimeSmc, c.FIXED_TIME_SMC, fixed_time_smc_constants),
+    (LagSmc, c.LAG_SMC, lag_smc_constants),
+    (RbfSwitchingSmc, c.RBF_SWITCHING_SMC, switching_constants),
+)
+"""Laws with a compiled step, their numbers and their constants."""
+_STEPS = {kind: kind.step for kind, _, _ in _FORMS}
+"""Steps with a compiled form: a step that a program replaces at run time has none."""

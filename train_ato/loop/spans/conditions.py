@@ -5,11 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from plant_sim.brake_events import PipeEvents
-from train_ato.control.air_brake.policy import PlannedBrake, ReleasedBrake
 from train_ato.control.compensation.none import NoCompensation
+from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
+from train_ato.control.compiled.entries import LONGEST_SUM
+from train_ato.control.compiled.observer_packing import has_compiled_observer
 from train_ato.control.compiled.packing import CompiledLaw
+from train_ato.control.compiled.policy_packing import has_compiled_policy, has_same_state
+from train_ato.control.compiled.prediction_packing import has_compiled_prediction
+from train_ato.control.observers.cascaded import Cascaded
+from train_ato.control.observers.eso import Eso
+from train_ato.control.observers.ndo import Ndo
 from train_ato.control.observers.none import NoObserver
 from train_ato.control.registry import COMPENSATIONS, OBSERVERS
 from train_ato.control.stack import ControlStack
@@ -27,8 +34,8 @@ LONGEST, BRAKED = 256, 32
 def spans_possible(setup: RunSetup) -> bool:
     """Return True for a run whose ticks can be compiled.
 
-    It has the observer `none`, the compensation `none`, `preview` or `twin`, no re-planning, delays on the command only
-    and without random parts, and no sensor that freezes or slips.
+    It has a shipped observer, the compensation `none`, `preview`, `predictor` or `twin`, no re-planning, delays on the
+    command only and without random parts, and no sensor that freezes or slips.
     """
     scenario, links, sensors = setup.scenario, setup.links, setup.plant.sensors
     if scenario.replan:
@@ -41,8 +48,8 @@ def spans_possible(setup: RunSetup) -> bool:
     if compensation is PreviewFeedforward and setup.layout.air_brake:  # its shoe forces are those of one time
         known = np.array_equal(setup.model.delay, setup.model.delay_brake)
     else:
-        known = compensation in (NoCompensation, PreviewFeedforward, Twin)
-    return known and OBSERVERS.get(setup.observer) is NoObserver and setup.model.n_units > 0
+        known = compensation in (NoCompensation, PreviewFeedforward, Predictor, Twin)
+    return known and OBSERVERS.get(setup.observer) in (NoObserver, Eso, Ndo, Cascaded) and setup.model.n_units > 0
 
 
 def ticks_to_event(stages: Stages, supervised: SupervisedTicks, stack: ControlStack) -> int:
@@ -67,7 +74,7 @@ def ticks_to_event(stages: Stages, supervised: SupervisedTicks, stack: ControlSt
 
 def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack, law: CompiledLaw) -> bool:
     """Return True if train, control stack and receiving ends are in a state that the compiled ticks contain."""
-    train, controller, stamp = stages.plant.train, stages.controller, stages.plant.stamp
+    setup, train, controller, stamp = stages.setup, stages.plant.train, stages.controller, stages.plant.stamp
     if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in _inputs(stages)):
         return False
     if any(stamp * 1e-9 < freeze.end for freeze in train._sensors._freezes):
@@ -79,9 +86,28 @@ def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack,
         return False
     if isinstance(compensation, Twin) and not compensation.started:
         return False
-    if isinstance(compensation, PreviewFeedforward) and law.sensors and compensation.forward != compensation.backward:
+    if isinstance(compensation, Predictor) and not has_compiled_prediction(compensation, setup.model.n_units):
         return False
-    return type(stack._policy) in (ReleasedBrake, PlannedBrake) and not train._has_added_gusts
+    if (
+        isinstance(compensation, PreviewFeedforward)
+        and law.uses_effect
+        and compensation.forward != compensation.backward
+    ):
+        return False  # the time of the effect depends on the sign of the command
+    if not has_compiled_policy(stack._policy, setup.model.n_units) or train._has_added_gusts:
+        return False
+    return _observer_is_regular(stages, stack)
+
+
+def _observer_is_regular(stages: Stages, stack: ControlStack) -> bool:
+    """Return True for the observer `none`, or another one whose forecast of the shoe forces has a compiled form."""
+    own = stages.observer._stack
+    if type(own._observer) is NoObserver:
+        return True
+    if not has_compiled_observer(own._observer) or not has_same_state(own._policy, stack._policy):
+        return False
+    shoes, vehicles = own._shoes, len(stages.setup.model.consist.vehicles)
+    return not shoes.fitted or (shoes._pressure == stack._pressure and (shoes.idle or vehicles <= LONGEST_SUM))
 
 
 def _inputs(stages: Stages) -> list[StageInputs]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.compensation.base import CompensationBase
+from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.preview import PreviewFeedforward
 from train_ato.control.compensation.twin import Twin
 from train_ato.control.stack import ControlStack
@@ -32,8 +33,11 @@ class Forecast:
 
     Attributes
     ----------
-    reference : Array, shape (4, ticks)
-        Position [m], speed [m/s], acceleration, and acceleration at the effect of the command [m/s²].
+    reference : Array, shape (3, ticks)
+        Position [m], speed [m/s] and acceleration [m/s²] at the time of the tick.
+    expected : Array, shape (5, ticks)
+        The same for the law, of the time of the state that it receives, then acceleration [m/s²] and jerk [m/s³] at the
+        effect of the command.
     """
 
     def __init__(self, setup: RunSetup, profile: Profile, stack: ControlStack) -> None:
@@ -42,11 +46,13 @@ class Forecast:
         self._stamps = setup.tick_ns * np.arange(setup.ticks, dtype=np.int64)
         self._times: Array = np.asarray(self._stamps * 1e-9, dtype=np.float64)
         now = effect = profile._evaluate(self._stamps)
+        effects = self._stamps
         units, rigid = setup.model.n_units, compensation.rigid
         if isinstance(compensation, PreviewFeedforward):
             delays = (compensation.forward, compensation.backward)
             mean = mean_over_units(setup.model.share.tolist(), compensation.forward)
-            effect = profile._evaluate(np.rint((self._times + mean) * 1e9).astype(np.int64))
+            effects = np.rint((self._times + mean) * 1e9).astype(np.int64)
+            effect = profile._evaluate(effects)
             parts = [[rigid.aheads(self._times + delay, compensation.lag) for delay in kind] for kind in delays]
             self._force = np.array(parts).swapaxes(1, 2)
             self._differ = np.array([a != b for a, b in zip(*delays, strict=True)])
@@ -55,7 +61,10 @@ class Forecast:
             self._force = np.repeat(np.repeat(rigid.totals(self._times)[None, :, None], units, axis=2), 2, axis=0)
             self._differ = np.zeros(units, dtype=np.bool_)
             self._effects = self._times
-        self.reference: Array = np.array([*now, effect[2]])
+        self.reference: Array = np.array(now)
+        self._predicts = isinstance(compensation, Predictor)
+        state = effect if self._predicts else now
+        self.expected: Array = np.array([*state, effect[2], profile.jerks_at(effects)])
         later = profile._evaluate(np.rint((self._times + stack._delay_to_effect) * 1e9).astype(np.int64))
         self._at_rest = (now[1] == 0.0) & (now[2] == 0.0) & (later[1] == 0.0)
         self._effect_speed = effect[1]
@@ -78,8 +87,9 @@ class Forecast:
                 run = min(count - index, known.calls_to_restart())
                 known.skip(run - 1)
                 ticks, rows = slice(first + index, first + index + run), slice(index, index + run)
-                forecast.shoes[rows] = known.at_each(self._times[ticks], self.reference[1, ticks])
-                totals[rows] = known.at_each(self._effects[ticks], self._effect_speed[ticks])[:, :1]
+                at_effect = known.at_each(self._effects[ticks], self._effect_speed[ticks])
+                now = at_effect if self._predicts else known.at_each(self._times[ticks], self.reference[1, ticks])
+                forecast.shoes[rows], totals[rows] = now, at_effect[:, :1]
                 index += run
         if isinstance(self._compensation, Twin):
             forecast.feedforward = self._compensation.feedforwards(forecast.times)

@@ -9,10 +9,17 @@ import numpy as np
 from plant_sim import compiled as compilation
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
-from plant_sim.elementary import libm_tanh
-from train_ato.control.compiled import laws as c
+from train_ato.control.compiled import brake_policies as policies_code
+from train_ato.control.compiled import entries as c
+from train_ato.control.compiled import laws as laws_code
+from train_ato.control.compiled import observers as observers_code
+from train_ato.control.compiled import prediction as prediction_code
+from train_ato.control.compiled import sliding as sliding_code
+from train_ato.control.compiled import switching as switching_code
+from train_ato.loop.spans import control_kernel as control_code
 from train_ato.loop.spans import limits_kernel as limits_code
 from train_ato.loop.spans import supervision_kernel as supervision_code
+from train_ato.loop.spans.control_kernel import changes_brake, law_step, observe, set_inputs
 
 # Rows of `measured` (ticks, rows, units).
 MEASURED_POSITION, MEASURED_VELOCITY, MEASURED_FORCE = range(3)
@@ -24,8 +31,6 @@ POSITION_BIAS, VELOCITY_BIAS, POSITION_QUANTUM, VELOCITY_QUANTUM = range(4)
 MAX_POSITION, MAX_SPEED, MAX_FORCE, STANDSTILL_SPEED, NEXT_PLACE, NEXT_TIME, NEXT_JUMP_PLACE = range(7)
 # Entries of `count`: first tick, ticks between the steps of the law, 1 if the last step was at a limit, reports.
 FIRST_TICK, EVERY, AT_LIMIT, REPORTS = range(4)
-# Columns of `own`, one row per unit: constants of the vehicle and of the line of the model.
-MASS, C0, C1, C2, FADING_SPEED, LINE_BEGIN, LINE_GRID, OFFSET = range(8)
 
 
 @compiled(uses=(k, compilation))
@@ -52,42 +57,6 @@ def _measure(tick, arrays, noise, sensor, units, sensors, gaps, measured, couple
         couplers[tick, DEFLECTION, j] = deflection + noise[2][tick, 0, j]
         couplers[tick, RATE, j] = state[k.V, front] - state[k.V, front + 1]
         couplers[tick, COUPLER_FORCE, j] = state[k.COUPLER, front + 1] + noise[2][tick, 1, j]
-
-
-@compiled
-def _envelope(rows, first, end, speed):
-    """Return the largest force at a speed [N], as :meth:`plant_sim.traction.Envelope.force`."""
-    for row in range(first, end):
-        if speed <= rows[row, 0]:
-            force = rows[row, 1] + rows[row, 2] * speed + rows[row, 3] / (speed if speed > 0.1 else 0.1)
-            return force if force > 0.0 else 0.0
-    return 0.0
-
-
-@compiled
-def _interpolated(table, place):
-    """Return the value of a table between its entries, as :func:`train_ato.control.train_model.interpolated`."""
-    if place <= 0.0:
-        return table[0]
-    index = int(place)
-    if index >= len(table) - 1:
-        return table[-1]
-    return table[index] + (place - index) * (table[index + 1] - table[index])
-
-
-@compiled
-def _opposing(tick, measured, couplers, beside, own, table, shoes, inputs):
-    """Write the forces against the motion of every unit's vehicle [N]."""
-    for u in range(len(beside)):
-        front, behind = beside[u, 0], beside[u, 1]
-        pull = 0.0 if behind < 0 else couplers[tick, COUPLER_FORCE, behind]
-        pull -= 0.0 if front < 0 else couplers[tick, COUPLER_FORCE, front]
-        v = measured[tick, MEASURED_VELOCITY, u]
-        speed = abs(v)
-        running = (own[u, C0] + own[u, C1] * speed + own[u, C2] * speed * speed) * libm_tanh(v / own[u, FADING_SPEED])
-        place = (measured[tick, MEASURED_POSITION, u] - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
-        resistance = running + own[u, MASS] * _interpolated(table, place)
-        inputs[c.OPPOSING, u] = pull + resistance + shoes[tick, 1 + u]
 
 
 @compiled
@@ -124,23 +93,6 @@ def _stands(tick, measured, bound):
 
 
 @compiled
-def _command(inputs, wanted, sent, bound):
-    """Limit the demands as law and control stack; return 1 at a limit, 0 inside, -1 for a demand left to Python."""
-    for u in range(len(wanted)):
-        if not abs(wanted[u]) < bound[MAX_FORCE] * 1e3:
-            return -1
-    at_limit = 0
-    for u in range(len(wanted)):
-        low, high = inputs[c.FORCE_MIN, u], inputs[c.FORCE_MAX, u]
-        limited = low if wanted[u] < low else high if wanted[u] > high else wanted[u]
-        inputs[c.SATURATED, u], inputs[c.LAST_FORCE, u] = 1.0 if limited != wanted[u] else 0.0, limited
-        sent[u] = limited
-        if limited != 0.0 and not low < limited < high:
-            at_limit = 1
-    return at_limit
-
-
-@compiled
 def _push(stamp, sent, delays, due, value, bounds):
     """Queue the commands of a stamp, as :meth:`train_ato.messages.links.Link.push`."""
     for u in range(len(sent)):
@@ -167,10 +119,15 @@ def _arrived(newest, due, value, bounds, held, window):
             bounds[0, u] += 1
 
 
-@compiled(uses=(k, c, compilation, limits_code, supervision_code))
+@compiled(
+    uses=(
+        k, c, laws_code, sliding_code, switching_code, observers_code, prediction_code, policies_code, compilation,
+        control_code, limits_code, supervision_code,
+    )
+)  # fmt: skip
 def run_span(
     stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensor, units, sensors, gaps,
-    law, constant, law_state, inputs, reference, feedforward, shoes, beside, own, tables, limits, segments,
+    law, observing, predicting, braking, inputs, reference, feedforward, shoes, own, tables, limits, segments,
     bound, count, delays, newest, due, value, bounds, held, history, truth, measured, couplers, sent, at_limit, reports,
     supervision, at_rest,
 ):  # fmt: skip
@@ -180,13 +137,17 @@ def run_span(
     coupler and shoe force, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with command and number of steps
     at a limit before the first tick. ``reports`` has the state of the train at the ticks with diagnostics.
     ``supervision`` has the arrays of :class:`train_ato.loop.spans.supervised.SupervisionArrays`; ``at_rest`` is True
-    for a reference at rest now and after the delay of the commands.
+    for a reference at rest now and after the delay of the commands. ``law``, ``observing`` and ``predicting`` have
+    number, constants, state and couplers of the law and of the observer, and the arrays of the prediction; ``braking``
+    has number, constants and state of the policy of the air brake.
     """
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     outside, cubes, cubed = forces
     every, states, gears, unit_states, settings = reports
     n, steps, nu = vehicle.shape[1], newest.shape[1], len(units)
-    saved, kept = law_state.copy(), inputs.copy()
+    law_state, observer_state, policy_state = law[2], observing[2], braking[2]
+    saved, observed, kept = law_state.copy(), observer_state.copy(), inputs.copy()
+    demanded = policy_state.copy()
     supervised, odometers, motion = supervision[0].copy(), supervision[2].copy(), np.zeros(5)
     wanted, now, window = np.zeros(nu), np.zeros(c.NOW_ENTRIES), np.zeros((steps, nu))
     for tick in range(len(newest)):
@@ -195,35 +156,29 @@ def run_span(
         t = at * 1e-9
         if _must_leave(tick, t, measured, couplers, state[k.X, 0], bound, event, events, n, at_rest):
             return tick
+        supervised[:], odometers[:] = supervision[0], supervision[2]
+        saved[:], observed[:], kept[:], demanded[:] = law_state, observer_state, inputs, policy_state
+        usable, limited = True, 0
         if supervision[0][supervision_code.PERIOD] > 0:
-            supervised[:], odometers[:] = supervision[0], supervision[2]
             place, speed = measured[tick, MEASURED_POSITION, 0], measured[tick, MEASURED_VELOCITY, 0]
-            if not supervision_code.supervise(at, state[k.X, 0], state[k.V, 0], place, speed, supervision, motion):
-                supervision[0][:], supervision[2][:] = supervised, odometers
-                return tick
-        if (count[FIRST_TICK] + tick) % count[EVERY] == 0:
-            saved[:], kept[:] = law_state, inputs
-            for u in range(nu):
-                speed = abs(measured[tick, MEASURED_VELOCITY, u])
-                inputs[c.POSITION, u] = measured[tick, MEASURED_POSITION, u]
-                inputs[c.VELOCITY, u] = measured[tick, MEASURED_VELOCITY, u]
-                inputs[c.APPLIED, u] = measured[tick, MEASURED_FORCE, u]
-                inputs[c.REFERENCE_POSITION, u] = reference[0, tick] - own[u, OFFSET]
-                inputs[c.FEEDFORWARD, u] = feedforward[tick, u]
-                inputs[c.FORCE_MIN, u] = -_envelope(limits, segments[u, 0], segments[u, 1], speed)
-                inputs[c.FORCE_MAX, u] = _envelope(limits, segments[u, 2], segments[u, 3], speed)
-            now[c.REFERENCE_VELOCITY], now[c.REFERENCE_ACCELERATION] = reference[1, tick], reference[2, tick]
-            now[c.ACCELERATION_AT_EFFECT] = reference[3, tick]
-            front = measured[tick, MEASURED_POSITION, 0] + own[0, OFFSET]
-            now[c.LINE_FORCE] = _interpolated(tables[1], (front - own[0, LINE_BEGIN]) / own[0, LINE_GRID])
-            now[c.TRAIN_SHOE_FORCE] = shoes[tick, 0]
-            _opposing(tick, measured, couplers, beside, own, tables[0], shoes, inputs)
-            c.demand(law, constant, law_state, inputs, now, wanted)
-            limited = _command(inputs, wanted, sent[tick + 1], bound)
-            if limited < 0:
-                law_state[:], inputs[:] = saved, kept
-                supervision[0][:], supervision[2][:] = supervised, odometers
-                return tick
+            usable = supervision_code.supervise(at, state[k.X, 0], state[k.V, 0], place, speed, supervision, motion)
+        if usable:
+            inputs[c.POSITION : c.APPLIED + 1] = measured[tick]
+            usable = not changes_brake(t, braking, limits, segments, inputs)
+        if usable:
+            usable = observe(tick, couplers[tick, COUPLER_FORCE], own, tables, observing, inputs, now)
+        is_step = (count[FIRST_TICK] + tick) % count[EVERY] == 0
+        if usable and is_step:
+            set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now)
+            limited = law_step(
+                tick, t, couplers[tick, COUPLER_FORCE], own, tables, shoes, law, predicting, history, inputs, now,
+                wanted, sent[tick + 1],
+            )  # fmt: skip
+        if not usable or limited < 0:
+            law_state[:], observer_state[:], inputs[:], policy_state[:] = saved, observed, kept, demanded
+            supervision[0][:], supervision[2][:] = supervised, odometers
+            return tick
+        if is_step:
             if at_rest[tick] and _stands(tick, measured, bound):
                 sent[tick + 1] = 0.0
             at_limit[tick + 1] = at_limit[tick] + limited

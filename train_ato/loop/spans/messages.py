@@ -66,7 +66,7 @@ class SpanArrays:
         Deflection [m], rate [m/s] and force [N].
     sent, at_limit : Array, shape (ticks + 1, units) and (ticks + 1,)
         Commands [N] and steps of the law at a force limit so far, those before the first tick first.
-    reference : Array, shape (4, ticks)
+    reference : Array, shape (3, ticks)
         See :class:`train_ato.loop.spans.forecast.Forecast`.
     outside, cubes, means : Array
         Disturbances, see :meth:`plant_sim.outside_forces.OutsideForces.ahead`.
@@ -74,6 +74,8 @@ class SpanArrays:
         State, gear, unit and setting of the kernel at the ticks with diagnostics.
     supervision : SupervisionArrays
         Results of the steps of the supervisor.
+    estimates : Array, shape (ticks, units)
+        Estimates of the observer [N].
     """
 
     truth: Array
@@ -87,6 +89,7 @@ class SpanArrays:
     means: Array
     reports: list[Array]
     supervision: SupervisionArrays
+    estimates: Array
 
 
 class SpanMessages:
@@ -112,7 +115,7 @@ class SpanMessages:
         stack = stages.controller._stack
         assert stack is not None
         self._stack = stack
-        self._zero, self._pressure = np.zeros(stages.setup.model.n_units), stack._pressure
+        self._pressure = stack._pressure
         self._supervision: SupervisionMessages | None = None
         if stages.supervisor is not None:
             self._supervision = SupervisionMessages(stages, arrays.supervision, self._stamps, arrays.measured[:done])
@@ -132,10 +135,10 @@ class SpanMessages:
             rows.append((DISTURBANCE, {"force": np.array([self._next_disturbance(index) for index in range(done)])}))
         seen = {"position": measured[:, 0], "velocity": measured[:, 1], "applied": measured[:, 2]}
         seen |= {"deflection": couplers[:, 0], "rate": couplers[:, 1], "force": couplers[:, 2]}
-        reference = dict(zip(("position", "velocity", "acceleration"), a.reference[:3, :done, None], strict=True))
+        reference = dict(zip(("position", "velocity", "acceleration"), a.reference[:, :done, None], strict=True))
         planned = np.full((done, 1), self._stages.profile.planned)
         rows += [(MEASUREMENT, seen), (REFERENCE, {**reference, "planned": planned})]
-        rows.append((ESTIMATE, {"force": np.zeros((done, self._zero.size))}))
+        rows.append((ESTIMATE, {"force": a.estimates[:done]}))
         if self._pressure is not None:
             rows.append((BRAKE_PIPE_COMMAND, {"pressure": np.full((done, 1), self._pressure)}))
         rows.append((COMMAND, {"force": a.sent[1 : done + 1]}))
@@ -247,11 +250,11 @@ class SpanMessages:
         return Measurement(int(self._stamps[index]), *self._arrays.measured[index], *self._arrays.couplers[index])
 
     def _reference(self, index: int) -> Reference:
-        position, velocity, acceleration = self._arrays.reference[:3, index].tolist()
+        position, velocity, acceleration = self._arrays.reference[:, index].tolist()
         return Reference(int(self._stamps[index]), position, velocity, acceleration, self._stages.profile.planned)
 
     def _estimate(self, index: int) -> DisturbanceEstimate:
-        return DisturbanceEstimate(int(self._stamps[index]), self._zero)
+        return DisturbanceEstimate(int(self._stamps[index]), self._arrays.estimates[index])
 
     def _command(self, index: int) -> Command:
         return Command(int(self._stamps[index]), self._arrays.sent[index + 1])

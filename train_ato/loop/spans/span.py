@@ -8,9 +8,14 @@ from typing import Any
 import numpy as np
 
 from plant_sim.plant_setup import Jump
+from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compensation.twin import Twin
-from train_ato.control.compiled import laws as c
+from train_ato.control.compiled import entries as c
+from train_ato.control.compiled.observer_packing import CompiledObserver
 from train_ato.control.compiled.packing import CompiledLaw, has_compiled_step
+from train_ato.control.compiled.policy_packing import CompiledPolicy
+from train_ato.control.compiled.prediction_packing import PackedPrediction, packed_prediction
+from train_ato.control.compiled.train_packing import coupler_arrays
 from train_ato.control.stack import ControlStack
 from train_ato.control.train_model import DRY_FRICTION_SPEED, GRID, STANDSTILL_SPEED
 from train_ato.loop.recording_builder import RecordingBuilder
@@ -19,6 +24,7 @@ from train_ato.loop.spans import kernel
 from train_ato.loop.spans.conditions import is_regular, ticks_to_event
 from train_ato.loop.spans.forecast import Forecast
 from train_ato.loop.spans.messages import Publish, SpanArrays, SpanMessages
+from train_ato.loop.spans.observer_shoes import ObserverShoes
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervised import SupervisedTicks
 from train_ato.loop.stage_messages import SECOND_NS
@@ -32,7 +38,7 @@ MAX_PAUSE = 16
 """Largest number of ticks in Python between two spans without a tick."""
 FAR = 1e300
 """Place or time that is never reached [m, s]."""
-LIMITS = (1e6, 100.0, 1e7)
+LIMITS = (1e6, 100.0, 1e9)
 """Position [m], speed [m/s] and force [N] beyond which a tick is left to Python, far inside the limits of validity."""
 
 
@@ -74,6 +80,9 @@ class CompiledSpans:
         self.ato: AtoReport | None = None
         self.supervised = SupervisedTicks(stages)
         self.model = _model_arrays(stages.setup)
+        self._prediction: PackedPrediction | None = None
+        self.observer = CompiledObserver(stages.observer._stack._observer)
+        self.observer_couplers = coupler_arrays(self.observer.couplers)
         values = stages.setup.plant.sensors
         self.sensor_errors = np.array(
             (values.position_bias, values.velocity_bias, values.position_quantum, values.velocity_quantum)
@@ -117,7 +126,14 @@ class CompiledSpans:
         profile = self.stages.profile.profile
         if self._forecast is None or not self._forecast.is_of(profile, stack):
             self._forecast = Forecast(self.stages.setup, profile, stack)
+            self._prediction = packed_prediction(stack._compensation, stack._history)
         return self._forecast
+
+    @property
+    def prediction(self) -> PackedPrediction:
+        """Prediction of the last :meth:`forecast`."""
+        assert self._prediction is not None
+        return self._prediction
 
 
 class _Span:
@@ -148,12 +164,18 @@ class _Span:
             *train._outside.ahead(self._stamp, count),
             [np.empty((most, *a.shape)) for a in (changing.state, changing.gear, changing.unit, changing.setting)],
             spans.supervised.arrays(count),
+            np.zeros((count, units)),
         )
         self.arrays.sent[0], self.arrays.at_limit[0] = stack._last, stack._saturated_steps
         self._inputs = np.zeros((c.INPUT_ROWS, units))
         own: Any = stack._law
         self._inputs[[c.SHARE, c.SATURATED, c.LAST_FORCE]] = own.share, own.saturated, own._last_force
-        self._state = law.state()
+        self._state, self._observed = law.state(), spans.observer.state()
+        self._policy = CompiledPolicy(stack._policy)
+        times = np.array(self._forecast.times)
+        own, used = spans.stages.observer._stack, bool(spans.observer.number)
+        self._observer_shoes = ObserverShoes(own, times, stack._pressure, used=used)
+        self._expected = np.ascontiguousarray(forecast.expected[:, self._first : self._first + count])
         self._counts = np.array((stack._ticks, stack._every, stack._saturated, 0), dtype=np.int64)
 
     def run(self) -> int:
@@ -169,13 +191,15 @@ class _Span:
              a.piece),
             train._brake.array, events, (out.outside, out.cubes, cubed), train._outside.vehicles, a.setting,
             self._noise(), spans.sensor_errors, sensors._units, sensors._front, sensors._gaps,
-            self._law.number, self._law.constant, self._state, self._inputs, out.reference,
-            self._forecast.feedforward, self._forecast.shoes, self._beside(), *spans.model,
+            (self._law.number, self._law.constant, self._state, *coupler_arrays(self._law.couplers)),
+            self._observing(), tuple(spans.prediction), self._policy.arrays, self._inputs, self._expected,
+            self._forecast.feedforward, self._forecast.shoes, *spans.model,
             self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
             out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
             tuple(out.supervision), self._forecast.at_rest,
         ))  # fmt: skip
         self._forecast.take_back(done)
+        self._observer_shoes.take_back(done, float(out.measured[done - 1, 1, 0]) if done else None)
         if done:
             self._store(done, queues, int(newest[done - 1, -1]))
         return done
@@ -183,8 +207,9 @@ class _Span:
     def _uses_shoes(self) -> bool:
         """Return True if this law, or one after a planned change, uses the forecast of the shoe forces."""
         uses_feedforward = getattr(self._stack._law, "uses_feedforward", True)
-        used = self._law.uses_shoes or (uses_feedforward and not isinstance(self._stack._compensation, Twin))
-        return bool(self._setup.law_changes or used)
+        compensation = self._stack._compensation
+        used = self._law.uses_shoes or isinstance(compensation, Predictor)
+        return bool(self._setup.law_changes or used or (uses_feedforward and not isinstance(compensation, Twin)))
 
     def _noise(self) -> tuple[Array, Array, Array]:
         """Return the noise of positions, speeds and couplers of the ticks; empty without noise."""
@@ -194,14 +219,18 @@ class _Span:
         couplers = sensors._coupler_noise.ahead(self._count) if self._train.sensors else np.zeros((0, 2, 0))
         return position, velocity, couplers
 
-    def _beside(self) -> Any:
-        """Return the sensors in front of and behind every unit, shape (units, 2), -1 for none."""
-        return np.array(self._law.sensors, dtype=np.int64).reshape(-1, 2)
+    def _observing(self) -> tuple[Any, ...]:
+        """Return the arrays of the observer."""
+        observer, slow = self._spans.observer, self._observer_shoes.slow
+        units = self._spans.stages.observer._stack._shoes._units
+        shoes = (slow, units, np.zeros(1 + len(units)), np.zeros(slow.shape[1]))
+        couplers = self._spans.observer_couplers
+        return (observer.number, observer.constant, self._observed, self.arrays.estimates, shoes, *couplers)
 
     def _bounds(self) -> Array:
         """Return the values from which on a tick is left to Python."""
         policy: Any = self._stack._policy
-        event = policy.next_event if self._setup.layout.air_brake else None
+        event = getattr(policy, "next_event", None) if self._setup.layout.air_brake else None
         place = FAR if event is None or event.place is None else event.place
         time = FAR if event is None or event.time is None else event.time
         jumps = [jump.place for jump in self._train._jumps._waiting if isinstance(jump, Jump) and jump.at is None]
@@ -214,6 +243,9 @@ class _Span:
         stack, train, sensors, out = self._stack, self._train, self._train._sensors, self.arrays
         law: Any = stack._law
         self._law.take_state(self._state)
+        observer = self._spans.stages.observer._stack
+        self._spans.observer.take_state(self._observed, out.estimates[done - 1].tolist())
+        self._policy.store(stack._policy, observer._policy)
         law.saturated = [bool(value) for value in self._inputs[c.SATURATED]]
         law._last_force = self._inputs[c.LAST_FORCE].tolist()
         stack._ticks += done

@@ -1,0 +1,125 @@
+"""Observers, predictor, laws and brake policies in compiled spans give the messages of Python, bit for bit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from span_runs import Messages, assert_same_messages, compiled_part, messages_of, setup_of
+
+from train_ato.loop.engine import TickLoop, run_engine
+from train_ato.loop.recording import BRAKE_PIPE_COMMAND
+from train_ato.loop.spans import kernel
+
+FREE = {"supervision.enabled": False}
+METRO = {"duration": 30}
+THREE = {**FREE, "duration": 40, "links.command.delay_brake": None, "model.delay_brake": None}
+BRAKE = {"brake": {"policy": "planned", "events": [{"time": 10, "reduction": 5e4}, {"time": 40, "reduction": 0}]}}
+TRIP = {
+    "brake": {
+        "policy": "trip", "events": [],
+        "applications": [{"apply": 100, "release": 180, "reduction": 5e4, "electric_at_apply": 0.5,
+                          "electric_at_release": 0.1}],
+        "trip": {"shift": 40, "never_below": 2.0, "after": 1.0},
+    }
+}  # fmt: skip
+TRIGGER = {
+    "brake": {
+        "policy": "trigger", "events": [],
+        "trigger": {"min_speed": 2.0, "segments": 1, "grade_below": -1e-3, "min_length": 50.0, "release_drop": 0.3,
+                    "never_below": 1.0},
+    }
+}  # fmt: skip
+WHOLE = {"observers.ndo": {"omega": 0.03, "scope": "train"}, "laws.pid.disturbance": True}
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    "eso of the train, pid": ("xuzhou_metro:disturbed", {**METRO, "observer": "eso", "laws.pid.disturbance": True}),
+    "ndo of the vehicle, rbf_smc, air brake": (
+        "daqin_heavy_haul:ideal", {**FREE, "duration": 60, **BRAKE, "observer": "ndo", "law": "rbf_smc"}
+    ),
+    "ndo of the train, air brake": (
+        "daqin_heavy_haul", {**FREE, "duration": 80, **BRAKE, "observer": "ndo", **WHOLE}
+    ),
+    "cascaded by Levant, fixed_time_smc": ("freight_consensus", {"duration": 1.5}),
+    "cascaded with implicit signs": (
+        "freight_consensus", {"duration": 1.5, "observers.cascaded": {"method": "implicit", "unmatched": False}}
+    ),
+    "cascaded with explicit signs": (
+        "freight_consensus",
+        {"duration": 1.5, "observers.cascaded.method": "explicit", "laws.fixed_time_smc.unmatched": False},
+    ),
+    "predictor, springs, three units": (
+        "crh380a_gpc:tuned", {**THREE, "law": "lag_smc", "compensation": "predictor", "observer": "eso"}
+    ),
+    "predictor without estimate, common command": (
+        "crh380a_gpc:tuned",
+        {**THREE, "law": "lag_smc", "laws.lag_smc.command": "common", "compensation": "predictor", "observer": "ndo",
+         "compensations.predictor.disturbance": False},
+    ),
+    "predictor, funnel": (
+        "xuzhou_metro:tuned+disturbed", {**METRO, "law": "funnel", "compensation": "predictor", "observer": "eso"}
+    ),
+    "rbf_smc as in the paper": (
+        "xuzhou_metro:tuned",
+        {**METRO, "law": "rbf_smc", "observer": "ndo",
+         "laws.rbf_smc": {"equivalent": "feedforward", "clip": False, "ndo_omega": 5.0, "anti_windup": False}},
+    ),
+    "rbf_switching_smc": (
+        "crh380a_gpc:tuned", {**FREE, "duration": 40, "law": "rbf_switching_smc", "compensation": "preview"}
+    ),
+    "rbf_switching_smc, printed forms": (
+        "xuzhou_metro:tuned+disturbed",
+        {**METRO, "law": "rbf_switching_smc",
+         "laws.rbf_switching_smc": {"objective": "printed_acceleration", "rbfi_input": "command", "clip": False,
+                                    "sensitivity": "value", "alpha": 0.0}},
+    ),
+    "policy trip": ("daqin_heavy_haul", {**FREE, "duration": 160, **TRIP, "observer": "ndo", **WHOLE}),
+    "policy trigger": ("daqin_heavy_haul", {**FREE, "duration": 130, **TRIGGER}),
+}  # fmt: skip
+"""Scenario and changes, for every component with a compiled step."""
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_compiled_components_send_the_messages_of_python(case: str) -> None:
+    """Breaks if an observer, a prediction, a law or a policy differs in one bit, or runs in Python after all."""
+    sink = Messages(setup_of(*CASES[case]))
+    loop = TickLoop(setup_of(*CASES[case]), sink, compiled=True)
+    loop.start()
+    while not loop.plant.finished:
+        loop.advance()
+    loop.conclude()
+    assert loop._spans is not None
+    assert loop._spans.ticks > 0.7 * loop.ticks
+    assert_same_messages(messages_of(setup_of(*CASES[case]), compiled=False), sink.rows)
+
+
+def test_policies_of_the_cases_change_the_pressure() -> None:
+    """Breaks if an application or a release is not reached, so that the comparison above has no decision in it."""
+    for case in ("policy trip", "policy trigger"):
+        recording = run_engine(setup_of(*CASES[case]), compiled=True).recording
+        assert recording is not None
+        pressure = recording.topics[BRAKE_PIPE_COMMAND]["pressure"].ravel()
+        assert np.count_nonzero(np.diff(pressure)) >= 2, case
+
+
+def test_components_do_not_compile_the_kernel_again() -> None:
+    """Breaks if a component gives an array in another layout: the kernel would be compiled again, for 20 s."""
+    for case in ("predictor, springs, three units", "eso of the train, pid", "policy trigger"):
+        name, changes = CASES[case]
+        run_engine(setup_of(name, {**changes, "duration": 5}), compiled=True)
+    assert len(getattr(kernel.run_span, "signatures", [None])) == 1  # missing with NUMBA_DISABLE_JIT
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("freight_consensus:realistic", {}),
+        ("freight_consensus", {"laws.fixed_time_smc.states": "estimated"}),
+        ("xuzhou_metro", {"compensation": "predictor", "compensations.predictor.delay": "estimated"}),
+        ("xuzhou_metro", {"law": "rbf_switching_smc", "laws.rbf_switching_smc.derivatives": "measured"}),
+        ("xuzhou_metro", {"law": "gpc", "compensation": "none"}),
+    ],
+)
+def test_forms_without_a_compiled_step_run_in_python(name: str, changes: dict[str, Any]) -> None:
+    """Breaks if a parameter that the compiled step lacks is accepted: the run would have the numbers of another one."""
+    assert compiled_part(setup_of(name, {**changes, "duration": 1.0 if name == "freight_consensus" else 10})) == 0.0

@@ -1,0 +1,98 @@
+"""Rows and entries of the arrays of the compiled laws and observers, and their common operations."""
+
+# mypy: allow-untyped-defs
+
+from __future__ import annotations
+
+from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_tanh
+
+# Rows of `inputs`, one column per unit.
+# COUPLERS, RESISTANCE, SHOES: forces against the motion of the unit's vehicle. LAST_FORCE, SATURATED: of the law.
+(
+    POSITION, VELOCITY, APPLIED, REFERENCE_POSITION, FEEDFORWARD, FORCE_MIN, FORCE_MAX, COUPLERS, RESISTANCE, SHOES,
+    DISTURBANCE, SHARE, SATURATED, LAST_FORCE,
+) = range(14)  # fmt: skip
+INPUT_ROWS = 14
+# Entries of `now`, values of the step for all units.
+# LINE_FORCE, TRAIN_SHOE_FORCE: forces against the motion of the train.
+(
+    REFERENCE_VELOCITY, REFERENCE_ACCELERATION, ACCELERATION_AT_EFFECT, JERK_AT_EFFECT, LINE_FORCE, TRAIN_SHOE_FORCE,
+) = range(6)  # fmt: skip
+NOW_ENTRIES = 6
+# Entries of the constants of a train as one mass: resistance of the train and its fading speed.
+TRAIN_INERTIA, TRAIN_C0, TRAIN_C1, TRAIN_C2, TRAIN_FADING_SPEED = range(5)
+TRAIN_ENTRIES = 5
+LONGEST_SUM = 128
+"""Number of entries up to which ``numpy.sum`` does not divide an array."""
+
+
+@compiled
+def clamped(value, low, high):
+    """Return ``min(max(value, low), high)``, with the results of Python for equal values."""
+    raised = low if low > value else value
+    return high if high < raised else raised
+
+
+@compiled
+def sign_of(value, width):
+    """Return the sign of a value, linear within a boundary layer of ``width``."""
+    if width <= 0.0:
+        return 1.0 if value > 0.0 else -1.0 if value < 0.0 else 0.0
+    return clamped(value / width, -1.0, 1.0)
+
+
+@compiled
+def mean_of_units(share, values, n):
+    """Return the mean over the units, weighted by their shares."""
+    if n == 1:
+        return values[0]
+    total = 0.0
+    for unit in range(n):
+        total += share[unit] * values[unit]
+    return total
+
+
+@compiled
+def ordered_total(values):
+    """Return the sum of the entries, added in order from 0."""
+    total = 0.0
+    for value in values:
+        total += value
+    return total
+
+
+@compiled
+def numpy_total(values):
+    """Return the sum of at most :data:`LONGEST_SUM` entries in the order of ``numpy.sum``: eight sums side by side."""
+    n = len(values)
+    if n < 8:
+        return ordered_total(values)
+    sums = values[:8].copy()
+    whole = n - n % 8
+    for first in range(8, whole, 8):
+        for j in range(8):
+            sums[j] += values[first + j]
+    total = ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]))
+    for i in range(whole, n):
+        total += values[i]
+    return total
+
+
+@compiled
+def between_entries(table, place):
+    """Return the value of a table between its entries, as :func:`train_ato.control.train_model.interpolated`."""
+    if place <= 0.0:
+        return table[0]
+    index = int(place)
+    if index >= len(table) - 1:
+        return table[-1]
+    return table[index] + (place - index) * (table[index + 1] - table[index])
+
+
+@compiled
+def resisting_force(train, speed, line_force, shoe_force):
+    """Return running, line and shoe force on the train [N], > 0 resists, from its constants and its speed [m/s]."""
+    size = abs(speed)
+    running = train[TRAIN_C0] + train[TRAIN_C1] * size + train[TRAIN_C2] * size * size
+    return running * libm_tanh(speed / train[TRAIN_FADING_SPEED]) + line_force + shoe_force
