@@ -64,6 +64,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--margin", type=least, metavar="FRACTION", help="fraction of the maximum forces kept in reserve"
     )
+    parser.add_argument(
+        "--efficiency", type=least, metavar="FRACTION", help="of traction, in the net energy (default: 1)"
+    )
+    parser.add_argument(
+        "--recovered",
+        type=least,
+        metavar="FRACTION",
+        help="share of the electric-brake work that returns to the line (default: 0, traction work only)",
+    )
+    parser.add_argument("--auxiliary-kw", type=least, metavar="KW", help="auxiliary power in the net energy")
     parser.add_argument("--max-speed-kmh", type=least, metavar="V", help="speed limit of the train")
     parser.add_argument("--no-air-brake", action="store_true", help="use electric brakes only")
     parser.add_argument(
@@ -155,6 +165,9 @@ def _settings(options: argparse.Namespace, settings: PlanSettings) -> PlanSettin
         "time": options.time,
         "dwell": options.dwell,
         "force_margin": options.margin,
+        "efficiency": options.efficiency,
+        "recovered": options.recovered,
+        "auxiliary": None if options.auxiliary_kw is None else 1e3 * options.auxiliary_kw,
         "speed_max": None if options.max_speed_kmh is None else options.max_speed_kmh / 3.6,
         "calling": False if options.through else None,
         "air_brake": False if options.no_air_brake else None,

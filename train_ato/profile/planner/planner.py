@@ -1,4 +1,4 @@
-"""Planner of the speed profile: minimum time, or a timetable with the least traction work.
+"""Planner of the speed profile: minimum time, or a timetable with the least net energy.
 
 Places in settings and lines refer to the front of the train; the profile refers to the centre of vehicle 0.
 """
@@ -18,15 +18,18 @@ from train_ato.messages.types import Array
 from train_ato.profile.knots import knot_count
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs, SectionKnots
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
+from train_ato.profile.planner.net_energy import weighted_energy
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.stops import stops_of
-from train_ato.profile.planner.time_reserve import TIME_TOLERANCE, spread_time_reserve
+from train_ato.profile.planner.time_reserve import TIME_TOLERANCE, predicted_time, spread_time_reserve
 from train_ato.profile.planner.train_tables import AvailableForce, TrainTables
 from train_ato.profile.profile import Profile
 
 MAX_TIMETABLE_ROUNDS = 5
 """Searches for the strategies of a timetable, each with the windows and reserves of the previous plan."""
+UNUSED_TIME = 0.1
+"""Part of a timetable that may remain unused without another search [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,13 +72,24 @@ class Plan:
         """Place of the front at every knot [m]."""
         return np.asarray(self.profile.position + self.train.half)
 
+    @property
+    def energy(self) -> float:
+        """Net energy from the first departure to the last arrival [J]; the traction work with the default settings."""
+        power, period = self.force * self.profile.velocity, self.profile.period
+        traction = float(np.maximum(power, 0.0).sum() * period)
+        return weighted_energy(traction, float(self.electric_power.sum() * period), self.running_time, self.settings)
+
+    @property
+    def electric_power(self) -> Array:
+        """Power of the electric brake at every knot [W]; it acts before the friction brakes."""
+        _, electric, _ = self.train.forces_at(self.profile.velocity)
+        return np.asarray(np.minimum(np.maximum(-self.force, 0.0), electric) * self.profile.velocity)
+
     def summary(self) -> dict[str, Any]:
         """Return the figures of the plan, units in the keys: running_time_s, distance_m, energy_kwh, ..."""
         profile, force = self.profile, self.force
         power = force * profile.velocity
         step = profile.period / 3.6e6
-        _, electric, _ = self.train.forces_at(profile.velocity)
-        recovered = np.minimum(np.maximum(-force, 0.0), electric) * profile.velocity
         moving = profile.velocity > 1e-3
         running = force[moving]
         return {
@@ -84,7 +98,8 @@ class Plan:
             "running_time_s": round(self.running_time, 3),
             "distance_m": round(self.arrivals[-1][0] - self.arrivals[0][0], 3),
             "energy_kwh": round(float(np.maximum(power, 0.0).sum() * step), 4),
-            "energy_electric_brake_kwh": round(float(recovered.sum() * step), 4),
+            "energy_electric_brake_kwh": round(float(self.electric_power.sum() * step), 4),
+            "energy_net_kwh": round(self.energy / 3.6e6, 4),
             "energy_brake_kwh": round(float(np.maximum(-power, 0.0).sum() * step), 4),
             "speed_max_kmh": round(3.6 * float(profile.velocity.max()), 3),
             "speed_mean_kmh": round(3.6 * (self.arrivals[-1][0] - self.arrivals[0][0]) / self.running_time, 3),
@@ -191,14 +206,17 @@ def _plan_to_timetable(
             f"{fastest.running_time - time:.1f} s"
         )
     dwell = plain_sum(departure - arrival for _, arrival, departure in fastest.arrivals[1:-1])
-    target = time - dwell
+    bias, best = 0.0, fastest
     for _ in range(MAX_TIMETABLE_ROUNDS):
-        plan = assemble(spread_time_reserve(sections, target))
-        late = plan.running_time - time
-        if late <= TIME_TOLERANCE:
-            return plan
-        target = max(target - 0.5 * late, fastest.running_time - dwell)
-    return fastest
+        strategies = spread_time_reserve(sections, max(time - dwell - bias, fastest.running_time - dwell))
+        found = assemble(strategies)
+        late = found.running_time - time
+        if late <= TIME_TOLERANCE and found.energy < best.energy:
+            best = found
+        if -UNUSED_TIME <= late <= TIME_TOLERANCE:
+            break
+        bias = found.running_time - dwell - predicted_time(sections, strategies)
+    return best
 
 
 def assemble_plan(

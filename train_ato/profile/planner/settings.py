@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field, model_validator
 
-from plant_sim.units import Acceleration, Jerk, Length, SiModel, Speed, Time
+from plant_sim.units import Acceleration, Jerk, Length, Power, SiModel, Speed, Time
 
 
 class PlanSettings(SiModel):
@@ -35,6 +35,13 @@ class PlanSettings(SiModel):
         gt=0,
         description="of the train; default: end of the traction envelope, at most 98 % of that of the brakes",
     )
+    efficiency: float = Field(
+        1.0, gt=0, le=1, description="of traction: energy taken from the line is the traction work over it"
+    )
+    recovered: float = Field(
+        0.0, ge=0, le=1, description="share of the electric-brake work that returns to the line; 0: traction only"
+    )
+    auxiliary: Power = Field(0.0, ge=0, description="auxiliary power, part of the net energy at all times")
     begin_speed: Speed = Field(0.0, ge=0, description="speed at the begin")
     end_speed: Speed = Field(0.0, ge=0, description="speed at the end")
     air_brake: bool = Field(
