@@ -12,11 +12,13 @@ from typing import Any
 from pydantic import ValidationError
 
 from plant_sim.input_error import explain
+from plant_sim.line import Line
 from train_ato.apps.report.plan_figure import draw_plan
 from train_ato.arguments import check_new_file
 from train_ato.cli.plan_trip import add_trip_arguments, execute_trip
 from train_ato.profile.file import write_profile
 from train_ato.profile.planner.inputs import find_line, find_train
+from train_ato.profile.planner.journey_file import read_journey
 from train_ato.profile.planner.planner import Plan, plan, traction_work_bound
 from train_ato.profile.planner.settings import PlanSettings
 
@@ -48,6 +50,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--time", type=least, metavar="S", help="timetable: running time with dwell times (default: minimum time)"
+    )
+    parser.add_argument(
+        "--journey",
+        metavar="FILE",
+        help="timing points with windows, in place of --time: train_ato YAML or TTOBench 1.5 JSON",
     )
     parser.add_argument(
         "--no-bound",
@@ -104,6 +111,8 @@ def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
     line = find_line(options.line)
     consist, settings = find_train(options.consist)
     settings = _settings(options, settings)
+    if options.journey is not None:
+        settings = _with_journey(options, settings, line)
     if not 1e-3 <= options.period <= 10:
         raise ValueError(f"--period {options.period:g}: out of range; give 0.001 to 10 s")
     result = plan(line, consist, settings, options.period)
@@ -182,6 +191,16 @@ def _settings(options: argparse.Namespace, settings: PlanSettings) -> PlanSettin
         return PlanSettings.model_validate(data)
     except ValidationError as error:
         raise ValueError(explain(error, "options of plan", PlanSettings)) from None
+
+
+def _with_journey(options: argparse.Namespace, settings: PlanSettings, line: Line) -> PlanSettings:
+    """Return the settings with the timing points of ``--journey``."""
+    for name in ("time", "from_km", "to_km", "dwell", "through"):
+        value = getattr(options, {"from_km": "begin_km", "to_km": "end_km"}.get(name, name))
+        if value is not None and value is not False:
+            option = "--" + name.replace("_", "-")
+            raise ValueError(f"{option} with --journey: the timing points have it; remove {option}")
+    return settings.model_copy(update={"points": read_journey(options.journey, line).points})
 
 
 def _source(options: argparse.Namespace, result: Plan) -> str:

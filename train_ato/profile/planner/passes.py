@@ -138,6 +138,29 @@ def forward(
 
 
 @compiled
+def traction_floor(
+    energy: float, last: int, table: Array, spacing: float, line_max: Array, steps: Array, reserve: Array,
+    service: float,
+) -> Array:  # fmt: skip
+    """Return the least E at every place from which full traction reaches an E at a later place, shape (n + 1,).
+
+    Parameters
+    ----------
+    energy, last
+        E, and the place at which it is needed; the floor is 0 behind it.
+    """
+    floor = np.zeros(steps.size + 1)
+    floor[last] = energy
+    for k in range(last - 1, -1, -1):
+        rate = min(service, _reduced(table, TRACTION, floor[k + 1], spacing, reserve[k]) - line_max[k])
+        floor[k] = floor[k + 1] - steps[k] * rate
+        if floor[k] <= 0.0:
+            floor[k] = 0.0
+            break
+    return floor
+
+
+@compiled
 def durations(energy: Array, steps: Array) -> Array:
     """Return the running time of every cell [s], shape (n,), at constant acceleration."""
     n = energy.size - 1

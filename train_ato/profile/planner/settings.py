@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import Field, model_validator
 
 from plant_sim.units import Acceleration, Jerk, Length, Power, SiModel, Speed, Time
+from train_ato.profile.planner.timing_points import TimingPoint, check_points
 
 
 class PlanSettings(SiModel):
@@ -23,6 +24,9 @@ class PlanSettings(SiModel):
         None,
         gt=0,
         description="timetable: running time from departure to arrival, dwell times included; default: minimum time",
+    )
+    points: tuple[TimingPoint, ...] | None = Field(
+        None, description="timing points of a journey with their windows; in place of begin, end, calling and time"
     )
     acceleration: Acceleration | None = Field(1.0, gt=0, description="service limit; null: limited by the train only")
     deceleration: Acceleration | None = Field(0.8, gt=0, description="service limit; null: limited by the train only")
@@ -61,6 +65,13 @@ class PlanSettings(SiModel):
             raise ValueError(
                 f"end = {self.end:g} m must lie beyond begin = {self.begin:g} m; exchange them or move end on"
             )
+        if self.points is not None:
+            check_points(self.points)
+            for key in ("begin", "end", "time", "dwell"):
+                if getattr(self, key) is not None:
+                    raise ValueError(f"{key} with points: the timing points have it; remove {key}")
+            if self.begin_speed > 0 or self.end_speed > 0:
+                raise ValueError("begin_speed or end_speed with points: a journey begins and ends at rest; remove it")
         if self.point_mass and self.grade_over_length:
             raise ValueError(
                 "grade_over_length = true with point_mass = true: a point mass has no length to average over; set one "
@@ -90,9 +101,26 @@ class ReplanSpec(SiModel):
     retry: Time | None = Field(
         None, gt=0, description="time after which the full traction is assumed again; default: never"
     )
+    catch_up: bool = Field(
+        False,
+        description="return to the timetable or the timing points of the profile's plan at the least net energy; "
+        "false: run at no place faster than the first profile",
+    )
+    lateness: Time | None = Field(
+        None,
+        gt=0,
+        description="with catch_up: time late or early after which the rest is planned again, also without a lack of "
+        "force; default: never",
+    )
     plan: PlanSettings | None = Field(
         None, description="service limits and force_margin of the new plan; default: those of the profile's own plan"
     )
+
+    @model_validator(mode="after")
+    def _lateness_with_catch_up(self) -> ReplanSpec:
+        if self.lateness is not None and not self.catch_up:
+            raise ValueError("lateness without catch_up: the rest would have the same times; add catch_up: true")
+        return self
 
     def settings(self, own: PlanSettings | None) -> PlanSettings:
         """Return the settings of the new plan; ``own`` are those of the scenario's plan, if there is one."""
