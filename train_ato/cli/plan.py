@@ -12,11 +12,13 @@ from typing import Any
 from pydantic import ValidationError
 
 from plant_sim.input_error import explain
+from plant_sim.line import Line
 from train_ato.apps.report.plan_figure import draw_plan
 from train_ato.arguments import check_new_file
 from train_ato.cli.plan_trip import add_trip_arguments, execute_trip
 from train_ato.profile.file import write_profile
 from train_ato.profile.planner.inputs import find_line, find_train
+from train_ato.profile.planner.journey_file import read_journey
 from train_ato.profile.planner.planner import Plan, plan, traction_work_bound
 from train_ato.profile.planner.settings import PlanSettings
 
@@ -50,6 +52,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--time", type=least, metavar="S", help="timetable: running time with dwell times (default: minimum time)"
     )
     parser.add_argument(
+        "--journey",
+        metavar="FILE",
+        help="timing points with windows, in place of --time: train_ato YAML or TTOBench 1.5 JSON",
+    )
+    parser.add_argument(
         "--no-bound",
         action="store_true",
         help="with --time: without the lower bound of the energy, some seconds faster",
@@ -64,6 +71,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--margin", type=least, metavar="FRACTION", help="fraction of the maximum forces kept in reserve"
     )
+    parser.add_argument(
+        "--efficiency", type=least, metavar="FRACTION", help="of traction, in the net energy (default: 1)"
+    )
+    parser.add_argument(
+        "--recovered",
+        type=least,
+        metavar="FRACTION",
+        help="share of the electric-brake work that returns to the line (default: 0, traction work only)",
+    )
+    parser.add_argument("--auxiliary-kw", type=least, metavar="KW", help="auxiliary power in the net energy")
     parser.add_argument("--max-speed-kmh", type=least, metavar="V", help="speed limit of the train")
     parser.add_argument("--no-air-brake", action="store_true", help="use electric brakes only")
     parser.add_argument(
@@ -94,6 +111,8 @@ def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
     line = find_line(options.line)
     consist, settings = find_train(options.consist)
     settings = _settings(options, settings)
+    if options.journey is not None:
+        settings = _with_journey(options, settings, line)
     if not 1e-3 <= options.period <= 10:
         raise ValueError(f"--period {options.period:g}: out of range; give 0.001 to 10 s")
     result = plan(line, consist, settings, options.period)
@@ -155,6 +174,9 @@ def _settings(options: argparse.Namespace, settings: PlanSettings) -> PlanSettin
         "time": options.time,
         "dwell": options.dwell,
         "force_margin": options.margin,
+        "efficiency": options.efficiency,
+        "recovered": options.recovered,
+        "auxiliary": None if options.auxiliary_kw is None else 1e3 * options.auxiliary_kw,
         "speed_max": None if options.max_speed_kmh is None else options.max_speed_kmh / 3.6,
         "calling": False if options.through else None,
         "air_brake": False if options.no_air_brake else None,
@@ -169,6 +191,16 @@ def _settings(options: argparse.Namespace, settings: PlanSettings) -> PlanSettin
         return PlanSettings.model_validate(data)
     except ValidationError as error:
         raise ValueError(explain(error, "options of plan", PlanSettings)) from None
+
+
+def _with_journey(options: argparse.Namespace, settings: PlanSettings, line: Line) -> PlanSettings:
+    """Return the settings with the timing points of ``--journey``."""
+    for name in ("time", "from_km", "to_km", "dwell", "through"):
+        value = getattr(options, {"from_km": "begin_km", "to_km": "end_km"}.get(name, name))
+        if value is not None and value is not False:
+            option = "--" + name.replace("_", "-")
+            raise ValueError(f"{option} with --journey: the timing points have it; remove {option}")
+    return settings.model_copy(update={"points": read_journey(options.journey, line).points})
 
 
 def _source(options: argparse.Namespace, result: Plan) -> str:

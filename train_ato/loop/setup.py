@@ -416,3 +416,6 @@ def _check_replan(setup: RunSetup) -> None:
         )
     if not setup.layout.n_units:
         raise ValueError("replan: the train has no power unit; remove replan")
+    plan = setup.scenario.profile.plan
+    if setup.scenario.replan.catch_up and (plan is None or (plan.time is None and plan.points is None)):
+        raise ValueError("replan: catch_up: true: the profile has no timetable; add profile.plan.time or .points")

@@ -23,7 +23,7 @@ class SectionTables:
         v²/2 of the speed limit of the whole train at every place [m²/s²].
     line_min, line_mean, line_max : Array, shape (cells,)
         Line force of every cell, divided by the inertia [m/s²].
-    rates : Array, shape (3, n)
+    rates : Array, shape (4, n)
         Accelerations over the speed, see :func:`acceleration_table` [m/s²].
     traction_reserve, brake_reserve : Array, shape (cells,)
         Fractions of traction and brakes reserved in every cell for the averaging, in addition to the margin.
@@ -39,7 +39,9 @@ class SectionTables:
 
 
 def acceleration_table(train: TrainTables, settings: PlanSettings, window: float) -> Array:
-    """Return the rows of the passes: traction minus resistance, brake plus resistance, resistance [m/s²].
+    """Return the rows of the passes [m/s²].
+
+    They are traction minus resistance, brake plus resistance, resistance, and electric brake plus resistance.
 
     Parameters
     ----------
@@ -58,6 +60,7 @@ def acceleration_table(train: TrainTables, settings: PlanSettings, window: float
             (keep * traction - train.resistance) / train.inertia,
             (keep * brake + train.resistance) / train.inertia,
             train.resistance / train.inertia,
+            (np.minimum(train.electric, keep * brake) + train.resistance) / train.inertia,
         )
     )
 

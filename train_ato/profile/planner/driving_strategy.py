@@ -30,23 +30,36 @@ class DrivingStrategy:
     curve : pair of arrays, optional
         Switching curve: places and v²/2 above which there is no traction,
         see :mod:`train_ato.profile.planner.dynamic_programming`.
+    electric : Array, optional
+        v²/2 above which the electric brake is used, at the places of the curve.
+    floor : pair of arrays, optional
+        Places and v²/2 below which there is traction in any case.
     scale : float
-        Factor on the speeds of the curve.
+        Factor on the speeds of the curves.
     """
 
     cut_off: float = np.inf
     coast_above: float = np.inf
     cap: float = np.inf
     curve: tuple[Array, Array] | None = None
+    electric: Array | None = None
+    floor: tuple[Array, Array] | None = None
     scale: float = 1.0
 
     def cut_off_energy(self, places: Array) -> Array:
         """Return v²/2 above which there is no traction [m²/s²], at places of the front [m]."""
-        flat = np.full(places.size, self.cut_off**2 / 2)
-        if self.curve is None:
-            return flat
-        curve = self.scale**2 * np.interp(places, *self.curve)
-        return np.asarray(np.minimum(flat, np.maximum(curve, MIN_CRUISE**2 / 2)))
+        energy = np.full(places.size, self.cut_off**2 / 2)
+        if self.curve is not None:
+            curve = self.scale**2 * np.interp(places, *self.curve)
+            energy = np.minimum(energy, np.maximum(curve, MIN_CRUISE**2 / 2))
+        return energy if self.floor is None else np.maximum(energy, np.interp(places, *self.floor))
+
+    def brake_onset_energy(self, places: Array) -> Array:
+        """Return v²/2 above which the electric brake is used [m²/s²], at places of the front [m]."""
+        if self.curve is None or self.electric is None:
+            return np.full(places.size, np.inf)
+        onset = self.scale**2 * np.interp(places, self.curve[0], self.electric)
+        return np.asarray(np.maximum(onset, self.cut_off_energy(places)))
 
 
 MINIMUM_TIME = DrivingStrategy()

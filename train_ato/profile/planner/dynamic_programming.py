@@ -1,12 +1,14 @@
-"""Switching curve of the energy-optimal run by dynamic programming.
+"""Switching curves of the energy-optimal run by dynamic programming.
 
-The run with minimum traction work in a given time minimises work + price x time for some price of time.  The value
+The run with minimum net energy in a given time minimises energy + price x time for some price of time.  The value
 V(s, E) of that sum from place s with E = v²/2 to the end satisfies Bellman's equation.  A small increase of E at s
-costs its traction work and reduces the remaining cost by -dV/dE.  Traction is optimal below the speed at which both are
-equal; above it the train coasts.  This speed over the place is the switching curve.  It is the complete optimal
-feedback, because brakes only keep limits (Howlett and Pudney, "Energy-Efficient Train Control", 1995).  On a level line
-it is a constant cruise with coasting before a stop; it decreases before a steep descent, so that the descent needs no
-braking, and increases before a climb.
+reduces the remaining cost by -dV/dE; by traction it costs 1 / efficiency, and the electric brake recovers a share of
+it.  Traction is optimal below the speed at which -dV/dE is 1 / efficiency, the electric brake above the speed at which
+it is the recovered share; between them the train coasts.  These speeds over the place are the switching curves.  They
+are the complete optimal feedback, because friction brakes only keep limits (Howlett and Pudney, "Energy-Efficient
+Train Control", 1995; with recovery: Scheepmaker, Goverde and Kroon, European Journal of Operational Research 257,
+2017).  On a level line the first is a constant cruise with coasting before a stop; it decreases before a steep descent,
+so that the descent needs no braking, and increases before a climb.
 
 All energies are divided by the inertia.  All compiled code of the value is in this file, because numba's cache detects
 changes of this file only.
@@ -14,26 +16,48 @@ changes of this file only.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from plant_sim.compiled import compiled
 from train_ato.messages.types import Array
-from train_ato.profile.planner.passes import COAST, TRACTION
+from train_ato.profile.planner.passes import COAST, ELECTRIC, TRACTION
 
-MAX_CELLS, MIN_CELL = 500, 1.0
-"""Maximum number of cells of a section, and minimum length of a cell [m]."""
-ENERGY_POINTS = 300
-"""Number of grid points of E."""
+MIN_CELL = 1.0
+"""Minimum mean length of a cell [m]."""
+BRAKING_SLOPE = 1.5
+"""Largest slope of the ceiling that attracts cells, in units of the service deceleration; steeper is a jump."""
 UNREACHABLE = 1e12
 """Value of a state from which the end cannot be reached."""
+MISSED_SPEED = 1e3
+"""Cost of a lack of E at a place with a least speed [1]."""
 MIN_SPEED = 0.05
 """Lower bound of the speed in the cost of time [m/s]."""
 
 
+@dataclass(frozen=True, slots=True)
+class Resolution:
+    """Largest number of cells of a section, and number of grid points of E."""
+
+    cells: int
+    points: int
+
+
+@dataclass(frozen=True, slots=True)
+class EnergyWeights:
+    """Cost of traction work, and gain of electric-brake work: 1 / efficiency and recovered share [1]."""
+
+    traction: float = 1.0
+    recovered: float = 0.0
+
+
 class CoarseGrid:
     """A section on a coarse grid for the dynamic programming.
+
+    One half of the cells is shared out by the distance, the other half by the change of the ceiling along its braking
+    curves: a line with many limits has its cells where the limits change.
 
     Parameters
     ----------
@@ -41,6 +65,8 @@ class CoarseGrid:
         Places of the fine grid [m].
     top : Array, shape (n + 1,)
         Largest E that keeps every limit ahead, at the places.
+    floor : Array, shape (n + 1,)
+        Least E at the places; 0 without.
     line_mean : Array, shape (n,)
         Mean line force of every fine cell, divided by the inertia [m/s²].
     table : Array
@@ -49,45 +75,61 @@ class CoarseGrid:
         Service acceleration and deceleration [m/s²].
     end
         E at the end.
+    resolution
+        Numbers of cells and of grid points of E.
     """
 
     def __init__(
         self,
         places: Array,
         top: Array,
+        floor: Array,
         line_mean: Array,
         table: Array,
         service: float,
         deceleration: float,
         end: float,
+        resolution: Resolution,
     ) -> None:
-        count = int(np.clip((places[-1] - places[0]) / MIN_CELL, 10, MAX_CELLS))
-        self.places: Array = np.linspace(places[0], places[-1], count + 1)
-        work = np.concatenate(([0.0], np.cumsum(line_mean * np.diff(places))))
+        length, steps = float(places[-1] - places[0]), np.diff(places)
+        count = int(np.clip(length / MIN_CELL, 10, resolution.cells))
+        slope = BRAKING_SLOPE * (deceleration if np.isfinite(deceleration) else 1.0)
+        change = np.concatenate(([0.0], np.cumsum(np.minimum(np.abs(np.diff(top)), slope * steps))))
+        share = 0.5 * (places - places[0]) / length + 0.5 * change / max(float(change[-1]), 1e-9)
+        self.places: Array = np.interp(np.linspace(0.0, share[-1], count + 1), share, places)
+        work = np.concatenate(([0.0], np.cumsum(line_mean * steps)))
         self.steps: Array = np.diff(self.places)
         self.line_mean: Array = np.diff(np.interp(self.places, places, work)) / self.steps
         self.top: Array = np.interp(self.places, places, top)
         self.top[-1] = end
+        self.floor: Array = np.interp(self.places, places, floor)
         self.table = table
         self.service = service
         self.deceleration = deceleration
+        self.points = resolution.points
 
 
-def switching_curve(grid: CoarseGrid, price: float, spacing: float) -> tuple[Array, Array]:
-    """Return places [m] and the E at them above which traction is not optimal.
+def switching_curve(
+    grid: CoarseGrid, price: float | Array, spacing: float, weights: EnergyWeights
+) -> tuple[Array, Array, Array]:
+    """Return places [m], the E at them above which traction is not optimal, and that above which braking is.
 
     Parameters
     ----------
-    price
-        Price of time, power divided by inertia [W/kg]; a higher price gives a faster run.
+    price : float or Array, shape (n,)
+        Price of time, power divided by inertia [W/kg], of all cells or of each; a higher price gives a faster run.
     spacing
         Speed step of the table [m/s].
+    weights
+        Cost of traction work and gain of electric-brake work.
     """
-    energies = np.linspace(0.0, float(grid.top.max()) * (1 + 1e-9), ENERGY_POINTS)
-    curve = _curve(
-        energies, grid.top, grid.line_mean, grid.steps, grid.table, spacing, (grid.service, grid.deceleration), price
-    )
-    return grid.places, curve
+    energies = np.linspace(0.0, float(grid.top.max()) * (1 + 1e-9), grid.points)
+    prices = np.broadcast_to(np.asarray(price, dtype=np.float64), grid.steps.shape).copy()
+    traction, electric = _curves(
+        energies, grid.top, grid.floor, grid.line_mean, grid.steps, grid.table, spacing,
+        (grid.service, grid.deceleration), prices, (weights.traction, weights.recovered),
+    )  # fmt: skip
+    return grid.places, traction, electric
 
 
 @compiled
@@ -108,55 +150,67 @@ def _value_slope(values: Array, energy: float, spacing: float) -> Any:
 
 
 @compiled
-def _cost(price: float, step: float, speed: float, end: float, values: Array, spacing: float) -> Any:
-    """Return price x time of a step to the energy ``end``, plus the value there."""
+def _cost(
+    price: float, step: float, speed: float, end: float, range_: tuple[float, float, float],
+    weights: tuple[float, float], values: Array, spacing: float,
+) -> Any:  # fmt: skip
+    """Return the cost of a step to the energy ``end``: net energy, price x time, and the value there.
+
+    ``range_`` are the E by electric braking, by coasting within the deceleration limit, and by coasting alone.
+    """
     if end <= 0.0:
         return UNREACHABLE
-    return price * 2.0 * step / (speed + np.sqrt(2.0 * end)) + _value(values, end, spacing)
+    low, slow, coast = range_
+    work = weights[0] * max(end - coast, 0.0) - weights[1] * min(max(slow - end, 0.0), slow - low)
+    return work + price * 2.0 * step / (speed + np.sqrt(2.0 * end)) + _value(values, end, spacing)
 
 
 @compiled
 def _least_cost(
-    price: float, step: float, speed: float, slow: float, fast: float, values: Array, energies: Array
-) -> Any:
-    """Return the least cost of a step to an energy between coasting (``slow``) and full traction (``fast``)."""
+    price: float, step: float, speed: float, ends: tuple[float, float], range_: tuple[float, float, float],
+    weights: tuple[float, float], values: Array, energies: Array,
+) -> Any:  # fmt: skip
+    """Return the least cost of a step to an energy between two ends."""
     spacing = energies[1]
-    best = _cost(price, step, speed, slow, values, spacing)
-    best = min(best, fast - slow + _cost(price, step, speed, fast, values, spacing))
-    for q in range(max(int(slow / spacing) + 1, 1), min(int(fast / spacing), energies.size - 1) + 1):
-        best = min(best, energies[q] - slow + price * 2.0 * step / (speed + np.sqrt(2.0 * energies[q])) + values[q])
+    best = min(
+        _cost(price, step, speed, ends[0], range_, weights, values, spacing),
+        _cost(price, step, speed, ends[1], range_, weights, values, spacing),
+    )
+    if ends[0] < range_[1] < ends[1]:
+        best = min(best, _cost(price, step, speed, range_[1], range_, weights, values, spacing))
+    low, slow, coast = range_
+    for q in range(max(int(ends[0] / spacing) + 1, 1), min(int(ends[1] / spacing), energies.size - 1) + 1):
+        end = energies[q]
+        work = weights[0] * max(end - coast, 0.0) - weights[1] * min(max(slow - end, 0.0), slow - low)
+        best = min(best, work + price * 2.0 * step / (speed + np.sqrt(2.0 * end)) + values[q])
     return min(best, UNREACHABLE)
 
 
 @compiled
-def _marginal_cost(price: float, step: float, speed: float, slow: float, values: Array, spacing: float) -> Any:
+def _marginal_cost(
+    price: float, step: float, speed: float, slow: float, weight: float, values: Array, spacing: float
+) -> Any:
     """Return the marginal cost of more energy than by coasting, minus its benefit; < 0: traction is optimal."""
     if slow <= 0.0:
         return -1.0
     u = np.sqrt(2.0 * slow)
     quicker = price * 2.0 * step / ((speed + u) ** 2 * max(u, MIN_SPEED))
-    return 1.0 - quicker + _value_slope(values, slow, spacing)
+    return weight - quicker + _value_slope(values, slow, spacing)
 
 
 @compiled
-def _curve(
-    energies: Array,
-    top: Array,
-    line_mean: Array,
-    steps: Array,
-    table: Array,
-    speed_step: float,
-    service: tuple[float, float],
-    price: float,
-) -> Array:
-    """Return the switching curve; ``service`` are the acceleration and deceleration limits [m/s²]."""
+def _curves(
+    energies: Array, top: Array, floor: Array, line_mean: Array, steps: Array, table: Array, speed_step: float,
+    service: tuple[float, float], prices: Array, weights: tuple[float, float],
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return both switching curves; ``service`` are the acceleration and deceleration limits [m/s²]."""
     n, m = steps.size, energies.size
-    spacing = energies[1]
-    values, new, marginal = np.zeros(m), np.empty(m), np.ones(m)
-    curve = np.empty(n + 1)
-    curve[n] = top[n]
+    spacing, gap = energies[1], weights[0] - weights[1]
+    values, new, marginal = np.zeros(m), np.empty(m), np.full(m, gap)
+    curve, onset = np.empty(n + 1), np.empty(n + 1)
+    curve[n] = onset[n] = top[n]
     for k in range(n - 1, -1, -1):
-        step, ceiling = steps[k], top[k + 1]
+        step, ceiling, price = steps[k], top[k + 1], prices[k]
         for i in range(m):
             energy = min(energies[i], top[k])
             speed = np.sqrt(2.0 * energy)
@@ -164,35 +218,42 @@ def _curve(
             j = min(int(place), table.shape[1] - 2)
             pull = table[TRACTION, j] + (place - j) * (table[TRACTION, j + 1] - table[TRACTION, j])
             drag = table[COAST, j] + (place - j) * (table[COAST, j + 1] - table[COAST, j])
+            brake = table[ELECTRIC, j] + (place - j) * (table[ELECTRIC, j + 1] - table[ELECTRIC, j])
             fast = min(energy + step * min(service[0], pull - line_mean[k]), ceiling)
             coast = energy - step * (drag + line_mean[k])
             slow = energy - step * min(service[1], drag + line_mean[k])
-            if fast > slow:
-                new[i] = slow - coast + _least_cost(price, step, speed, slow, fast, values, energies)
-                marginal[i] = _marginal_cost(price, step, speed, slow, values, spacing)
+            low = min(energy - step * min(service[1], brake + line_mean[k]), slow) if weights[1] > 0.0 else slow
+            range_ = (low, slow, coast)
+            if k == n - 1 and ceiling <= 0.0:  # the stop
+                new[i] = price * 2.0 * step / max(speed, MIN_SPEED) + weights[0] * max(-coast, 0.0)
+                new[i] -= weights[1] * min(max(slow, 0.0), slow - low)
+                marginal[i] = gap if slow > 0.0 else -1.0
+            elif fast > slow:
+                new[i] = _least_cost(price, step, speed, (low, fast), range_, weights, values, energies)
+                marginal[i] = _marginal_cost(price, step, speed, slow, weights[0], values, spacing)
             else:  # braking to the ceiling, or no traction
                 end = min(slow, ceiling)
-                stop = k == n - 1 and end == 0.0
-                new[i] = (
-                    price * 2.0 * step / max(speed, MIN_SPEED)
-                    if stop
-                    else _cost(price, step, speed, end, values, spacing)
-                )
-                marginal[i] = 1.0
+                if low < end:
+                    new[i] = _least_cost(price, step, speed, (low, end), range_, weights, values, energies)
+                else:
+                    new[i] = _cost(price, step, speed, end, range_, weights, values, spacing)
+                marginal[i] = gap
+            new[i] += MISSED_SPEED * max(floor[k] - energy, 0.0)
         values, new = new, values
-        curve[k] = _switching_energy(marginal, energies, top[k])
-    return curve
+        curve[k] = _switching_energy(marginal, energies, top[k], 0.0)
+        onset[k] = _switching_energy(marginal, energies, top[k], gap) if weights[1] > 0.0 else 4.0 * energies[-1]
+    return curve, onset
 
 
 @compiled
-def _switching_energy(marginal: Array, energies: Array, top: float) -> Any:
-    """Return the largest E at which traction is optimal; above the top if it is at every E."""
+def _switching_energy(marginal: Array, energies: Array, top: float, level: float) -> Any:
+    """Return the largest E at which the marginal cost is below a level; above the top if it is at every E."""
     i = min(int(top / energies[1]), energies.size - 1)
-    if marginal[i] < 0.0:
+    if marginal[i] < level:
         return 4.0 * energies[-1]
-    while i > 0 and marginal[i - 1] >= 0.0:
+    while i > 0 and marginal[i - 1] >= level:
         i -= 1
     if i == 0:
         return 0.0
-    share = marginal[i - 1] / (marginal[i - 1] - marginal[i])
+    share = (level - marginal[i - 1]) / (marginal[i] - marginal[i - 1])
     return energies[i - 1] + share * (energies[i] - energies[i - 1])

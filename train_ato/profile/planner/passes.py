@@ -1,7 +1,8 @@
 """Backward and forward pass of the planner over the place of the front, compiled.
 
 The passes use E = v²/2, since dE/ds = a: constant acceleration over a cell is a straight line.  The rows of ``table``
-over the speed are traction minus resistance, brake plus resistance, and resistance, each divided by the inertia [m/s²].
+over the speed are traction minus resistance, brake plus resistance, resistance, and electric brake plus resistance,
+each divided by the inertia [m/s²].
 All compiled code of the passes is in this file, because numba's cache detects changes of this file only.
 """
 
@@ -14,7 +15,7 @@ import numpy as np
 from plant_sim.compiled import compiled
 from train_ato.messages.types import Array
 
-TRACTION, BRAKE, COAST = range(3)
+TRACTION, BRAKE, COAST, ELECTRIC = range(4)
 BALANCE_STEPS = 40
 """Bisections of a balancing speed."""
 
@@ -97,14 +98,15 @@ def backward(
 def forward(
     ceiling: Array, table: Array, spacing: float, line_max: Array, line_mean: Array, line_min: Array, steps: Array,
     reserve: Array, brake_reserve: Array, service: float, service_deceleration: float, begin_energy: float,
-    cut_off: Array,
+    cut_off: Array, brake_onset: Array,
 ) -> tuple[Array, int]:  # fmt: skip
     """Return E of the fastest solution under the ceiling of the backward pass, and the cell of a stall (or -1).
 
     Above ``cut_off`` (E at every place) the train has no traction: it keeps that speed, or coasts if the line force
     accelerates it or the cut-off decreases faster; on a climb it coasts with the service deceleration at most.  Above
-    the ceiling it brakes until it is below.  ``reserve`` and ``brake_reserve`` are the fractions of traction and brakes
-    that are not used in a cell, shape (n,) each.
+    ``brake_onset`` (E at every place) it uses its electric brake.  Above the ceiling it brakes until it is below.
+    ``reserve`` and ``brake_reserve`` are the fractions of traction and brakes that are not used in a cell, shape (n,)
+    each.
     """
     n = ceiling.size - 1
     energy = np.empty(n + 1)
@@ -123,12 +125,39 @@ def forward(
             at = _at_balance(table, spacing, reserve[k], line_max[k], energy[k], at)
         if at > cut_off[k + 1]:
             coast = energy[k] - steps[k] * min(service_deceleration, _read(table, COAST, last, spacing) + line_mean[k])
+            if coast > brake_onset[k + 1]:
+                rate = _reduced(table, ELECTRIC, last, spacing, brake_reserve[k]) + line_mean[k]
+                braked = energy[k] - steps[k] * min(service_deceleration, rate)
+                coast = min(coast, max(braked, brake_onset[k + 1]))
             at = min(at, max(coast, cut_off[k + 1]))
         at = max(at, min(ceiling[k + 1], energy[k])) if above else min(at, ceiling[k + 1])
         if at <= 0.0 and (k + 1 < n or ceiling[n] > 0.0):
             return energy, k
         energy[k + 1] = max(at, 0.0)
     return energy, -1
+
+
+@compiled
+def traction_floor(
+    energy: float, last: int, table: Array, spacing: float, line_max: Array, steps: Array, reserve: Array,
+    service: float,
+) -> Array:  # fmt: skip
+    """Return the least E at every place from which full traction reaches an E at a later place, shape (n + 1,).
+
+    Parameters
+    ----------
+    energy, last
+        E, and the place at which it is needed; the floor is 0 behind it.
+    """
+    floor = np.zeros(steps.size + 1)
+    floor[last] = energy
+    for k in range(last - 1, -1, -1):
+        rate = min(service, _reduced(table, TRACTION, floor[k + 1], spacing, reserve[k]) - line_max[k])
+        floor[k] = floor[k + 1] - steps[k] * rate
+        if floor[k] <= 0.0:
+            floor[k] = 0.0
+            break
+    return floor
 
 
 @compiled

@@ -13,9 +13,9 @@ import numpy as np
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.messages.types import Array
+from train_ato.profile.planner.assembly import Plan, assemble_plan
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, SectionInputs
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
-from train_ato.profile.planner.planner import Plan, assemble_plan
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import AvailableForce, TrainTables
@@ -84,19 +84,25 @@ def replan(
         If there is no solution with every limit relaxed: place, remaining speed; fix.
     """
     settings = settings or PlanSettings()
-    kept = settings.model_copy(update={"time": None, "departure": state.time, "begin": None, "end": None})
-    margins = [part * kept.force_margin for part in (0.5, 0.2)] if kept.force_margin > 0 else []
-    relaxations = [kept]
-    relaxations += [
-        kept.model_copy(update={"deceleration": None, "force_margin": margin}) for margin in (*margins, 0.0)
-    ]
-    relaxations.append(relaxations[-1].model_copy(update={"jerk": None}))
-    for attempt in relaxations:
+    kept = settings.model_copy(
+        update={"time": None, "points": None, "departure": state.time, "begin": None, "end": None}
+    )
+    for attempt in relaxed_settings(kept):
         try:
             return _replan(state, profile, line, consist, attempt, available)
         except ValueError as error:
             failure = error
     raise failure
+
+
+def relaxed_settings(kept: PlanSettings) -> list[PlanSettings]:
+    """Return settings with more and more limits relaxed: service deceleration and margin, then the jerk limit."""
+    margins = [part * kept.force_margin for part in (0.5, 0.2)] if kept.force_margin > 0 else []
+    relaxations = [kept]
+    relaxations += [
+        kept.model_copy(update={"deceleration": None, "force_margin": margin}) for margin in (*margins, 0.0)
+    ]
+    return [*relaxations, relaxations[-1].model_copy(update={"jerk": None})]
 
 
 def _replan(

@@ -5,6 +5,9 @@ observed force.  The new profile starts from the state predicted for the end of 
 over delay and lag.  The speeds of the first profile remain a ceiling, its stops are kept, and observed shortfalls are
 remembered.
 
+With ``catch_up`` the first profile is no ceiling: the rest returns to the timing points of the plan, and the reason of
+the decision names the first window that is lost.  With ``lateness`` a late or early train is reason enough.
+
 With ``retry`` the full traction is assumed again after some time.  The full brake is never assumed again, because a
 stop planned with a missing brake would be missed.
 """
@@ -18,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from train_ato.messages.types import Measurement
+from train_ato.profile.planner.catch_up import catch_up, timetable_points
 from train_ato.profile.planner.plan_from_state import TrainState, replan
 from train_ato.profile.planner.settings import PlanSettings, ReplanSpec
 from train_ato.profile.planner.shortfall_detector import Sample, Shortfall, ShortfallDetector
@@ -31,6 +35,8 @@ PREDICTION_STEP = 0.05
 """Integration step of the prediction over the lead time [s]."""
 REPEATED_FACTOR = 0.95
 """Factor on a force estimate after a plan with this estimate had a shortfall again."""
+MIN_LATE_SPEED = 1.0
+"""Speed below which a train is not late: the place is no measure of the time at a stop [m/s]."""
 OTHER_DIRECTION_FACTOR = 0.85
 """Factor for the brake estimate after a traction shortfall, and vice versa: adhesion decreases with the speed."""
 
@@ -110,6 +116,8 @@ class Replanner:
             model, spec.speed_error, spec.position_error, max(spec.confirmation_time, delay + 3.0 * model.lag)
         )
         self._blocked_until = 0
+        self._points = timetable_points(model.line, own) if spec.catch_up and own is not None else ()
+        self._lost = ""
         self._pause = spec.interval
         self._retry_at: int | None = None
         self.replans = self.refusals = 0
@@ -148,7 +156,19 @@ class Replanner:
         if self._retry_at is not None and stamp >= self._retry_at and sample.required >= 0.0:
             self._retry_at, self.traction, self._observed[1] = None, ForceEstimate(), ForceEstimate()
             return self._replanned(measurement.stamp, sample, "full traction assumed again")
+        late = self._lateness(stamp, sample)
+        if late is not None:
+            return self._replanned(stamp, sample, f"{abs(late):.1f} s {'late' if late > 0 else 'early'}")
         return None
+
+    def _lateness(self, stamp: int, sample: Sample) -> float | None:
+        """Return the time behind the profile [s] if it is larger than the permitted one; None otherwise."""
+        limit, profile = self._spec.lateness, self._profile
+        if limit is None or not self._points or sample.speed < MIN_LATE_SPEED:
+            return None
+        place = profile.at_stamp(stamp)[0] + sample.position_error
+        late = stamp * 1e-9 - float(np.interp(place, profile.position, profile.time))
+        return late if abs(late) > limit else None
 
     def _sample(self, measurement: Measurement) -> Sample:
         """Return errors and forces of a measurement relative to the profile at its stamp."""
@@ -196,7 +216,7 @@ class Replanner:
             else:
                 self.replans += 1
                 self._pause = self._spec.interval
-                return ReplanDecision(self._profile, reason)
+                return ReplanDecision(self._profile, reason + self._lost)
         self.refusals += 1
         self._pause *= 2.0
         return ReplanDecision(None, f"{reason}: {refusal}")
@@ -215,7 +235,14 @@ class Replanner:
 
     def _plan(self, state: TrainState, available: AvailableForce) -> Profile:
         model = self._model
-        return replan(state, self._initial, model.line, model.consist, self._settings, available).profile
+        self._lost = ""
+        if not self._points:
+            return replan(state, self._initial, model.line, model.consist, self._settings, available).profile
+        rest, lost = catch_up(
+            state, self._points, model.line, model.consist, self._settings, self._initial.period, available
+        )
+        self._lost = "" if lost is None else f"; {lost}"
+        return rest.profile
 
     def _predicted_state(self, stamp: int, sample: Sample, begin: int) -> TrainState:
         """Return the state of the nominal train after the lead time at the present force."""

@@ -13,7 +13,7 @@ import numpy as np
 from train_ato.messages.types import Array
 from train_ato.profile.planner.accelerations import SectionTables, acceleration_table, braking_message, stall_message
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs, SectionKnots
-from train_ato.profile.planner.dynamic_programming import CoarseGrid
+from train_ato.profile.planner.dynamic_programming import CoarseGrid, Resolution
 from train_ato.profile.planner.force_reserve import ForceReserve
 from train_ato.profile.planner.line_tables import PlaceGrid
 from train_ato.profile.planner.passes import backward, durations, flatten_peaks, forward, sliding_extreme
@@ -113,6 +113,7 @@ class PlanSection:
             top, tables.rates, SPEED_STEP, tables.line_max, tables.line_mean, tables.line_min, grid.steps,
             tables.traction_reserve, tables.brake_reserve, _or_infinite(settings.acceleration),
             _or_infinite(settings.deceleration), first, strategy.cut_off_energy(grid.places),
+            strategy.brake_onset_energy(grid.places),
         )  # fmt: skip
         if stalled >= 0:
             raise ValueError(stall_message(self.inputs.train, grid, tables, stalled, bool(energy[0] <= 0)))
@@ -137,17 +138,27 @@ class PlanSection:
             raise ValueError(braking_message(self.inputs.train, grid, tables, lost, top))
         return np.asarray(top)
 
-    def coarse_grid(self) -> CoarseGrid:
-        """Return the section on the coarse grid of the dynamic programming."""
-        tables = self.tables
+    def coarse_grid(self, resolution: Resolution, floor: tuple[Array, Array] | None = None) -> CoarseGrid:
+        """Return the section on the coarse grid of the dynamic programming.
+
+        Parameters
+        ----------
+        resolution
+            Numbers of cells and of grid points.
+        floor : pair of arrays, optional
+            Places [m] and least v²/2 [m²/s²].
+        """
+        tables, places = self.tables, self.grid.places
         return CoarseGrid(
-            self.grid.places,
+            places,
             self._ceiling_energy(tables.limit),
+            np.zeros(places.size) if floor is None else np.interp(places, *floor),
             tables.line_mean,
             tables.rates,
             _or_infinite(self.inputs.settings.acceleration),
             _or_infinite(self.inputs.settings.deceleration),
             self.end_speed**2 / 2,
+            resolution,
         )
 
     def time(self, strategy: DrivingStrategy = MINIMUM_TIME) -> float:

@@ -1,11 +1,12 @@
-"""Distribution of the time reserve of a timetable: less traction work by coasting and a lower cruise.
+"""Distribution of the time reserve of a timetable: less net energy by coasting and a lower cruise.
 
-Traction is used below the switching curve of :mod:`train_ato.profile.planner.dynamic_programming`.  One price of time
-gives the curves of all sections; a lower price uses more of the reserve.  The curve is computed on a coarse grid
-without a jerk limit.  The classical rule is therefore evaluated too: traction ends at one speed V, and coasting changes
-to braking at U = psi(V)/phi'(V) with phi = v r(v), psi = v² r'(v), r the running resistance (Howlett and Pudney,
+Traction and electric brake are used below and above the switching curves of
+:mod:`train_ato.profile.planner.dynamic_programming`.  One price of time gives the curves of all sections; a lower price
+uses more of the reserve.  The price is searched on a coarse grid, the curves are computed on a finer one, both without
+a jerk limit.  The classical rule is therefore evaluated too: traction ends at one speed V, and coasting changes to
+braking at U = psi(V)/phi'(V) with phi = v r(v), psi = v² r'(v), r the running resistance (Howlett and Pudney,
 "Energy-Efficient Train Control", 1995), with less coasting, or as a reduced cruise alone.  The strategies with the
-least traction work are used.
+least net energy are used.
 """
 
 from __future__ import annotations
@@ -16,8 +17,10 @@ from dataclasses import replace
 import numpy as np
 
 from plant_sim.summation import plain_sum
+from train_ato.messages.types import Array
 from train_ato.profile.planner.driving_strategy import MIN_CRUISE, MINIMUM_TIME, DrivingStrategy
-from train_ato.profile.planner.dynamic_programming import switching_curve
+from train_ato.profile.planner.dynamic_programming import CoarseGrid, EnergyWeights, Resolution, switching_curve
+from train_ato.profile.planner.net_energy import energy_weights, section_energy
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.train_tables import SPEED_STEP
 
@@ -27,6 +30,10 @@ TIME_TOLERANCE = 0.02
 """Permitted deviation from a timetable [s]."""
 PRICE_TOLERANCE = 0.002
 """Relative accuracy of the search for the price of time; the speeds of its curve are scaled for the rest."""
+FIRST_GRID, LAST_GRID = Resolution(400, 250), Resolution(1000, 600)
+"""Grids of the search for the price of time, and of the curves at this price."""
+MAX_CORRECTIONS = 4
+"""Corrections of the price on the last grid; the running time changes with about its power of -1/3."""
 PRICE_RANGE = (1e-5, 1e4)
 """Search range of the price of time [W/kg]."""
 SCALE_RANGE = (0.5, 2.0)
@@ -39,7 +46,7 @@ Strategies = list[DrivingStrategy]
 
 
 def spread_time_reserve(sections: list[PlanSection], time: float) -> Strategies:
-    """Return the strategies of all sections for a total running time [s] with the least traction work.
+    """Return the strategies of all sections for a total running time [s] with the least net energy.
 
     If the minimum time is not shorter, the strategies of the minimum time are returned.
 
@@ -52,36 +59,50 @@ def spread_time_reserve(sections: list[PlanSection], time: float) -> Strategies:
         return [MINIMUM_TIME] * len(sections)
     candidates = [_by_cruise_speed(sections, time, factor) for factor in COASTING_FACTORS]
     candidates += [_by_price_of_time(sections, time), _with_cap(sections, time, [MINIMUM_TIME] * len(sections))]
-    if all(time - _running_time(sections, strategies) > MAX_UNUSED_TIME for strategies in candidates):
+    if all(time - predicted_time(sections, strategies) > MAX_UNUSED_TIME for strategies in candidates):
         raise ValueError(
             f"timetable too slack: {time:.1f} s of running needs less than {3.6 * MIN_CRUISE:.1f} km/h; reduce the "
             "time or increase a dwell time"
         )
-    return min(candidates, key=lambda strategies: _total_work(sections, strategies))
+    return min(candidates, key=lambda strategies: _total_energy(sections, strategies))
 
 
 def _by_price_of_time(sections: list[PlanSection], time: float) -> Strategies:
     """Return the switching curves of the price of time that gives the running time [s]."""
-    grids = [section.coarse_grid() for section in sections]
+    coarse, fine = ([section.coarse_grid(size) for section in sections] for size in (FIRST_GRID, LAST_GRID))
+    weights = energy_weights(sections[0].inputs.settings)
 
-    def strategies(price: float) -> Strategies:
-        return [DrivingStrategy(curve=switching_curve(grid, price, SPEED_STEP)) for grid in grids]
+    def strategies(grids: list[CoarseGrid], price: float) -> Strategies:
+        return [curve_strategy(grid, price, weights) for grid in grids]
 
-    low, high = PRICE_RANGE
-    best = strategies(high)
-    for _ in range(MAX_ITERATIONS):
-        price = float(np.sqrt(low * high))
-        driven = strategies(price)
-        needed = _running_time(sections, driven)
-        if needed <= time:
-            high, best = price, driven
-        else:
-            low = price
-        if abs(needed - time) < PRICE_TOLERANCE * time or high / low < 1.0001:
-            best = driven
+    price = _price_of_time(sections, time, lambda price: strategies(coarse, price))
+    best = strategies(fine, price)
+    for _ in range(MAX_CORRECTIONS):
+        needed = predicted_time(sections, best)
+        if not np.isfinite(needed) or abs(needed - time) < PRICE_TOLERANCE * time:
             break
+        price *= (needed / time) ** 3
+        best = strategies(fine, price)
     scaled = _bisect(sections, time, lambda scale: [replace(strategy, scale=scale) for strategy in best], *SCALE_RANGE)
     return _with_cap(sections, time, [replace(strategy, scale=scaled) for strategy in best])
+
+
+def _price_of_time(sections: list[PlanSection], time: float, strategies: Callable[[float], Strategies]) -> float:
+    """Return the price of time [W/kg] that gives the running time [s]."""
+    low, high = PRICE_RANGE
+    for _ in range(MAX_ITERATIONS):
+        price = float(np.sqrt(low * high))
+        needed = predicted_time(sections, strategies(price))
+        if abs(needed - time) < PRICE_TOLERANCE * time or high / low < 1.0001:
+            return price
+        low, high = (low, price) if needed <= time else (price, high)
+    return high
+
+
+def curve_strategy(grid: CoarseGrid, price: float | Array, weights: EnergyWeights) -> DrivingStrategy:
+    """Return the strategy of the switching curves of a price of time [W/kg]."""
+    places, traction, electric = switching_curve(grid, price, SPEED_STEP, weights)
+    return DrivingStrategy(curve=(places, traction), electric=electric if weights.recovered > 0 else None)
 
 
 def _by_cruise_speed(sections: list[PlanSection], time: float, factor: float) -> Strategies:
@@ -97,7 +118,7 @@ def _by_cruise_speed(sections: list[PlanSection], time: float, factor: float) ->
 
 def _with_cap(sections: list[PlanSection], time: float, strategies: Strategies) -> Strategies:
     """Return the strategies with a speed cap that uses the remaining time reserve."""
-    if time - _running_time(sections, strategies) < TIME_TOLERANCE:
+    if time - predicted_time(sections, strategies) < TIME_TOLERANCE:
         return strategies
     train = sections[0].inputs.train
 
@@ -113,7 +134,7 @@ def _bisect(
     """Return the smallest value between ``slow`` and ``fast`` that keeps the time; ``fast`` must keep it."""
     for _ in range(MAX_ITERATIONS):
         middle = float(np.sqrt(fast * slow))
-        needed = _running_time(sections, strategies(middle))
+        needed = predicted_time(sections, strategies(middle))
         fast, slow = (middle, slow) if needed <= time else (fast, middle)
         if 0 <= time - needed < TIME_TOLERANCE or fast - slow < 1e-9:
             break
@@ -130,7 +151,7 @@ def _cruise_strategy(sections: list[PlanSection], cruise: float, factor: float) 
     return DrivingStrategy(cruise, coast)
 
 
-def _running_time(sections: list[PlanSection], strategies: Strategies) -> float:
+def predicted_time(sections: list[PlanSection], strategies: Strategies) -> float:
     """Return the running time of all sections [s]; infinite if a section has no solution."""
     try:
         return plain_sum(section.time(strategy) for section, strategy in zip(sections, strategies, strict=True))
@@ -138,20 +159,9 @@ def _running_time(sections: list[PlanSection], strategies: Strategies) -> float:
         return np.inf
 
 
-def _total_work(sections: list[PlanSection], strategies: Strategies) -> float:
-    """Return the traction work of all sections [J]; infinite if a section has no solution."""
+def _total_energy(sections: list[PlanSection], strategies: Strategies) -> float:
+    """Return the net energy of all sections [J]; infinite if a section has no solution."""
     try:
-        return plain_sum(map(traction_work, sections, strategies))
+        return plain_sum(map(section_energy, sections, strategies))
     except ValueError:
         return np.inf
-
-
-def traction_work(section: PlanSection, strategy: DrivingStrategy) -> float:
-    """Return the traction work of a section without a jerk limit [J]."""
-    energy, train = section.energy_profile(strategy), section.inputs.train
-    steps = section.grid.steps
-    speed = np.sqrt(energy[:-1] + energy[1:])
-    resistance = np.interp(speed, SPEED_STEP * np.arange(train.speed.size), train.resistance)
-    _, mean, _ = section.inputs.force.over_cells(section.grid)
-    force = np.diff(energy) / steps * train.inertia + resistance + mean
-    return float(np.maximum(force, 0.0) @ steps)

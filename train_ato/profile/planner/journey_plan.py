@@ -1,0 +1,314 @@
+"""Plan of a journey with timing points: every window kept at the least net energy, or the first lost one is named.
+
+The search for the times works with the runs before the jerk limit; the difference to the planned times then shifts the
+windows of the next round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from plant_sim.line import Line
+from train_ato.messages.types import Array
+from train_ato.profile.planner.assembly import Plan, assemble_plan
+from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs
+from train_ato.profile.planner.passes import traction_floor
+from train_ato.profile.planner.section import PlanSection
+from train_ato.profile.planner.time_windows import Leg, TimedPlace, WindowSearch, fastest_times
+from train_ato.profile.planner.timing_points import SpeedWindow, TimeWindow, TimingPoint
+from train_ato.profile.planner.train_tables import SPEED_STEP
+
+MAX_ROUNDS = 6
+"""Searches for the strategies, each with the windows and reserves of the previous plan."""
+WINDOW_TOLERANCE = 0.05
+"""Time by which a window may be missed because of rounding [s]."""
+SPEED_TOLERANCE = 0.03
+"""Speed by which a speed window may be missed because of rounding [m/s]."""
+NOTCH_SLOPE, NOTCH_MARGIN = 1.0, 6.0
+"""Length of the slope beside a place with a largest speed, and least distance over which it is kept [m]."""
+FLOOR_FACTOR = 1.01
+"""Factor on a least speed for the rounding of the grids."""
+
+
+@dataclass(frozen=True, slots=True)
+class JourneyStart:
+    """Begin of a journey.
+
+    Attributes
+    ----------
+    time, place : float
+        Departure [s] and place of the front [m].
+    speed, acceleration : float
+        State there [m/s, m/s²]; 0: a departure from rest.
+    first_knot : float
+        Time of the first knot of the profile [s], at rest until the departure.
+    """
+
+    time: float
+    place: float
+    speed: float = 0.0
+    acceleration: float = 0.0
+    first_knot: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Lateness:
+    """A window that cannot be kept: label of the point, name of the window, its time and the earliest possible [s]."""
+
+    label: str
+    window: str
+    latest: float
+    possible: float
+
+    def __str__(self) -> str:
+        return (
+            f"timing point {self.label}: latest {self.window} {self.latest:.1f} s cannot be kept, the earliest is "
+            f"{self.possible:.1f} s; add {self.possible - self.latest:.1f} s"
+        )
+
+
+def plan_journey(inputs: SectionInputs, line: Line, points: tuple[TimingPoint, ...], period: float) -> Plan:
+    """Plan a journey from rest at its first point.
+
+    Parameters
+    ----------
+    inputs
+        Train, line forces, speed limits and settings.
+    line
+        The line.
+    points
+        Timing points, checked by :func:`.timing_points.check_points`.
+    period
+        Time between the knots of the profile [s].
+
+    Raises
+    ------
+    ValueError
+        One line: the first window that cannot be kept; or place, reason; fix.
+    """
+    for point in points:
+        if not line.begin - 1e-6 <= point.at <= line.end + 1e-6:
+            raise ValueError(
+                f"timing point {point.label} lies beyond line '{line.name}' (km {line.begin / 1000:.3f} ... "
+                f"{line.end / 1000:.3f}); move it"
+            )
+    window = points[0].departure or TimeWindow()
+    time = max(window.earliest or 0.0, inputs.settings.departure)
+    if window.latest is not None and time > window.latest + WINDOW_TOLERANCE:
+        raise ValueError(str(Lateness(points[0].label, "departure", window.latest, time)))
+    start = JourneyStart(time, points[0].at)
+    result, late = JourneyPlanner(inputs, line, points[1:], start, period).plan()
+    if late is not None:
+        raise ValueError(str(late))
+    return result
+
+
+class JourneyPlanner:
+    """Planner of a journey from a state.
+
+    Parameters
+    ----------
+    inputs, line, period
+        See :func:`plan_journey`.
+    points
+        Timing points ahead of the start.
+    start
+        Begin of the journey.
+    """
+
+    def __init__(
+        self, inputs: SectionInputs, line: Line, points: tuple[TimingPoint, ...], start: JourneyStart, period: float
+    ) -> None:
+        self._inputs, self._line, self._points, self._start, self._period = inputs, line, points, start, period
+        self._places = [TimedPlace(start.place, 0.0, np.inf), *(_timed_place(point, points[-1]) for point in points)]
+        self._legs = self._sections()
+
+    def plan(self, fastest_if_late: bool = False) -> tuple[Plan, Lateness | None]:
+        """Return the plan of least net energy, and the first window that it does not keep.
+
+        Parameters
+        ----------
+        fastest_if_late
+            True: a window that cannot be kept is moved to the earliest possible time; False: the fastest plan is
+            returned with it.
+
+        Raises
+        ------
+        ValueError
+            If there is no solution, or a window is too late or a speed too high for this train.
+        """
+        fastest = self._assembled([MINIMUM_TIME] * len(self._legs))
+        late = self._first_late(fastest_times(self._legs, self._places, self._start.time))
+        if late is not None and not fastest_if_late:
+            return fastest, late
+        floors = [self._floor(leg) for leg in self._legs]
+        moved = np.zeros(len(self._places))
+        problem: str | None = None
+        for _ in range(MAX_ROUNDS):
+            possible = fastest_times(self._legs, self._places, self._start.time)
+            places = [
+                replace(
+                    place,
+                    earliest=place.earliest - move,
+                    latest=max(place.latest - move, earliest if fastest_if_late else 0.0),
+                )
+                for place, move, earliest in zip(self._places, moved, possible, strict=True)
+            ]
+            search = WindowSearch(self._legs, places, self._start.time, floors)
+            strategies, _ = search.solve()
+            result = self._assembled(strategies)
+            reached = self._reached(result)
+            problem = self._missed(result, reached, late is not None)
+            if problem is None:
+                return result, late
+            moved = reached - search.predicted(strategies)
+        if self._missed(fastest, self._reached(fastest), late is not None) is None or fastest_if_late:
+            return fastest, late
+        raise ValueError(problem)
+
+    def _sections(self) -> list[Leg]:
+        """Return the sections between the stops with their largest speeds at timing points."""
+        start, legs, first = self._start, [], 0
+        for number, point in enumerate(self._points, start=1):
+            if not point.stops and number < len(self._points):
+                continue
+            passed = self._points[first : number - 1]
+            section = PlanSection(
+                self._inputs, self._places[first].place, point.at,
+                begin_speed=start.speed if first == 0 else 0.0,
+                begin_acceleration=start.acceleration if first == 0 and start.speed > 0 else 0.0,
+                ceiling=self._ceiling(passed, self._places[first].place, point.at),
+                accept_overspeed=first == 0 and start.speed > 0,
+            )  # fmt: skip
+            legs.append(Leg(section, first, number))
+            first = number
+        return legs
+
+    def _ceiling(self, passed: tuple[TimingPoint, ...], begin: float, end: float) -> tuple[Array, Array] | None:
+        """Return places [m] and speeds [m/s] of the largest speeds at points; None without one."""
+        settings, top = self._inputs.settings, self._inputs.train.speed_max
+        rate = max(min(settings.acceleration or 2.0, 2.0), min(settings.deceleration or 2.0, 2.0))
+        limits = [(point.at, point.speed.most) for point in passed if point.speed and point.speed.most is not None]
+        if not limits:
+            return None
+        places = np.linspace(begin, end, max(2, int((end - begin) / NOTCH_SLOPE) + 1))
+        speeds = np.full(places.size, top)
+        for at, most in limits:
+            reach = NOTCH_MARGIN + (most * rate / settings.jerk if settings.jerk else 0.0)
+            speeds[np.abs(places - at) <= reach] = np.minimum(speeds[np.abs(places - at) <= reach], most)
+        return places, speeds
+
+    def _floor(self, leg: Leg) -> tuple[Array, Array] | None:
+        """Return places [m] and least v²/2 [m²/s²] for the least speeds within a leg; None without one."""
+        section = leg.section
+        grid, tables, settings = section.grid, section.tables, self._inputs.settings
+        floor = np.zeros(grid.places.size)
+        for point in self._points[leg.first : leg.last - 1]:
+            if point.speed is None or not point.speed.least:
+                continue
+            speed = FLOOR_FACTOR * point.speed.least
+            reach = speed * section.window / 2
+            last = int(np.searchsorted(grid.places, point.at - reach))
+            needed = traction_floor(
+                speed**2 / 2, last, tables.rates, SPEED_STEP, tables.line_max, grid.steps, tables.traction_reserve,
+                settings.acceleration or np.inf,
+            )  # fmt: skip
+            needed[(grid.places >= point.at - reach) & (grid.places <= point.at + reach)] = speed**2 / 2
+            floor = np.maximum(floor, needed)
+        if not floor.any():
+            return None
+        return grid.places, np.minimum(floor, section.energy_profile())
+
+    def _assembled(self, strategies: list[DrivingStrategy]) -> Plan:
+        start, legs = self._start, self._legs
+
+        def departure(number: int, arrival: float) -> float:
+            if number == 0:
+                return start.time
+            place = self._places[legs[number].first]
+            return max(arrival + place.dwell, place.depart_after)
+
+        sections = [leg.section for leg in legs]
+        settings = self._inputs.settings
+        return assemble_plan(sections, strategies, settings, self._line, self._period, departure, start.first_knot)
+
+    def _reached(self, result: Plan) -> Array:
+        """Return the times of all timed places in a plan [s]: departure, passing, or the last arrival."""
+        times = np.interp([place.place for place in self._places], result.front, result.profile.time)
+        for (_, arrival, departure), k in zip(result.arrivals, [0, *(leg.last for leg in self._legs)], strict=True):
+            times[k] = departure if k < len(self._places) - 1 else arrival
+        return np.asarray(times)
+
+    def _first_late(self, times: Array) -> Lateness | None:
+        """Return the first window whose latest time is before the earliest possible one."""
+        for point, place, time in zip(self._points, self._places[1:], times[1:].tolist(), strict=True):
+            if time > place.latest + WINDOW_TOLERANCE:
+                return _lateness(point, place, time, point is self._points[-1])
+        return None
+
+    def _missed(self, result: Plan, times: Array, late_accepted: bool) -> str | None:
+        """Return the first missed window of a plan in one line; None if it keeps all."""
+        for point, place, time in zip(self._points, self._places[1:], times[1:].tolist(), strict=True):
+            if time > place.latest + WINDOW_TOLERANCE and not late_accepted:
+                return str(_lateness(point, place, time, point is self._points[-1]))
+            if time < place.earliest - WINDOW_TOLERANCE:
+                return (
+                    f"timing point {point.label}: earliest time {place.earliest:.1f} s cannot be kept, the train is "
+                    f"there at {time:.1f} s; reduce it or add a stop before"
+                )
+            window = point.speed or SpeedWindow()
+            speed = float(np.interp(time, result.profile.time, result.profile.velocity))
+            if window.least is not None and speed < window.least - SPEED_TOLERANCE:
+                return (
+                    f"timing point {point.label}: least speed {3.6 * window.least:.1f} km/h cannot be kept, "
+                    f"{3.6 * speed:.1f} km/h is possible; reduce it"
+                )
+            if window.most is not None and speed > window.most + SPEED_TOLERANCE:
+                return (
+                    f"timing point {point.label}: largest speed {3.6 * window.most:.1f} km/h cannot be kept, the train "
+                    f"has {3.6 * speed:.1f} km/h; increase it"
+                )
+        return None
+
+
+def _timed_place(point: TimingPoint, final: TimingPoint) -> TimedPlace:
+    """Return the single window of a timing point, that of its departure, of passing, or of the last arrival.
+
+    Raises
+    ------
+    ValueError
+        If dwell time and windows of a stop contradict each other.
+    """
+    if not point.stops and point is not final:
+        window = point.passing or TimeWindow()
+        return TimedPlace(point.at, window.earliest or 0.0, _or_never(window.latest))
+    arrival, departure = point.arrival or TimeWindow(), point.departure or TimeWindow()
+    if point is final:
+        return TimedPlace(point.at, arrival.earliest or 0.0, _or_never(arrival.latest))
+    dwell = point.dwell or 0.0
+    after = departure.earliest or 0.0
+    dwell = max(dwell, after - _or_never(arrival.latest))
+    earliest = max(after, (arrival.earliest or 0.0) + dwell)
+    latest = min(_or_never(departure.latest), _or_never(arrival.latest) + dwell)
+    if earliest > latest + WINDOW_TOLERANCE:
+        raise ValueError(
+            f"timing point {point.label}: with a dwell time of {dwell:.1f} s the earliest departure is {earliest:.1f} "
+            f"s, the latest {latest:.1f} s; widen its windows or reduce the dwell time"
+        )
+    return TimedPlace(point.at, earliest, latest, dwell, after)
+
+
+def _lateness(point: TimingPoint, place: TimedPlace, time: float, is_last: bool) -> Lateness:
+    """Return the exceeded window of a point; of a stop its arrival, if that is the narrower one."""
+    if not point.stops and not is_last:
+        return Lateness(point.label, "passing", place.latest, time)
+    departure = point.departure or TimeWindow()
+    if not is_last and departure.latest is not None and departure.latest <= place.latest:
+        return Lateness(point.label, "departure", place.latest, time)
+    return Lateness(point.label, "arrival", place.latest - place.dwell, time - place.dwell)
+
+
+def _or_never(time: float | None) -> float:
+    return np.inf if time is None else time
