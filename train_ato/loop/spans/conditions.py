@@ -70,6 +70,8 @@ def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack,
     train, controller, stamp = stages.plant.train, stages.controller, stages.plant.stamp
     if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in _inputs(stages)):
         return False
+    if train.near_sections:
+        return False
     if any(stamp * 1e-9 < freeze.end for freeze in train._sensors._freezes):
         return False
     if stack.holding or stack._offset is not None or controller._asked or train._parted._since is not None:
