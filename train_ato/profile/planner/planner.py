@@ -18,6 +18,7 @@ from train_ato.messages.types import Array
 from train_ato.profile.knots import knot_count
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs, SectionKnots
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
+from train_ato.profile.planner.place_limits import place_limits
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.stops import stops_of
@@ -132,7 +133,9 @@ def plan(
     settings = settings or PlanSettings()
     train = TrainTables(consist, settings.speed_max, settings.air_brake, settings.point_mass, available, reduction)
     force = LineForce(line, train, settings.grade_over_length)
-    inputs = SectionInputs(train, force, SpeedLimits(line, train.speed_max), settings)
+    inputs = SectionInputs(
+        train, force, SpeedLimits(line, train.speed_max), settings, place_limits(line, consist, train)
+    )
     stops = stops_of(line, settings)
     sections = [
         PlanSection(inputs, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in stops.sections(settings)
