@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from plant_sim import kernel as k
 from plant_sim.consist import Consist
-from plant_sim.line import Line
+from plant_sim.line import Line, Tunnel
+from plant_sim.line_sections import LineSection
 from plant_sim.packing import Arrays
 from plant_sim.plant_setup import PlantSetup, SpeedAdhesion
 from plant_sim.states import Array
@@ -23,10 +24,10 @@ from plant_sim.traction import MIN_POWER_SPEED
 
 Row = tuple[float, float, float, float]
 """Segment of an envelope: end [m/s], constant force [N], slope [N s/m], power [W]."""
-QUIET_TICKS = 256
-"""Ticks without a passed limit that make a train quiet: the longest compiled call."""
-LARGEST_ACCELERATION = 3.0
-"""Acceleration with which the distance of those ticks is bounded [m/s²]."""
+LARGEST_ACCELERATION, MARGIN = 5.0, 1.0
+"""Bound of the acceleration of a vehicle [m/s²], and of its additional way in a shock of its couplers [m]."""
+MANY_TICKS = 2**31
+"""Number of ticks without a limit of a section."""
 
 
 def with_adhesion_of(line: Line, setup: PlantSetup) -> PlantSetup:
@@ -60,7 +61,12 @@ class SectionZones:
 
     def __init__(self, line: Line) -> None:
         tunnels = [entry for entry in line.tunnels if entry.cross_section is not None]
-        listed = (*line.neutral_sections, *line.power_limits, *line.adhesion, *tunnels)
+        listed: tuple[LineSection | Tunnel, ...] = (
+            *line.neutral_sections,
+            *line.power_limits,
+            *line.adhesion,
+            *tunnels,
+        )
         self.breaks: Array = np.unique([place for entry in listed for place in (entry.begin, entry.end)])
         begins = [-math.inf, *self.breaks.tolist()]
         self.neutral = [any(entry.begin <= at < entry.end for entry in line.neutral_sections) for at in begins]
@@ -116,14 +122,16 @@ class SectionEffects:
             self._enter(vehicle, int(self._zone[vehicle]), int(zone[vehicle]))
         self._zone = zone
 
-    def are_far(self, tick: float) -> bool:
-        """Return True if no vehicle can pass the limit of a section in a compiled call; ``tick`` in s."""
-        time = QUIET_TICKS * tick
+    def ticks_before_next(self, tick: float) -> int:
+        """Return the number of ticks in which no vehicle can pass the limit of a section; ``tick`` in s."""
         position, speed = self._arrays.state[[k.X, k.V], : self._vehicles]
-        reach = time * (np.abs(speed) + LARGEST_ACCELERATION * time)
-        breaks = self._zones.breaks
-        ahead = np.searchsorted(breaks, position + reach, side="right")
-        return bool(np.all(ahead == np.searchsorted(breaks, position - reach, side="left")))
+        around = np.concatenate(([-np.inf], self._zones.breaks, [np.inf]))
+        behind, ahead = around[self._zone], around[self._zone + 1]
+        distance = np.maximum(np.minimum(position - behind, ahead - position) - MARGIN, 0.0)
+        speed = np.abs(speed)
+        time = (np.sqrt(speed**2 + 2.0 * LARGEST_ACCELERATION * distance) - speed) / LARGEST_ACCELERATION
+        shortest = float(time.min()) / tick
+        return int(shortest) if shortest < MANY_TICKS else MANY_TICKS
 
     def _enter(self, vehicle: int, before: int, zone: int) -> None:
         """Change the columns of a vehicle from one zone, -1 for the open line, to another."""

@@ -19,7 +19,7 @@ from plant_sim.packing import Arrays, pack
 from plant_sim.parted_couplers import PartedCouplers
 from plant_sim.pipe_pressure import PipePressure
 from plant_sim.plant_setup import Jump, PlantSetup
-from plant_sim.section_effects import SectionEffects, with_adhesion_of
+from plant_sim.section_effects import MANY_TICKS, SectionEffects, with_adhesion_of
 from plant_sim.sensors import SensorSet
 from plant_sim.states import Array, BrakeShoes, Measurement, Pipe, VehicleStates
 from plant_sim.streams import random_stream
@@ -232,12 +232,12 @@ class Train:
     def is_quiet(self) -> bool:
         """True if ticks need no Python: no brake wave, jump, added gust, parted coupler or force by the cubed speed."""
         changes = self._jumps.waiting or self._has_added_gusts or self._parted.parted or self._brake.propagating()
-        return not (changes or self._outside.has_cubes or self.near_sections)
+        return not (changes or self._outside.has_cubes or self.ticks_before_section == 0)
 
     @property
-    def near_sections(self) -> bool:
-        """True if a vehicle can pass the limit of a line section, which changes its forces, in a compiled call."""
-        return self._sections.exist and not self._sections.are_far(self.tick_ns * 1e-9)
+    def ticks_before_section(self) -> int:
+        """Number of ticks in which no vehicle can pass the limit of a line section, which changes its forces."""
+        return self._sections.ticks_before_next(self.tick_ns * 1e-9) if self._sections.exist else MANY_TICKS
 
     def advance_quiet(self, demand: Array) -> int:
         """Integrate ticks of a quiet train in one compiled call; return their number.
@@ -245,9 +245,10 @@ class Train:
         Parameters
         ----------
         demand : Array, shape (ticks, substeps, units)
-            Finite force commands that are due at every plant step [N]; the disturbances may end the call earlier.
+            Finite force commands that are due at every plant step [N]; disturbances and line sections may end the call
+            earlier.
         """
-        a = self.arrays
+        a, demand = self.arrays, demand[: self.ticks_before_section]
         outside = np.ascontiguousarray(self._outside.rest_of_block(self.stamp, len(demand)))
         k.advance_ticks(
             self.stamp, self.tick_ns, self._step, a.state, a.vehicle, a.vehicle_index, a.gear,

@@ -56,6 +56,7 @@ def ticks_to_event(stages: Stages, supervised: SupervisedTicks, stack: ControlSt
     if stamp == 0:
         return 0
     longest = LONGEST if stack._compensation.shoes.idle else BRAKED  # type: ignore[attr-defined]
+    longest = min(longest, plant.train.ticks_before_section)
     ends = [stamp + longest * tick, setup.ticks * tick, plant._link.next_jump(stamp)]
     ends += [requested_stamp(change) for change in controller._planned]
     ends += plant._interventions.due_stamps
@@ -69,8 +70,6 @@ def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack,
     """Return True if train, control stack and receiving ends are in a state that the compiled ticks contain."""
     train, controller, stamp = stages.plant.train, stages.controller, stages.plant.stamp
     if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in _inputs(stages)):
-        return False
-    if train.near_sections:
         return False
     if any(stamp * 1e-9 < freeze.end for freeze in train._sensors._freezes):
         return False

@@ -14,6 +14,7 @@ import numpy as np
 from plant_sim import kernel as k
 from plant_sim.consist import Consist, VehicleType
 from plant_sim.line import Line
+from plant_sim.packing import NO_LIMIT
 from plant_sim.section_effects import SectionZones
 from plant_sim.traction import Envelope
 from train_ato.messages.types import Array
@@ -84,29 +85,38 @@ class PlaceLimits:
         return self._reserves[zones]
 
     def _available(self, zones: Zones) -> tuple[Array, Array, Array]:
-        """Return traction, electric and air brake force of the train over the speed with its vehicles in zones [N]."""
+        """Return traction, electric and air brake force of the train over the speed with its vehicles in zones [N].
+
+        The units share a force in proportion to their envelopes, so the most limited one limits the train.
+        """
         speed, whole = self._train.speed, math.fsum(self._powers) or 1.0
-        traction, electric = np.zeros(speed.size), np.zeros(speed.size)
-        grip = np.zeros(speed.size)
+        traction, electric, grip = np.ones(speed.size), np.ones(speed.size), np.zeros(speed.size)
         for vehicle, zone, own in zip(self._vehicles, zones, self._powers, strict=True):
             drive, brake = _forces(vehicle, speed)
+            adhesion = self._adhesion(zone, vehicle.adhesive_mass or vehicle.mass, speed)
+            most, least = adhesion, adhesion
             if not vehicle.independent_power:
-                drive = drive * (not self._zones.neutral[zone])
                 power = self._zones.power[zone] * own / whole
-                drive = np.minimum(drive, power / np.maximum(speed, k.MIN_POWER_SPEED))
-                brake = brake * (not self._zones.electric_brake_off[zone])
-            limit = self._adhesion(zone, vehicle.adhesive_mass or vehicle.mass, speed)
-            traction, electric = traction + np.minimum(drive, limit), electric + np.minimum(brake, limit)
+                most = np.minimum(most, power / np.maximum(speed, k.MIN_POWER_SPEED))
+                most = most * (not self._zones.neutral[zone])
+                least = least * (not self._zones.electric_brake_off[zone])
+            traction, electric = np.minimum(traction, _part(most, drive)), np.minimum(electric, _part(least, brake))
             grip = grip + self._adhesion(zone, vehicle.mass, speed)
+        traction, electric = traction * self._train.traction, electric * self._train.electric
         air = self._train.brake - self._train.electric
         return traction, electric, np.minimum(air, np.maximum(grip - electric, 0.0))
 
     def _adhesion(self, zone: int, mass: float, speed: Array) -> Array:
         """Return the largest force between wheel and rail [N] for a mass on the axles [kg]."""
         if not self._has_adhesion:
-            return np.full(speed.size, np.inf)
+            return np.full(speed.size, NO_LIMIT)
         by_speed = k.ADHESION_HIGH_SPEED + k.ADHESION_SLOPE / (k.KMH * speed + k.ADHESION_SPEED)
         return np.asarray(self._zones.adhesion[zone] * by_speed * mass * self._consist.gravity)
+
+
+def _part(limit: Array, force: Array) -> Array:
+    """Return the part of a force [N] that a limit [N] leaves; 1 without a force."""
+    return np.asarray(np.where(force > 0.0, np.minimum(limit / np.maximum(force, 1e-9), 1.0), 1.0))
 
 
 def _forces(vehicle: VehicleType, speed: Array) -> tuple[Array, Array]:
