@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from plant_sim import kernel as k
 from plant_sim.consist import Consist
+from plant_sim.formats.notes import print_assumption
 from plant_sim.line import Line, Tunnel
 from plant_sim.line_sections import LineSection
 from plant_sim.packing import Arrays
@@ -35,6 +36,18 @@ def with_adhesion_of(line: Line, setup: PlantSetup) -> PlantSetup:
     if setup.adhesion is not None or not line.adhesion:
         return setup
     return setup.model_copy(update={"adhesion": SpeedAdhesion(kind="curtius_kniffler")})
+
+
+def has_tunnel_air(line: Line, consist: Consist) -> bool:
+    """Return True if a train has an additional air resistance in a tunnel of a line; print missing data on stderr."""
+    narrow = [entry for entry in line.tunnels if entry.cross_section is not None]
+    known = any(vehicle.tunnel_resistance for vehicle in consist.vehicles)
+    if narrow and not known:
+        print_assumption(
+            f"train '{consist.name}' has no tunnel_resistance: {len(narrow)} tunnels of line '{line.name}' add none; "
+            "add it to the consist"
+        )
+    return bool(narrow) and known
 
 
 class SectionZones:
@@ -105,6 +118,7 @@ class SectionEffects:
     def __init__(self, consist: Consist, line: Line, setup: PlantSetup, arrays: Arrays) -> None:
         self._arrays, self._vehicles = arrays, len(consist.vehicles)
         self._zones = SectionZones(line)
+        has_tunnel_air(line, consist)
         self.exist = self._zones.breaks.size > 0
         """True for a line with sections."""
         if not self.exist:

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 from plant_trains import plain_line, train
+from span_runs import assert_same_messages, compiled_part, messages_of, setup_of
 
 from plant_sim import kernel as k
 from plant_sim.batch import advance_trains
 from plant_sim.consist import Consist
-from plant_sim.library import load_consist
+from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.section_effects import limited_segments
@@ -234,3 +235,13 @@ def test_golden_trains_have_no_sections() -> None:
         made.arrays.vehicle[k.C2, 0]
         == made.consist.vehicles[0].resistance.polynomial(made.consist.mass, made.consist.gravity)[2]
     )
+
+
+def test_compiled_ticks_of_a_run_stop_at_sections() -> None:
+    """Breaks if a compiled span of the engine passes a section, or a line with sections has no compiled ticks."""
+    line = load_line("xuzhou_metro_test").model_dump(mode="json", by_alias=True, exclude_unset=True)
+    line |= {"neutral_sections": [{"begin": 700, "end": 760}]}
+    setup = setup_of("xuzhou_metro", {"duration": 70, "law": "pid", "compensation": "none", "plant.line": line})
+    assert setup.train()._sections.exist
+    assert_same_messages(messages_of(setup, compiled=True), messages_of(setup, compiled=False))
+    assert 0.2 < compiled_part(setup) < 1.0

@@ -15,7 +15,7 @@ from plant_sim import kernel as k
 from plant_sim.consist import Consist, VehicleType
 from plant_sim.line import Line
 from plant_sim.packing import NO_LIMIT
-from plant_sim.section_effects import SectionZones
+from plant_sim.section_effects import SectionZones, has_tunnel_air
 from plant_sim.traction import Envelope
 from train_ato.messages.types import Array
 from train_ato.profile.planner.line_tables import PlaceGrid
@@ -130,8 +130,6 @@ def _forces(vehicle: VehicleType, speed: Array) -> tuple[Array, Array]:
 
 def place_limits(line: Line, consist: Consist, train: TrainTables) -> PlaceLimits | None:
     """Return the limits by place of a train on a line; None for a line without."""
-    has_tunnels = any(entry.cross_section for entry in line.tunnels) and any(
-        vehicle.tunnel_resistance for vehicle in consist.vehicles
-    )
+    has_tunnels = has_tunnel_air(line, consist)
     limited = line.neutral_sections or line.power_limits or line.adhesion or has_tunnels
     return PlaceLimits(line, consist, train) if limited else None
