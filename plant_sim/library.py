@@ -115,7 +115,8 @@ def named_line(name: str) -> ReadLine:
     Parameters
     ----------
     name
-        Shipped name or file; with ``:reverse`` after it, the line for a train against its direction.
+        Shipped name or file; of a network with ``:FROM..TO`` after it, the path between two tracks or stations; with
+        ``:reverse`` at its end, the line for a train against its direction.
 
     Raises
     ------
@@ -123,15 +124,9 @@ def named_line(name: str) -> ReadLine:
         One line with file, key, value and remedy.
     """
     stem, selection = split_line_name(name)
-    parts = selection.split(":")[1:]
-    against = parts[-1:] == [AGAINST]
-    parts = parts[:-1] if against else parts
-    path = line_path(stem)
-    if parts:
-        raise ValueError(
-            f"{name}: ':{':'.join(parts)}': not a selection of this line; write {stem}:{AGAINST} or {stem}"
-        )
-    found = read_line(path)
+    against = selection.endswith(f":{AGAINST}")
+    selection = selection.removesuffix(f":{AGAINST}").removeprefix(":")
+    found = read_line(line_path(stem), selection)
     return replace(found, line=reversed_line(found.line)) if against else found
 
 

@@ -86,5 +86,5 @@ def test_a_line_without_a_limit_at_its_begin_is_not_reversed() -> None:
     line = build_model(Line, MIRRORED | {"speed_limits": [{"at": 0, "speed": 20}]}, "hand")
     with pytest.raises(ValueError, match="speed_limits: none before 0 m"):
         reversed_line(line)
-    with pytest.raises(ValueError, match="not a selection of this line"):
+    with pytest.raises(ValueError, match="the file has one line; remove it"):
         load_line("level:backwards")

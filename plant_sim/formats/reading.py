@@ -7,14 +7,15 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.consist import Consist
-from plant_sim.formats import railtoolkit, ttobench, ttobench_train
+from plant_sim.formats import osrd, railtoolkit, ttobench, ttobench_train
 from plant_sim.formats.fields import read_data
 from plant_sim.formats.notes import keys_not_carried
+from plant_sim.formats.railml import is_railml, railml_line
 from plant_sim.formats.read_train import ReadTrain
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
 
-LINE_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON"
+LINE_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON, OSRD JSON, railML 3"
 TRAIN_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON"
 
 
@@ -37,15 +38,22 @@ class ReadConsist:
     left_out: tuple[str, ...] = ()
 
 
-def read_line(path: Path) -> ReadLine:
-    """Return the line of a file.
+def read_line(path: Path, selection: str = "") -> ReadLine:
+    """Return the line of a file; of a network the path of a selection ``FROM..TO``.
 
     Raises
     ------
     ValueError
         One line with file, key, value and remedy.
     """
-    data, place = read_data(path), str(path)
+    place = str(path)
+    if is_railml(path):
+        return ReadLine(*railml_line(path, selection))
+    data = read_data(path)
+    if osrd.is_osrd(data):
+        return ReadLine(osrd.osrd_line(data, place, selection), "OSRD", keys_not_carried(data, osrd.CARRIED_INFRA))
+    if selection:
+        raise ValueError(f"{place}: selection '{selection}': the file has one line; remove it")
     if railtoolkit.is_railtoolkit(data, "line"):
         left = keys_not_carried(data, railtoolkit.CARRIED_PATH)
         return ReadLine(railtoolkit.railtoolkit_line(data, place), "railtoolkit", left)
@@ -77,6 +85,8 @@ def read_train(path: Path) -> ReadConsist:
 
 def holds_train(path: Path) -> bool:
     """Return True if a file has a train, False if it has a line or neither."""
+    if is_railml(path):
+        return False
     data = read_data(path)
     own = str(data.get("schema", "")).startswith("train_ato/consist/")
     return own or railtoolkit.is_railtoolkit(data, "train") or ttobench_train.is_ttobench_train(data)

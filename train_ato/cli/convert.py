@@ -12,7 +12,14 @@ OWN, TTOBENCH = (".yaml", ".yml"), ".json"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``convert``."""
-    parser.add_argument("source", metavar="IN", help="line or train file of any supported format, or a shipped name")
+    from plant_sim.formats.reading import LINE_FORMATS, TRAIN_FORMATS
+
+    parser.add_argument(
+        "source",
+        metavar="IN",
+        help=f"line ({LINE_FORMATS}), train ({TRAIN_FORMATS}) or shipped name; a path through a network of tracks is "
+        "FILE:FROM..TO, a line against its direction LINE:reverse",
+    )
     parser.add_argument(
         "target", type=Path, metavar="OUT", help="new file: .yaml in the own format, or a line as TTOBench .json"
     )
