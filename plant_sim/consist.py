@@ -5,6 +5,7 @@ A consist file (YAML, ``schema: train_ato/consist/1``) contains all data of a tr
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Literal
 
 from pydantic import Field, model_validator
@@ -78,6 +79,13 @@ class Resistance(SiModel):
         return a * weight, b * weight * 3.6, c * weight * 3.6**2
 
 
+class TunnelResistance(SiModel):
+    """Additional air resistance in a tunnel of a cross section: coefficient times v²."""
+
+    cross_section: float = Field(gt=0, description="of the tunnel [m²]")
+    coefficient: float = Field(ge=0, description="force over v² [N s²/m² = kg/m]")
+
+
 class VehicleType(SiModel):
     """Type of vehicle; one with a traction or brake envelope is a power unit."""
 
@@ -89,6 +97,12 @@ class VehicleType(SiModel):
     brake: tuple[EnvelopeSegment, ...] = Field((), description="largest electric brake force over speed, positive")
     shoes: Shoes | None = None
     adhesive_mass: Mass | None = Field(None, gt=0, description="mass on driven axles; default: the whole mass")
+    tunnel_resistance: tuple[TunnelResistance, ...] = Field(
+        (), description="by rising cross section; linear between them"
+    )
+    independent_power: bool = Field(
+        False, description="power without the line (diesel, battery): no effect of neutral sections and power limits"
+    )
 
     @property
     def inertia(self) -> float:
@@ -113,7 +127,25 @@ class VehicleType(SiModel):
                 f"adhesive_mass {number_text(self.adhesive_mass)} kg exceeds the mass of "
                 f"{number_text(self.mass)} kg; lower it"
             )
+        if any(b.cross_section <= a.cross_section for a, b in pairwise(self.tunnel_resistance)):
+            raise ValueError("tunnel_resistance must be listed by rising cross_section; sort it")
         return self
+
+    def tunnel_coefficient(self, cross_section: float) -> float:
+        """Return the additional air resistance over v² in a tunnel [N s²/m²] of a cross section [m²].
+
+        It is linear between the listed cross sections, and that of the nearest one outside them.
+        """
+        listed = self.tunnel_resistance
+        if not listed:
+            return 0.0
+        if cross_section <= listed[0].cross_section:
+            return listed[0].coefficient
+        for low, high in pairwise(listed):
+            if cross_section <= high.cross_section:
+                part = (cross_section - low.cross_section) / (high.cross_section - low.cross_section)
+                return low.coefficient + part * (high.coefficient - low.coefficient)
+        return listed[-1].coefficient
 
 
 def _check_envelope(name: str, segments: tuple[EnvelopeSegment, ...]) -> None:

@@ -6,12 +6,13 @@ import difflib
 import reprlib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from plant_sim.units import SiModel
 
+_Model = TypeVar("_Model", bound=SiModel)
 _SHORT = reprlib.Repr()
 _SHORT.maxother = _SHORT.maxstring = 60
 
@@ -20,6 +21,31 @@ def close_match(name: str, known: Iterable[str]) -> str:
     """Return the hint ``; did you mean '...'?`` with the nearest known name; empty if none is near."""
     matches = difflib.get_close_matches(str(name), [str(entry) for entry in known], n=1, cutoff=0.6)
     return f"; did you mean '{matches[0]}'?" if matches else ""
+
+
+def build_model(model: type[_Model], raw: Any, where: str) -> _Model:
+    """Return a model made from plain data.
+
+    Parameters
+    ----------
+    model
+        Class of the model.
+    raw
+        Mapping of keys to values.
+    where
+        File or block, for messages.
+
+    Raises
+    ------
+    ValueError
+        One line with file, key, value and remedy.
+    """
+    if not isinstance(raw, dict):
+        raise ValueError(f"{where}: holds {type(raw).__name__} in place of keys and values; write key: value")
+    try:
+        return model.model_validate(raw)
+    except ValidationError as error:
+        raise ValueError(explain(error, where, model)) from None
 
 
 def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) -> str:

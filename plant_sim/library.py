@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, TypeVar
-
-from pydantic import ValidationError
+from typing import Any
 
 from plant_sim.consist import Consist
 from plant_sim.data_text import parse_yaml
-from plant_sim.input_error import close_match, explain
+from plant_sim.formats.reading import ReadLine, read_line, read_train
+from plant_sim.input_error import build_model, close_match
 from plant_sim.line import Line
-from plant_sim.units import SiModel
-
-_Model = TypeVar("_Model", bound=SiModel)
+from plant_sim.line_direction import AGAINST, reversed_line
 
 
 def _folder(kind: str) -> Path:
@@ -91,33 +89,8 @@ def read_yaml(path: Path) -> Any:
         raise ValueError(f"{path}: {error}; correct the YAML there") from None
 
 
-def build_model(model: type[_Model], raw: Any, where: str) -> _Model:
-    """Return a model made from plain data.
-
-    Parameters
-    ----------
-    model
-        Class of the model.
-    raw
-        Mapping of keys to values.
-    where
-        File or block, for messages.
-
-    Raises
-    ------
-    ValueError
-        One line with file, key, value and remedy.
-    """
-    if not isinstance(raw, dict):
-        raise ValueError(f"{where}: holds {type(raw).__name__} in place of keys and values; write key: value")
-    try:
-        return model.model_validate(raw)
-    except ValidationError as error:
-        raise ValueError(explain(error, where, model)) from None
-
-
 def load_consist(name: str) -> Consist:
-    """Return a train by name or path.
+    """Return a train by name or path, from a file of any supported format.
 
     Raises
     ------
@@ -125,16 +98,47 @@ def load_consist(name: str) -> Consist:
         One line with file, key, value and remedy.
     """
     path = consist_path(name)
-    return build_model(Consist, read_yaml(path), str(path))
+    return build_model(Consist, read_yaml(path), str(path)) if name in consist_names() else read_train(path).consist
 
 
-def load_line(name: str) -> Line:
-    """Return a line by name or path.
+def split_line_name(name: str) -> tuple[str, str]:
+    """Return the shipped name or file of a line, and its selection after the first colon, with the colon."""
+    if name in line_names() or Path(name).is_file():
+        return name, ""
+    stem, colon, selection = name.partition(":")
+    return stem, colon + selection
+
+
+def named_line(name: str) -> ReadLine:
+    """Return a line by name or path with its format and the keys that it does not carry.
+
+    Parameters
+    ----------
+    name
+        Shipped name or file; of a network with ``:FROM..TO`` after it, the path between two tracks or stations; with
+        ``:reverse`` at its end, the line for a train against its direction.
 
     Raises
     ------
     ValueError
         One line with file, key, value and remedy.
     """
-    path = line_path(name)
-    return build_model(Line, read_yaml(path), str(path))
+    stem, selection = split_line_name(name)
+    against = selection.endswith(f":{AGAINST}")
+    selection = selection.removesuffix(f":{AGAINST}").removeprefix(":")
+    found = read_line(line_path(stem), selection)
+    return replace(found, line=reversed_line(found.line)) if against else found
+
+
+def load_line(name: str) -> Line:
+    """Return a line by name or path, see :func:`named_line`.
+
+    Raises
+    ------
+    ValueError
+        One line with file, key, value and remedy.
+    """
+    if name in line_names():
+        path = line_path(name)
+        return build_model(Line, read_yaml(path), str(path))
+    return named_line(name).line

@@ -7,6 +7,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from plant_sim.line_sections import AdhesionSection, NeutralSection, PowerLimit, TemporaryRestriction
 from plant_sim.number_text import number_text
 from plant_sim.units import Length, SiModel, Slope, Speed
 
@@ -43,11 +44,18 @@ class Curve(SiModel):
 
 
 class Tunnel(SiModel):
-    """Tunnel with an additional resistance per weight."""
+    """Tunnel with an additional resistance per weight, or with a cross section for that of the train."""
 
     begin: Length
     end: Length
-    resistance_n_per_kn: float = Field(ge=0)
+    resistance_n_per_kn: float = Field(0.0, ge=0)
+    cross_section: float | None = Field(None, gt=0, description="[m²], for tunnel_resistance of the consist")
+
+    @model_validator(mode="after")
+    def _has_resistance(self) -> Tunnel:
+        if self.cross_section is None and "resistance_n_per_kn" not in self.model_fields_set:
+            raise ValueError("a tunnel needs resistance_n_per_kn or cross_section; give one")
+        return self
 
 
 class SpeedLimit(SiModel):
@@ -86,6 +94,10 @@ class Line(SiModel):
     curves: tuple[Curve, ...] = ()
     tunnels: tuple[Tunnel, ...] = ()
     speed_limits: tuple[SpeedLimit, ...] = ()
+    temporary_restrictions: tuple[TemporaryRestriction, ...] = ()
+    neutral_sections: tuple[NeutralSection, ...] = ()
+    power_limits: tuple[PowerLimit, ...] = ()
+    adhesion: tuple[AdhesionSection, ...] = ()
     stops: tuple[Stop, ...] = ()
     coordinates: tuple[Coordinate, ...] = Field((), description="at least two, by rising distance; for displays")
 
@@ -109,3 +121,30 @@ class Line(SiModel):
         if len(self.coordinates) == 1:
             raise ValueError("coordinates has one entry; give at least two, or none")
         return self
+
+    @model_validator(mode="after")
+    def _restrictions_below_limits(self) -> Line:
+        first = self.speed_limits[0].at if self.speed_limits else float("inf")
+        for number, entry in enumerate(self.temporary_restrictions):
+            if entry.begin < first:
+                raise ValueError(
+                    f"temporary_restrictions[{number}] begins at {number_text(entry.begin)} m, where the line has no "
+                    "speed limit; begin speed_limits there or before"
+                )
+        return self
+
+    @property
+    def restricted_limits(self) -> tuple[SpeedLimit, ...]:
+        """Most restrictive speed limits: those of the line and the temporary restrictions, by rising distance."""
+        restrictions = self.temporary_restrictions
+        if not restrictions:
+            return self.speed_limits
+        places = {limit.at for limit in self.speed_limits}
+        places |= {place for entry in restrictions for place in (entry.begin, entry.end)}
+        found: list[SpeedLimit] = []
+        for at in sorted(places):
+            speed = next(limit.speed for limit in reversed(self.speed_limits) if limit.at <= at)
+            speed = min([speed, *(entry.speed for entry in restrictions if entry.begin <= at < entry.end)])
+            if not found or found[-1].speed != speed:
+                found.append(SpeedLimit(at=at, speed=speed))
+        return tuple(found)

@@ -19,6 +19,7 @@ from plant_sim.packing import Arrays, pack
 from plant_sim.parted_couplers import PartedCouplers
 from plant_sim.pipe_pressure import PipePressure
 from plant_sim.plant_setup import Jump, PlantSetup
+from plant_sim.section_effects import MANY_TICKS, SectionEffects, with_adhesion_of
 from plant_sim.sensors import SensorSet
 from plant_sim.states import Array, BrakeShoes, Measurement, Pipe, VehicleStates
 from plant_sim.streams import random_stream
@@ -76,6 +77,7 @@ class Train:
             raise ValueError(
                 f"tick {tick_ns} ns is not a positive multiple of the plant step {step_ns} ns; correct one of them"
             )
+        setup = with_adhesion_of(line, setup)
         self.consist, self.line, self.setup = consist, line, setup
         self.n = len(consist.vehicles)
         self.units = consist.power_units
@@ -84,6 +86,7 @@ class Train:
         self.stamp = 0
         self._step = step_ns * 1e-9
         self.arrays = pack(consist, line, setup, self._step)
+        self._sections = SectionEffects(consist, line, setup, self.arrays)
         self._brake = friction_brake_events(consist)
         self._pipe = self._brake if isinstance(self._brake, PipeEvents) else None
         self._pressure = (
@@ -211,6 +214,8 @@ class Train:
             self._pipe.demand(time, brake_pipe_pa)
         if self._has_added_gusts:
             self._drop_gusts()
+        if self._sections.exist:
+            self._sections.apply()
         outside = self._outside.tick(self.stamp, self.arrays.state[k.V])
         begin = 0
         if self._jumps.waiting:
@@ -227,7 +232,12 @@ class Train:
     def is_quiet(self) -> bool:
         """True if ticks need no Python: no brake wave, jump, added gust, parted coupler or force by the cubed speed."""
         changes = self._jumps.waiting or self._has_added_gusts or self._parted.parted or self._brake.propagating()
-        return not (changes or self._outside.has_cubes)
+        return not (changes or self._outside.has_cubes or self.ticks_before_section == 0)
+
+    @property
+    def ticks_before_section(self) -> int:
+        """Number of ticks in which no vehicle can pass the limit of a line section, which changes its forces."""
+        return self._sections.ticks_before_next(self.tick_ns * 1e-9) if self._sections.exist else MANY_TICKS
 
     def advance_quiet(self, demand: Array) -> int:
         """Integrate ticks of a quiet train in one compiled call; return their number.
@@ -235,9 +245,10 @@ class Train:
         Parameters
         ----------
         demand : Array, shape (ticks, substeps, units)
-            Finite force commands that are due at every plant step [N]; the disturbances may end the call earlier.
+            Finite force commands that are due at every plant step [N]; disturbances and line sections may end the call
+            earlier.
         """
-        a = self.arrays
+        a, demand = self.arrays, demand[: self.ticks_before_section]
         outside = np.ascontiguousarray(self._outside.rest_of_block(self.stamp, len(demand)))
         k.advance_ticks(
             self.stamp, self.tick_ns, self._step, a.state, a.vehicle, a.vehicle_index, a.gear,

@@ -10,7 +10,8 @@ from plant_trains import RIGID, drive, heavy, plain_line, slope, train
 
 from plant_sim import kernel as k
 from plant_sim.consist import Consist
-from plant_sim.library import build_model, load_consist
+from plant_sim.input_error import build_model
+from plant_sim.library import load_consist
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.track import Track
 from plant_sim.train import Train

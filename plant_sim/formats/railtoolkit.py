@@ -14,14 +14,14 @@ Operations", 2014, chapter 4; Wende, "Fahrdynamik des Schienenverkehrs", 2003, p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from plant_sim.consist import Consist
 from plant_sim.formats.fields import Fields, finite_number
-from plant_sim.library import build_model
+from plant_sim.formats.read_train import ReadTrain
+from plant_sim.input_error import build_model
 from plant_sim.line import Line
 from plant_sim.number_text import number_text
 from plant_sim.summation import plain_sum
@@ -39,15 +39,18 @@ ADHESION = 0.33
 BRAKED_GRADE = 0.05
 """Largest falling grade on which the service deceleration is reached."""
 TYPES = ("traction unit", "multiple unit", "passenger", "freight")
-
-
-@dataclass(frozen=True, slots=True)
-class ReadTrain:
-    """Train with the service deceleration [m/s²] and the largest speed [m/s] of its file."""
-
-    consist: Consist
-    deceleration: float
-    speed_max: float
+CARRIED_TRAIN = (
+    "schema", "trains[].name", "trains[].formation", "vehicles[].id", "vehicles[].vehicle_type", "vehicles[].length",
+    "vehicles[].mass", "vehicles[].load_limit", "vehicles[].rotation_mass", "vehicles[].speed_limit",
+    "vehicles[].mass_traction", "vehicles[].a_braking", "vehicles[].base_resistance", "vehicles[].rolling_resistance",
+    "vehicles[].air_resistance", "vehicles[].tractive_effort",
+)  # fmt: skip
+"""Keys of a rolling-stock file that the consist carries."""
+CARRIED_PATH = (
+    "schema", "path.name", "path.id", "path.characteristic_sections", "paths[].name", "paths[].id",
+    "paths[].characteristic_sections",
+)  # fmt: skip
+"""Keys of a running path that the line carries."""
 
 
 def is_railtoolkit(data: dict[str, Any], what: str) -> bool:

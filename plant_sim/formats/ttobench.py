@@ -2,7 +2,8 @@
 
 Stops, speed limits and gradients are over the distance; gradients are positive uphill in the direction of running.
 Curvatures are linear in 1/R between their entries (transition curves); they become short curves of their mean
-curvature, which gives the correct work of their resistance.
+curvature, which gives the correct work of their resistance. A tunnel has a cross section; its resistance is a figure of
+the train.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.formats.fields import Fields, finite_number
-from plant_sim.library import build_model
+from plant_sim.input_error import build_model
 from plant_sim.line import Line
 from plant_sim.number_text import number_text
 
@@ -24,6 +25,8 @@ STRAIGHT = 1e5
 """Radius beyond which a curve counts as straight [m]."""
 TRANSITION, PIECES = 20.0, 10
 """Length of the parts of a transition curve [m], and their largest number."""
+CARRIED_LINE = ("metadata.id", "stops", "speed limits", "gradients", "curvatures", "tunnels")
+"""Keys of a line that the own file carries."""
 
 
 def is_ttobench(data: dict[str, Any]) -> bool:
@@ -57,6 +60,7 @@ def ttobench_line(data: dict[str, Any], place: str) -> Line:
             "end": end,
             "grades": [{"at": at, "grade": value} for at, value in grades],
             "curves": _curves(top, end),
+            "tunnels": _tunnels(top),
             "speed_limits": [{"at": at, "speed": value} for at, value in limits],
             "stops": [{"at": at} for at in stops],
         },
@@ -115,6 +119,24 @@ def _curves(top: Fields, end: float) -> list[dict[str, float]]:
         if stop > at
         for curve in _transition(at, stop, first, last)
     ]
+
+
+def _tunnels(top: Fields) -> list[dict[str, float]]:
+    """Return the tunnels with their cross section [m²]; one without length has no effect."""
+    if "tunnels" not in top:
+        return []
+    fields = top.below("tunnels")
+    position, length = (_unit(fields, quantity, LENGTHS) for quantity in ("position", "length"))
+    _unit(fields, "cross section", {"m^2": 1.0})
+    found = []
+    for k, row in enumerate(fields.rows("values", 3, 0)):
+        at, extent, section = (
+            finite_number(value, f"{fields.place}: values[{k}][{i}]", 0, 1e8) for i, value in enumerate(row)
+        )
+        if extent > 0:
+            begin = at * position
+            found.append({"begin": begin, "end": begin + extent * length, "cross_section": section})
+    return found
 
 
 def _transition(begin: float, end: float, first: float, last: float) -> list[dict[str, float]]:

@@ -134,6 +134,10 @@ def _line(line: Line) -> Facts:
     if line.speed_limits:
         limits = [3.6 * limit.speed for limit in line.speed_limits]
         facts["speed limits"] = f"{min(limits):.0f} ... {max(limits):.0f} km/h"
+    for key in ("temporary_restrictions", "neutral_sections", "power_limits", "adhesion"):
+        if sections := getattr(line, key):
+            places = ", ".join(f"km {entry.begin / 1e3:g} to {entry.end / 1e3:g}" for entry in sections)
+            facts[key.replace("_", " ")] = places
     if line.stops:
         facts["stops"] = ", ".join(f"{stop.name} km {stop.at / 1e3:g}".strip() for stop in line.stops)
     return facts | {"source": line.source}

@@ -40,6 +40,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("view", "show a running, a new or a recorded run in the browser"),
     ("verify", "repeat a recorded run and compare every message"),
     ("plan", "compute a speed profile from a line and a train"),
+    ("convert", "write a line or a train of another format in the own one, or a line as TTOBench JSON"),
     ("curves", "compute the braking curves and supervision limits of ETCS for cases, or for a train on a line"),
     ("driver", "simulate a driver on a multi-mass train and write the run as a speed profile"),
     ("completion", "print the code that completes commands, options and names in a shell"),

@@ -31,9 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``plan``."""
     least = _number(0.0)
     parser.add_argument(
-        "line", metavar="LINE", help="shipped line, or file (train_ato YAML, railtoolkit YAML, TTOBench JSON)"
+        "line",
+        metavar="LINE",
+        help="shipped line or file, in any format of `train-ato convert`; with :reverse, against its direction",
     )
-    parser.add_argument("consist", metavar="CONSIST", help="shipped train, or file (train_ato YAML, railtoolkit YAML)")
+    parser.add_argument(
+        "consist", metavar="CONSIST", help="shipped train, or file (train_ato YAML, railtoolkit YAML, TTOBench JSON)"
+    )
     parser.add_argument(
         "--from-km",
         dest="begin_km",

@@ -164,8 +164,8 @@ def overspeed(setup: RunSetup, recording: Recording) -> float:
 
 def limit_over_train(line: Line, front: Array, length: float) -> Array:
     """Return the lowest limit between rear and front of the train [m/s], one value per front position."""
-    places = np.array([limit.at for limit in line.speed_limits])
-    speeds = np.array([limit.speed for limit in line.speed_limits])
+    places = np.array([limit.at for limit in line.restricted_limits])
+    speeds = np.array([limit.speed for limit in line.restricted_limits])
     first = np.searchsorted(places, front - length, side="right") - 1
     last = np.searchsorted(places, front, side="right") - 1
     result = np.where(last >= 0, speeds[np.maximum(last, 0)], np.inf)

@@ -26,6 +26,6 @@ def profile_of(trajectory: Trajectory) -> Profile:
 
 def limits_of(setup: RunSetup) -> Trajectory:
     """Return the speed limits of the line as steps over the place."""
-    places: Array = np.array([limit.at for limit in setup.line.speed_limits], dtype=np.float64)
-    speeds: Array = np.array([limit.speed for limit in setup.line.speed_limits], dtype=np.float64)
+    places: Array = np.array([limit.at for limit in setup.line.restricted_limits], dtype=np.float64)
+    speeds: Array = np.array([limit.speed for limit in setup.line.restricted_limits], dtype=np.float64)
     return Trajectory(0, "limit", np.zeros(places.size, dtype=np.int64), places, speeds, np.zeros(0))

@@ -6,6 +6,7 @@ import copy
 from pathlib import Path
 from typing import Any
 
+from plant_sim.library import split_line_name
 from train_ato.arguments import parse_yaml_value
 from train_ato.scenario.former_names import replace_former_keys
 
@@ -33,8 +34,9 @@ def with_absolute_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     result = dict(data)
     for block, key in FILE_KEYS:
         name = result[block].get(key) if isinstance(result.get(block), dict) else None
-        if isinstance(name, str) and (folder / name).is_file():
-            result[block] = {**result[block], key: str((folder / name).absolute())}
+        stem, selection = split_line_name(name) if isinstance(name, str) else ("", "")
+        if stem and (folder / stem).is_file():
+            result[block] = {**result[block], key: f"{(folder / stem).absolute()}{selection}"}
     variants = result.get("variants")
     if isinstance(variants, dict):
         result["variants"] = {

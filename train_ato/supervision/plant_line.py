@@ -6,7 +6,8 @@ from dataclasses import replace
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
-from plant_sim.plant_setup import PlantSetup
+from plant_sim.plant_setup import PlantSetup, SpeedAdhesion
+from plant_sim.section_effects import with_adhesion_of
 from train_ato.supervision.fixed_values import KMH
 from train_ato.supervision.limits import BrakingTarget
 from train_ato.supervision.plant_brake import plant_train
@@ -64,13 +65,25 @@ def line_supervision(
     ValueError
         If the train has no brake, or it is weaker than a gradient.
     """
+    setup = _with_lowest_adhesion(line, setup)
     train = plant_train(consist, setup, highest_limit(line) if max_speed is None else max_speed, kdry)
     train = replace(_with_reaction(train, reaction), service_command=service_brake)
     if not service_curve:
         train = replace(train, brake=replace(train.brake, service=None))
-    limits = [(entry.at, entry.speed) for entry in line.speed_limits]
+    limits = [(entry.at, entry.speed) for entry in line.restricted_limits]
     end = None if target is None else BrakingTarget(target, kind="EOA")
     return TrackSupervision(train, grades_permille(line), limits, end)
+
+
+def _with_lowest_adhesion(line: Line, setup: PlantSetup) -> PlantSetup:
+    """Return the setup with the lowest adhesion of the line, which the braking curves then have everywhere."""
+    adhesion = with_adhesion_of(line, setup).adhesion
+    lowest = min((1.0, *(entry.factor for entry in line.adhesion)))
+    if adhesion is None or lowest == 1.0:
+        return setup
+    key = "factor" if isinstance(adhesion, SpeedAdhesion) else "coefficient"
+    lower = adhesion.model_copy(update={key: lowest * getattr(adhesion, key)})
+    return setup.model_copy(update={"adhesion": lower})
 
 
 def _with_reaction(train: SupervisedTrain, reaction: float) -> SupervisedTrain:

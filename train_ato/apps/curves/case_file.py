@@ -12,7 +12,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from plant_sim.library import build_model
+from plant_sim.input_error import build_model
 from plant_sim.units import SiModel
 from train_ato.apps.curves.case_inputs import CurveInputs
 

@@ -112,7 +112,7 @@ class Mpc(GuardedLaw):
         self._observer = MotionObserver(period, ratio * self.omega, WAVES if self._hauls else 0.0)
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
-        self._limits = np.array([[limit.at, limit.speed] for limit in model.line.speed_limits]).reshape(-1, 2)
+        self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
         half = model.consist.vehicles[0].length / 2.0
         self._ends = np.array([half, half - model.consist.length, p.overspeed])
         self.clear_state()

@@ -63,6 +63,7 @@ def ticks_to_event(stages: Stages, supervised: SupervisedTicks, stack: ControlSt
     if stamp == 0:
         return 0
     longest = LONGEST if stack._compensation.shoes.idle else BRAKED  # type: ignore[attr-defined]
+    longest = min(longest, plant.train.ticks_before_section)
     ends = [stamp + longest * tick, setup.ticks * tick, plant._link.next_jump(stamp)]
     ends += [requested_stamp(change) for change in controller._planned]
     ends += plant._interventions.due_stamps

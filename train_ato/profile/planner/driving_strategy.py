@@ -8,6 +8,7 @@ import numpy as np
 
 from train_ato.messages.types import Array
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
+from train_ato.profile.planner.place_limits import PlaceLimits
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import TrainTables
 
@@ -68,12 +69,13 @@ MINIMUM_TIME = DrivingStrategy()
 
 @dataclass(frozen=True, slots=True)
 class SectionInputs:
-    """Train, line forces, speed limits and settings of a section."""
+    """Train, line forces, speed limits, settings and limits by place of a section."""
 
     train: TrainTables
     force: LineForce
     limits: SpeedLimits
     settings: PlanSettings
+    places: PlaceLimits | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -126,8 +126,8 @@ class SpeedLimits:
     """
 
     def __init__(self, line: Line, speed_max: float) -> None:
-        places = [limit.at for limit in line.speed_limits]
-        speeds = [min(limit.speed, speed_max) for limit in line.speed_limits]
+        places = [limit.at for limit in line.restricted_limits]
+        speeds = [min(limit.speed, speed_max) for limit in line.restricted_limits]
         self.begin: Array = np.array([-np.inf, *places])
         self.end: Array = np.array([*places, np.inf])
         self.speed: Array = np.array([speed_max, *speeds])

@@ -229,6 +229,8 @@ class PlanSection:
         speed = np.maximum(speed, 0.0)
         train, settings = self.inputs.train, self.inputs.settings
         resistance = train.resistance_at(speed) + self.inputs.force.at(place)
+        if self.inputs.places is not None:
+            resistance += self.inputs.places.tunnel_coefficient(place) * speed**2
         if self.window <= 0:
             keep = 1.0 - settings.force_margin
             traction, electric, air = train.forces_at(speed)
@@ -277,18 +279,42 @@ class PlanSection:
         grid, train = self.grid, self.inputs.train
         low, mean, high = (force / train.inertia for force in self.inputs.force.over_cells(grid))
         rate = self._service_rate
+        placed = self._placed(grid, low)
+        if placed is not None:
+            mean, high = mean + placed[2], high + placed[2]
         if self.window > 0 and self._fastest_speed is not None:
             speed = np.interp(grid.places, *self._fastest_speed)
             width = np.maximum(speed[1:], speed[:-1]) * self.window / 2 + rate * self.window**2 / 8
             low = sliding_extreme(low, width, grid.places, False)
             high = sliding_extreme(high, width, grid.places, True)
+            if placed is not None:
+                placed[:2] = [sliding_extreme(reserve, width, grid.places, True) for reserve in placed[:2]]
         extension = self.limit_extension * self.window / 2
         limit = self.inputs.limits.over_grid(grid, train.length, extension, rate) ** 2 / 2
         if self.ceiling is not None:
             limit = np.minimum(limit, np.interp(grid.places, self.ceiling[0], self.ceiling[1] ** 2 / 2))
         rates = acceleration_table(train, self.inputs.settings, self.window)
-        self._tables, self._tables_key = SectionTables(limit, low, mean, high, rates, *self._reserved.over(grid)), key
+        reserves = np.stack(self._reserved.over(grid))
+        if placed is not None:
+            reserves = 1.0 - (1.0 - reserves) * (1.0 - placed[:2])
+        self._tables, self._tables_key = SectionTables(limit, low, mean, high, rates, *reserves), key
         return self._tables
+
+    def _placed(self, grid: PlaceGrid, low: Array) -> Array | None:
+        """Return reserves of traction and brakes and tunnel air [m/s²] in every cell, at the highest possible speed.
+
+        The speed is bounded by the limit of the cell, and by the largest acceleration since the begin.
+        """
+        places, train = self.inputs.places, self.inputs.train
+        if places is None:
+            return None
+        rate = float(train.traction[0]) / train.inertia + max(0.0, -float(low.min()))
+        rate = min(rate, _or_infinite(self.inputs.settings.acceleration))
+        energy = self.begin_speed**2 / 2 + rate * (grid.places[1:] - self.begin)
+        limit = self.inputs.limits.over_grid(grid, train.length)
+        speed = np.minimum(np.maximum(limit[1:], limit[:-1]), np.sqrt(2 * np.maximum(energy, 0.0)))
+        air = np.maximum(places.tunnel_coefficient(grid.places[:-1]), places.tunnel_coefficient(grid.places[1:]))
+        return np.concatenate((places.over_cells(grid, speed), (air * speed**2 / train.inertia)[None]))
 
     @property
     def _service_rate(self) -> float:

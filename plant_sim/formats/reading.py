@@ -1,0 +1,101 @@
+"""Lines and trains from a file of any supported format, recognised by its content."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from plant_sim.consist import Consist
+from plant_sim.formats import osrd, railtoolkit, ttobench, ttobench_train
+from plant_sim.formats.fields import read_data
+from plant_sim.formats.notes import keys_not_carried
+from plant_sim.formats.railml import is_railml, railml_line
+from plant_sim.formats.read_train import ReadTrain
+from plant_sim.input_error import build_model
+from plant_sim.line import Line
+
+LINE_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON, OSRD JSON, railML 3"
+TRAIN_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON"
+
+
+@dataclass(frozen=True, slots=True)
+class ReadLine:
+    """Line of a file, its format, and the keys of the file that the line does not carry."""
+
+    line: Line
+    format: str
+    left_out: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ReadConsist:
+    """Train of a file with its limits for a plan; None without a foreign format."""
+
+    consist: Consist
+    format: str
+    train: ReadTrain | None = None
+    left_out: tuple[str, ...] = ()
+
+
+def read_line(path: Path, selection: str = "") -> ReadLine:
+    """Return the line of a file; of a network the path of a selection ``FROM..TO``.
+
+    Raises
+    ------
+    ValueError
+        One line with file, key, value and remedy.
+    """
+    place = str(path)
+    if is_railml(path):
+        return ReadLine(*railml_line(path, selection))
+    data = read_data(path)
+    if osrd.is_osrd(data):
+        return ReadLine(osrd.osrd_line(data, place, selection), "OSRD", keys_not_carried(data, osrd.CARRIED_INFRA))
+    if selection:
+        raise ValueError(f"{place}: selection '{selection}': the file has one line; remove it")
+    if railtoolkit.is_railtoolkit(data, "line"):
+        left = keys_not_carried(data, railtoolkit.CARRIED_PATH)
+        return ReadLine(railtoolkit.railtoolkit_line(data, place), "railtoolkit", left)
+    if ttobench.is_ttobench(data):
+        left = keys_not_carried(data, ttobench.CARRIED_LINE)
+        return ReadLine(ttobench.ttobench_line(data, place), "TTOBench", left)
+    _refuse_foreign(data, place, "line", LINE_FORMATS)
+    return ReadLine(build_model(Line, data, place), "train_ato")
+
+
+def read_train(path: Path) -> ReadConsist:
+    """Return the train of a file.
+
+    Raises
+    ------
+    ValueError
+        One line with file, key, value and remedy.
+    """
+    data, place = read_data(path), str(path)
+    if railtoolkit.is_railtoolkit(data, "train"):
+        train = railtoolkit.train_from(data, place)
+        return ReadConsist(train.consist, "railtoolkit", train, keys_not_carried(data, railtoolkit.CARRIED_TRAIN))
+    if ttobench_train.is_ttobench_train(data):
+        train = ttobench_train.ttobench_train(data, place)
+        return ReadConsist(train.consist, "TTOBench", train, keys_not_carried(data, ttobench_train.CARRIED_TRAIN))
+    _refuse_foreign(data, place, "consist", TRAIN_FORMATS)
+    return ReadConsist(build_model(Consist, data, place), "train_ato")
+
+
+def holds_train(path: Path) -> bool:
+    """Return True if a file has a train, False if it has a line or neither."""
+    if is_railml(path):
+        return False
+    data = read_data(path)
+    own = str(data.get("schema", "")).startswith("train_ato/consist/")
+    return own or railtoolkit.is_railtoolkit(data, "train") or ttobench_train.is_ttobench_train(data)
+
+
+def _refuse_foreign(data: dict[str, Any], place: str, what: str, formats: str) -> None:
+    schema = str(data.get("schema", ""))
+    if not schema.startswith(f"train_ato/{what}/"):
+        raise ValueError(
+            f"{place}: schema = '{schema[:60]}': no supported {what} format ({formats}); "
+            f"begin a train_ato file with 'schema: train_ato/{what}/1'"
+        )

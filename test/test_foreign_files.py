@@ -1,0 +1,196 @@
+"""Foreign lines and trains in scenarios, TTOBench trains, and conversion."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from test_readers import BENCH, PATH, TRAIN
+
+from plant_sim.formats.notes import keys_not_carried
+from plant_sim.formats.ttobench_train import ttobench_train
+from plant_sim.library import load_consist, load_line
+from plant_sim.traction import Envelope
+from train_ato.cli.main import main
+from train_ato.loop.setup import prepare
+from train_ato.profile.planner.inputs import find_line, find_train
+from train_ato.scenario.scenario import load_scenario
+
+
+def quantity(value: float, unit: str) -> dict[str, Any]:
+    return {"unit": unit, "value": value}
+
+
+UNIT_TRAIN: dict[str, Any] = {
+    "metadata": {"id": "hand", "library version": "TTOBench v1.5", "license": "none"},
+    "num seats": quantity(100, "-"),
+    "length": quantity(74, "m"),
+    "mass": quantity(122, "t"),
+    "rho": quantity(10, "%"),
+    "max traction power": quantity(2.6, "MW"),
+    "max reg braking power": quantity(2600, "kW"),
+    "max traction force": quantity(200, "kN"),
+    "max reg braking force": quantity(100, "kN"),
+    "max pn braking force": quantity(80, "kN"),
+    "max deceleration": quantity(1.0, "m/s^2"),
+    "max speed": quantity(160, "km/h"),
+    "rolling resistance r0": quantity(2.4, "kN"),
+    "rolling resistance r1": quantity(0.017, "kN/(km/h)"),
+    "rolling resistance r2": quantity(12.0, "N/(m/s)^2"),
+    "efficiency traction": quantity(90, "%"),
+    "efficiency reg brake": quantity(0.8, "-"),
+    "tunnel resistance": {
+        "units": {"cross section": "m^2", "coefficient": "kg/m"}, "values": [[24, 15.16], [40, 7.23]],
+    },
+}  # fmt: skip
+"""Train in the layout 1.5 of TTOBench."""
+TUNNELS = {"units": {"position": "km", "length": "m", "cross section": "m^2"}, "values": [[1.0, 500, 32], [2.0, 0, 32]]}
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    """Return a folder with a foreign train and line of each kind."""
+    (tmp_path / "unit.json").write_text(json.dumps(UNIT_TRAIN))
+    (tmp_path / "bench.json").write_text(json.dumps(BENCH | {"tunnels": TUNNELS, "altitude": quantity(5, "m")}))
+    (tmp_path / "train.yaml").write_text(yaml.safe_dump(TRAIN))
+    (tmp_path / "path.yaml").write_text(yaml.safe_dump(PATH))
+    return tmp_path
+
+
+def test_a_bench_train_by_hand() -> None:
+    """Breaks if a unit, the rotating masses, the hyperbola, the pneumatic part or its bound is read wrongly."""
+    read = ttobench_train(UNIT_TRAIN, "hand.json")
+    vehicle = read.consist.vehicles[0]
+    assert (read.consist.mass, read.consist.length, vehicle.inertia) == pytest.approx((122e3, 74, 134.2e3))
+    assert vehicle.resistance.polynomial(122e3, 9.81) == pytest.approx((2400, 61.2, 12.0))
+    traction, brake = Envelope(vehicle.traction), Envelope(vehicle.brake)
+    assert [traction.force(v) for v in (1, 13, 26, 45)] == pytest.approx([200e3, 200e3, 100e3, 0])
+    assert [brake.force(v) for v in (1, 26, 40)] == pytest.approx([180e3, 180e3, 80e3 + 2.6e6 / 40])
+    strong = ttobench_train(UNIT_TRAIN | {"max pn braking force": quantity(1220, "kN")}, "hand.json").consist
+    assert Envelope(strong.vehicles[0].brake).largest() == pytest.approx(134.2e3 + 0.05 * 9.81 * 122e3)
+    assert (read.deceleration, read.acceleration, read.speed_max) == (1.0, None, pytest.approx(160 / 3.6))
+    assert (read.traction_efficiency, read.recovery_efficiency) == pytest.approx((0.9, 0.8))
+    assert read.electric_brake is not None and Envelope(read.electric_brake).force(1.0) == 100e3
+    assert [vehicle.tunnel_coefficient(area) for area in (10, 24, 32, 99)] == pytest.approx(
+        [15.16, 15.16, 11.195, 7.23]
+    )
+    assert strong.emergency_brake is not None and strong.emergency_brake.deceleration == 0.83
+
+
+def test_former_layout_and_etcs_data_of_a_bench_train(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if layout 1.4 is refused, an assumed length is silent, or the emergency brake exceeds its data."""
+    former = {key: value for key, value in UNIT_TRAIN.items() if key != "length"} | {
+        "num coaches": quantity(4, "-"),
+        "tunnel resistance": {
+            "unit": "kg/m",
+            "cross section unit": "m^2",
+            "values": [{"cross section": 24, "value": 15}],
+        },
+        "ETCS braking data": {
+            "A_brake_emergency": {
+                "units": {"velocity": "km/h", "deceleration": "m/s^2"},
+                "values": [[0, 1.2], [100, 0.9]],
+            },
+            "T_be": quantity(2.0, "s"),
+        },
+    }
+    consist = ttobench_train(former, "former.json").consist
+    assert consist.length == 100 and "former.json: length is missing; assumed 100 m" in capsys.readouterr().err
+    brake = consist.emergency_brake
+    assert brake is not None and brake.delay + brake.time_constant == pytest.approx(2.0)
+    for kmh, most in ((0, 1.2), (99, 1.2), (100, 0.9), (160, 0.9)):
+        assert brake.deceleration * (2 * kmh + 150) / (3 * kmh + 150) <= most * (1 + 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("length", None, "length: this key is missing"),
+        ("mass", quantity(122, "lb"), "mass: unit = 'lb': must be one of kg, t"),
+        ("max speed", quantity(-1, "km/h"), "max speed: value in SI = -0.277778: must lie between"),
+        ("rho", 10, "rho: holds 10"),
+        ("tunnel resistance", {"units": {}, "values": []}, "tunnel resistance"),
+    ],
+)
+def test_a_faulty_bench_train_is_refused_in_one_line(tmp_path: Path, key: str, value: Any, message: str) -> None:
+    """Breaks if a fault is a traceback, or names neither file nor key."""
+    file = tmp_path / "fault.json"
+    file.write_text(json.dumps(UNIT_TRAIN | {key: value}))
+    with pytest.raises(ValueError, match=message) as caught:
+        find_train(str(file))
+    assert "\n" not in str(caught.value) and str(caught.value).startswith(str(file))
+
+
+@pytest.mark.parametrize(("consist", "line"), [("unit.json", "bench.json:reverse"), ("train.yaml", "path.yaml")])
+def test_a_scenario_takes_every_file_that_plan_reads(files: Path, consist: str, line: str) -> None:
+    """Breaks if a scenario reads own YAML only, or another line or train than plan; its folder is the base."""
+    scenario = {
+        "schema": "train_ato/scenario/1", "name": "foreign", "duration": 2, "plant": {"consist": consist, "line": line},
+        "profile": {"steps": [{"at": 0, "speed": 0}], "until": 1},
+    }  # fmt: skip
+    (files / "s.yaml").write_text(yaml.safe_dump(scenario))
+    setup = prepare(*load_scenario(str(files / "s.yaml")))
+    assert setup.consist == find_train(str(files / consist))[0] and setup.line == find_line(str(files / line))
+    resolved = files / "resolved.yaml"
+    resolved.write_text(setup.resolved_yaml())
+    again = prepare(*load_scenario(str(resolved)))
+    assert (again.consist, again.line) == (setup.consist, setup.line)
+
+
+def test_tunnels_of_a_bench_line_are_read_and_without_train_data_named(
+    files: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if tunnels are dropped silently, as they were, or a train without figures for them is not named."""
+    line = find_line(str(files / "bench.json"))
+    assert [(entry.begin, entry.end, entry.cross_section) for entry in line.tunnels] == [(1000, 1500, 32)]
+    arguments = ["--from-km", "0", "--to-km", "0.9", "--json"]
+    assert main(["plan", str(files / "bench.json"), str(files / "train.yaml"), *arguments]) == 0
+    assert "tunnel_resistance" in capsys.readouterr().err
+    assert main(["plan", str(files / "bench.json"), str(files / "unit.json"), *arguments]) == 0
+    assert "tunnel_resistance" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["unit.json", "bench.json", "train.yaml", "path.yaml", "path.yaml:reverse"])
+def test_convert_keeps_every_value_and_names_the_others(
+    files: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a value changes on the way to own YAML, or a lost key is not named on stderr."""
+    source, target = str(files / name), files / "own.yaml"
+    assert main(["convert", source, str(target), "--json"]) == 0
+    printed = capsys.readouterr()
+    result = json.loads(printed.out)
+    if result["kind"] == "train":
+        assert load_consist(str(target)) == find_train(source)[0]
+    else:
+        assert load_line(str(target)) == find_line(source)
+    raw = yaml.safe_load((files / name.partition(":")[0]).read_text())
+    lost = {"unit.json": "num seats", "bench.json": "altitude", "train.yaml": "vehicles[].name"}.get(
+        name, "schema_version"
+    )
+    assert lost in result["left_out"] or lost not in raw
+    assert [row.rpartition(": ")[2] for row in printed.err.splitlines() if row.startswith("not carried")] == result[
+        "left_out"
+    ]
+    assert main(["convert", source, str(target)]) == 2, "an existing file stays"
+
+
+def test_lines_as_bench_files_are_read_back(tmp_path: Path) -> None:
+    """Breaks if a grade, limit, curve or stop of a shipped line moves on the way through TTOBench JSON."""
+    for name in ("daqin_section", "xuzhou_metro_test"):
+        file = tmp_path / f"{name}.json"
+        assert main(["convert", name, str(file)]) == 0
+        line, again = load_line(name), load_line(str(file))
+        assert [(e.at, pytest.approx(e.grade)) for e in line.grades] == [(e.at, e.grade) for e in again.grades]
+        assert [(e.begin, e.end, e.radius) for e in line.curves] == [
+            (e.begin, e.end, pytest.approx(e.radius)) for e in again.curves
+        ]
+        assert [e.speed for e in line.speed_limits] == [e.speed for e in again.speed_limits]
+
+
+def test_keys_below_carried_ones_are_carried() -> None:
+    """Breaks if a carried block lists its own keys, or an unknown one in a list is missed or repeated."""
+    data = {"stops": {"unit": "m"}, "altitude": 3, "rows": [{"a": 1, "b": 2}, {"b": 3}]}
+    assert keys_not_carried(data, ("stops", "rows[].a")) == ("altitude", "rows[].b")

@@ -1,0 +1,135 @@
+"""Limits by place on the forces of a plan: neutral sections, power limits, adhesion, and tunnel air.
+
+The passes of the planner have one reserve of traction and one of the brakes in every cell, a fraction of the whole
+force. Here it is the largest reserve of all speeds that the train can have in the cell, so that a plan is feasible on
+the plant at every speed; in a power-limited section it is exact where the train has its largest power.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from plant_sim import kernel as k
+from plant_sim.consist import Consist, VehicleType
+from plant_sim.line import Line
+from plant_sim.packing import NO_LIMIT
+from plant_sim.section_effects import SectionZones, has_tunnel_air
+from plant_sim.traction import Envelope
+from train_ato.messages.types import Array
+from train_ato.profile.planner.line_tables import PlaceGrid
+from train_ato.profile.planner.train_tables import TrainTables, envelope_at
+
+Zones = tuple[int, ...]
+"""Zone of every vehicle."""
+
+
+class PlaceLimits:
+    """Reserved fractions of traction and brakes of a train, by the place of its front.
+
+    Parameters
+    ----------
+    line, consist, train
+        Line, train, and its tables.
+    """
+
+    def __init__(self, line: Line, consist: Consist, train: TrainTables) -> None:
+        self._zones = SectionZones(line)
+        self._train, self._consist = train, consist
+        self._vehicles = consist.vehicles
+        self._has_adhesion = bool(line.adhesion)
+        self._reserves: dict[Zones, Array] = {}
+        self._powers = [float((_forces(vehicle, train.speed)[0] * train.speed).max()) for vehicle in self._vehicles]
+
+    def over_cells(self, grid: PlaceGrid, speed: Array) -> Array:
+        """Return the reserves of traction and brakes in every cell, shape (2, cells).
+
+        Parameters
+        ----------
+        speed : Array, shape (cells,)
+            Upper bound of the speed in every cell [m/s].
+        """
+        found = np.zeros((2, grid.cells))
+        index = np.minimum(np.ceil(speed / self._train.speed[1]).astype(int), self._train.speed.size - 1)
+        for places in (grid.places[:-1], np.nextafter(grid.places[1:], -np.inf)):
+            zones = self._zones.at(places[:, None] - self._train.behind[None, :])
+            rows, which = np.unique(zones, axis=0, return_inverse=True)
+            for number, row in enumerate(rows):
+                cells = which.ravel() == number
+                reserve = self._reserve(tuple(int(zone) for zone in row))
+                found[:, cells] = np.maximum(found[:, cells], reserve[:, index[cells]])
+        return found
+
+    def tunnel_coefficient(self, front: Array) -> Array:
+        """Return the additional air resistance over v² of the train at places of its front [N s²/m²]."""
+        total = np.zeros(front.size)
+        for vehicle, behind in zip(self._vehicles, self._train.behind, strict=True):
+            if vehicle.tunnel_resistance:
+                by_zone = [
+                    0.0 if math.isinf(section) else vehicle.tunnel_coefficient(section)
+                    for section in self._zones.cross_section
+                ]
+                total += np.array(by_zone)[self._zones.at(front - behind)]
+        return total
+
+    def _reserve(self, zones: Zones) -> Array:
+        """Return the reserves of traction and brakes up to every speed of the table, shape (2, n)."""
+        if zones not in self._reserves:
+            traction, electric, air = self._available(zones)
+            train = self._train
+            have = np.stack((train.traction, train.brake))
+            left = np.minimum(np.stack((traction, electric + air)), have)
+            reserve = np.where(have > 0.0, 1.0 - left / np.maximum(have, 1e-9), 0.0)
+            self._reserves[zones] = np.maximum.accumulate(np.maximum(reserve, 0.0), axis=1)
+        return self._reserves[zones]
+
+    def _available(self, zones: Zones) -> tuple[Array, Array, Array]:
+        """Return traction, electric and air brake force of the train over the speed with its vehicles in zones [N].
+
+        The units share a force in proportion to their envelopes, so the most limited one limits the train.
+        """
+        speed, whole = self._train.speed, math.fsum(self._powers) or 1.0
+        traction, electric, grip = np.ones(speed.size), np.ones(speed.size), np.zeros(speed.size)
+        for vehicle, zone, own in zip(self._vehicles, zones, self._powers, strict=True):
+            drive, brake = _forces(vehicle, speed)
+            adhesion = self._adhesion(zone, vehicle.adhesive_mass or vehicle.mass, speed)
+            most, least = adhesion, adhesion
+            if not vehicle.independent_power:
+                power = self._zones.power[zone] * own / whole
+                most = np.minimum(most, power / np.maximum(speed, k.MIN_POWER_SPEED))
+                most = most * (not self._zones.neutral[zone])
+                least = least * (not self._zones.electric_brake_off[zone])
+            traction, electric = np.minimum(traction, _part(most, drive)), np.minimum(electric, _part(least, brake))
+            grip = grip + self._adhesion(zone, vehicle.mass, speed)
+        traction, electric = traction * self._train.traction, electric * self._train.electric
+        air = self._train.brake - self._train.electric
+        return traction, electric, np.minimum(air, np.maximum(grip - electric, 0.0))
+
+    def _adhesion(self, zone: int, mass: float, speed: Array) -> Array:
+        """Return the largest force between wheel and rail [N] for a mass on the axles [kg]."""
+        if not self._has_adhesion:
+            return np.full(speed.size, NO_LIMIT)
+        by_speed = k.ADHESION_HIGH_SPEED + k.ADHESION_SLOPE / (k.KMH * speed + k.ADHESION_SPEED)
+        return np.asarray(self._zones.adhesion[zone] * by_speed * mass * self._consist.gravity)
+
+
+def _part(limit: Array, force: Array) -> Array:
+    """Return the part of a force [N] that a limit [N] leaves; 1 without a force."""
+    return np.asarray(np.where(force > 0.0, np.minimum(limit / np.maximum(force, 1e-9), 1.0), 1.0))
+
+
+def _forces(vehicle: VehicleType, speed: Array) -> tuple[Array, Array]:
+    """Return traction and electric brake of a vehicle over the speed [N]."""
+    drive, brake = (
+        envelope_at(Envelope(segments), speed) if segments else np.zeros(speed.size)
+        for segments in (vehicle.traction, vehicle.brake)
+    )
+    return drive, brake
+
+
+def place_limits(line: Line, consist: Consist, train: TrainTables) -> PlaceLimits | None:
+    """Return the limits by place of a train on a line; None for a line without."""
+    has_tunnels = has_tunnel_air(line, consist)
+    limited = line.neutral_sections or line.power_limits or line.adhesion or has_tunnels
+    return PlaceLimits(line, consist, train) if limited else None
