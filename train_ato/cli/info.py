@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.number_text import number_text
-from train_ato.apps.runs.progress import share_bar
+from train_ato.apps.runs.progress import activity, share_bar
 from train_ato.cli.screen import print_json, print_table
 from train_ato.log.overview import Overview, TopicOverview, log_overview
 from train_ato.log.reading import log_file, partial_of, state_of
@@ -20,6 +20,8 @@ from train_ato.scenario.formula_parser import parse_formula
 
 TABLES = ("criteria", "requirements", "stops", "tracking_findings")
 """Keys of the summary with a table each."""
+ALONE = Path()
+"""Value of ``--fatigue`` without another run."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,6 +33,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="FORMULA",
         help="also evaluate a requirement on the log, such as 'G (speed <= limit + 1 km/h)'; may be repeated",
+    )
+    parser.add_argument(
+        "--fatigue",
+        type=Path,
+        nargs="?",
+        const=ALONE,
+        metavar="OTHER",
+        help="also count the force cycles of the couplers (rainflow) and print their fatigue damage, 1 per cycle of "
+        "1 MN with the slope 5; OTHER: a run or log for the ratio",
     )
 
 
@@ -50,12 +61,15 @@ def execute(options: argparse.Namespace) -> int:
     rows = requirement_rows_of(run, options.requirement)
     if rows:
         summary["requirements"] = rows
+    fatigue = fatigue_of(run, options.fatigue)
     changes = summary.pop("changes", None) or found.changes.listed()
     if options.json:
-        print_json({**summary, **_as_json(found), "changes": changes, "note": note})
+        print_json({**summary, **_as_json(found), "changes": changes, "note": note, **fatigue})
         return 0
     if summary:
         print_summary(summary, str(run))
+    if fatigue:
+        print_table(("quantity", "value"), fatigue["fatigue"].items(), "fatigue of the couplers")
     _print_overview(found, changes)
     if note:
         sys.stdout.write(f"{note}\n")
@@ -117,6 +131,38 @@ def requirement_rows_of(run: Path, formulas: Sequence[str]) -> list[dict[str, An
     from train_ato.loop.requirements import recorded_rows
 
     return recorded_rows(open_recording(run, vehicles=False), formulas, f"{run}: --requirement")
+
+
+def fatigue_of(run: Path, other: Path | None) -> dict[str, Any]:
+    """Return the fatigue of the couplers of a run as ``fatigue``, with another run also the ratio to it.
+
+    Parameters
+    ----------
+    run
+        Run folder or log.
+    other
+        None: no evaluation; :data:`ALONE`: without another run.
+
+    Raises
+    ------
+    ValueError
+        For a run that cannot be read, or without couplers.
+    """
+    if other is None:
+        return {}
+    from train_ato.apps.runs.coupler_fatigue import coupler_fatigue, relative_fatigue
+    from train_ato.log.recorded import open_recording
+
+    found = []
+    for path in (run,) if other == ALONE else (run, other):
+        if partial_of(path) is not None:
+            raise ValueError(f"--fatigue: {path}: a run without its end; recover it first: train-ato recover {path}")
+        with activity(f"reading {path}"):
+            fatigue = coupler_fatigue(open_recording(path))
+        if fatigue is None:
+            raise ValueError(f"--fatigue: {path}: no coupler forces in the log; name the run of a train with couplers")
+        found.append(fatigue)
+    return {"fatigue": {**found[0].summary(), **(relative_fatigue(*found) if len(found) > 1 else {})}}
 
 
 def _criterion(row: dict[str, Any]) -> str:

@@ -15,6 +15,7 @@ from train_ato.apps.report.maps import MAPS
 from train_ato.apps.report.quantities import NO_LINES
 from train_ato.apps.report.track_shape import TrackShape, track_shape
 from train_ato.apps.report.words import MODES, driven_laws, evaluation_note
+from train_ato.apps.runs.coupler_fatigue import KEYS, coupler_fatigue
 from train_ato.loop.recording import Recording
 from train_ato.loop.result import completed_summary
 from train_ato.loop.series import seconds
@@ -88,7 +89,7 @@ def page_data(recording: Recording, label: str = "", share: float = 1.0) -> Page
     share
         Fraction of the page for this run, see :func:`share_of`.
     """
-    recording = replace(recording, summary=completed_summary(recording))
+    recording = replace(recording, summary={**completed_summary(recording), **_damage(recording)})
     found, left_out = curves_of(recording)
     curves = {name: downsampled(lines, round(share * CELLS)) for name, lines in found.items()}
     maps: dict[str, HeatMap] = {}
@@ -114,6 +115,12 @@ def page_data(recording: Recording, label: str = "", share: float = 1.0) -> Page
         left_out,
         evaluation_note(recording.setup.scenario.evaluation) if recording.setup is not None else "",
     )
+
+
+def _damage(recording: Recording) -> dict[str, float | int]:
+    """Return the fatigue damage of the couplers, {} without couplers."""
+    fatigue = coupler_fatigue(recording)
+    return {} if fatigue is None else {key: value for key, value in fatigue.summary().items() if key in KEYS}
 
 
 def empty_page_data(label: str, summary: dict[str, Any], reason: str) -> PageData:
