@@ -35,7 +35,7 @@ POSITION_RATIO = 0.5
 """Smallest standard deviation of the position over that of the speed, up to that of ``SPEED_FLOOR`` [s]."""
 NOISE_TIME = 20.0
 """Time over which the noise is averaged [s]."""
-SPEED_PRIOR, POSITION_PRIOR, PRIOR_SAMPLES = 0.05, 0.05, 20
+SPEED_PRIOR, POSITION_PRIOR, PRIOR_SAMPLES = 0.05, 0.05, 2
 """Standard deviations at the start [m/s, m], and the number of samples that they count for."""
 MAX_NOISE = 1.0
 """Largest standard deviation [m, m/s]."""
@@ -47,7 +47,7 @@ MAX_MASS_ERROR = 0.35
 """Largest error of the mass."""
 SHARES = (1.0, 0.25, 0.0625)
 """Bandwidths of the filters over omega_o."""
-STAY_TIME = 10.0
+STAY_TIME = 60.0
 """Mean time for which one of the filters is right [s]."""
 
 
@@ -212,7 +212,7 @@ class MotionObserver:
         self._noise = np.array([POSITION_PRIOR**2, SPEED_PRIOR**2])
         self._count = float(PRIOR_SAMPLES)
         self._before = np.zeros(2)
-        self._runs = self._stands = False
+        self._runs = self.stands = False
         self._state = [0.0] * 4
         self._drifts = np.zeros((count, 3))
         self.mass_known = 0.0
@@ -247,7 +247,7 @@ class MotionObserver:
         self._states[:, 0], self._states[:, 1] = position, speed
         self._state[:2] = [position, speed]
         self._before[:] = 0.0
-        self._runs, self._stands = True, False
+        self._runs, self.stands = True, False
 
     def stand(self, position: float, speed: float, place: float, reference: float) -> None:
         """Take a sample at standstill; a speed inside the noise is 0, and changes of the measurements are noise.
@@ -262,11 +262,11 @@ class MotionObserver:
             Speed of the reference [m/s].
         """
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
-        if self._stands:
+        if self.stands:
             match(self._noise, self._before, 1.0 / self._count, place, speed)
         self.restart(position, (speed if abs(speed) > 3.0 * self.speed_noise else 0.0) - reference)
         self._before[:] = place, speed
-        self._stands = True
+        self.stands = True
 
     def miss(self) -> None:
         """Restart at the next sample with the present disturbance."""
@@ -287,8 +287,8 @@ class MotionObserver:
         if not self._runs:
             self.restart(position, speed)
             return
-        if self._stands:
-            self._before[:], self._stands = 0.0, False
+        if self.stands:
+            self._before[:], self.stands = 0.0, False
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         variance = min(float(self._noise[1]), SPEED_FLOOR**2)
         for row, bandwidth in zip(self._drifts, self._bandwidths, strict=True):

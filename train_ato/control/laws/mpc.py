@@ -115,6 +115,9 @@ class Mpc(GuardedLaw):
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.speed_limits]).reshape(-1, 2)
+        low, middle, high = map(model.running_resistance, (10.0, 20.0, 30.0))
+        curvature = (high - 2.0 * middle + low) / 100.0
+        self._drag_slope = ((high - low) / 20.0 - 20.0 * curvature, curvature)
         half = model.consist.vehicles[0].length / 2.0
         self._ends = np.array([half, half - model.consist.length, p.overspeed])
         self.clear_state()
@@ -181,6 +184,13 @@ class Mpc(GuardedLaw):
         moves = abs(self.mean(inputs.velocity.tolist())) > self._rest_speed(IDENTIFICATION_SPEED)
         return self._identification.step(last, mean_over_units([1.0] * self.n, inputs.applied.tolist()), moves)
 
+    def _stands(self, speed: float, reference: float) -> bool:
+        """Return True at standstill by measured and estimated speed [m/s]."""
+        estimated = speed if self._observer.stands else reference + self._observer.speed_error
+        return abs(speed) < self._rest_speed(STANDSTILL_SPEED) and abs(estimated) < STANDSTILL_SPEED + 3.0 * (
+            self._observer.speed_noise if self._observer.stands else 0.0
+        )
+
     def _rest_speed(self, smallest: float) -> float:
         """Return the measured speed below which the train can be at standstill [m/s]."""
         return smallest + 3.0 * self._observer.speed_noise
@@ -193,7 +203,8 @@ class Mpc(GuardedLaw):
         required = inertia * ahead.acceleration + ahead.resistance
         feedforward = self._feedforward(required)
         count = self._ticks + 1
-        disturbance = self._unexplained - (resisting - float(ahead.resistance[0])) / inertia
+        self._beyond_reference = resisting - float(ahead.resistance[0])
+        disturbance = self._unexplained - self._beyond_reference / inertia
         motion = np.array([self._observer.position_error, self._observer.speed_error, disturbance, 0.0])
         gain = self._identification.gain
         sent = self._identification.sent if self.parameters.identify else inputs.commands_in_flight
@@ -219,7 +230,7 @@ class Mpc(GuardedLaw):
         position_error, speed_error = place - float(inputs.lookahead.position[0]), speed - reference
         force = mean_over_units([1.0] * self.n, inputs.applied.tolist())
         by_line = model.line_force(model.front(inputs.position)) / model.inertia
-        if self._before is None or abs(speed) < self._rest_speed(STANDSTILL_SPEED):
+        if self._before is None or self._stands(speed, reference):
             self._observer.stand(position_error, speed, place, reference)
             regressor = by_line
         else:
@@ -262,12 +273,13 @@ class Mpc(GuardedLaw):
         reference = np.array([later.position[self._entries - 1 :], later.velocity[self._entries - 1 :]])
         allowed = np.empty(5 * self._nodes.size)
         now = self._identification.gain * np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
+        side = self._sides[int(last < 0.0)]
+        drag = (self._beyond_reference, *self._drag_slope)
         bounds(
-            at_nodes, reference, self._limits, self._ends, now, errors, self._tables, self._inertia,
-            self.parameters.jerk, self._steps, disturbance, rise,
+            at_nodes, reference, self._limits, self._ends, now, errors, (side.response_velocity, self._plan), drag,
+            self._tables, self._inertia, self.parameters.jerk, self._steps, disturbance, rise,
             float(required[self._ticks]), allowed,
         )  # fmt: skip
-        side = self._sides[int(last < 0.0)]
         gradients = (side.gradient_position, side.gradient_velocity)
         exchanges = decide(
             gradients, side.inverse, side.limited, side.dual, side.constraints, errors, allowed, self._active,
