@@ -3,13 +3,18 @@
     e_p' = e_v,   e_v' = (F - W)/M - v_d' + d + theta x,   x = (F - W + W_line)/M,   d' = white noise of PSD q
 
 F is the measured force, W the resistance of the model with the line force W_line. theta is the error of the mass: a
-train of mass m M has theta = 1/m - 1, since its line force grows with the mass. x is known, so that the filter of
-(e_p, e_v, d, theta) is linear.
+train of mass m M has theta = 1/m - 1, since its line force grows with the mass. x is known, so that a filter of
+(e_p, e_v, d, theta) is linear. This filter has a disturbance that changes like an unknown grade (``GRADE_CHANGE``), so
+that it does not take a grade for a mass.
 
-Three filters differ in q = (share omega_o)⁴ sigma² Tc, with the shares 1, 1/4, 1/16 of the bandwidth omega_o: a
-constant disturbance needs a slow filter, and a sudden one a fast filter. Interacting multiple models (Blom and
-Bar-Shalom 1988, IEEE Transactions on Automatic Control 33) weight them by the likelihood of their innovations. sigma is
-the measured noise of the speed, in q at most ``SPEED_FLOOR``: more noise lowers the bandwidth.
+Three filters of (e_p, e_v, d) use its theta. They differ in q = (share omega_o)⁴ sigma² Tc, with the shares 1, 1/4,
+1/16 of the bandwidth omega_o: a constant disturbance needs a slow filter, and a sudden one a fast filter. Interacting
+multiple models (Blom and Bar-Shalom 1988, IEEE Transactions on Automatic Control 33) weight them by the likelihood of
+their innovations. sigma is the measured noise of the speed, in q at most ``SPEED_FLOOR``: more noise lowers the
+bandwidth.
+
+In a train with hauled vehicles the speed of a unit differs from that of the train by waves: e_v has a random part of
+PSD S = 2 ``WAVE_SPEED``²/T_w, with the time T_w of a wave through the train, and q the addition (share omega_o)² S.
 
 The variance of the noise is the mean of half the squared difference of consecutive innovations over ``NOISE_TIME``, at
 standstill of the measurements: slow errors of the model do not count as noise (covariance matching, Mehra 1972, the
@@ -47,6 +52,10 @@ MAX_MASS_ERROR = 0.35
 """Largest error of the mass."""
 SHARES = (1.0, 0.25, 0.0625)
 """Bandwidths of the filters over omega_o."""
+GRADE_CHANGE = 0.02
+"""Standard deviation of the change of an unknown grade in a second [m/s²]."""
+WAVE_SPEED = 0.1
+"""Standard deviation of the speed of a unit against its train with hauled vehicles [m/s]."""
 STAY_TIME = 60.0
 """Mean time for which one of the filters is right [s]."""
 
@@ -133,31 +142,37 @@ def filter_step(
 
     Parameters
     ----------
-    states, covariances, chances, leave
+    states, covariances
+        As in :func:`mix`, before them those of the filter of the mass.
+    chances, leave
         As in :func:`mix`.
     noise : Array, shape (2,)
         Variances of the measurements.
     before : Array, shape (2,)
         Last innovations.
-    drifts : Array, shape (filters, 3)
+    drifts : Array, shape (1 + filters, 3)
         Variance of the change of speed, disturbance and error of the mass in a period.
     period, weight
         Period [s] and weight of the newest sample in the noise.
     position, speed, pull, regressor
         Measured errors [m, m/s], modelled relative acceleration and x [m/s²].
     """
-    mix(states, covariances, chances, leave)
+    mix(states[1:], covariances[1:], chances, leave)
     count = chances.size
+    predict(states[0], covariances[0], drifts[0], period, pull, regressor)
+    correct(states[0], covariances[0], noise, position - states[0, 0], speed - states[0, 1])
+    states[0, 3] = min(max(states[0, 3], -MAX_MASS_ERROR), MAX_MASS_ERROR)
+    states[1:, 3] = states[0, 3]
     exponents, roots = np.empty(count), np.empty(count)
     mean_position, mean_speed = 0.0, 0.0
     least = 1e300
     for j in range(count):
-        predict(states[j], covariances[j], drifts[j], period, pull, regressor)
-        miss_position, miss_speed = position - states[j, 0], speed - states[j, 1]
+        state, covariance = states[1 + j], covariances[1 + j]
+        predict(state, covariance, drifts[1 + j], period, pull, regressor)
+        miss_position, miss_speed = position - state[0], speed - state[1]
         mean_position += chances[j] * miss_position
         mean_speed += chances[j] * miss_speed
-        exponents[j], roots[j] = correct(states[j], covariances[j], noise, miss_position, miss_speed)
-        states[j, 3] = min(max(states[j, 3], -MAX_MASS_ERROR), MAX_MASS_ERROR)
+        exponents[j], roots[j] = correct(state, covariance, noise, miss_position, miss_speed)
         least = min(least, exponents[j])
     total = 0.0
     for j in range(count):
@@ -190,13 +205,13 @@ class MotionObserver:
         Control period [s].
     bandwidth
         omega_o, bandwidth of the disturbance at the smallest noise [rad/s].
-    waves
-        Bandwidth with which the speed follows the measurement, for motion that one mass does not have [rad/s].
+    wave_time
+        T_w, time of a wave through the train [s]; 0 for a train without hauled vehicles.
     """
 
-    def __init__(self, period: float, bandwidth: float, waves: float) -> None:
+    def __init__(self, period: float, bandwidth: float, wave_time: float) -> None:
         self._bandwidths = [bandwidth * share for share in SHARES]
-        self._waves = (waves * SPEED_FLOOR * period) ** 2
+        self._waves = 2.0 * WAVE_SPEED**2 / wave_time * period if wave_time > 0.0 else 0.0
         self._period = period
         self._leave = min(0.5, period / STAY_TIME) / (len(SHARES) - 1)
         self._samples = NOISE_TIME / period
@@ -206,15 +221,16 @@ class MotionObserver:
         """Restart at the next sample without a disturbance and with the prior noise."""
         count = len(SHARES)
         prior = [POSITION_PRIOR**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2, MASS_PRIOR**2]
-        self._states = np.zeros((count, 4))
-        self._covariances = np.array([np.diag(prior)] * count)
+        self._states = np.zeros((1 + count, 4))
+        self._covariances = np.array([np.diag(prior), *[np.diag([*prior[:3], 0.0])] * count])
         self._chances = np.full(count, 1.0 / count)
         self._noise = np.array([POSITION_PRIOR**2, SPEED_PRIOR**2])
         self._count = float(PRIOR_SAMPLES)
         self._before = np.zeros(2)
         self._runs = self.stands = False
         self._state = [0.0] * 4
-        self._drifts = np.zeros((count, 3))
+        drift = [self._waves, GRADE_CHANGE**2 * self._period, MASS_DRIFT**2 * self._period]
+        self._drifts = np.array([drift] + [[self._waves, 0.0, 0.0]] * count)
         self.mass_known = 0.0
 
     @property
@@ -291,19 +307,14 @@ class MotionObserver:
             self._before[:], self.stands = 0.0, False
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         variance = min(float(self._noise[1]), SPEED_FLOOR**2)
-        for row, bandwidth in zip(self._drifts, self._bandwidths, strict=True):
-            row[0] = self._waves
-            row[1] = bandwidth**4 * variance * self._period**2
-            row[2] = MASS_DRIFT**2 * self._period
+        for index, bandwidth in enumerate(self._bandwidths):
+            self._drifts[1 + index, 1] = bandwidth**2 * (bandwidth**2 * variance * self._period**2 + self._waves)
         filter_step(
             self._states, self._covariances, self._chances, self._noise, self._before, self._drifts, self._leave,
             self._period, 1.0 / self._count, position, speed, pull, regressor,
         )  # fmt: skip
-        states, chances = self._states.tolist(), self._chances.tolist()
         state = [0.0] * 4
-        known = 0.0
-        for row, chance, covariance in zip(states, chances, self._covariances[:, 3, 3].tolist(), strict=True):
+        for row, chance in zip(self._states[1:].tolist(), self._chances.tolist(), strict=True):
             state = [total + chance * value for total, value in zip(state, row, strict=True)]
-            known += chance * covariance
         self._state = state
-        self.mass_known = max(0.0, 1.0 - known / MASS_PRIOR**2)
+        self.mass_known = max(0.0, 1.0 - float(self._covariances[0, 3, 3]) / MASS_PRIOR**2)

@@ -67,8 +67,6 @@ from train_ato.messages.types import Array
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
-WAVES = 2.0
-"""Bandwidth of the filter of the speed of a train with hauled vehicles, for the waves in its couplers [rad/s]."""
 IDENTIFICATION_SPEED = 1.0
 """Speed below which the electric brake fades and the commands do not explain the force [m/s]."""
 MAX_TABLE_SPEED = 140.0
@@ -111,7 +109,7 @@ class Mpc(GuardedLaw):
         self._identification = ActuatorIdentification(model, period)
         self._models: dict[float, list[HorizonModel]] = {}
         ratio = p.observer_ratio or (1.0 if self._hauls else 5.0)
-        self._observer = MotionObserver(period, ratio * self.omega, WAVES if self._hauls else 0.0)
+        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.speed_limits]).reshape(-1, 2)
@@ -181,7 +179,8 @@ class Mpc(GuardedLaw):
         """Compare the measured force with the commands; return True for a new delay, for the next step on."""
         in_flight = inputs.commands_in_flight
         last = in_flight[-1] if in_flight.size else np.array(self._last_force)
-        moves = abs(self.mean(inputs.velocity.tolist())) > self._rest_speed(IDENTIFICATION_SPEED)
+        pulls = float(self._identification.sent.min()) >= 0.0
+        moves = pulls or abs(self.mean(inputs.velocity.tolist())) > self._rest_speed(IDENTIFICATION_SPEED)
         return self._identification.step(last, mean_over_units([1.0] * self.n, inputs.applied.tolist()), moves)
 
     def _stands(self, speed: float, reference: float) -> bool:
@@ -306,12 +305,15 @@ def default_omega(model: TrainModel) -> float:
     """Return the pole of the closed loop from delay, lag and the wave impedance of the couplers [rad/s]."""
     dead = max(float(model.delay.max()), float(model.delay_brake.max())) + model.lag
     omega = min(1.0, 0.7 / dead if dead > 0.0 else 1.0)
-    vehicles = model.consist.vehicles
-    if len(vehicles) > model.n_units:
-        stiffness = min(map(mean_stiffness, model.consist.gears))
-        impedance = math.sqrt(stiffness * model.mass / len(vehicles))
-        omega = min(omega, model.n_units * impedance / (3.0 * model.inertia))
+    if len(model.consist.vehicles) > model.n_units:
+        omega = min(omega, model.n_units * model.mass / (3.0 * model.inertia * wave_time(model)))
     return omega
+
+
+def wave_time(model: TrainModel) -> float:
+    """Return the time of a wave through all couplers of a train [s]; mass over it is the wave impedance."""
+    count = len(model.consist.vehicles)
+    return math.sqrt(model.mass * count / min(map(mean_stiffness, model.consist.gears)))
 
 
 def mean_stiffness(gear: Any) -> float:
