@@ -123,7 +123,7 @@ class ActuatorIdentification:
         """True if no candidate explains the measured force."""
         return self.misfit > WRONG_MISFIT
 
-    def step(self, last: Array, applied: float) -> bool:
+    def step(self, last: Array, applied: float, moves: bool = True) -> bool:
         """Add a control period; return True if the factor has changed.
 
         Parameters
@@ -132,13 +132,15 @@ class ActuatorIdentification:
             Command sent in the last period [N].
         applied
             Measured total force [N].
+        moves
+            False at standstill: the holding brake, not the command, gives the force, and the sample does not count.
         """
         for tick in range(self._ticks):
             self.sent[:-1] = self.sent[1:]
             self.sent[-1] = last
             bank_step(
                 self._modelled, self._sums, self.sent, applied, self._delays, self._factors, self._tick, self._lag,
-                self._keep, int(tick == self._ticks - 1),
+                self._keep if moves else 1.0, int(moves and tick == self._ticks - 1),
             )  # fmt: skip
         crossed, own, total = self._sums.T
         gains = np.clip(crossed / np.maximum(own, self._floor), MIN_GAIN, MAX_GAIN)

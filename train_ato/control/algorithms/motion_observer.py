@@ -1,11 +1,24 @@
-"""Kalman filter of position error, speed error and disturbance of a train as one mass, with measured noise.
+"""Kalman filters of the motion of a train as one mass: disturbance, error of the mass, and noise of the sensors.
 
-    e_p' = e_v,   e_v' = (F - W)/M - v_d' + d,   d' = white noise of PSD omega_o⁴ sigma² Tc
+    e_p' = e_v,   e_v' = (F - W)/M - v_d' + d + theta x,   x = (F - W + W_line)/M,   d' = white noise of PSD q
 
-F is the measured force, W the resistance of the model. The PSD of d' gives the bandwidth omega_o at the smallest noise
-sigma (``SPEED_FLOOR``) of the speed; more noise lowers it. The variance of the noise is the mean of half the squared
-difference of consecutive innovations over ``NOISE_TIME``: slow errors of the model do not count as noise (covariance
-matching, Mehra 1972, IEEE Transactions on Automatic Control 17).
+F is the measured force, W the resistance of the model with the line force W_line. theta is the error of the mass: a
+train of mass m M has theta = 1/m - 1, since its line force grows with the mass. x is known, so that a filter of
+(e_p, e_v, d, theta) is linear. This filter has a disturbance that changes like an unknown grade (``GRADE_CHANGE``), so
+that it does not take a grade for a mass.
+
+Three filters of (e_p, e_v, d) use its theta. They differ in q = (share omega_o)⁴ sigma² Tc, with the shares 1, 1/4,
+1/16 of the bandwidth omega_o: a constant disturbance needs a slow filter, and a sudden one a fast filter. Interacting
+multiple models (Blom and Bar-Shalom 1988, IEEE Transactions on Automatic Control 33) weight them by the likelihood of
+their innovations. sigma is the measured noise of the speed, in q at most ``SPEED_FLOOR``: more noise lowers the
+bandwidth.
+
+In a train with hauled vehicles the speed of a unit differs from that of the train by waves: e_v has a random part of
+PSD S = 2 ``WAVE_SPEED``²/T_w, with the time T_w of a wave through the train, and q the addition (share omega_o)² S.
+
+The variance of the noise is the mean of half the squared difference of consecutive innovations over ``NOISE_TIME``, at
+standstill of the measurements: slow errors of the model do not count as noise (covariance matching, Mehra 1972, the
+same journal 17).
 """
 
 # mypy: allow-untyped-defs
@@ -17,84 +30,174 @@ import math
 import numpy as np
 
 from plant_sim.compiled import compiled
+from plant_sim.elementary import libm_exp
 
 SPEED_FLOOR = 0.01
-"""Smallest standard deviation of the speed [m/s]; resolution of a wheel sensor."""
-POSITION_FLOOR = 0.005
-"""Smallest standard deviation of the position [m]."""
+"""Standard deviation of the speed up to which the bandwidth is that at the smallest noise [m/s]."""
+NOISE_FLOOR = 0.002
+"""Smallest standard deviation of the speed [m/s]."""
+POSITION_RATIO = 0.5
+"""Smallest standard deviation of the position over that of the speed, up to that of ``SPEED_FLOOR`` [s]."""
 NOISE_TIME = 20.0
 """Time over which the noise is averaged [s]."""
-SPEED_PRIOR, POSITION_PRIOR, PRIOR_SAMPLES = 0.05, 0.05, 20
+SPEED_PRIOR, POSITION_PRIOR, PRIOR_SAMPLES = 0.05, 0.05, 2
 """Standard deviations at the start [m/s, m], and the number of samples that they count for."""
 MAX_NOISE = 1.0
 """Largest standard deviation [m, m/s]."""
+DISTURBANCE_PRIOR, MASS_PRIOR = 0.01, 0.1
+"""Standard deviations of disturbance [m/s²] and error of the mass at the start."""
+MASS_DRIFT = 1e-4
+"""Standard deviation of the change of the error of the mass in a second."""
+MAX_MASS_ERROR = 0.35
+"""Largest error of the mass."""
+SHARES = (1.0, 0.25, 0.0625)
+"""Bandwidths of the filters over omega_o."""
+GRADE_CHANGE = 0.02
+"""Standard deviation of the change of an unknown grade in a second [m/s²]."""
+WAVE_SPEED = 0.1
+"""Standard deviation of the speed of a unit against its train with hauled vehicles [m/s]."""
+STAY_TIME = 60.0
+"""Mean time for which one of the filters is right [s]."""
 
 
 @compiled
-def filter_step(state, covariance, noise, before, drifts, period, weight, position, speed, pull):
-    """Advance the filter by a period and correct it.
+def mix(states, covariances, chances, leave):
+    """Mix states and covariances of the filters for a change from one to another; return nothing.
 
     Parameters
     ----------
-    state : Array, shape (3,)
-        Position error [m], speed error [m/s], disturbance [m/s²].
-    covariance : Array, shape (3, 3)
-        Covariance of the state.
+    states : Array, shape (filters, 4)
+        Position error [m], speed error [m/s], disturbance [m/s²], error of the mass.
+    covariances : Array, shape (filters, 4, 4)
+        Their covariances.
+    chances : Array, shape (filters,)
+        Probability of every filter; receives that before the next measurement.
+    leave
+        Probability of a change to each of the others.
+    """
+    count = chances.size
+    former_states, former, before = states.copy(), covariances.copy(), chances.copy()
+    for j in range(count):
+        total = 0.0
+        for i in range(count):
+            total += before[i] * (leave if i != j else 1.0 - leave * (count - 1))
+        chances[j] = total
+        for a in range(4):
+            states[j, a] = 0.0
+            for i in range(count):
+                weight = before[i] * (leave if i != j else 1.0 - leave * (count - 1)) / total
+                states[j, a] += weight * former_states[i, a]
+        covariances[j] = 0.0
+        for i in range(count):
+            weight = before[i] * (leave if i != j else 1.0 - leave * (count - 1)) / total
+            for a in range(4):
+                for b in range(4):
+                    spread = (former_states[i, a] - states[j, a]) * (former_states[i, b] - states[j, b])
+                    covariances[j, a, b] += weight * (former[i, a, b] + spread)
+
+
+@compiled
+def predict(state, p, drifts, period, pull, regressor):
+    """Advance state and covariance of one filter by a period; arguments as in :func:`filter_step`."""
+    h = period
+    total = pull + state[2] + state[3] * regressor
+    state[0] += (state[1] + 0.5 * total * h) * h
+    state[1] += total * h
+    for j in range(4):
+        gained = h * (p[2, j] + regressor * p[3, j])
+        p[0, j] += h * (p[1, j] + 0.5 * gained)
+        p[1, j] += gained
+    for i in range(4):
+        gained = h * (p[i, 2] + regressor * p[i, 3])
+        p[i, 0] += h * (p[i, 1] + 0.5 * gained)
+        p[i, 1] += gained
+    for i in range(3):
+        p[i + 1, i + 1] += drifts[i]
+
+
+@compiled
+def correct(state, p, noise, miss_position, miss_speed):
+    """Correct one filter by its innovations; return half of their squared size and the root of their determinant."""
+    a, b, c = p[0, 0] + noise[0], p[0, 1], p[1, 1] + noise[1]
+    size = a * c - b * b
+    row0, row1 = p[0].copy(), p[1].copy()
+    for i in range(4):
+        first = (row0[i] * c - row1[i] * b) / size
+        second = (row1[i] * a - row0[i] * b) / size
+        state[i] += first * miss_position + second * miss_speed
+        for j in range(4):
+            p[i, j] -= first * row0[j] + second * row1[j]
+    for i in range(4):
+        for j in range(i):
+            p[i, j] = p[j, i]
+    squared = (c * miss_position - 2.0 * b * miss_speed) * miss_position + a * miss_speed * miss_speed
+    return 0.5 * squared / size, math.sqrt(size)
+
+
+@compiled
+def filter_step(
+    states, covariances, chances, noise, before, drifts, leave, period, weight, position, speed, pull, regressor
+):
+    """Advance all filters by a period and correct them.
+
+    Parameters
+    ----------
+    states, covariances
+        As in :func:`mix`, before them those of the filter of the mass.
+    chances, leave
+        As in :func:`mix`.
     noise : Array, shape (2,)
         Variances of the measurements.
     before : Array, shape (2,)
         Last innovations.
-    drifts : Array, shape (2,)
-        Variance of the change of speed and of disturbance in a period that the model does not explain.
+    drifts : Array, shape (1 + filters, 3)
+        Variance of the change of speed, disturbance and error of the mass in a period.
     period, weight
         Period [s] and weight of the newest sample in the noise.
-    position, speed, pull
-        Measured errors [m, m/s], modelled relative acceleration [m/s²].
+    position, speed, pull, regressor
+        Measured errors [m, m/s], modelled relative acceleration and x [m/s²].
     """
-    total = pull + state[2]
-    state[0] += (state[1] + 0.5 * total * period) * period
-    state[1] += total * period
-    p, h = covariance, period
-    for j in range(3):
-        p[0, j] += h * p[1, j] + 0.5 * h * h * p[2, j]
-        p[1, j] += h * p[2, j]
-    for i in range(3):
-        p[i, 0] += h * p[i, 1] + 0.5 * h * h * p[i, 2]
-        p[i, 1] += h * p[i, 2]
-    p[1, 1] += drifts[0]
-    p[2, 2] += drifts[1]
-    miss_position, miss_speed = position - state[0], speed - state[1]
-    _match(noise, before, weight, miss_position, miss_speed)
-    a = p[0, 0] + noise[0]
-    b = p[0, 1]
-    c = p[1, 1] + noise[1]
-    size = a * c - b * b
-    row0, row1 = p[0].copy(), p[1].copy()
-    for i in range(3):
-        first = (p[i, 0] * c - p[i, 1] * b) / size
-        second = (p[i, 1] * a - p[i, 0] * b) / size
-        state[i] += first * miss_position + second * miss_speed
-        for j in range(3):
-            p[i, j] -= first * row0[j] + second * row1[j]
-    for i in range(3):
-        for j in range(i):
-            p[i, j] = p[j, i]
+    mix(states[1:], covariances[1:], chances, leave)
+    count = chances.size
+    predict(states[0], covariances[0], drifts[0], period, pull, regressor)
+    correct(states[0], covariances[0], noise, position - states[0, 0], speed - states[0, 1])
+    states[0, 3] = min(max(states[0, 3], -MAX_MASS_ERROR), MAX_MASS_ERROR)
+    states[1:, 3] = states[0, 3]
+    exponents, roots = np.empty(count), np.empty(count)
+    mean_position, mean_speed = 0.0, 0.0
+    least = 1e300
+    for j in range(count):
+        state, covariance = states[1 + j], covariances[1 + j]
+        predict(state, covariance, drifts[1 + j], period, pull, regressor)
+        miss_position, miss_speed = position - state[0], speed - state[1]
+        mean_position += chances[j] * miss_position
+        mean_speed += chances[j] * miss_speed
+        exponents[j], roots[j] = correct(state, covariance, noise, miss_position, miss_speed)
+        least = min(least, exponents[j])
+    total = 0.0
+    for j in range(count):
+        chances[j] *= libm_exp(max(least - exponents[j], -100.0)) / roots[j]
+        total += chances[j]
+    for j in range(count):
+        chances[j] /= total
+    match(noise, before, weight, mean_position, mean_speed)
 
 
 @compiled
-def _match(noise, before, weight, miss_position, miss_speed):
-    """Add a pair of innovations to the variances of the noise."""
+def match(noise, before, weight, miss_position, miss_speed):
+    """Add a pair of innovations [m, m/s] to the variances of the noise."""
     for i in range(2):
-        miss = miss_position if i == 0 else miss_speed
-        floor = POSITION_FLOOR if i == 0 else SPEED_FLOOR
-        change = miss - before[i]
-        found = noise[i] + weight * (0.5 * change * change - noise[i])
-        noise[i] = min(max(found, floor * floor), MAX_NOISE * MAX_NOISE)
-        before[i] = miss
+        miss = miss_speed if i == 0 else miss_position
+        place = 1 - i
+        change = miss - before[place]
+        found = noise[place] + weight * (0.5 * change * change - noise[place])
+        floor = NOISE_FLOOR if i == 0 else POSITION_RATIO * min(math.sqrt(noise[1]), SPEED_FLOOR)
+        noise[place] = min(max(found, floor * floor), MAX_NOISE * MAX_NOISE)
+        before[place] = miss
 
 
 class MotionObserver:
-    """Position error [m], speed error [m/s] and disturbance [m/s²] of a train.
+    """Position error [m], speed error [m/s], disturbance [m/s²] and error of the mass of a train.
 
     Parameters
     ----------
@@ -102,39 +205,53 @@ class MotionObserver:
         Control period [s].
     bandwidth
         omega_o, bandwidth of the disturbance at the smallest noise [rad/s].
-    waves
-        Bandwidth with which the speed follows the measurement, for motion that one mass does not have [rad/s].
+    wave_time
+        T_w, time of a wave through the train [s]; 0 for a train without hauled vehicles.
     """
 
-    def __init__(self, period: float, bandwidth: float, waves: float) -> None:
-        self._drifts = np.array([(waves * SPEED_FLOOR * period) ** 2, (bandwidth**2 * SPEED_FLOOR * period) ** 2])
+    def __init__(self, period: float, bandwidth: float, wave_time: float) -> None:
+        self._bandwidths = [bandwidth * share for share in SHARES]
+        self._waves = 2.0 * WAVE_SPEED**2 / wave_time * period if wave_time > 0.0 else 0.0
         self._period = period
+        self._leave = min(0.5, period / STAY_TIME) / (len(SHARES) - 1)
         self._samples = NOISE_TIME / period
         self.reset()
 
     def reset(self) -> None:
         """Restart at the next sample without a disturbance and with the prior noise."""
-        self._state = np.zeros(3)
-        self._covariance = np.diag([POSITION_PRIOR**2, SPEED_PRIOR**2, 1e-4])
+        count = len(SHARES)
+        prior = [POSITION_PRIOR**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2, MASS_PRIOR**2]
+        self._states = np.zeros((1 + count, 4))
+        self._covariances = np.array([np.diag(prior), *[np.diag([*prior[:3], 0.0])] * count])
+        self._chances = np.full(count, 1.0 / count)
         self._noise = np.array([POSITION_PRIOR**2, SPEED_PRIOR**2])
         self._count = float(PRIOR_SAMPLES)
         self._before = np.zeros(2)
-        self._runs = False
+        self._runs = self.stands = False
+        self._state = [0.0] * 4
+        drift = [self._waves, GRADE_CHANGE**2 * self._period, MASS_DRIFT**2 * self._period]
+        self._drifts = np.array([drift] + [[self._waves, 0.0, 0.0]] * count)
+        self.mass_known = 0.0
 
     @property
     def position_error(self) -> float:
         """Estimate of the position error [m]."""
-        return float(self._state[0])
+        return self._state[0]
 
     @property
     def speed_error(self) -> float:
         """Estimate of the speed error [m/s]."""
-        return float(self._state[1])
+        return self._state[1]
 
     @property
     def disturbance(self) -> float:
         """Estimate of the disturbance [m/s²]."""
-        return float(self._state[2])
+        return self._state[2]
+
+    @property
+    def mass_error(self) -> float:
+        """Estimate of theta."""
+        return self._state[3]
 
     @property
     def speed_noise(self) -> float:
@@ -142,16 +259,36 @@ class MotionObserver:
         return math.sqrt(self._noise[1])
 
     def restart(self, position: float, speed: float) -> None:
-        """Take a sample as position and speed error [m, m/s]; the disturbance is held."""
-        self._state[0], self._state[1] = position, speed
+        """Take a sample as position and speed error [m, m/s]; disturbance and error of the mass are held."""
+        self._states[:, 0], self._states[:, 1] = position, speed
+        self._state[:2] = [position, speed]
         self._before[:] = 0.0
-        self._runs = True
+        self._runs, self.stands = True, False
+
+    def stand(self, position: float, speed: float, place: float, reference: float) -> None:
+        """Take a sample at standstill; a speed inside the noise is 0, and changes of the measurements are noise.
+
+        Parameters
+        ----------
+        position
+            Measured position error [m].
+        speed, place
+            Measured speed and position of the train [m/s, m].
+        reference
+            Speed of the reference [m/s].
+        """
+        self._count = min(self._count + 1.0, max(self._samples, 1.0))
+        if self.stands:
+            match(self._noise, self._before, 1.0 / self._count, place, speed)
+        self.restart(position, (speed if abs(speed) > 3.0 * self.speed_noise else 0.0) - reference)
+        self._before[:] = place, speed
+        self.stands = True
 
     def miss(self) -> None:
         """Restart at the next sample with the present disturbance."""
         self._runs = False
 
-    def step(self, position: float, speed: float, pull: float) -> None:
+    def step(self, position: float, speed: float, pull: float, regressor: float = 0.0) -> None:
         """Advance by a period and correct by a measurement.
 
         Parameters
@@ -160,12 +297,24 @@ class MotionObserver:
             Measured errors [m, m/s].
         pull
             Mean modelled acceleration over the period minus that of the reference [m/s²].
+        regressor
+            x, mean acceleration that grows with 1/mass [m/s²].
         """
         if not self._runs:
             self.restart(position, speed)
             return
+        if self.stands:
+            self._before[:], self.stands = 0.0, False
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
+        variance = min(float(self._noise[1]), SPEED_FLOOR**2)
+        for index, bandwidth in enumerate(self._bandwidths):
+            self._drifts[1 + index, 1] = bandwidth**2 * (bandwidth**2 * variance * self._period**2 + self._waves)
         filter_step(
-            self._state, self._covariance, self._noise, self._before, self._drifts, self._period, 1.0 / self._count,
-            position, speed, pull,
+            self._states, self._covariances, self._chances, self._noise, self._before, self._drifts, self._leave,
+            self._period, 1.0 / self._count, position, speed, pull, regressor,
         )  # fmt: skip
+        state = [0.0] * 4
+        for row, chance in zip(self._states[1:].tolist(), self._chances.tolist(), strict=True):
+            state = [total + chance * value for total, value in zip(state, row, strict=True)]
+        self._state = state
+        self.mass_known = max(0.0, 1.0 - float(self._covariances[0, 3, 3]) / MASS_PRIOR**2)

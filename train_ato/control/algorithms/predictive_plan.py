@@ -112,7 +112,8 @@ def lowest_limit(limits, front, rear):
 
 @compiled
 def bounds(
-    required, reference, limits, ends, now, errors, tables, mass, jerk, steps, disturbance, rise, at_effect, allowed
+    required, reference, limits, ends, now, errors, plan, drag, tables, mass, jerk, steps, disturbance, rise, at_effect,
+    allowed,
 ):
     """Compute the right-hand side b of A z <= b.
 
@@ -130,6 +131,11 @@ def bounds(
         Smallest and largest total force at the measured speed [N].
     errors : Array, shape (2, nodes)
         Errors of the free motion.
+    plan : tuple of Arrays, shape (nodes, nodes) and (nodes,)
+        Response of the speed to decisions, and the decisions of the last plan [m/s²].
+    drag : tuple of float
+        Resistance at the measured speed beyond that at the reference [N], and the slope of the running resistance at
+        standstill and its increase with the speed [N s/m, N s²/m²].
     tables : Array, shape (2, speeds)
         Largest brake and traction force over the speed [N].
     mass, jerk, disturbance
@@ -146,9 +152,15 @@ def bounds(
     n = required.size
     for j in range(n):
         speed = reference[1, j] + errors[1, j]
-        low, high = -table_value(tables[0], speed), table_value(tables[1], speed)
+        planned = errors[1, j]
+        for k in range(n):
+            planned += plan[0][j, k] * plan[1][k]
         if j == 0:
             low, high = now[0], now[1]
+        else:
+            beyond = reference[1, j] + planned
+            low, high = -table_value(tables[0], beyond), table_value(tables[1], beyond)
+            required[j] += (drag[1] + drag[2] * abs(reference[1, j])) * planned - drag[0]
         allowed[j] = (high - required[j]) / mass + disturbance
         allowed[n + j] = (required[j] - low) / mass - disturbance
         change = (required[j] - (required[j - 1] if j > 1 else at_effect)) / mass if j > 0 else rise

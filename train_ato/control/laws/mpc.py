@@ -67,8 +67,8 @@ from train_ato.messages.types import Array
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
-WAVES = 2.0
-"""Bandwidth of the filter of the speed of a train with hauled vehicles, for the waves in its couplers [rad/s]."""
+IDENTIFICATION_SPEED = 1.0
+"""Speed below which the electric brake fades and the commands do not explain the force [m/s]."""
 MAX_TABLE_SPEED = 140.0
 """Last speed of the tables of force limits [m/s]."""
 
@@ -109,10 +109,13 @@ class Mpc(GuardedLaw):
         self._identification = ActuatorIdentification(model, period)
         self._models: dict[float, list[HorizonModel]] = {}
         ratio = p.observer_ratio or (1.0 if self._hauls else 5.0)
-        self._observer = MotionObserver(period, ratio * self.omega, WAVES if self._hauls else 0.0)
+        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
+        low, middle, high = map(model.running_resistance, (10.0, 20.0, 30.0))
+        curvature = (high - 2.0 * middle + low) / 100.0
+        self._drag_slope = ((high - low) / 20.0 - 20.0 * curvature, curvature)
         half = model.consist.vehicles[0].length / 2.0
         self._ends = np.array([half, half - model.consist.length, p.overspeed])
         self.clear_state()
@@ -160,6 +163,7 @@ class Mpc(GuardedLaw):
             "delay_factor": repr(self._identification.factor),
             "actuator_gain": repr(self._identification.gain),
             "actuator_model": "wrong" if self._identification.model_is_wrong else "right",
+            "mass_error": repr(self._observer.mass_error),
             "speed_noise": repr(self._observer.speed_noise),
         }
 
@@ -175,28 +179,42 @@ class Mpc(GuardedLaw):
         """Compare the measured force with the commands; return True for a new delay, for the next step on."""
         in_flight = inputs.commands_in_flight
         last = in_flight[-1] if in_flight.size else np.array(self._last_force)
-        return self._identification.step(last, mean_over_units([1.0] * self.n, inputs.applied.tolist()))
+        pulls = float(self._identification.sent.min()) >= 0.0
+        moves = pulls or abs(self.mean(inputs.velocity.tolist())) > self._rest_speed(IDENTIFICATION_SPEED)
+        return self._identification.step(last, mean_over_units([1.0] * self.n, inputs.applied.tolist()), moves)
+
+    def _stands(self, speed: float, reference: float) -> bool:
+        """Return True at standstill by measured and estimated speed [m/s]."""
+        estimated = speed if self._observer.stands else reference + self._observer.speed_error
+        return abs(speed) < self._rest_speed(STANDSTILL_SPEED) and abs(estimated) < STANDSTILL_SPEED + 3.0 * (
+            self._observer.speed_noise if self._observer.stands else 0.0
+        )
+
+    def _rest_speed(self, smallest: float) -> float:
+        """Return the measured speed below which the train can be at standstill [m/s]."""
+        return smallest + 3.0 * self._observer.speed_noise
 
     def _wanted(self, inputs: LawInput) -> list[float]:
         """Return the force of the plan for every unit [N]."""
         model, ahead = self.model, inputs.lookahead
         resisting = self._observe(inputs)
-        required = model.inertia * ahead.acceleration + ahead.resistance
+        inertia = self._inertia = model.inertia / (1.0 + self._mass_error())
+        required = inertia * ahead.acceleration + ahead.resistance
         feedforward = self._feedforward(required)
         count = self._ticks + 1
-        disturbance = self._observer.disturbance - (resisting - float(ahead.resistance[0])) / model.inertia
+        self._beyond_reference = resisting - float(ahead.resistance[0])
+        disturbance = self._unexplained - self._beyond_reference / inertia
         motion = np.array([self._observer.position_error, self._observer.speed_error, disturbance, 0.0])
         gain = self._identification.gain
         sent = self._identification.sent if self.parameters.identify else inputs.commands_in_flight
         free_motion(
-            motion, inputs.applied, gain * sent, required[:count], self._actuators, model.tick, model.lag,
-            model.inertia,
+            motion, inputs.applied, gain * sent, required[:count], self._actuators, model.tick, model.lag, inertia,
         )  # fmt: skip
         errors = np.empty((2, self._nodes.size))
         free_errors(motion, self._nodes, model.lag, errors[0], errors[1])
-        rise = (plain_sum(feedforward) - required[count - 1]) / model.inertia - motion[3]
+        rise = (plain_sum(feedforward) - required[count - 1]) / inertia - motion[3]
         if model.lag == 0.0:
-            rise = (plain_sum(feedforward) - plain_sum(self._last_force)) / model.inertia - disturbance
+            rise = (plain_sum(feedforward) - gain * plain_sum(self._last_force)) / inertia - disturbance
         total = self._decide(inputs, required, errors, disturbance, rise, plain_sum(feedforward))
         added = total - plain_sum(feedforward)
         return [(force + added * share) / gain for force, share in zip(feedforward, self.share, strict=True)]
@@ -210,15 +228,26 @@ class Mpc(GuardedLaw):
         place = mean_over_units(self.share, (inputs.position + model.offsets).tolist())
         position_error, speed_error = place - float(inputs.lookahead.position[0]), speed - reference
         force = mean_over_units([1.0] * self.n, inputs.applied.tolist())
-        if self._before is None or abs(speed) < STANDSTILL_SPEED:
-            self._observer.restart(position_error, speed_error)
+        by_line = model.line_force(model.front(inputs.position)) / model.inertia
+        if self._before is None or self._stands(speed, reference):
+            self._observer.stand(position_error, speed, place, reference)
+            regressor = by_line
         else:
             force_before, resisting_before, reference_before = self._before
             drive = self._weight * force_before + (1.0 - self._weight) * force
             pull = (drive - 0.5 * (resisting_before + resisting)) / model.inertia
-            self._observer.step(position_error, speed_error, pull - (reference - reference_before) / self.period)
+            regressor = pull + by_line
+            change = (reference - reference_before) / self.period
+            self._observer.step(position_error, speed_error, pull - change, regressor)
         self._before = (force, resisting, reference)
+        mass_error = self._mass_error()
+        rest = (self._observer.mass_error - mass_error) * regressor
+        self._unexplained = self._observer.disturbance + mass_error * by_line + rest
         return resisting
+
+    def _mass_error(self) -> float:
+        """Return the part of the estimated error of the mass that the measurements support."""
+        return self._observer.mass_error * self._observer.mass_known if self.parameters.identify else 0.0
 
     def _feedforward(self, required: Array) -> list[float]:
         """Return the force of every unit that gives the required force at the time of its effect [N]."""
@@ -236,19 +265,20 @@ class Mpc(GuardedLaw):
         self, inputs: LawInput, required: Array, errors: Array, disturbance: float, rise: float, feedforward: float
     ) -> float:
         """Return the total force of the plan for now [N]."""
-        model, last = self.model, plain_sum(self._last_force)
+        last = plain_sum(self._last_force)
         at_nodes = required[self._entries - 1 :].copy()
         at_nodes[0] = feedforward
         later = inputs.lookahead
         reference = np.array([later.position[self._entries - 1 :], later.velocity[self._entries - 1 :]])
         allowed = np.empty(5 * self._nodes.size)
-        now = np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
+        now = self._identification.gain * np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
+        side = self._sides[int(last < 0.0)]
+        drag = (self._beyond_reference, *self._drag_slope)
         bounds(
-            at_nodes, reference, self._limits, self._ends, now, errors, self._tables, model.inertia,
-            self.parameters.jerk, self._steps, disturbance, rise,
+            at_nodes, reference, self._limits, self._ends, now, errors, (side.response_velocity, self._plan), drag,
+            self._tables, self._inertia, self.parameters.jerk, self._steps, disturbance, rise,
             float(required[self._ticks]), allowed,
         )  # fmt: skip
-        side = self._sides[int(last < 0.0)]
         gradients = (side.gradient_position, side.gradient_velocity)
         exchanges = decide(
             gradients, side.inverse, side.limited, side.dual, side.constraints, errors, allowed, self._active,
@@ -261,7 +291,7 @@ class Mpc(GuardedLaw):
         else:
             self._most_exchanges = max(self._most_exchanges, exchanges)
             self._limited_steps += bool(self._active.any())
-        return feedforward + model.inertia * (float(self._plan[0]) - disturbance)
+        return feedforward + self._inertia * (float(self._plan[0]) - disturbance)
 
 
 def _through_lag(table: list[float], place: float, lag: float) -> float:
@@ -275,12 +305,15 @@ def default_omega(model: TrainModel) -> float:
     """Return the pole of the closed loop from delay, lag and the wave impedance of the couplers [rad/s]."""
     dead = max(float(model.delay.max()), float(model.delay_brake.max())) + model.lag
     omega = min(1.0, 0.7 / dead if dead > 0.0 else 1.0)
-    vehicles = model.consist.vehicles
-    if len(vehicles) > model.n_units:
-        stiffness = min(map(mean_stiffness, model.consist.gears))
-        impedance = math.sqrt(stiffness * model.mass / len(vehicles))
-        omega = min(omega, model.n_units * impedance / (3.0 * model.inertia))
+    if len(model.consist.vehicles) > model.n_units:
+        omega = min(omega, model.n_units * model.mass / (3.0 * model.inertia * wave_time(model)))
     return omega
+
+
+def wave_time(model: TrainModel) -> float:
+    """Return the time of a wave through all couplers of a train [s]; mass over it is the wave impedance."""
+    count = len(model.consist.vehicles)
+    return math.sqrt(model.mass * count / min(map(mean_stiffness, model.consist.gears)))
 
 
 def mean_stiffness(gear: Any) -> float:
