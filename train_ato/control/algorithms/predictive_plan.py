@@ -112,7 +112,21 @@ def lowest_limit(limits, front, rear):
 
 @compiled
 def bounds(
-    required, reference, limits, ends, now, errors, plan, drag, tables, mass, jerk, steps, disturbance, rise, at_effect,
+    required,
+    reference,
+    limits,
+    ends,
+    now,
+    errors,
+    plan,
+    drag,
+    tables,
+    mass,
+    jerk,
+    steps,
+    disturbance,
+    rise,
+    at_effect,
     allowed,
 ):
     """Compute the right-hand side b of A z <= b.

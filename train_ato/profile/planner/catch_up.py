@@ -11,7 +11,6 @@ from plant_sim.line import Line
 from train_ato.profile.planner.assembly import Plan
 from train_ato.profile.planner.driving_strategy import SectionInputs
 from train_ato.profile.planner.journey_plan import JourneyPlanner, JourneyStart, Lateness
-from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
 from train_ato.profile.planner.plan_from_state import STOP_TOLERANCE, TrainState, relaxed_settings
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.stops import stops_of
@@ -72,8 +71,7 @@ def catch_up(
     plain = settings.model_copy(update={"time": None, "points": None, "departure": state.time})
     for attempt in relaxed_settings(plain):
         train = TrainTables(consist, attempt.speed_max, attempt.air_brake, attempt.point_mass, available)
-        force = LineForce(line, train, attempt.grade_over_length)
-        inputs = SectionInputs(train, force, SpeedLimits(line, train.speed_max), attempt)
+        inputs = SectionInputs.of_line(line, consist, train, attempt)
         front, speed = state.position + train.half, max(state.velocity, 0.0)
         ahead = tuple(point for point in points if point.at > front + STOP_TOLERANCE)
         if not ahead:

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plant_sim.consist import Consist
+from plant_sim.line import Line
 from train_ato.messages.types import Array
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
-from train_ato.profile.planner.place_limits import PlaceLimits
+from train_ato.profile.planner.place_limits import PlaceLimits, place_limits
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import TrainTables
 
@@ -76,6 +78,13 @@ class SectionInputs:
     limits: SpeedLimits
     settings: PlanSettings
     places: PlaceLimits | None = None
+
+    @classmethod
+    def of_line(cls, line: Line, consist: Consist, train: TrainTables, settings: PlanSettings) -> SectionInputs:
+        """Return the inputs of all sections of a train on a line."""
+        force = LineForce(line, train, settings.grade_over_length)
+        limits = SpeedLimits(line, train.speed_max)
+        return cls(train, force, limits, settings, place_limits(line, consist, train))
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.formats.fields import Fields, finite_number, read_data
-from plant_sim.library import build_model
+from plant_sim.input_error import build_model
 from plant_sim.line import Line
 from train_ato.profile.planner.timing_points import JourneyFile
 

@@ -15,8 +15,6 @@ from plant_sim.line import Line
 from train_ato.messages.types import Array
 from train_ato.profile.planner.assembly import Plan, assemble_plan
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, SectionInputs
-from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
-from train_ato.profile.planner.place_limits import place_limits
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import AvailableForce, TrainTables
@@ -115,10 +113,7 @@ def _replan(
     available: AvailableForce | None,
 ) -> Plan:
     train = TrainTables(consist, settings.speed_max, settings.air_brake, settings.point_mass, available)
-    force = LineForce(line, train, settings.grade_over_length)
-    inputs = SectionInputs(
-        train, force, SpeedLimits(line, train.speed_max), settings, place_limits(line, consist, train)
-    )
+    inputs = SectionInputs.of_line(line, consist, train, settings)
     front = state.position + train.half
     legs = _remaining_legs(profile, train.half, front)
     if not legs:

@@ -14,7 +14,6 @@ from train_ato.profile.planner.assembly import Plan, assemble_plan
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs
 from train_ato.profile.planner.journey_plan import plan_journey
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
-from train_ato.profile.planner.place_limits import place_limits
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.stops import stops_of
@@ -59,9 +58,7 @@ def plan(
     """
     settings = settings or PlanSettings()
     train = TrainTables(consist, settings.speed_max, settings.air_brake, settings.point_mass, available, reduction)
-    force = LineForce(line, train, settings.grade_over_length)
-    limits = place_limits(line, consist, train)
-    inputs = SectionInputs(train, force, SpeedLimits(line, train.speed_max), settings, limits)
+    inputs = SectionInputs.of_line(line, consist, train, settings)
     if settings.points is not None:
         return plan_journey(inputs, line, settings.points, period)
     stops = stops_of(line, settings)
@@ -84,6 +81,8 @@ def plan(
 
 def traction_work_bound(result: Plan) -> float:
     """Return a lower bound of the traction work of every plan with the running time of a plan [J].
+
+    Limits of forces by place are left out: without them, a plan needs no more work.
 
     Raises
     ------
