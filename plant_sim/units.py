@@ -89,9 +89,9 @@ def _scalars(value: Any) -> list[Any]:
     return [scalar for entry in value for scalar in _scalars(entry)] if isinstance(value, (list, tuple)) else [value]
 
 
-def _type_mismatch(annotation: Any, value: Any) -> str | None:
+def _type_mismatch(kinds: set[Any], value: Any) -> str | None:
     """Return the error text for a value that pydantic would convert (true to 1, '5' to 5); None for others."""
-    kinds, scalars = _types_in(annotation), _scalars(value)
+    scalars = _scalars(value)
     if kinds & {int, float}:
         if bool not in kinds and any(isinstance(scalar, bool) for scalar in scalars):
             return "input should be a number, not true or false"
@@ -150,6 +150,14 @@ def _suffixed_keys(model: type[BaseModel]) -> dict[str, tuple[str, float]]:
     return keys
 
 
+@cache
+def _types_by_key(model: type[BaseModel]) -> dict[str, set[Any]]:
+    """Return the plain types of every key, with and without a suffix; every validation of the model needs them."""
+    types = {name: _types_in(field.annotation) for name, field in model.model_fields.items()}
+    found = {field.alias or name: types[name] for name, field in model.model_fields.items()}
+    return found | {key: types[name] for key, (name, _) in _suffixed_keys(model).items()}
+
+
 class SiModel(BaseModel):
     """Base of the models of data files: no unknown keys, finite numbers, unit suffixes."""
 
@@ -165,7 +173,7 @@ class SiModel(BaseModel):
     def _to_si(cls, data: Any) -> Any:
         if not isinstance(data, dict):
             return data
-        suffixed = cls.suffixed_keys()
+        suffixed = _suffixed_keys(cls)
         result = dict(data)
         for key in data:
             if key in suffixed and key not in cls.model_fields:
@@ -179,12 +187,10 @@ class SiModel(BaseModel):
     @classmethod
     def _check_types(cls, data: dict[Any, Any]) -> None:
         """Raise ValidationError for values of another type than that of their key."""
-        suffixed = cls.suffixed_keys()
-        names = {field.alias or name: name for name, field in cls.model_fields.items()}
+        known = _types_by_key(cls)
         errors: list[InitErrorDetails] = []
         for key, value in data.items():
-            name = suffixed[key][0] if key in suffixed else names.get(key)
-            wanted = _type_mismatch(cls.model_fields[name].annotation, value) if name else None
+            wanted = _type_mismatch(known[key], value) if key in known else None
             if wanted:
                 errors.append({"type": PydanticCustomError("type_mismatch", wanted), "loc": (key,), "input": value})
         if errors:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from train_ato.errors import FirstFailure
 from train_ato.interrupt import Interrupt, interruptible
@@ -17,14 +17,14 @@ from train_ato.loop.rate_limit import RateLimit
 from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.result import Progress, RunResult
 from train_ato.loop.setup import RunSetup
-from train_ato.loop.spans.conditions import spans_possible
-from train_ato.loop.spans.span import CompiledSpans
-from train_ato.loop.spans.stages import Stages
 from train_ato.loop.stage_messages import Published
 from train_ato.loop.step_times import StepTimes
 from train_ato.loop.supervisor import SupervisorStage
 from train_ato.loop.trajectories import profile_of
 from train_ato.messages.types import AtoReport
+
+if TYPE_CHECKING:
+    from train_ato.loop.spans.span import CompiledSpans
 
 COMPILED_FROM = 2000
 """Number of ticks from which a run uses compiled ticks: loading them takes as long as some hundred ticks."""
@@ -119,12 +119,8 @@ class TickLoop:
         self.ticks = 0
         self.active = "engine"
         self._sink = sink
+        self._setup, self._spans_wanted = setup, compiled
         self._spans: CompiledSpans | None = None
-        if compiled and spans_possible(setup):
-            stages = Stages(setup, self.plant, self.profile, self.observer, self.controller, self.supervisor)
-            self._spans = CompiledSpans(
-                stages, self.recording, None if sink is None else self._publish, getattr(sink, "add_ticks", None)
-            )
 
     def _publish(self, stamp: int, messages: Published) -> None:
         self.recording.extend(messages)
@@ -176,6 +172,8 @@ class TickLoop:
 
     def advance(self) -> None:
         """Run the ticks up to the next event in compiled code if the run permits it, otherwise one tick."""
+        if self._spans_wanted and self.ticks:  # the first tick is one in Python and does not wait for their code
+            self._spans_wanted, self._spans = False, self._new_spans()
         if self._spans is not None:
             self.active = "compiled ticks"
             self._spans.ato = self._ato
@@ -184,6 +182,19 @@ class TickLoop:
                 self._ato = self._spans.ato
                 return
         self.tick()
+
+    def _new_spans(self) -> CompiledSpans | None:
+        """Return the compiled ticks of the run, None if it does not permit them."""
+        from train_ato.loop.spans.conditions import spans_possible  # late imports: only long runs need them
+        from train_ato.loop.spans.span import CompiledSpans
+        from train_ato.loop.spans.stages import Stages
+
+        setup, sink = self._setup, self._sink
+        if not spans_possible(setup):
+            return None
+        stages = Stages(setup, self.plant, self.profile, self.observer, self.controller, self.supervisor)
+        publish = None if sink is None else self._publish
+        return CompiledSpans(stages, self.recording, publish, getattr(sink, "add_ticks", None))
 
     def conclude(self) -> None:
         """Send the state after the last tick."""

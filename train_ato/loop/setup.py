@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -271,15 +271,23 @@ class RunSetup:
 def _block_yaml(key: str, value: Any) -> str:
     """Return a top-level key of a resolved scenario with its value as YAML."""
     if not isinstance(value, dict) or not value:
-        return _yaml_of(json.dumps({key: value}))
-    parts = [_yaml_of(json.dumps({key: {name: entry}})) for name, entry in value.items()]
+        return _yaml_of({key: value})
+    parts = [_yaml_of({key: {name: entry}}) for name, entry in value.items()]
     return f"{key}:\n" + "".join(part.partition("\n")[2] for part in parts)
 
 
-@lru_cache(maxsize=256)
-def _yaml_of(text: str) -> str:
-    """Return JSON as YAML; the runs of a study have most of their text in common."""
-    return yaml.safe_dump(json.loads(text), sort_keys=False, allow_unicode=True, width=120)
+_texts = PartCache(256)
+"""YAML of parts of resolved scenarios; the runs of a study have most of it in common."""
+
+
+def _yaml_of(value: dict[str, Any]) -> str:
+    """Return plain data as YAML, without anchors for shared parts."""
+    return _texts.get(value, lambda: _dumped(json.loads(json.dumps(value))))
+
+
+def _dumped(value: dict[str, Any]) -> str:
+    text: str = yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=120)
+    return text
 
 
 def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None) -> RunSetup:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -161,6 +162,7 @@ def _replace(block: Any, path: str, source: str | Path, quiet: bool) -> Any:
     return result
 
 
+@lru_cache(maxsize=4096)  # the scenarios of a study have their keys in common
 def _present_name(path: str, key: Any) -> Any:
     for suffix in UNIT_SUFFIXES:
         if isinstance(key, str) and key.endswith(suffix):

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train_ato.control.algorithms.force_shares import PAIRWISE, mean_over_units
-from train_ato.control.command_history import CommandHistory
 from train_ato.control.compensation.predictor import Predictor
 from train_ato.control.compiled.train_packing import train_constants
 from train_ato.messages.types import Array
@@ -38,19 +37,19 @@ _STEP = Predictor.step
 """The step with a compiled form: a step that a program replaces at run time has none."""
 
 
-def packed_prediction(compensation: Any, history: CommandHistory) -> PackedPrediction:
+def packed_prediction(compensation: Any, oldest: int) -> PackedPrediction:
     """Return the arrays of a compensation, empty for one without a compiled prediction.
 
     Parameters
     ----------
     compensation
         Delay compensation with a profile.
-    history
-        Commands in flight.
+    oldest
+        Number of commands in flight.
     """
     if type(compensation) is not Predictor:
         return PackedPrediction(np.zeros(0), np.zeros((0, 0), dtype=np.int64), np.zeros(0))
-    model, rigid, oldest = compensation.model, compensation.rigid, len(history._commands)
+    model, rigid = compensation.model, compensation.rigid
     delay = mean_over_units(model.share.tolist(), compensation.forward)
     if delay <= 0.0:
         return PackedPrediction(np.zeros(0), np.zeros((0, model.n_units), dtype=np.int64), np.zeros(0))

@@ -126,7 +126,7 @@ class CompiledSpans:
         profile = self.stages.profile.profile
         if self._forecast is None or not self._forecast.is_of(profile, stack):
             self._forecast = Forecast(self.stages.setup, profile, stack)
-            self._prediction = packed_prediction(stack._compensation, stack._history)
+            self._prediction = packed_prediction(stack._compensation, len(stack._history._commands))
         return self._forecast
 
     @property
