@@ -27,12 +27,14 @@ VEHICLE_ROWS = 12
 # DRIVE_FORCE: traction and outside force. BRAKE_CAPACITY: electric brake force, a dry friction capacity.
 # FRICTION_SHARE: part of the friction capacity that acts in this step, with its sign, of a braking power unit.
 # SPEED_BEFORE: speed before this step, of power units and vehicles with an outside force.
+# SPEED_AFTER, VISCOUS, GRADE_FORCE: speed after this step, viscous resistance and grade force of a train that runs on.
 (
     X, V, DRIFT, XDOT, COUPLER, DRIVE_FORCE, BRAKE_CAPACITY, GRADE_A, GRADE_B, CURVE, PIECE_BEGIN, PIECE_END,
     CYLINDER, TARGET, RESERVOIR, SUPPLY, SHOE_FORCE, FRICTION_SHARE, SPEED_BEFORE,
     WORK_RUNNING, WORK_GRADE, WORK_CURVE, WORK_COUPLER, WORK_AIR, WORK_HOLD, WORK_OUTSIDE,
-) = range(26)  # fmt: skip
-STATE_ROWS = 26
+    SPEED_AFTER, VISCOUS, GRADE_FORCE,
+) = range(29)  # fmt: skip
+STATE_ROWS = 29
 # Rows of `vehicle_index` (integers). ORDER, PARTED_ORDER: vehicles by rising distance of each of the two.
 PIECE, NEWEST, ORDER, PARTED_ORDER = range(4)
 VEHICLE_INDEX_ROWS = 4
@@ -207,10 +209,29 @@ def _tabulated(a, b, x, v, state, vehicle, gear, table):
 
 
 @compiled(into_caller=True, allocates=False)
-def coupler_forces(x, v, state, vehicle, gear, table, run):
-    """Compute the force of every coupler; those of rigid couplers follow in :func:`_bodies`."""
+def _longest_run(run):
+    """Return number, first and end of the longest run of equal draft gears of the kind clip; (-1, 0, 0) without one."""
+    longest, first, end = -1, 0, 0
+    for r in range(run.shape[0]):
+        a, b = run[r, FIRST], run[r, RUN_END]
+        if run[r, KIND] == CLIP and run[r, EQUAL] > 0 and b - a > end - first:
+            longest, first, end = r, a, b
+    return longest, first, end
+
+
+@compiled(into_caller=True, allocates=False)
+def coupler_forces(x, v, state, vehicle, gear, table, run, longest):
+    """Compute the force of every coupler; those of rigid couplers follow in :func:`_bodies`.
+
+    ``longest`` has the values of :func:`_longest_run`. The bounds of its loop are constant in all steps, so that the
+    compiler tests once per tick, not once per step, that the rows of the arrays do not overlap.
+    """
+    skipped, first, end = longest
+    _clip(first, end, True, x, v, state, vehicle, gear)
     for r in range(run.shape[0]):
         a, b, kind = run[r, FIRST], run[r, RUN_END], run[r, KIND]
+        if r == skipped:
+            continue
         if kind == CLIP:
             _clip(a, b, run[r, EQUAL] > 0, x, v, state, vehicle, gear)
         elif kind == LINEAR:
@@ -516,13 +537,48 @@ def _position(i, dt, rate, state):
 
 
 @compiled(into_caller=True, allocates=False)
+def _runs_on(i, dt, dry, state, vehicle):
+    """Compute the speed after this step for a vehicle that runs forward; return True if it runs forward.
+
+    ``dry`` is the friction capacity [N], >= 0. If the speed is > 0 with it, it is larger without it: all of the
+    capacity acts, with the sign -1, and the speed is that of :func:`_speed`. The state before the step is kept.
+    """
+    free, stop, viscous, grade, _ = _free_and_stop(i, dt, dry, state, vehicle)
+    after = free - stop
+    state[SPEED_AFTER, i], state[VISCOUS, i], state[GRADE_FORCE, i] = after, viscous, grade
+    return after > 0.0
+
+
+@compiled(into_caller=True, allocates=False)
+def _run_on(i, dt, state, vehicle):
+    """Add up the works of vehicle i after :func:`_runs_on`, and set its speed; return its displacement [m]."""
+    after = state[SPEED_AFTER, i]
+    moved = 0.5 * dt * (state[V, i] + after)
+    couplers = state[COUPLER, i] - state[COUPLER, i + ONE]
+    state[WORK_RUNNING, i] += state[VISCOUS, i] * moved - vehicle[C0, i] * moved
+    state[WORK_GRADE, i] += state[GRADE_FORCE, i] * moved
+    state[WORK_CURVE, i] -= state[CURVE, i] * moved
+    state[WORK_COUPLER, i] += couplers * moved
+    state[V, i] = after
+    return moved
+
+
+@compiled(into_caller=True, allocates=False)
 def _speeds(dt, state, vehicle):
     """Compute speeds, works and positions of a train without shoe forces, holding brake and drift.
 
-    Return the number of vehicles that left their piece of line.
+    Return the number of vehicles that left their piece of line. If all vehicles run forward, two loops with short
+    chains of dependent operations and without a division replace one with a long chain, with the same bits.
     """
-    left = 0
-    for i in range(uint64(vehicle.shape[1])):
+    n, running, left = vehicle.shape[1], 0, 0
+    for i in range(uint64(n)):
+        running += _runs_on(i, dt, _capacity(i, state, vehicle), state, vehicle)
+    if running == n:
+        for i in range(uint64(n)):
+            _run_on(i, dt, state, vehicle)
+            left += _position(i, dt, state[V, i], state)
+        return left
+    for i in range(uint64(n)):
         _speed(i, dt, _capacity(i, state, vehicle), state, vehicle)
         left += _position(i, dt, state[V, i], state)
     return left
@@ -531,8 +587,16 @@ def _speeds(dt, state, vehicle):
 @compiled(into_caller=True, allocates=False)
 def _braked_speeds(dt, state, vehicle):
     """Do the same as :func:`_speeds` with shoe forces."""
-    left = 0
-    for i in range(uint64(vehicle.shape[1])):
+    n, running, left = vehicle.shape[1], 0, 0
+    for i in range(uint64(n)):
+        dry = _capacity(i, state, vehicle) + state[SHOE_FORCE, i]
+        running += _runs_on(i, dt, dry, state, vehicle)
+    if running == n:
+        for i in range(uint64(n)):
+            state[WORK_AIR, i] -= state[SHOE_FORCE, i] * _run_on(i, dt, state, vehicle)
+            left += _position(i, dt, state[V, i], state)
+        return left
+    for i in range(uint64(n)):
         shoes = state[SHOE_FORCE, i]
         sliding, moved = _speed(i, dt, _capacity(i, state, vehicle) + shoes, state, vehicle)
         state[WORK_AIR, i] += shoes * sliding * moved
@@ -672,6 +736,8 @@ def advance(
     has_drift = setting[HAS_DRIFT] > 0.0
     rigid = len(body) - 1 < n
     x, v, xdot, drift = state[X], state[V], state[XDOT], state[DRIFT]
+    rate = xdot if has_drift else v
+    longest = _longest_run(run)
     braked = events > 0 or _brake_moves(state, n)
     for k in range(demand.shape[0]):
         if braked:
@@ -686,9 +752,7 @@ def advance(
         if has_drift:
             for i in range(n):
                 xdot[i] = v[i] + drift[i]
-            coupler_forces(x, xdot, state, vehicle, gear, table, run)
-        else:
-            coupler_forces(x, v, state, vehicle, gear, table, run)
+        coupler_forces(x, rate, state, vehicle, gear, table, run, longest)
         _units(demand[k], dt, state, unit, unit_index, envelope, setting)
         if braked and setting[ADHESION_LIMITED] > 0.0:
             _slide_protection(state, vehicle, setting[RAIL_BY_SPEED] > 0.0)

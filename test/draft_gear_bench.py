@@ -48,6 +48,6 @@ def force_along(gear: DraftGear, deflection: Array, step: float) -> Array:
     for j, (stretch, speed) in enumerate(zip(deflection, rate, strict=True)):
         x[0] = x[1] + vehicle[k.GAP, 0] + stretch
         v[0] = v[1] + speed
-        k.coupler_forces(x, v, state, vehicle, columns, table, run)
+        k.coupler_forces(x, v, state, vehicle, columns, table, run, k._longest_run(run))
         force[j] = state[k.COUPLER, 1]
     return force

@@ -27,7 +27,7 @@ from train_ato.loop.spans.supervised import SupervisedTicks
 from train_ato.messages.links import LinkSpec
 from train_ato.scenario.changes import requested_stamp
 
-LONGEST, BRAKED = 256, 32
+LONGEST, BRAKED = 256, 128
 """Longest span, and longest one with forecasts of shoe forces, which cost more [ticks]."""
 
 

@@ -281,12 +281,23 @@ class SpanMessages:
         supervisor = {} if self._supervision is None else self._supervision.reports
         found: dict[int, Reports] = {index: (None, report, None, None, None) for index, report in supervisor.items()}
         totals = self._train.totals_at_each(*(values[: len(due)] for values in arrays.reports))
+        observer: Diagnostic | None = None
+        controllers: dict[int, Diagnostic | None] = {}
         for index, sums in zip(due, totals, strict=True):
-            stamp = int(self._stamps[index])
+            stamp, at_limit = int(self._stamps[index]), int(arrays.at_limit[index + 1])
             plant = stages.plant.diagnostic_at(stamp, sums)
-            now, stack._saturated_steps = stack._saturated_steps, int(arrays.at_limit[index + 1])
-            controller = stages.controller.diagnostic(stamp)
-            stack._saturated_steps = now
-            others = (stages.profile.diagnostic(stamp), stages.observer.diagnostic(stamp), controller)
-            found[index] = (plant, supervisor.get(index), *others)
+            observer = stages.observer.diagnostic(stamp) if observer is None else _at_stamp(observer, stamp)
+            controller = controllers.get(at_limit)
+            if controller is None:
+                now, stack._saturated_steps = stack._saturated_steps, at_limit
+                controller = controllers[at_limit] = stages.controller.diagnostic(stamp)
+                stack._saturated_steps = now
+            else:
+                controller = _at_stamp(controller, stamp)
+            found[index] = (plant, supervisor.get(index), stages.profile.diagnostic(stamp), observer, controller)
         return found
+
+
+def _at_stamp(report: Diagnostic, stamp: int) -> Diagnostic:
+    """Return the same diagnostics at another stamp [ns]."""
+    return Diagnostic(stamp, report.node, report.level, report.message, dict(report.values))
