@@ -224,6 +224,8 @@ def test_a_railml_path_by_hand(railml: Path) -> None:
     assert [(e.begin, e.side) for e in back.curves] == [(900, "right")] and back.temporary_restrictions == ()
     assert {round(3.6 * e.speed) for e in back.speed_limits} == {60}
     assert "functionalInfrastructure.signals" in named_line(f"{railml}:a01..x01").left_out
+    with pytest.raises(ValueError, match="no path between these tracks"):
+        load_line(f"{railml}:a01..a02")
 
 
 @pytest.mark.parametrize(
