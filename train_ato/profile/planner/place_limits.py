@@ -64,7 +64,7 @@ class PlaceLimits:
         ]
         rows, which = np.unique(np.concatenate(zones), axis=0, return_inverse=True)
         reserves = np.stack([self._reserve(tuple(int(zone) for zone in row)) for row in rows])
-        first, last = which.ravel()[: grid.cells], which.ravel()[grid.cells :]
+        first, last = which.ravel()[: grid.cells].tolist(), which.ravel()[grid.cells :].tolist()
         air = np.maximum(*(self.tunnel_coefficient(places) for places in (grid.places[:-1], grid.places[1:])))
         air = air / self._train.inertia
         traction = self._train.traction * (1.0 - reserves[:, 0])
@@ -82,7 +82,7 @@ class PlaceLimits:
         low: Array,
         begin_energy: float,
         rates: tuple[float, float],
-        available: tuple[Array, Array, Array, Array],
+        available: tuple[Array, list[int], list[int], Array],
     ) -> Array:
         """Return an upper bound of the speed at every place [m/s]: full traction without braking for a limit ahead.
 
@@ -93,8 +93,8 @@ class PlaceLimits:
         table = ((keep * traction - train.resistance) / train.inertia).tolist()
         spacing, end = float(train.speed[1]), train.speed.size - 1
         energy, bound = begin_energy, [begin_energy]
-        columns = (first, last, air, low, grid.steps, limit[1:] ** 2 / 2)
-        for one, other, drag, least, step, most in zip(*(column.tolist() for column in columns), strict=True):
+        columns = (column.tolist() for column in (air, low, grid.steps, limit[1:] ** 2 / 2))
+        for one, other, drag, least, step, most in zip(first, last, *columns, strict=True):
             index = min(int(math.sqrt(2.0 * energy) / spacing), end)
             rate = max(table[one][index], table[other][index]) - least - 2.0 * drag * energy
             energy = min(max(energy + step * min(rate, acceleration), 0.0), most)
