@@ -70,7 +70,6 @@ setup(
         "rosbags>=0.10.6",
         "pydantic>=2.7",
         "PyYAML>=6",
-        "defusedxml>=0.7",
         "rich>=13",
         "matplotlib>=3.8",
         "pillow>=9",

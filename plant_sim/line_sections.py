@@ -47,8 +47,8 @@ class PowerLimit(LineSection):
     @model_validator(mode="after")
     def _one_form(self) -> PowerLimit:
         electric = (self.current, self.voltage, self.efficiency)
-        given = sum(value is not None for value in electric)
-        if (self.power is None) == (given == 0) or given not in (0, len(electric)):
+        missing = electric.count(None)
+        if missing not in (0, len(electric)) or (self.power is None) == (missing > 0):
             raise ValueError("a power limit has power, or current with voltage and efficiency; give one of the two")
         return self
 

@@ -177,6 +177,16 @@ def test_a_plan_keeps_every_section(plans: dict[str, Plan]) -> None:
             assert speed[inside].max() <= 40 / 3.6 * (1 + 1e-6)
 
 
+def test_a_plan_in_a_tunnel_is_within_the_traction() -> None:
+    """Breaks if the tunnel air of a train that cannot keep the limit is not subtracted from its traction."""
+    weak = railcar(traction=[{"to": 2.5, "force": FORCE}, {"to": 60, "power": 250e3}])
+    line = plain_line(speed_limits=[{"at": 0, "speed_kmh": 100}], tunnels=[{**TUNNEL, "end": 3000}])
+    found = plan(line, weak, PlanSettings(begin=50, end=2900))
+    speed, power = np.array(found.profile.velocity), found.force * np.array(found.profile.velocity)
+    balance = ((1 - found.settings.force_margin) * 500e3 / 34) ** (1 / 3)  # traction = 34 v² N
+    assert power.max() <= 500e3 * (1 + 1e-6) and 0.95 * balance < speed.max() <= balance
+
+
 def test_the_plant_follows_the_plan_through_the_sections(plans: dict[str, Plan]) -> None:
     """The planned force, as feedforward, is reached everywhere; breaks if plant and plan limit differently."""
     for name in ("neutral", "power", "adhesion"):

@@ -1,8 +1,7 @@
 """Lines from networks of tracks: OSRD and railML 3.
 
-The files are written here in the layouts of the two formats. Lengths and gradients of the OSRD track TD0 are those of
-``tests/data/infras/small_infra`` of OSRD (LGPL-3.0), a line of 25 km; the railML topology is that of the railML.org
-"Simple Example" (version 11), with own curves and names.
+The files are written here in the layouts of the two formats. Length and gradients of the track TD0 are those of
+``tests/data/infras/etcs_infra`` of OSRD (Open Rail Association, LGPL-3.0), 25 km; all other figures are chosen here.
 """
 
 from __future__ import annotations
@@ -180,50 +179,52 @@ def point(name: str, element: str, where: str) -> str:
 RAILML = f"""<?xml version="1.0" encoding="UTF-8"?>
 <railML xmlns="https://www.railml.org/schemas/3.2" version="3.2"><infrastructure id="is">
 <topology><netElements>
-{net_element("a01", 0, 500)}{net_element("a02", 0, 500)}{net_element("a03", 500, 700)}
-{net_element("x01", 700, 4300, ' length="3600.0"')}
-<netElement id="a11"><elementCollectionUnordered><elementPart ref="a01"/></elementCollectionUnordered></netElement>
+{net_element("n1", 0, 500)}{net_element("n2", 0, 500)}{net_element("n3", 500, 700)}
+{net_element("n4", 700, 4300, ' length="3600.0"')}
+<netElement id="g1"><elementCollectionUnordered><elementPart ref="n1"/></elementCollectionUnordered></netElement>
 </netElements><netRelations>
-{relation("a01", 1, "a02", 1, "None")}{relation("a01", 1, "a03", 0)}{relation("a02", 1, "a03", 0)}
-{relation("a03", 1, "x01", 0)}{relation("a11", 0, "x01", 0)}
+{relation("n1", 1, "n2", 1, "None")}{relation("n1", 1, "n3", 0)}{relation("n2", 1, "n3", 0)}
+{relation("n3", 1, "n4", 0)}{relation("g1", 0, "n4", 0)}
 </netRelations></topology>
 <geometry><gradientCurves>
-{located("gradientCurve", 'curveType="straight" gradient="12.5"', 'netElementRef="x01" posBegin="300" posEnd="900">')}
+{located("gradientCurve", 'curveType="straight" gradient="12.5"', 'netElementRef="n4" posBegin="300" posEnd="900">')}
 </gradientCurves><horizontalCurves>
-{located("horizontalCurve", 'radius="-400"', 'netElementRef="x01" intrinsicCoordBegin="0.5" intrinsicCoordEnd="0.75">')}
+{located("horizontalCurve", 'radius="-400"', 'netElementRef="n4" intrinsicCoordBegin="0.5" intrinsicCoordEnd="0.75">')}
 </horizontalCurves></geometry>
 <functionalInfrastructure><speeds>
-{located("speedSection", 'vMax="80"', measured("a03", 600, 700), measured("x01", 700, 4300), direction="normal")}
-{located("speedSection", 'maxSpeed="60" isTemporary="false"', measured("x01", 1000, 700), direction="reverse")}
-{located("speedSection", 'maxSpeed="20" isTemporary="true"', measured("x01", 2400, 2550), direction="normal")}
+{located("speedSection", 'vMax="80"', measured("n3", 600, 700), measured("n4", 700, 4300), direction="normal")}
+{located("speedSection", 'maxSpeed="60" isTemporary="false"', measured("n4", 1000, 700), direction="reverse")}
+{located("speedSection", 'maxSpeed="20" isTemporary="true"', measured("n4", 2400, 2550), direction="normal")}
 </speeds><operationalPoints>
-{point("Adamov", "a11", '><linearCoordinate positioningSystemRef="lps" measure="300.0"/>')}
-{point("Bouzov", "x01", 'pos="3500.0">')}
+{point("Alder", "g1", '><linearCoordinate positioningSystemRef="lps" measure="300.0"/>')}
+{point("Birch", "n4", 'pos="3500.0">')}
 </operationalPoints><signals/></functionalInfrastructure></infrastructure></railML>
 """
 
 
 @pytest.fixture
 def railml(tmp_path: Path) -> Path:
-    file = tmp_path / "simple.railml"
+    file = tmp_path / "line.railml"
     file.write_text(RAILML)
     return file
 
 
 def test_a_railml_path_by_hand(railml: Path) -> None:
     """Breaks if one of the three forms of a location, a sign, a unit or the direction of a limit is read wrongly."""
-    line = load_line(f"{railml}:Adamov..Bouzov")
+    line = load_line(f"{railml}:Alder..Birch")
     assert line.end == 4300
     assert [(e.at, e.grade) for e in line.grades] == [(0, 0), (1000, 0.0125), (1600, 0)]
     assert [(e.begin, e.end, e.radius, e.side) for e in line.curves] == [(2500, 3400, 400, "left")]
     assert [(e.at, 3.6 * e.speed) for e in line.speed_limits] == [(0, pytest.approx(80))]
     assert [(e.begin, e.end, 3.6 * e.speed) for e in line.temporary_restrictions] == [(2400, 2550, pytest.approx(20))]
-    assert [(e.at, e.name) for e in line.stops] == [(300, "Adamov"), (4200, "Bouzov")]
-    back = load_line(f"{railml}:Bouzov..a02")
+    assert [(e.at, e.name) for e in line.stops] == [(300, "Alder"), (4200, "Birch")]
+    back = load_line(f"{railml}:Birch..n2")
     assert [(e.at, e.grade) for e in back.grades] == [(0, 0), (2700, -0.0125), (3300, 0)]
     assert [(e.begin, e.side) for e in back.curves] == [(900, "right")] and back.temporary_restrictions == ()
     assert {round(3.6 * e.speed) for e in back.speed_limits} == {60}
-    assert "functionalInfrastructure.signals" in named_line(f"{railml}:a01..x01").left_out
+    assert "functionalInfrastructure.signals" in named_line(f"{railml}:n1..n4").left_out
+    with pytest.raises(ValueError, match="no path between these tracks"):
+        load_line(f"{railml}:n1..n2")
 
 
 @pytest.mark.parametrize(
@@ -243,7 +244,7 @@ def test_a_faulty_railml_file_is_refused_in_one_line(railml: Path, before: str, 
     """Breaks if an entity is expanded, or a fault ends in a traceback."""
     railml.write_text(RAILML.replace(before, after))
     with pytest.raises(ValueError, match=message) as caught:
-        load_line(f"{railml}:a01..x01")
+        load_line(f"{railml}:n1..n4")
     assert "\n" not in str(caught.value) and str(railml) in str(caught.value)
 
 

@@ -3,7 +3,7 @@
 Read are topology, gradient and horizontal curves, speed sections, temporary ones included, and operational points.
 Gradients are in per mille, speeds in km/h, a radius > 0 turns to the right. A location is a position in m, an
 intrinsic coordinate from 0 to 1, or a measure of a linear positioning system. The element names are those of the
-schema; external entities, entity expansion and document types are refused by defusedxml.
+schema. Document types, and with them all entities, are refused.
 """
 
 from __future__ import annotations
@@ -90,6 +90,14 @@ def railml_line(path: Path, selection: str = "") -> tuple[Line, str, tuple[str, 
     return build_model(Line, data, place), "railML 3", _not_read(infrastructure)
 
 
+class _RefusedDocumentType(Exception):
+    """An XML file has a document type, which may declare entities."""
+
+
+def _refuse_document_type(*_: object) -> None:
+    raise _RefusedDocumentType
+
+
 def _root(path: Path) -> Element:
     """Return the root of an XML file without document type and entities.
 
@@ -98,20 +106,22 @@ def _root(path: Path) -> Element:
     ValueError
         One line with file and reason.
     """
-    from defusedxml.common import DefusedXmlException
-    from defusedxml.ElementTree import ParseError, parse
+    from xml.etree.ElementTree import ParseError, fromstring
+    from xml.parsers.expat import ExpatError, ParserCreate
 
     try:
         if path.stat().st_size > MAX_FILE_SIZE:
             raise ValueError(f"{path}: larger than {MAX_FILE_SIZE} bytes; give a file of a line")
-        root: Element = parse(path, forbid_dtd=True).getroot()
+        text = path.read_bytes()
+        first = ParserCreate()  # entities need a document type, so this parser refuses them before they are expanded
+        first.StartDoctypeDeclHandler = _refuse_document_type
+        first.Parse(text, True)
+        root = fromstring(text)
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.__class__.__name__}); give a readable file") from None
-    except DefusedXmlException as error:
-        raise ValueError(
-            f"{path}: {error.__class__.__name__}: document types and entities are refused; remove them"
-        ) from None
-    except (ParseError, LookupError, UnicodeError) as error:
+    except _RefusedDocumentType:
+        raise ValueError(f"{path}: DOCTYPE: document types and entities are refused; remove them") from None
+    except (ExpatError, ParseError, LookupError, UnicodeError) as error:
         raise ValueError(f"{path}: not valid XML: {' '.join(str(error).split())[:200]}; correct it") from None
     if _tag(root) != "railML":
         raise ValueError(f"{path}: root element '{_tag(root)[:60]}': must be railML of version 3; give such a file")

@@ -1,8 +1,8 @@
 """Limits by place on the forces of a plan: neutral sections, power limits, adhesion, and tunnel air.
 
 The passes of the planner have one reserve of traction and one of the brakes in every cell, a fraction of the whole
-force. Here it is the largest reserve of all speeds that the train can have in the cell, so that a plan is feasible on
-the plant at every speed; in a power-limited section it is exact where the train has its largest power.
+force. Here it is the largest reserve up to an upper bound of the speed in the cell, the speed under full traction, so
+that a plan is feasible on the plant; it is exact where the train has full traction. So is the tunnel air.
 """
 
 from __future__ import annotations
@@ -42,24 +42,64 @@ class PlaceLimits:
         self._reserves: dict[Zones, Array] = {}
         self._powers = [float((_forces(vehicle, train.speed)[0] * train.speed).max()) for vehicle in self._vehicles]
 
-    def over_cells(self, grid: PlaceGrid, speed: Array) -> Array:
-        """Return the reserves of traction and brakes in every cell, shape (2, cells).
+    def over_cells(
+        self, grid: PlaceGrid, limit: Array, low: Array, begin_energy: float, rates: tuple[float, float]
+    ) -> Array:
+        """Return the reserves of traction and brakes and the tunnel air [m/s²] in every cell, shape (3, cells).
 
         Parameters
         ----------
-        speed : Array, shape (cells,)
-            Upper bound of the speed in every cell [m/s].
+        limit : Array, shape (cells + 1,)
+            Speed limit [m/s].
+        low : Array, shape (cells,)
+            Smallest line force of a cell over the inertia [m/s²].
+        begin_energy
+            v²/2 at the begin of the grid [m²/s²].
+        rates
+            Largest acceleration [m/s²], and fraction of the traction that is used.
         """
-        found = np.zeros((2, grid.cells))
-        index = np.minimum(np.ceil(speed / self._train.speed[1]).astype(int), self._train.speed.size - 1)
-        for places in (grid.places[:-1], np.nextafter(grid.places[1:], -np.inf)):
-            zones = self._zones.at(places[:, None] - self._train.behind[None, :])
-            rows, which = np.unique(zones, axis=0, return_inverse=True)
-            for number, row in enumerate(rows):
-                cells = which.ravel() == number
-                reserve = self._reserve(tuple(int(zone) for zone in row))
-                found[:, cells] = np.maximum(found[:, cells], reserve[:, index[cells]])
-        return found
+        zones = [
+            self._zones.at(places[:, None] - self._train.behind[None, :])
+            for places in (grid.places[:-1], np.nextafter(grid.places[1:], -np.inf))
+        ]
+        rows, which = np.unique(np.concatenate(zones), axis=0, return_inverse=True)
+        reserves = np.stack([self._reserve(tuple(int(zone) for zone in row)) for row in rows])
+        first, last = which.ravel()[: grid.cells].tolist(), which.ravel()[grid.cells :].tolist()
+        air = np.maximum(*(self.tunnel_coefficient(places) for places in (grid.places[:-1], grid.places[1:])))
+        air = air / self._train.inertia
+        traction = self._train.traction * (1.0 - reserves[:, 0])
+        speed = self._speed_bound(grid, limit, low, begin_energy, rates, (traction, first, last, air))
+        most = np.maximum(speed[1:], speed[:-1])
+        index = np.minimum(np.ceil(most / self._train.speed[1]).astype(int), self._train.speed.size - 1)
+        growing = np.maximum.accumulate(reserves, axis=2)
+        found = np.maximum(growing[first, :, index], growing[last, :, index])
+        return np.concatenate((found.T, (air * most**2)[None]))
+
+    def _speed_bound(
+        self,
+        grid: PlaceGrid,
+        limit: Array,
+        low: Array,
+        begin_energy: float,
+        rates: tuple[float, float],
+        available: tuple[Array, list[int], list[int], Array],
+    ) -> Array:
+        """Return an upper bound of the speed at every place [m/s]: full traction without braking for a limit ahead.
+
+        The forces of a cell are those at its begin, where they are larger than behind it.
+        """
+        train, (acceleration, keep) = self._train, rates
+        traction, first, last, air = available
+        table = ((keep * traction - train.resistance) / train.inertia).tolist()
+        spacing, end = float(train.speed[1]), train.speed.size - 1
+        energy, bound = begin_energy, [begin_energy]
+        columns = (column.tolist() for column in (air, low, grid.steps, limit[1:] ** 2 / 2))
+        for one, other, drag, least, step, most in zip(first, last, *columns, strict=True):
+            index = min(int(math.sqrt(2.0 * energy) / spacing), end)
+            rate = max(table[one][index], table[other][index]) - least - 2.0 * drag * energy
+            energy = min(max(energy + step * min(rate, acceleration), 0.0), most)
+            bound.append(energy)
+        return np.sqrt(2.0 * np.array(bound))
 
     def tunnel_coefficient(self, front: Array) -> Array:
         """Return the additional air resistance over v² of the train at places of its front [N s²/m²]."""
@@ -74,14 +114,14 @@ class PlaceLimits:
         return total
 
     def _reserve(self, zones: Zones) -> Array:
-        """Return the reserves of traction and brakes up to every speed of the table, shape (2, n)."""
+        """Return the reserves of traction and brakes over the speed, shape (2, n)."""
         if zones not in self._reserves:
             traction, electric, air = self._available(zones)
             train = self._train
             have = np.stack((train.traction, train.brake))
             left = np.minimum(np.stack((traction, electric + air)), have)
             reserve = np.where(have > 0.0, 1.0 - left / np.maximum(have, 1e-9), 0.0)
-            self._reserves[zones] = np.maximum.accumulate(np.maximum(reserve, 0.0), axis=1)
+            self._reserves[zones] = np.maximum(reserve, 0.0)
         return self._reserves[zones]
 
     def _available(self, zones: Zones) -> tuple[Array, Array, Array]:

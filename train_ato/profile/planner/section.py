@@ -301,20 +301,14 @@ class PlanSection:
         return self._tables
 
     def _placed(self, grid: PlaceGrid, low: Array) -> Array | None:
-        """Return reserves of traction and brakes and tunnel air [m/s²] in every cell, at the highest possible speed.
-
-        The speed is bounded by the limit of the cell, and by the largest acceleration since the begin.
-        """
-        places, train = self.inputs.places, self.inputs.train
+        """Return reserves of traction and brakes and tunnel air [m/s²] in every cell; None without limits by place."""
+        places, settings = self.inputs.places, self.inputs.settings
         if places is None:
             return None
-        rate = float(train.traction[0]) / train.inertia + max(0.0, -float(low.min()))
-        rate = min(rate, _or_infinite(self.inputs.settings.acceleration))
-        energy = self.begin_speed**2 / 2 + rate * (grid.places[1:] - self.begin)
-        limit = self.inputs.limits.over_grid(grid, train.length)
-        speed = np.minimum(np.maximum(limit[1:], limit[:-1]), np.sqrt(2 * np.maximum(energy, 0.0)))
-        air = np.maximum(places.tunnel_coefficient(grid.places[:-1]), places.tunnel_coefficient(grid.places[1:]))
-        return np.concatenate((places.over_cells(grid, speed), (air * speed**2 / train.inertia)[None]))
+        limit = self.inputs.limits.over_grid(grid, self.inputs.train.length)
+        rates = _or_infinite(settings.acceleration), 1.0 - settings.force_margin
+        first = self.begin_speed + max(0.0, self.lead_acceleration * self.window / 2)
+        return places.over_cells(grid, limit, low, first**2 / 2, rates)
 
     @property
     def _service_rate(self) -> float:
