@@ -46,7 +46,7 @@ GROUPS: tuple[tuple[str, tuple[Row, ...]], ...] = (
         (
             Row("coupler_draft_max_kn", "coupler force, maximum draft", "kN", 0, "all couplers, all plant steps"),
             Row("coupler_buff_max_kn", "coupler force, maximum buff", "kN", 0, "all couplers, all plant steps"),
-            Row("coupler_damage", "coupler fatigue, all couplers", "", 3, "rainflow cycles; 1 per cycle of 1 MN, slope 5"),
+            Row("coupler_damage", "coupler fatigue, all couplers", "", 3, "rainflow; 1 per cycle of 1 MN, slope 5"),
             Row("coupler_damage_worst", "coupler fatigue, worst coupler", "", 4, "of one coupler"),
             Row("acceleration_max", "acceleration of vehicle 0, maximum", "m/s²", 3, "differences over 0.1 s"),
             Row("jerk_max", "jerk of vehicle 0, maximum", "m/s³", 2, "over 0.1 s, with the capture at standstill"),

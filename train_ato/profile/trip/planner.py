@@ -18,6 +18,7 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.summation import plain_sum
 from train_ato.control.air_brake.trip_policy import PlannedApplication
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.profile.driver import average_speed
 from train_ato.profile.planner.line_tables import SpeedLimits
@@ -60,6 +61,8 @@ class TripPlan:
         Journey of the reduced model.
     price : float
         Price of time [kWh/s].
+    model : TrainModel
+        Nominal train on its line.
     """
 
     profile: Profile
@@ -67,6 +70,7 @@ class TripPlan:
     run: TripRun
     journey: Journey
     price: float
+    model: TrainModel
 
     @property
     def running_time(self) -> float:
@@ -149,7 +153,7 @@ class TripPlanner:
         run = follow_journey(self._model, self._settings, journey, journey.applications)
         self._check_limits(run)
         applications = tuple(self._planned(entry, run) for entry in journey.applications)
-        return TripPlan(self._profile(run), applications, run, journey, price)
+        return TripPlan(self._profile(run), applications, run, journey, price, self._model)
 
     def _check_limits(self, run: TripRun) -> None:
         """Check that the run of the nominal train keeps the speed limits.
