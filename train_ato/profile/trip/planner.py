@@ -1,5 +1,7 @@
 """Trip planner: journey of least cost, run of the whole train along it, profile and applications from this run.
 
+Plans of one train for one set of limits; :mod:`.objective` varies the limits for a weight of the fatigue.
+
 1. A dynamic programming on the reduced model decides traction, electric brake and applications (:mod:`.search`).
 2. The nominal train with all vehicles is driven along this journey (:mod:`.driven_run`).
 3. The running time of 2 corrects the price of time of 1, until the timetable is kept.
@@ -63,6 +65,8 @@ class TripPlan:
         Price of time [kWh/s].
     model : TrainModel
         Nominal train on its line.
+    settings : TripSettings
+        Limits of the plan.
     """
 
     profile: Profile
@@ -71,6 +75,7 @@ class TripPlan:
     journey: Journey
     price: float
     model: TrainModel
+    settings: TripSettings
 
     @property
     def running_time(self) -> float:
@@ -81,6 +86,13 @@ class TripPlan:
     def coupler_max(self) -> float:
         """Largest coupler force of the nominal train, draft or buff [N]."""
         return max(self.run.totals.draft_max, -self.run.totals.buff_max)
+
+    def cost(self, price: float) -> float:
+        """Return the objective for a price of time [kWh/s]: net energy, time and fatigue with their weights [kWh]."""
+        totals, settings = self.run.totals, self.settings
+        energy = (totals.traction - settings.recovered * totals.regenerated) / JOULES_PER_KWH
+        damage = float(coupler_damage(self.run.couplers).sum()) if settings.fatigue_weight > 0.0 else 0.0
+        return energy + price * self.running_time + settings.fatigue_weight * damage
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the plan, units in the keys."""
@@ -97,6 +109,8 @@ class TripPlan:
             "coupler_buff_max_kn": round(totals.buff_max / 1e3, 1),
             "coupler_damage": round(float(damage.sum()), 4),
             "coupler_damage_worst": round(float(damage.max(initial=0.0)), 4),
+            "traction_limit": round(self.settings.traction, 3),
+            "slew_kn_per_s": round(self.settings.slew / 1e3, 2),
             "applications": [
                 {
                     "apply_km": round(entry.apply / 1e3, 3),
@@ -153,7 +167,7 @@ class TripPlanner:
         run = follow_journey(self._model, self._settings, journey, journey.applications)
         self._check_limits(run)
         applications = tuple(self._planned(entry, run) for entry in journey.applications)
-        return TripPlan(self._profile(run), applications, run, journey, price, self._model)
+        return TripPlan(self._profile(run), applications, run, journey, price, self._model, self._settings)
 
     def _check_limits(self, run: TripRun) -> None:
         """Check that the run of the nominal train keeps the speed limits.
@@ -232,19 +246,30 @@ class TripPlanner:
             )
         return min(found)[1]
 
-    def at_time(self, time: float, report: Callable[[str], None] = lambda _: None) -> TripPlan:
+    def at_time(
+        self, time: float, report: Callable[[TripPlan], None] = lambda _: None, price: float | None = None
+    ) -> TripPlan:
         """Return the plan with a running time [s], by the secant of the logarithms of price and time.
+
+        Parameters
+        ----------
+        time
+            Running time [s].
+        report
+            Called with every plan of the search.
+        price
+            First price of time [kWh/s]; default: ``time_weight`` of the settings.
 
         Raises
         ------
         ValueError
             If the time is too short, or so long that the train would stop.
         """
-        price, found = self._settings.time_weight, []
-        for number in range(MAX_ROUNDS):
+        price, found = self._settings.time_weight if price is None else price, []
+        for _ in range(MAX_ROUNDS):
             plan = self.at_price(price)
             error = plan.running_time / time - 1.0
-            report(f"journey {number + 1}: {plan.running_time:.0f} s at a price of {price:.3f} kWh/s")
+            report(plan)
             found.append((price, plan))
             if abs(error) <= TIME_TOLERANCE:
                 return plan
@@ -317,39 +342,3 @@ def permitted_reductions(consist: Consist, settings: TripSettings) -> tuple[floa
                 f"{brake.reduction[-1] / 1e3:g} kPa); correct it"
             )
     return settings.air_brake.reductions or (brake.reduction[-1],)
-
-
-def plan_trip(
-    line: Line,
-    consist: Consist,
-    settings: TripSettings,
-    period: float = 0.1,
-    report: Callable[[str], None] = lambda _: None,
-) -> TripPlan:
-    """Return the trip plan of the settings.
-
-    Parameters
-    ----------
-    line, consist
-        Line and train.
-    settings
-        Journey, weights and limits.
-    period
-        Time between the knots of the profile [s].
-    report
-        Called with a line of text after every journey of the search.
-
-    Raises
-    ------
-    ValueError
-        One line: key, value, problem; fix.
-    """
-    planner = TripPlanner(line, consist, settings, period)
-    time = settings.time
-    plan = planner.at_price(settings.time_weight) if time is None else planner.at_time(time, report)
-    if plan.coupler_max > settings.coupler_max:
-        raise ValueError(
-            f"coupler_max: {settings.coupler_max / 1e3:g} kN: the plan has {plan.coupler_max / 1e3:.0f} kN; permit "
-            "less traction or brake, or a smaller slew"
-        )
-    return plan

@@ -25,6 +25,12 @@ class TripSettings(SiModel):
     end: Length | None = Field(None, description="stop of the front; default: the last stop, or the end of the line")
     time: Time | None = Field(None, gt=0, description="running time; default: the time is free and has its weight")
     time_weight: float = Field(0.5, ge=0, description="energy that a second is worth without running time [kWh/s]")
+    fatigue_weight: float = Field(
+        0.0,
+        ge=0,
+        description="energy that a unit of coupler damage is worth [kWh]: a force cycle of 1 MN of one coupler; above 0 "
+        "traction and slew are decreased while this pays",
+    )
     recovered: Ratio = Field(0.0, ge=0, le=1, description="share of the electric brake's work that counts as gained")
     traction: Ratio = Field(0.75, gt=0, le=1, description="used part of the traction envelope")
     brake: Ratio = Field(0.8, gt=0, le=1, description="used part of the electric brake")
