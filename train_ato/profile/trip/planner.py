@@ -43,6 +43,8 @@ MAX_ROUNDS = 7
 """Largest number of journeys for a running time."""
 LAST_PART = 1.15
 """Reserve of the length of the last part of the braking: the run is a little faster than the journey."""
+FINAL_SHARE, ALMOST_AT_REST = 1.1, 0.5
+"""Deceleration of the last part over that of the running resistance at a speed [m/s]; the electric brake fades."""
 PRICE_RANGE = (0.005, 20.0)
 """Lowest and highest price of time [kWh/s]."""
 
@@ -144,6 +146,9 @@ class TripPlanner:
         self._settings, self._period = settings, period
         self._half = consist.vehicles[0].length / 2
         self._model = nominal_train_model(consist, line)
+        self._final = settings.final_deceleration or FINAL_SHARE * (
+            self._model.running_resistance(ALMOST_AT_REST) / self._model.inertia
+        )
         begin, self._stop = journey_ends(line, settings, self._half)
         last = self._last_part()
         train = reduced_train(self._model, settings, begin, self._stop - last, permitted_reductions(consist, settings))
@@ -158,7 +163,7 @@ class TripPlanner:
         low, _ = model.limits_of_units([speed] * model.n_units)
         strong = (model.running_resistance(speed) - settings.brake * plain_sum(low)) / model.inertia
         before = speed + strong * 2 * AVERAGE
-        way = braking_distance(before, strong, settings.final_deceleration) - AVERAGE * (before + speed)
+        way = braking_distance(before, strong, self._final) - AVERAGE * (before + speed)
         return max(LAST_PART * way, speed**2 / (2 * strong))
 
     def at_price(self, price: float) -> TripPlan:
@@ -238,7 +243,7 @@ class TripPlanner:
                 needed = final_deceleration(*state, self._stop - float(position[kept - 1]))
             except ValueError:
                 continue
-            found.append((abs(needed - self._settings.final_deceleration), kept))
+            found.append((abs(needed - self._final), kept))
         if not found:
             raise ValueError(
                 "final_deceleration: the run is too fast or too slow for the stop; permit a stronger brake, or "
