@@ -76,6 +76,8 @@ class TripSearch:
         limits = self._decreased_limits(first)
         if limits == self._settings:
             return first
+        if self._settings.time is None:
+            return min(self.plans, key=lambda plan: plan.cost(first.price))
         try:
             second = self._planned(limits, first.price)
         except ValueError:  # the running time is too short for the decreased limits
