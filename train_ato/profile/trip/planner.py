@@ -1,5 +1,7 @@
 """Trip planner: journey of least cost, run of the whole train along it, profile and applications from this run.
 
+Plans of one train for one set of limits; :mod:`.objective` varies the limits for a weight of the fatigue.
+
 1. A dynamic programming on the reduced model decides traction, electric brake and applications (:mod:`.search`).
 2. The nominal train with all vehicles is driven along this journey (:mod:`.driven_run`).
 3. The running time of 2 corrects the price of time of 1, until the timetable is kept.
@@ -18,6 +20,7 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.summation import plain_sum
 from train_ato.control.air_brake.trip_policy import PlannedApplication
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.profile.driver import average_speed
 from train_ato.profile.planner.line_tables import SpeedLimits
@@ -40,6 +43,8 @@ MAX_ROUNDS = 7
 """Largest number of journeys for a running time."""
 LAST_PART = 1.15
 """Reserve of the length of the last part of the braking: the run is a little faster than the journey."""
+FINAL_SHARE, ALMOST_AT_REST = 1.1, 0.5
+"""Deceleration of the last part over that of the running resistance at a speed [m/s]; the electric brake fades."""
 PRICE_RANGE = (0.005, 20.0)
 """Lowest and highest price of time [kWh/s]."""
 
@@ -60,6 +65,10 @@ class TripPlan:
         Journey of the reduced model.
     price : float
         Price of time [kWh/s].
+    model : TrainModel
+        Nominal train on its line.
+    settings : TripSettings
+        Limits of the plan.
     """
 
     profile: Profile
@@ -67,6 +76,8 @@ class TripPlan:
     run: TripRun
     journey: Journey
     price: float
+    model: TrainModel
+    settings: TripSettings
 
     @property
     def running_time(self) -> float:
@@ -77,6 +88,13 @@ class TripPlan:
     def coupler_max(self) -> float:
         """Largest coupler force of the nominal train, draft or buff [N]."""
         return max(self.run.totals.draft_max, -self.run.totals.buff_max)
+
+    def cost(self, price: float) -> float:
+        """Return the objective for a price of time [kWh/s]: net energy, time and fatigue with their weights [kWh]."""
+        totals, settings = self.run.totals, self.settings
+        energy = (totals.traction - settings.recovered * totals.regenerated) / JOULES_PER_KWH
+        damage = float(coupler_damage(self.run.couplers).sum()) if settings.fatigue_weight > 0.0 else 0.0
+        return energy + price * self.running_time + settings.fatigue_weight * damage
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the plan, units in the keys."""
@@ -93,6 +111,8 @@ class TripPlan:
             "coupler_buff_max_kn": round(totals.buff_max / 1e3, 1),
             "coupler_damage": round(float(damage.sum()), 4),
             "coupler_damage_worst": round(float(damage.max(initial=0.0)), 4),
+            "traction_limit": round(self.settings.traction, 3),
+            "slew_kn_per_s": round(self.settings.slew / 1e3, 2),
             "applications": [
                 {
                     "apply_km": round(entry.apply / 1e3, 3),
@@ -126,6 +146,9 @@ class TripPlanner:
         self._settings, self._period = settings, period
         self._half = consist.vehicles[0].length / 2
         self._model = nominal_train_model(consist, line)
+        self._final = settings.final_deceleration or FINAL_SHARE * (
+            self._model.running_resistance(ALMOST_AT_REST) / self._model.inertia
+        )
         begin, self._stop = journey_ends(line, settings, self._half)
         last = self._last_part()
         train = reduced_train(self._model, settings, begin, self._stop - last, permitted_reductions(consist, settings))
@@ -140,7 +163,7 @@ class TripPlanner:
         low, _ = model.limits_of_units([speed] * model.n_units)
         strong = (model.running_resistance(speed) - settings.brake * plain_sum(low)) / model.inertia
         before = speed + strong * 2 * AVERAGE
-        way = braking_distance(before, strong, settings.final_deceleration) - AVERAGE * (before + speed)
+        way = braking_distance(before, strong, self._final) - AVERAGE * (before + speed)
         return max(LAST_PART * way, speed**2 / (2 * strong))
 
     def at_price(self, price: float) -> TripPlan:
@@ -149,7 +172,7 @@ class TripPlanner:
         run = follow_journey(self._model, self._settings, journey, journey.applications)
         self._check_limits(run)
         applications = tuple(self._planned(entry, run) for entry in journey.applications)
-        return TripPlan(self._profile(run), applications, run, journey, price)
+        return TripPlan(self._profile(run), applications, run, journey, price, self._model, self._settings)
 
     def _check_limits(self, run: TripRun) -> None:
         """Check that the run of the nominal train keeps the speed limits.
@@ -220,7 +243,7 @@ class TripPlanner:
                 needed = final_deceleration(*state, self._stop - float(position[kept - 1]))
             except ValueError:
                 continue
-            found.append((abs(needed - self._settings.final_deceleration), kept))
+            found.append((abs(needed - self._final), kept))
         if not found:
             raise ValueError(
                 "final_deceleration: the run is too fast or too slow for the stop; permit a stronger brake, or "
@@ -228,19 +251,30 @@ class TripPlanner:
             )
         return min(found)[1]
 
-    def at_time(self, time: float, report: Callable[[str], None] = lambda _: None) -> TripPlan:
+    def at_time(
+        self, time: float, report: Callable[[TripPlan], None] = lambda _: None, price: float | None = None
+    ) -> TripPlan:
         """Return the plan with a running time [s], by the secant of the logarithms of price and time.
+
+        Parameters
+        ----------
+        time
+            Running time [s].
+        report
+            Called with every plan of the search.
+        price
+            First price of time [kWh/s]; default: ``time_weight`` of the settings.
 
         Raises
         ------
         ValueError
             If the time is too short, or so long that the train would stop.
         """
-        price, found = self._settings.time_weight, []
-        for number in range(MAX_ROUNDS):
+        price, found = self._settings.time_weight if price is None else price, []
+        for _ in range(MAX_ROUNDS):
             plan = self.at_price(price)
             error = plan.running_time / time - 1.0
-            report(f"journey {number + 1}: {plan.running_time:.0f} s at a price of {price:.3f} kWh/s")
+            report(plan)
             found.append((price, plan))
             if abs(error) <= TIME_TOLERANCE:
                 return plan
@@ -313,39 +347,3 @@ def permitted_reductions(consist: Consist, settings: TripSettings) -> tuple[floa
                 f"{brake.reduction[-1] / 1e3:g} kPa); correct it"
             )
     return settings.air_brake.reductions or (brake.reduction[-1],)
-
-
-def plan_trip(
-    line: Line,
-    consist: Consist,
-    settings: TripSettings,
-    period: float = 0.1,
-    report: Callable[[str], None] = lambda _: None,
-) -> TripPlan:
-    """Return the trip plan of the settings.
-
-    Parameters
-    ----------
-    line, consist
-        Line and train.
-    settings
-        Journey, weights and limits.
-    period
-        Time between the knots of the profile [s].
-    report
-        Called with a line of text after every journey of the search.
-
-    Raises
-    ------
-    ValueError
-        One line: key, value, problem; fix.
-    """
-    planner = TripPlanner(line, consist, settings, period)
-    time = settings.time
-    plan = planner.at_price(settings.time_weight) if time is None else planner.at_time(time, report)
-    if plan.coupler_max > settings.coupler_max:
-        raise ValueError(
-            f"coupler_max: {settings.coupler_max / 1e3:g} kN: the plan has {plan.coupler_max / 1e3:.0f} kN; permit "
-            "less traction or brake, or a smaller slew"
-        )
-    return plan

@@ -25,6 +25,12 @@ class TripSettings(SiModel):
     end: Length | None = Field(None, description="stop of the front; default: the last stop, or the end of the line")
     time: Time | None = Field(None, gt=0, description="running time; default: the time is free and has its weight")
     time_weight: float = Field(0.5, ge=0, description="energy that a second is worth without running time [kWh/s]")
+    fatigue_weight: float = Field(
+        0.0,
+        ge=0,
+        description="energy that a unit of coupler damage is worth [kWh]: one force cycle of 1 MN of one coupler; "
+        "above 0 traction and slew are decreased while this pays",
+    )
     recovered: Ratio = Field(0.0, ge=0, le=1, description="share of the electric brake's work that counts as gained")
     traction: Ratio = Field(0.75, gt=0, le=1, description="used part of the traction envelope")
     brake: Ratio = Field(0.8, gt=0, le=1, description="used part of the electric brake")
@@ -33,7 +39,12 @@ class TripSettings(SiModel):
     speed_margin: Speed = Field(1.3 / 3.6, ge=0, description="distance from the speed limits")
     coupler_max: Force = Field(600e3, gt=0, description="largest coupler force on the nominal train")
     final_speed: Speed = Field(4.5 / 3.6, gt=0, description="speed from which the train brakes to the stop")
-    final_deceleration: Acceleration = Field(0.014, gt=0, description="deceleration of this last part, about")
+    final_deceleration: Acceleration | None = Field(
+        None,
+        gt=0,
+        description="deceleration of this last part, about; default: 1.1 times that of the running resistance, because "
+        "the electric brake fades before standstill",
+    )
     air_brake: AirBrakeRules = AirBrakeRules()
 
     @model_validator(mode="after")
