@@ -56,7 +56,7 @@ GRADE_CHANGE = 0.02
 """Standard deviation of the change of an unknown grade in a second [m/s²]."""
 WAVE_SPEED = 0.1
 """Standard deviation of the speed of a unit against its train with hauled vehicles [m/s]."""
-STAY_TIME = 60.0
+STAY_TIME = 20.0
 """Mean time for which one of the filters is right [s]."""
 
 

@@ -59,6 +59,7 @@ from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
 from train_ato.control.algorithms.motion_observer import MotionObserver
 from train_ato.control.algorithms.predictive_plan import SPEED_STEP, bounds, decide, free_errors, free_motion
+from train_ato.control.algorithms.unit_deviations import UnitDeviations
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import STANDSTILL_SPEED
@@ -69,6 +70,8 @@ if TYPE_CHECKING:
 
 IDENTIFICATION_SPEED = 1.0
 """Speed below which the electric brake fades and the commands do not explain the force [m/s]."""
+SOFT_COUPLERS = 3.0
+"""Frequency pi/T_w of the slowest wave in the couplers over omega, below which the units are damped one by one."""
 MAX_TABLE_SPEED = 140.0
 """Last speed of the tables of force limits [m/s]."""
 
@@ -110,6 +113,8 @@ class Mpc(GuardedLaw):
         self._models: dict[float, list[HorizonModel]] = {}
         ratio = p.observer_ratio or (1.0 if self._hauls else 5.0)
         self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
+        soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
+        self._deviations = UnitDeviations.of(model, self.omega, period) if soft else None
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.speed_limits]).reshape(-1, 2)
@@ -142,6 +147,8 @@ class Mpc(GuardedLaw):
         """Clear observer, identification, plan and counts."""
         self._observer.reset()
         self._identification.reset()
+        if self._deviations is not None:
+            self._deviations.reset()
         self._before: tuple[float, float, float] | None = None
         self._plan = np.zeros(self._nodes.size)
         self._active = np.zeros(5 * self._nodes.size, dtype=np.bool_)
@@ -152,6 +159,8 @@ class Mpc(GuardedLaw):
         """Handle a missed sample: the observer restarts at the next one with the present disturbance."""
         self._observer.miss()
         self._before = None
+        if self._deviations is not None:
+            self._deviations.reset()
 
     def diagnostics(self) -> dict[str, str]:
         """Return the counts of the solver and the disturbance as text."""
@@ -217,7 +226,11 @@ class Mpc(GuardedLaw):
             rise = (plain_sum(feedforward) - gain * plain_sum(self._last_force)) / inertia - disturbance
         total = self._decide(inputs, required, errors, disturbance, rise, plain_sum(feedforward))
         added = total - plain_sum(feedforward)
-        return [(force + added * share) / gain for force, share in zip(feedforward, self.share, strict=True)]
+        wanted = [force + added * share for force, share in zip(feedforward, self.share, strict=True)]
+        if self._deviations is not None:
+            between = self._deviations.forces(inputs, gain * sent, self._actuators, self._ticks)
+            wanted = [force + more for force, more in zip(wanted, between, strict=True)]
+        return [force / gain for force in wanted]
 
     def _observe(self, inputs: LawInput) -> float:
         """Advance the observer and return the resistance of the model at the measured state [N]."""
@@ -304,7 +317,7 @@ def _through_lag(table: list[float], place: float, lag: float) -> float:
 def default_omega(model: TrainModel) -> float:
     """Return the pole of the closed loop from delay, lag and the wave impedance of the couplers [rad/s]."""
     dead = max(float(model.delay.max()), float(model.delay_brake.max())) + model.lag
-    omega = min(1.0, 0.7 / dead if dead > 0.0 else 1.0)
+    omega = min(1.5, 0.9 / dead if dead > 0.0 else 1.5)
     if len(model.consist.vehicles) > model.n_units:
         omega = min(omega, model.n_units * model.mass / (3.0 * model.inertia * wave_time(model)))
     return omega
