@@ -136,7 +136,7 @@ def correct(state, p, noise, miss_position, miss_speed):
 
 @compiled
 def filter_step(
-    states, covariances, chances, noise, before, drifts, leave, period, weight, position, speed, pull, regressor
+    states, covariances, chances, noise, before, drifts, leave, period, weight, position, speed, pull, regressor, mean
 ):
     """Advance all filters by a period and correct them.
 
@@ -156,6 +156,8 @@ def filter_step(
         Period [s] and weight of the newest sample in the noise.
     position, speed, pull, regressor
         Measured errors [m, m/s], modelled relative acceleration and x [m/s²].
+    mean : Array, shape (4,)
+        Result: mean of the states of the filters, weighted by their probabilities.
     """
     mix(states[1:], covariances[1:], chances, leave)
     count = chances.size
@@ -178,8 +180,11 @@ def filter_step(
     for j in range(count):
         chances[j] *= libm_exp(max(least - exponents[j], -100.0)) / roots[j]
         total += chances[j]
+    mean[:] = 0.0
     for j in range(count):
         chances[j] /= total
+        for a in range(4):
+            mean[a] += chances[j] * states[1 + j, a]
     match(noise, before, weight, mean_position, mean_speed)
 
 
@@ -210,7 +215,7 @@ class MotionObserver:
     """
 
     def __init__(self, period: float, bandwidth: float, wave_time: float) -> None:
-        self._bandwidths = [bandwidth * share for share in SHARES]
+        self._squares = (bandwidth * np.array(SHARES)) ** 2
         self._waves = 2.0 * WAVE_SPEED**2 / wave_time * period if wave_time > 0.0 else 0.0
         self._period = period
         self._leave = min(0.5, period / STAY_TIME) / (len(SHARES) - 1)
@@ -228,7 +233,7 @@ class MotionObserver:
         self._count = float(PRIOR_SAMPLES)
         self._before = np.zeros(2)
         self._runs = self.stands = False
-        self._state = [0.0] * 4
+        self._state, self._mean = [0.0] * 4, np.zeros(4)
         drift = [self._waves, GRADE_CHANGE**2 * self._period, MASS_DRIFT**2 * self._period]
         self._drifts = np.array([drift] + [[self._waves, 0.0, 0.0]] * count)
         self.mass_known = 0.0
@@ -307,14 +312,10 @@ class MotionObserver:
             self._before[:], self.stands = 0.0, False
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         variance = min(float(self._noise[1]), SPEED_FLOOR**2)
-        for index, bandwidth in enumerate(self._bandwidths):
-            self._drifts[1 + index, 1] = bandwidth**2 * (bandwidth**2 * variance * self._period**2 + self._waves)
+        self._drifts[1:, 1] = self._squares * (self._squares * (variance * self._period**2) + self._waves)
         filter_step(
             self._states, self._covariances, self._chances, self._noise, self._before, self._drifts, self._leave,
-            self._period, 1.0 / self._count, position, speed, pull, regressor,
+            self._period, 1.0 / self._count, position, speed, pull, regressor, self._mean,
         )  # fmt: skip
-        state = [0.0] * 4
-        for row, chance in zip(self._states[1:].tolist(), self._chances.tolist(), strict=True):
-            state = [total + chance * value for total, value in zip(state, row, strict=True)]
-        self._state = state
+        self._state = self._mean.tolist()
         self.mass_known = max(0.0, 1.0 - float(self._covariances[0, 3, 3]) / MASS_PRIOR**2)
