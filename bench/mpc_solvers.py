@@ -38,7 +38,7 @@ def record(scenario: str) -> list[Problem]:
     solve = mpc.decide
 
     def recording(*arguments: Any) -> int:
-        gradients, inverse, limited, dual, rows, errors, allowed, active, z = arguments
+        gradients, inverse, limited, dual, rows, errors, allowed, active, _ = arguments
         before = active.copy()
         exchanges = int(solve(*arguments))
         if active.any():

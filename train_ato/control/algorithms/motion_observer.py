@@ -15,6 +15,7 @@ bandwidth.
 
 In a train with hauled vehicles the speed of a unit differs from that of the train by waves: e_v has a random part of
 PSD S = 2 ``WAVE_SPEED``²/T_w, with the time T_w of a wave through the train, and q the addition (share omega_o)² S.
+The waves follow the force, so that theta has no meaning there: it is 0.
 
 The variance of the noise is the mean of half the squared difference of consecutive innovations over ``NOISE_TIME``, at
 standstill of the measurements: slow errors of the model do not count as noise (covariance matching, Mehra 1972, the
@@ -225,7 +226,8 @@ class MotionObserver:
     def reset(self) -> None:
         """Restart at the next sample without a disturbance and with the prior noise."""
         count = len(SHARES)
-        prior = [POSITION_PRIOR**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2, MASS_PRIOR**2]
+        of_mass = 0.0 if self._waves else MASS_PRIOR**2
+        prior = [POSITION_PRIOR**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2, of_mass]
         self._states = np.zeros((1 + count, 4))
         self._covariances = np.array([np.diag(prior), *[np.diag([*prior[:3], 0.0])] * count])
         self._chances = np.full(count, 1.0 / count)
@@ -234,7 +236,7 @@ class MotionObserver:
         self._before = np.zeros(2)
         self._runs = self.stands = False
         self._state, self._mean = [0.0] * 4, np.zeros(4)
-        drift = [self._waves, GRADE_CHANGE**2 * self._period, MASS_DRIFT**2 * self._period]
+        drift = [self._waves, GRADE_CHANGE**2 * self._period, 0.0 if self._waves else MASS_DRIFT**2 * self._period]
         self._drifts = np.array([drift] + [[self._waves, 0.0, 0.0]] * count)
         self.mass_known = 0.0
 

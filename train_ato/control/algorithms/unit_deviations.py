@@ -91,6 +91,7 @@ class UnitDeviations:
     def reset(self) -> None:
         """Restart at the next measurement."""
         self._state: Array | None = None
+        self._applied: Array = np.zeros(self._units.n)
 
     @classmethod
     def of(cls, model: TrainModel, omega: float, period: float) -> UnitDeviations | None:
@@ -118,7 +119,9 @@ class UnitDeviations:
         """
         own = self._between(inputs.disturbance)
         applied = inputs.applied
-        measured = np.concatenate((self._deviations(inputs.position + self._offsets), self._deviations(inputs.velocity)))
+        measured = np.concatenate(
+            (self._deviations(inputs.position + self._offsets), self._deviations(inputs.velocity))
+        )
         if self._state is None:
             self._state = measured
         else:

@@ -47,18 +47,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from plant_sim.gears import LinearGear
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
 from train_ato.control.algorithms.motion_observer import MotionObserver
-from train_ato.control.algorithms.predictive_plan import SPEED_STEP, bounds, decide, free_errors, free_motion
+from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion
+from train_ato.control.algorithms.train_constants import default_omega, drag_slope, force_tables, wave_time
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.observers.force_balance import lag_weight
@@ -72,8 +72,6 @@ IDENTIFICATION_SPEED = 1.0
 """Speed below which the electric brake fades and the commands do not explain the force [m/s]."""
 SOFT_COUPLERS = 3.0
 """Frequency pi/T_w of the slowest wave in the couplers over omega, below which the units are damped one by one."""
-MAX_TABLE_SPEED = 140.0
-"""Last speed of the tables of force limits [m/s]."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,7 @@ class MpcParameters:
         0.0, "rad/s", 0.0, 10.0, "half of the gain on the speed error; 0: from delay, lag and couplers"
     )
     observer_ratio: float = parameter(
-        0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, hauled vehicles 1"
+        0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, hauled vehicles .3"
     )
     lookahead: float = parameter(120.0, "s", 1.0, 600.0, "length of the horizon")
     nodes: int = parameter(32, "1", 4, 60, "nodes of the decision over the horizon")
@@ -111,16 +109,14 @@ class Mpc(GuardedLaw):
         self._steps = np.concatenate(([0.0 if model.lag else period], np.diff(self._nodes))) + model.lag
         self._identification = ActuatorIdentification(model, period)
         self._models: dict[float, list[HorizonModel]] = {}
-        ratio = p.observer_ratio or (1.0 if self._hauls else 5.0)
+        ratio = p.observer_ratio or (0.3 if self._hauls else 5.0)
         self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         self._deviations = UnitDeviations.of(model, self.omega, period) if soft else None
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.speed_limits]).reshape(-1, 2)
-        low, middle, high = map(model.running_resistance, (10.0, 20.0, 30.0))
-        curvature = (high - 2.0 * middle + low) / 100.0
-        self._drag_slope = ((high - low) / 20.0 - 20.0 * curvature, curvature)
+        self._drag_slope = drag_slope(model)
         half = model.consist.vehicles[0].length / 2.0
         self._ends = np.array([half, half - model.consist.length, p.overspeed])
         self.clear_state()
@@ -312,35 +308,3 @@ def _through_lag(table: list[float], place: float, lag: float) -> float:
     index = min(int(place + 1e-9), len(table) - 2)
     rise = table[index + 1] - table[index]
     return table[index] + (place - index) * rise + lag * rise
-
-
-def default_omega(model: TrainModel) -> float:
-    """Return the pole of the closed loop from delay, lag and the wave impedance of the couplers [rad/s]."""
-    dead = max(float(model.delay.max()), float(model.delay_brake.max())) + model.lag
-    omega = min(1.5, 0.9 / dead if dead > 0.0 else 1.5)
-    if len(model.consist.vehicles) > model.n_units:
-        omega = min(omega, model.n_units * model.mass / (3.0 * model.inertia * wave_time(model)))
-    return omega
-
-
-def wave_time(model: TrainModel) -> float:
-    """Return the time of a wave through all couplers of a train [s]; mass over it is the wave impedance."""
-    count = len(model.consist.vehicles)
-    return math.sqrt(model.mass * count / min(map(mean_stiffness, model.consist.gears)))
-
-
-def mean_stiffness(gear: Any) -> float:
-    """Return the mean stiffness of a draft gear up to its stroke [N/m]."""
-    if isinstance(gear, LinearGear):
-        return gear.stiffness
-    return float(gear.force_at_stroke / gear.stroke)
-
-
-def force_tables(model: TrainModel) -> Array:
-    """Return the largest brake and traction force of the train over the speed [N], shape (2, speeds)."""
-    speeds = SPEED_STEP * np.arange(round(MAX_TABLE_SPEED / SPEED_STEP))
-    tables = np.empty((2, speeds.size))
-    for row, envelopes in enumerate((model.brake, model.traction)):
-        for column, speed in enumerate(speeds.tolist()):
-            tables[row, column] = mean_over_units([1.0] * model.n_units, [each.force(speed) for each in envelopes])
-    return tables
