@@ -18,26 +18,33 @@ and e_v to z through delay and lag are closed forms (`horizon_model.py`)::
     J = sum_k W_k [(a omega²)² e_p² + (4 - 2a) omega² e_v²] + sum_j w_j z_j²
 
 Without constraints this is z = -2 omega e_v - a omega² e_p on the state at the time of effect: the gain k_v of the
-linear-quadratic regulator of a double integrator is sqrt(q_v + 2 sqrt(q_p)). Default omega = .7/(tau + Ta), at most 1;
-for hauled vehicles at most a third of the wave impedance sqrt(k m) of the couplers over the mass of the train.
+linear-quadratic regulator of a double integrator is sqrt(q_v + 2 sqrt(q_p)). Default omega = .9/(tau + Ta), at most
+1.5; for hauled vehicles at most a third of the wave impedance sqrt(k m) of the couplers over the mass of the train.
 
-**Constraints**, all soft, so that the programme always has a solution: force of the envelopes at the speed of every
-node; |jerk| of the train at most ``jerk``; speed at most the limit of the line over the whole train plus ``overspeed``.
+**Constraints**, all soft, so that the programme always has a solution: force of the envelopes at the speed of the last
+plan at every node, with the running resistance of that speed; |jerk| of the train at most ``jerk``; speed at most the
+limit of the line over the whole train plus ``overspeed``. The brake force ahead has no limit for a train with an air
+brake, whose later applications the law does not know.
 The dual is a linear complementarity problem with a constant matrix, solved by block principal pivoting from the last
 active rows (`quadratic_program.py`), at most 200 exchanges. If they are not enough, the last plan goes on; diagnostics
 count it.
 
-**Disturbance.** A Kalman filter of e_p, e_v, d whose noise is measured (`motion_observer.py`): offset-free, with the
-bandwidth ``observer_ratio`` omega at low noise.
+**Disturbance and mass.** Three Kalman filters of e_p, e_v, d with bandwidths of ``observer_ratio`` omega and its
+fourth and sixteenth part, weighted by likelihood, and one of the error theta of the mass, with measured noise
+(`motion_observer.py`): offset-free. M/(1 + k theta) replaces M, with k = 1 - P/P_0 from the variance P of theta.
+
+**Units on soft couplers.** If every vehicle is driven and pi/T_w < 3 omega, with the time T_w of a wave through the
+couplers, every unit has a force against its predicted deviation from the mean (`unit_deviations.py`).
 
 **Identification.** A bank of 17 factors c on the delays, .4 to 2, each with the gain g by least squares, bounded to
 .5 to 1.5, from measured force and commands (`actuator_identification.py`). If no candidate explains the force to 5 %,
-diagnostics has ``actuator_model: wrong``. The mass is not identified: a wrong mass acts through d.
+diagnostics has ``actuator_model: wrong``. Braking below 1 m/s does not count: the holding brake gives that force.
 
-Limits: one force for the whole train, split by shares; couplers are neither modelled nor limited, and the air brake is
-only a known force. Where other laws are better: one locomotive with 105 wagons (`pid`, and `pid` with `twin`), and the
-freight train with soft couplers (`lag_smc`, `pid`), whose modes one force cannot damp. A reference with steps of the
-speed (`freight_consensus` without `realistic`) is not tracked. `python bench/mpc.py` makes the table.
+Limits: coupler forces have no limit, and the air brake is only a known force. With hauled vehicles theta is 0. A wrong
+model of the actuators does not lower the gains. Where other laws are better: one locomotive with 105 wagons (`pid` with
+`twin`), and the stop there (`pid`). A reference with steps of the speed (`freight_consensus` without `realistic`) is not
+tracked. `python bench/mpc.py` makes the table, `python bench/mpc_solvers.py` the comparison of the solver with PIQP,
+Clarabel and OSQP.
 
 Needs: any train; delay, lag and envelopes of the model, the measured force, and the reference ahead. The law predicts
 over the delay and has its own feed-forward: use compensation `none` or `preview`.
