@@ -19,6 +19,7 @@ from train_ato.control.algorithms.predictive_plan import decide, free_motion
 from train_ato.control.algorithms.quadratic_program import inverse, multipliers
 from train_ato.control.algorithms.train_constants import default_omega, force_tables
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
+from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import TrainModel
 
 
@@ -179,9 +180,9 @@ def _freight():
 
 
 def test_forces_between_the_units_add_to_zero_and_damp():
-    """A force that does not add to 0 moves the train; one with a wrong sign or without prediction excites the springs."""
+    """A force that does not add to 0 moves the train; a wrong sign or no prediction excites the springs."""
     model = _freight()
-    damping = UnitDeviations.of(model, default_omega(model), 0.1)
+    damping = UnitDeviations.of(model, default_omega(model), 0.1, lag_weight(0.1, model.lag))
     units, n = damping._units, 5
     state = np.zeros(2 * n)
     state[n] = 0.5
@@ -205,7 +206,7 @@ def test_stiff_couplers_and_hauled_vehicles_have_no_unit_damping():
     """The damping of a train with hauled vehicles would need the state of all of them."""
     delays = np.array([0.8])
     model = TrainModel(load_consist("hxd1_c80_105"), load_line("level"), delays, delays, 0.4, 0.1)
-    assert UnitDeviations.of(model, 0.03, 0.1) is None
+    assert UnitDeviations.of(model, 0.03, 0.1, 0.5) is None
     assert force_tables(model)[0].min() > 1e7, "the air brake adds to the electric brake"
 
 

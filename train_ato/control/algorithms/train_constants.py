@@ -47,8 +47,8 @@ def mean_stiffness(gear: Any) -> float:
 def force_tables(model: TrainModel) -> Array:
     """Return the largest brake and traction force of the train over the speed [N], shape (2, speeds).
 
-    The brake force of a train with an air brake has no limit here: the air brake, whose later applications the law does
-    not know, adds to the electric brake.
+    The brake force of a train with an air brake has no limit here: the air brake adds to the electric brake, and its
+    later applications are not in the input of a law.
     """
     speeds = SPEED_STEP * np.arange(round(MAX_TABLE_SPEED / SPEED_STEP))
     tables = np.empty((2, speeds.size))

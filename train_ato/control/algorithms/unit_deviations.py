@@ -27,7 +27,6 @@ from plant_sim.summation import plain_dot, plain_sum
 from train_ato.control.algorithms import predictive_plan
 from train_ato.control.algorithms.coupled_units import CoupledUnits
 from train_ato.control.algorithms.predictive_plan import newest_arrived
-from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.parameters import RefusedParameter
 
 if TYPE_CHECKING:
@@ -70,6 +69,8 @@ class UnitDeviations:
         omega_u, gain on a deviation of the speed [rad/s].
     period
         Control period [s].
+    first_weight
+        Weight of the first force of a period in its mean.
 
     Raises
     ------
@@ -77,7 +78,7 @@ class UnitDeviations:
         If a vehicle is not driven or a draft gear is not a linear spring without slack.
     """
 
-    def __init__(self, model: TrainModel, omega: float, period: float) -> None:
+    def __init__(self, model: TrainModel, omega: float, period: float, first_weight: float) -> None:
         self._units = CoupledUnits(model)
         self._weight: list[float] = self._units.weight.tolist()
         self._offsets = model.offsets
@@ -85,7 +86,7 @@ class UnitDeviations:
         self._gains = (omega, 0.25 * omega * omega)
         self._map = self._units.step_matrix(period)
         self._part = min(1.0, FILTER * omega * period)
-        self._mean_weight = lag_weight(period, model.lag)
+        self._mean_weight = first_weight
         self.reset()
 
     def reset(self) -> None:
@@ -94,12 +95,12 @@ class UnitDeviations:
         self._applied: Array = np.zeros(self._units.n)
 
     @classmethod
-    def of(cls, model: TrainModel, omega: float, period: float) -> UnitDeviations | None:
+    def of(cls, model: TrainModel, omega: float, period: float, first_weight: float) -> UnitDeviations | None:
         """Return the damping for a train, or None if the train has no such units."""
         if model.n_units < 2:
             return None
         try:
-            return cls(model, omega, period)
+            return cls(model, omega, period, first_weight)
         except RefusedParameter:
             return None
 

@@ -24,7 +24,7 @@ linear-quadratic regulator of a double integrator is sqrt(q_v + 2 sqrt(q_p)). De
 **Constraints**, all soft, so that the programme always has a solution: force of the envelopes at the speed of the last
 plan at every node, with the running resistance of that speed; |jerk| of the train at most ``jerk``; speed at most the
 limit of the line over the whole train plus ``overspeed``. The brake force ahead has no limit for a train with an air
-brake, whose later applications the law does not know.
+brake: its later applications are not in the input of the law.
 The dual is a linear complementarity problem with a constant matrix, solved by block principal pivoting from the last
 active rows (`quadratic_program.py`), at most 200 exchanges. If they are not enough, the last plan goes on; diagnostics
 count it.
@@ -42,9 +42,9 @@ diagnostics has ``actuator_model: wrong``. Braking below 1 m/s does not count: t
 
 Limits: coupler forces have no limit, and the air brake is only a known force. With hauled vehicles theta is 0. A wrong
 model of the actuators does not lower the gains. Where other laws are better: one locomotive with 105 wagons (`pid` with
-`twin`), and the stop there (`pid`). A reference with steps of the speed (`freight_consensus` without `realistic`) is not
-tracked. `python bench/mpc.py` makes the table, `python bench/mpc_solvers.py` the comparison of the solver with PIQP,
-Clarabel and OSQP.
+`twin`), and the stop there (`pid`). A reference with steps of the speed (`freight_consensus` without `realistic`) is
+not tracked. `python bench/mpc.py` makes the table, `python bench/mpc_solvers.py` the comparison of the solver with
+PIQP, Clarabel and OSQP.
 
 Needs: any train; delay, lag and envelopes of the model, the measured force, and the reference ahead. The law predicts
 over the delay and has its own feed-forward: use compensation `none` or `preview`.
@@ -119,8 +119,8 @@ class Mpc(GuardedLaw):
         ratio = p.observer_ratio or (0.3 if self._hauls else 5.0)
         self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
-        self._deviations = UnitDeviations.of(model, self.omega, period) if soft else None
         self._weight = lag_weight(period, model.lag)
+        self._deviations = UnitDeviations.of(model, self.omega, period, self._weight) if soft else None
         self._tables = force_tables(model)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.speed_limits]).reshape(-1, 2)
         self._drag_slope = drag_slope(model)
