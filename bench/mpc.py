@@ -3,7 +3,8 @@
     python bench/mpc.py [--only TEXT] [--laws mpc,pid] [--seeds N] [--json]
 
 Every law runs with its default or the scenario's gains; pid under `preview` (under `twin` on daqin_heavy_haul:twin),
-mpc under `none`, the law of the scenario as shipped. Rows with noise are the means over the seeds.
+pid_eso is pid under `predictor` with the observer `eso`, mpc under `none`, the law of the scenario (paper) as shipped.
+Rows with noise are the means over the seeds, and the line after each of them has the largest values of all seeds.
 """
 
 from __future__ import annotations

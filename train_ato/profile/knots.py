@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.compiled import compiled
 from plant_sim.number_text import number_text
 from train_ato.messages.types import Array
 
@@ -45,26 +46,36 @@ def read_between(
     position, velocity, acceleration : Array, shape (m,)
         At rest before the first and after the last knot.
     """
-    position, velocity, acceleration = knots
-    index, rest = np.divmod(stamps, period_ns)
+    shape = np.shape(stamps)
+    flat = np.atleast_1d(stamps)
+    found = np.empty((3, flat.size))
+    _read_each(knots[0], knots[1], knots[2], flat, period_ns, found)
+    x, v, a = found
+    return x.reshape(shape), v.reshape(shape), a.reshape(shape)
+
+
+@compiled
+def _read_each(position, velocity, acceleration, stamps, period_ns, found):  # type: ignore[no-untyped-def]
+    """Compute position, speed and acceleration at every stamp, shape (3, m); arguments as in :func:`read_between`."""
     last = position.size - 1
-    k = np.clip(index, 0, last - 1)
-    s = rest * 1e-9
     period = period_ns * 1e-9
-    x0, v0, a0 = position[k], velocity[k], acceleration[k]
-    x1, v1, a1 = position[k + 1], velocity[k + 1], acceleration[k + 1]
-    x = hermite(x0, v0, x1, v1, s, period)[0]
-    v, a = hermite(v0, a0, v1, a1, s, period)
-    jump = np.abs(v1 - v0) > STEP_ACCELERATION * period
-    x = np.where(jump, x0 + (v0 + 0.5 * a0 * s) * s, x)
-    v = np.where(jump, v0 + a0 * s, v)
-    a = np.where(jump, a0, a)
-    knot = (rest == 0) & (index >= 0) & (index <= last)
-    at = np.clip(index, 0, last)
-    x, v, a = (np.where(knot, own[at], value) for own, value in zip(knots, (x, v, a), strict=True))
-    held = (index < 0) | ((index >= last) & ~knot)
-    x = np.where(held, np.where(index < 0, position[0], position[last]), x)
-    return x, np.where(held, 0.0, v), np.where(held, 0.0, a)
+    for i in range(stamps.size):
+        index = stamps[i] // period_ns
+        rest = stamps[i] - index * period_ns
+        if index < 0 or index > last or (index == last and rest != 0):
+            found[0, i] = position[0] if index < 0 else position[last]
+            found[1, i] = found[2, i] = 0.0
+        elif rest == 0:
+            found[0, i], found[1, i], found[2, i] = position[index], velocity[index], acceleration[index]
+        else:
+            s = rest * 1e-9
+            v0, v1, a0 = velocity[index], velocity[index + 1], acceleration[index]
+            if abs(v1 - v0) > STEP_ACCELERATION * period:
+                found[0, i] = position[index] + (v0 + 0.5 * a0 * s) * s
+                found[1, i], found[2, i] = v0 + a0 * s, a0
+            else:
+                found[0, i] = _hermite(position[index], v0, position[index + 1], v1, s, period)[0]
+                found[1, i], found[2, i] = _hermite(v0, a0, v1, acceleration[index + 1], s, period)
 
 
 def mean_jerk(velocity: Array, acceleration: Array, period: float) -> Array:
@@ -83,6 +94,9 @@ def hermite(y0: Any, d0: Any, y1: Any, d1: Any, s: Any, period: Any) -> tuple[An
     c3 = (d0 + d1 - 2.0 * slope) / (period * period)
     value = y0 + s * (d0 + s * (c2 + s * c3))
     return value, d0 + s * (2.0 * c2 + 3.0 * s * c3)
+
+
+_hermite = compiled(hermite)
 
 
 def knot_count(count: float) -> int:

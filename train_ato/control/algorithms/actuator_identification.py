@@ -79,6 +79,32 @@ def bank_step(modelled, sums, sent, applied, delays, factors, tick, lag, keep, p
         sums[c, 2] = keep * sums[c, 2] + pairs * applied * applied
 
 
+@compiled
+def best_candidate(sums, floor, former, gains, misfits):
+    """Compute gain and misfit of every candidate and return the number of the new one, or the former one.
+
+    Parameters
+    ----------
+    sums : Array, shape (candidates, 3)
+        As in :func:`bank_step`.
+    floor
+        Misfit that is not significant [N²].
+    former : int
+        Present candidate.
+    gains, misfits : Array, shape (candidates,)
+        Results: g_c, and E_c with the floor [N²].
+    """
+    found = 0
+    for c in range(sums.shape[0]):
+        crossed, own = sums[c, 0], sums[c, 1]
+        gain = min(max(crossed / max(own, floor), MIN_GAIN), MAX_GAIN)
+        gains[c] = gain
+        misfits[c] = max(sums[c, 2] - 2.0 * gain * crossed + gain * gain * own, 0.0) + floor
+        if misfits[c] < misfits[found]:
+            found = c
+    return found if misfits[found] < SWITCH_RATIO * misfits[former] else former
+
+
 class ActuatorIdentification:
     """Gain of the actuators and factor on their delays.
 
@@ -110,6 +136,7 @@ class ActuatorIdentification:
         self.sent = np.zeros((self.length, self._delays.shape[1]))
         self._modelled = np.zeros((self._factors.size, self._delays.shape[1]))
         self._sums = np.zeros((self._factors.size, 3))
+        self._gains, self._misfits = np.ones(self._factors.size), np.zeros(self._factors.size)
         self._best = self._nominal
         self.gain, self.misfit = 1.0, 0.0
 
@@ -142,13 +169,10 @@ class ActuatorIdentification:
                 self._modelled, self._sums, self.sent, applied, self._delays, self._factors, self._tick, self._lag,
                 self._keep if moves else 1.0, int(moves and tick == self._ticks - 1),
             )  # fmt: skip
-        crossed, own, total = self._sums.T
-        gains = np.clip(crossed / np.maximum(own, self._floor), MIN_GAIN, MAX_GAIN)
-        misfits = np.maximum(total - 2.0 * gains * crossed + gains * gains * own, 0.0) + self._floor
-        found, former = int(np.argmin(misfits)), self._best
-        if misfits[found] < SWITCH_RATIO * misfits[former]:
-            self._best = found
-        if own[self._best] > 100.0 * self._floor:
-            self.gain = float(gains[self._best])
-            self.misfit = float(misfits[self._best] / max(total[self._best], self._floor)) ** 0.5
+        former = self._best
+        best = self._best = best_candidate(self._sums, self._floor, former, self._gains, self._misfits)
+        own, total = float(self._sums[best, 1]), float(self._sums[best, 2])
+        if own > 100.0 * self._floor:
+            self.gain = float(self._gains[best])
+            self.misfit = math.sqrt(float(self._misfits[best]) / max(total, self._floor))
         return self._best != former

@@ -15,6 +15,7 @@ bandwidth.
 
 In a train with hauled vehicles the speed of a unit differs from that of the train by waves: e_v has a random part of
 PSD S = 2 ``WAVE_SPEED``²/T_w, with the time T_w of a wave through the train, and q the addition (share omega_o)² S.
+The waves follow the force, so that theta has no meaning there: it is 0.
 
 The variance of the noise is the mean of half the squared difference of consecutive innovations over ``NOISE_TIME``, at
 standstill of the measurements: slow errors of the model do not count as noise (covariance matching, Mehra 1972, the
@@ -56,7 +57,7 @@ GRADE_CHANGE = 0.02
 """Standard deviation of the change of an unknown grade in a second [m/s²]."""
 WAVE_SPEED = 0.1
 """Standard deviation of the speed of a unit against its train with hauled vehicles [m/s]."""
-STAY_TIME = 60.0
+STAY_TIME = 20.0
 """Mean time for which one of the filters is right [s]."""
 
 
@@ -136,7 +137,7 @@ def correct(state, p, noise, miss_position, miss_speed):
 
 @compiled
 def filter_step(
-    states, covariances, chances, noise, before, drifts, leave, period, weight, position, speed, pull, regressor
+    states, covariances, chances, noise, before, drifts, leave, period, weight, position, speed, pull, regressor, mean
 ):
     """Advance all filters by a period and correct them.
 
@@ -156,6 +157,8 @@ def filter_step(
         Period [s] and weight of the newest sample in the noise.
     position, speed, pull, regressor
         Measured errors [m, m/s], modelled relative acceleration and x [m/s²].
+    mean : Array, shape (4,)
+        Result: mean of the states of the filters, weighted by their probabilities.
     """
     mix(states[1:], covariances[1:], chances, leave)
     count = chances.size
@@ -178,8 +181,11 @@ def filter_step(
     for j in range(count):
         chances[j] *= libm_exp(max(least - exponents[j], -100.0)) / roots[j]
         total += chances[j]
+    mean[:] = 0.0
     for j in range(count):
         chances[j] /= total
+        for a in range(4):
+            mean[a] += chances[j] * states[1 + j, a]
     match(noise, before, weight, mean_position, mean_speed)
 
 
@@ -210,7 +216,7 @@ class MotionObserver:
     """
 
     def __init__(self, period: float, bandwidth: float, wave_time: float) -> None:
-        self._bandwidths = [bandwidth * share for share in SHARES]
+        self._squares = (bandwidth * np.array(SHARES)) ** 2
         self._waves = 2.0 * WAVE_SPEED**2 / wave_time * period if wave_time > 0.0 else 0.0
         self._period = period
         self._leave = min(0.5, period / STAY_TIME) / (len(SHARES) - 1)
@@ -220,7 +226,8 @@ class MotionObserver:
     def reset(self) -> None:
         """Restart at the next sample without a disturbance and with the prior noise."""
         count = len(SHARES)
-        prior = [POSITION_PRIOR**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2, MASS_PRIOR**2]
+        of_mass = 0.0 if self._waves else MASS_PRIOR**2
+        prior = [POSITION_PRIOR**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2, of_mass]
         self._states = np.zeros((1 + count, 4))
         self._covariances = np.array([np.diag(prior), *[np.diag([*prior[:3], 0.0])] * count])
         self._chances = np.full(count, 1.0 / count)
@@ -228,8 +235,8 @@ class MotionObserver:
         self._count = float(PRIOR_SAMPLES)
         self._before = np.zeros(2)
         self._runs = self.stands = False
-        self._state = [0.0] * 4
-        drift = [self._waves, GRADE_CHANGE**2 * self._period, MASS_DRIFT**2 * self._period]
+        self._state, self._mean = [0.0] * 4, np.zeros(4)
+        drift = [self._waves, GRADE_CHANGE**2 * self._period, 0.0 if self._waves else MASS_DRIFT**2 * self._period]
         self._drifts = np.array([drift] + [[self._waves, 0.0, 0.0]] * count)
         self.mass_known = 0.0
 
@@ -307,14 +314,10 @@ class MotionObserver:
             self._before[:], self.stands = 0.0, False
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         variance = min(float(self._noise[1]), SPEED_FLOOR**2)
-        for index, bandwidth in enumerate(self._bandwidths):
-            self._drifts[1 + index, 1] = bandwidth**2 * (bandwidth**2 * variance * self._period**2 + self._waves)
+        self._drifts[1:, 1] = self._squares * (self._squares * (variance * self._period**2) + self._waves)
         filter_step(
             self._states, self._covariances, self._chances, self._noise, self._before, self._drifts, self._leave,
-            self._period, 1.0 / self._count, position, speed, pull, regressor,
+            self._period, 1.0 / self._count, position, speed, pull, regressor, self._mean,
         )  # fmt: skip
-        state = [0.0] * 4
-        for row, chance in zip(self._states[1:].tolist(), self._chances.tolist(), strict=True):
-            state = [total + chance * value for total, value in zip(state, row, strict=True)]
-        self._state = state
+        self._state = self._mean.tolist()
         self.mass_known = max(0.0, 1.0 - float(self._covariances[0, 3, 3]) / MASS_PRIOR**2)

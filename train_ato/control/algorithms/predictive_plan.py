@@ -112,23 +112,9 @@ def lowest_limit(limits, front, rear):
 
 @compiled
 def bounds(
-    required,
-    reference,
-    limits,
-    ends,
-    now,
-    errors,
-    plan,
-    drag,
-    tables,
-    mass,
-    jerk,
-    steps,
-    disturbance,
-    rise,
-    at_effect,
+    required, reference, limits, ends, now, errors, plan, drag, tables, mass, jerk, steps, disturbance, rise, effect,
     allowed,
-):
+):  # fmt: skip
     """Compute the right-hand side b of A z <= b.
 
     Parameters
@@ -158,7 +144,7 @@ def bounds(
         Time from the former node plus the lag, through which a command changes the force [s].
     rise
         Demanded acceleration for z = 0 minus that which acts at the time of effect [m/s²].
-    at_effect
+    effect
         Total force on the reference at the time of effect [N].
     allowed : Array, shape (5 nodes,)
         Result b.
@@ -177,7 +163,7 @@ def bounds(
             required[j] += (drag[1] + drag[2] * abs(reference[1, j])) * planned - drag[0]
         allowed[j] = (high - required[j]) / mass + disturbance
         allowed[n + j] = (required[j] - low) / mass - disturbance
-        change = (required[j] - (required[j - 1] if j > 1 else at_effect)) / mass if j > 0 else rise
+        change = (required[j] - (required[j - 1] if j > 1 else effect)) / mass if j > 0 else rise
         allowed[2 * n + j] = jerk * steps[j] - change
         allowed[3 * n + j] = jerk * steps[j] + change
         place = reference[0, j] + errors[0, j]

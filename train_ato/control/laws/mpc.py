@@ -18,26 +18,33 @@ and e_v to z through delay and lag are closed forms (`horizon_model.py`)::
     J = sum_k W_k [(a omega²)² e_p² + (4 - 2a) omega² e_v²] + sum_j w_j z_j²
 
 Without constraints this is z = -2 omega e_v - a omega² e_p on the state at the time of effect: the gain k_v of the
-linear-quadratic regulator of a double integrator is sqrt(q_v + 2 sqrt(q_p)). Default omega = .7/(tau + Ta), at most 1;
-for hauled vehicles at most a third of the wave impedance sqrt(k m) of the couplers over the mass of the train.
+linear-quadratic regulator of a double integrator is sqrt(q_v + 2 sqrt(q_p)). Default omega = .9/(tau + Ta), at most
+1.5; for hauled vehicles at most a third of the wave impedance sqrt(k m) of the couplers over the mass of the train.
 
-**Constraints**, all soft, so that the programme always has a solution: force of the envelopes at the speed of every
-node; |jerk| of the train at most ``jerk``; speed at most the limit of the line over the whole train plus ``overspeed``.
+**Constraints**, all soft, so that the programme always has a solution: force of the envelopes at the speed of the last
+plan at every node, with the running resistance of that speed; |jerk| of the train at most ``jerk``; speed at most the
+limit of the line over the whole train plus ``overspeed``. The brake force ahead has no limit for a train with an air
+brake: its later applications are not in the input of the law.
 The dual is a linear complementarity problem with a constant matrix, solved by block principal pivoting from the last
 active rows (`quadratic_program.py`), at most 200 exchanges. If they are not enough, the last plan goes on; diagnostics
 count it.
 
-**Disturbance.** A Kalman filter of e_p, e_v, d whose noise is measured (`motion_observer.py`): offset-free, with the
-bandwidth ``observer_ratio`` omega at low noise.
+**Disturbance and mass.** Three Kalman filters of e_p, e_v, d with bandwidths of ``observer_ratio`` omega and its
+fourth and sixteenth part, weighted by likelihood, and one of the error theta of the mass, with measured noise
+(`motion_observer.py`): offset-free. M/(1 + k theta) replaces M, with k = 1 - P/P_0 from the variance P of theta.
+
+**Units on soft couplers.** If every vehicle is driven and pi/T_w < 3 omega, with the time T_w of a wave through the
+couplers, every unit has a force against its predicted deviation from the mean (`unit_deviations.py`).
 
 **Identification.** A bank of 17 factors c on the delays, .4 to 2, each with the gain g by least squares, bounded to
 .5 to 1.5, from measured force and commands (`actuator_identification.py`). If no candidate explains the force to 5 %,
-diagnostics has ``actuator_model: wrong``. The mass is not identified: a wrong mass acts through d.
+diagnostics has ``actuator_model: wrong``. Braking below 1 m/s does not count: the holding brake gives that force.
 
-Limits: one force for the whole train, split by shares; couplers are neither modelled nor limited, and the air brake is
-only a known force. Where other laws are better: one locomotive with 105 wagons (`pid`, and `pid` with `twin`), and the
-freight train with soft couplers (`lag_smc`, `pid`), whose modes one force cannot damp. A reference with steps of the
-speed (`freight_consensus` without `realistic`) is not tracked. `python bench/mpc.py` makes the table.
+Limits: coupler forces have no limit, and the air brake is only a known force. With hauled vehicles theta is 0. A wrong
+model of the actuators does not lower the gains. Where other laws are better: one locomotive with 105 wagons (`pid` with
+`twin`), and the stop there (`pid`). A reference with steps of the speed (`freight_consensus` without `realistic`) is
+not tracked. `python bench/mpc.py` makes the table, `python bench/mpc_solvers.py` the comparison of the solver with
+PIQP, Clarabel and OSQP.
 
 Needs: any train; delay, lag and envelopes of the model, the measured force, and the reference ahead. The law predicts
 over the delay and has its own feed-forward: use compensation `none` or `preview`.
@@ -47,18 +54,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from plant_sim.gears import LinearGear
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
 from train_ato.control.algorithms.motion_observer import MotionObserver
-from train_ato.control.algorithms.predictive_plan import SPEED_STEP, bounds, decide, free_errors, free_motion
+from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion
+from train_ato.control.algorithms.train_constants import default_omega, drag_slope, force_tables, wave_time
+from train_ato.control.algorithms.unit_deviations import UnitDeviations
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import STANDSTILL_SPEED
@@ -69,8 +77,8 @@ if TYPE_CHECKING:
 
 IDENTIFICATION_SPEED = 1.0
 """Speed below which the electric brake fades and the commands do not explain the force [m/s]."""
-MAX_TABLE_SPEED = 140.0
-"""Last speed of the tables of force limits [m/s]."""
+SOFT_COUPLERS = 3.0
+"""Frequency pi/T_w of the slowest wave in the couplers over omega, below which the units are damped one by one."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +89,7 @@ class MpcParameters:
         0.0, "rad/s", 0.0, 10.0, "half of the gain on the speed error; 0: from delay, lag and couplers"
     )
     observer_ratio: float = parameter(
-        0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, hauled vehicles 1"
+        0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, hauled vehicles .3"
     )
     lookahead: float = parameter(120.0, "s", 1.0, 600.0, "length of the horizon")
     nodes: int = parameter(32, "1", 4, 60, "nodes of the decision over the horizon")
@@ -108,14 +116,14 @@ class Mpc(GuardedLaw):
         self._steps = np.concatenate(([0.0 if model.lag else period], np.diff(self._nodes))) + model.lag
         self._identification = ActuatorIdentification(model, period)
         self._models: dict[float, list[HorizonModel]] = {}
-        ratio = p.observer_ratio or (1.0 if self._hauls else 5.0)
+        ratio = p.observer_ratio or (0.3 if self._hauls else 5.0)
         self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
+        soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         self._weight = lag_weight(period, model.lag)
+        self._deviations = UnitDeviations.of(model, self.omega, period, self._weight) if soft else None
         self._tables = force_tables(model)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
-        low, middle, high = map(model.running_resistance, (10.0, 20.0, 30.0))
-        curvature = (high - 2.0 * middle + low) / 100.0
-        self._drag_slope = ((high - low) / 20.0 - 20.0 * curvature, curvature)
+        self._drag_slope = drag_slope(model)
         half = model.consist.vehicles[0].length / 2.0
         self._ends = np.array([half, half - model.consist.length, p.overspeed])
         self.clear_state()
@@ -142,6 +150,8 @@ class Mpc(GuardedLaw):
         """Clear observer, identification, plan and counts."""
         self._observer.reset()
         self._identification.reset()
+        if self._deviations is not None:
+            self._deviations.reset()
         self._before: tuple[float, float, float] | None = None
         self._plan = np.zeros(self._nodes.size)
         self._active = np.zeros(5 * self._nodes.size, dtype=np.bool_)
@@ -152,6 +162,8 @@ class Mpc(GuardedLaw):
         """Handle a missed sample: the observer restarts at the next one with the present disturbance."""
         self._observer.miss()
         self._before = None
+        if self._deviations is not None:
+            self._deviations.reset()
 
     def diagnostics(self) -> dict[str, str]:
         """Return the counts of the solver and the disturbance as text."""
@@ -217,7 +229,11 @@ class Mpc(GuardedLaw):
             rise = (plain_sum(feedforward) - gain * plain_sum(self._last_force)) / inertia - disturbance
         total = self._decide(inputs, required, errors, disturbance, rise, plain_sum(feedforward))
         added = total - plain_sum(feedforward)
-        return [(force + added * share) / gain for force, share in zip(feedforward, self.share, strict=True)]
+        wanted = [force + added * share for force, share in zip(feedforward, self.share, strict=True)]
+        if self._deviations is not None:
+            between = self._deviations.forces(inputs, gain * sent, self._actuators, self._ticks)
+            wanted = [force + more for force, more in zip(wanted, between, strict=True)]
+        return [force / gain for force in wanted]
 
     def _observe(self, inputs: LawInput) -> float:
         """Advance the observer and return the resistance of the model at the measured state [N]."""
@@ -299,35 +315,3 @@ def _through_lag(table: list[float], place: float, lag: float) -> float:
     index = min(int(place + 1e-9), len(table) - 2)
     rise = table[index + 1] - table[index]
     return table[index] + (place - index) * rise + lag * rise
-
-
-def default_omega(model: TrainModel) -> float:
-    """Return the pole of the closed loop from delay, lag and the wave impedance of the couplers [rad/s]."""
-    dead = max(float(model.delay.max()), float(model.delay_brake.max())) + model.lag
-    omega = min(1.0, 0.7 / dead if dead > 0.0 else 1.0)
-    if len(model.consist.vehicles) > model.n_units:
-        omega = min(omega, model.n_units * model.mass / (3.0 * model.inertia * wave_time(model)))
-    return omega
-
-
-def wave_time(model: TrainModel) -> float:
-    """Return the time of a wave through all couplers of a train [s]; mass over it is the wave impedance."""
-    count = len(model.consist.vehicles)
-    return math.sqrt(model.mass * count / min(map(mean_stiffness, model.consist.gears)))
-
-
-def mean_stiffness(gear: Any) -> float:
-    """Return the mean stiffness of a draft gear up to its stroke [N/m]."""
-    if isinstance(gear, LinearGear):
-        return gear.stiffness
-    return float(gear.force_at_stroke / gear.stroke)
-
-
-def force_tables(model: TrainModel) -> Array:
-    """Return the largest brake and traction force of the train over the speed [N], shape (2, speeds)."""
-    speeds = SPEED_STEP * np.arange(round(MAX_TABLE_SPEED / SPEED_STEP))
-    tables = np.empty((2, speeds.size))
-    for row, envelopes in enumerate((model.brake, model.traction)):
-        for column, speed in enumerate(speeds.tolist()):
-            tables[row, column] = mean_over_units([1.0] * model.n_units, [each.force(speed) for each in envelopes])
-    return tables

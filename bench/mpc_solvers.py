@@ -1,0 +1,178 @@
+"""Solvers of the quadratic programme of the law mpc on the recorded problems of one run.
+
+    python bench/mpc_solvers.py [--scenario NAME] [--every N] [--json]
+
+Every N-th problem with an active limit is solved by block principal pivoting of the dual (the law), PIQP, Clarabel and
+OSQP, each at its default settings except the tolerance 1e-6. The programme of the last three has the softness of the
+limits as slack variables: min 1/2 z'Hz - f'z + 1/2 s'diag(1/rho)s, A z - s <= b. Row: median and 99th percentile of
+the time, median and largest number of iterations, number of problems with status solved, and the largest difference of
+the first decision from that of the law. Own and OSQP start from the last solution, the others from nothing.
+
+Needs: pip install osqp clarabel piqp
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+import train_ato as ta
+from train_ato.control.algorithms.predictive_plan import decide
+from train_ato.control.laws import mpc
+
+TOLERANCE = 1e-6
+"""Absolute tolerance of the iterative solvers."""
+Problem = dict[str, Any]
+Solution = tuple[float, int, bool]
+
+
+def record(scenario: str) -> list[Problem]:
+    """Return the problems with an active limit of a run, in order."""
+    problems: list[Problem] = []
+    solve = mpc.decide
+
+    def recording(*arguments: Any) -> int:
+        gradients, inverse, limited, dual, rows, errors, allowed, active, _ = arguments
+        before = active.copy()
+        exchanges = int(solve(*arguments))
+        if active.any():
+            matrices = (gradients, inverse, limited, dual, rows)
+            problems.append({"matrices": matrices, "errors": errors.copy(), "b": allowed.copy(), "active": before})
+        return exchanges
+
+    mpc.decide = recording
+    try:
+        ta.run(scenario, law="mpc", compensation="none", progress=True)
+    finally:
+        mpc.decide = solve
+    return problems
+
+
+def programme(problem: Problem) -> tuple[Any, Any, Any, Any]:
+    """Return P, q, G and h of min 1/2 x'Px + q'x, G x <= h, with x = (z, s)."""
+    gradients, inverse, _, dual, rows = problem["matrices"]
+    hessian = np.linalg.inv(inverse)
+    softness = np.diag(dual - rows @ inverse @ rows.T)
+    force = -gradients[0] @ problem["errors"][0] - gradients[1] @ problem["errors"][1]
+    quadratic = sp.block_diag((0.5 * (hessian + hessian.T), sp.diags(1.0 / softness)), format="csc")
+    constraints = sp.hstack((sp.csc_matrix(rows), -sp.identity(rows.shape[0])), format="csc")
+    return quadratic, np.concatenate((-force, np.zeros(rows.shape[0]))), constraints, problem["b"]
+
+
+def own(problem: Problem) -> Solution:
+    """Solve by the law; the time includes the response to the errors."""
+    z = np.zeros(problem["errors"].shape[1])
+    active = problem["active"].copy()
+    exchanges = decide(*problem["matrices"], problem["errors"], problem["b"], active, z)
+    return float(z[0]), exchanges, exchanges >= 0
+
+
+def piqp_solution(problem: Problem) -> Callable[[], Solution]:
+    """Return the call that solves with PIQP; the set-up is not part of it."""
+    import piqp
+
+    quadratic, linear, constraints, upper = problem["programme"]
+    solver = piqp.SparseSolver()
+    solver.settings.eps_abs = TOLERANCE
+    solver.setup(quadratic, linear, None, None, constraints, np.full(upper.size, -1e30), upper)
+
+    def call() -> Solution:
+        status = solver.solve()
+        return float(solver.result.x[0]), int(solver.result.info.iter), status == piqp.PIQP_SOLVED
+
+    return call
+
+
+def clarabel_solution(problem: Problem) -> Callable[[], Solution]:
+    """Return the call that solves with Clarabel; the set-up is not part of it."""
+    import clarabel
+
+    quadratic, linear, constraints, upper = problem["programme"]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_gap_abs = settings.tol_feas = TOLERANCE
+    cones = [clarabel.NonnegativeConeT(upper.size)]
+    solver = clarabel.DefaultSolver(sp.triu(quadratic).tocsc(), linear, constraints, upper, cones, settings)
+
+    def call() -> Solution:
+        found = solver.solve()
+        return float(found.x[0]), int(found.iterations), str(found.status) == "Solved"
+
+    return call
+
+
+def osqp_solutions(problems: list[Problem]) -> Iterator[Callable[[], Solution]]:
+    """Yield the calls that solve with OSQP; a solver with the same matrices starts from its last solution."""
+    import osqp
+
+    solvers: dict[int, Any] = {}
+    for problem in problems:
+        quadratic, linear, constraints, upper = problem["programme"]
+        key = id(problem["matrices"][1])
+        if key not in solvers:
+            solvers[key] = osqp.OSQP()
+            solvers[key].setup(
+                sp.triu(quadratic).tocsc(), linear, constraints, np.full(upper.size, -np.inf), upper, verbose=False,
+                eps_abs=TOLERANCE, eps_rel=TOLERANCE,
+            )  # fmt: skip
+
+        def call(solver: Any = solvers[key], linear: Any = linear, upper: Any = upper) -> Solution:
+            solver.update(q=linear, u=upper)
+            found = solver.solve()
+            return float(found.x[0]), int(found.info.iter), found.info.status == "solved"
+
+        yield call
+
+
+def row(name: str, calls: Iterator[Callable[[], Solution]], decisions: list[float]) -> dict[str, Any]:
+    """Return times [us], iterations, problems solved and the largest difference of the decision [m/s²]."""
+    times, iterations, solved, differences = [], [], 0, []
+    for call, decision in zip(calls, decisions, strict=True):
+        begin = time.perf_counter()
+        found, count, good = call()
+        times.append(1e6 * (time.perf_counter() - begin))
+        iterations.append(count)
+        solved += good
+        differences.append(abs(found - decision))
+    return {
+        "solver": name, "problems": len(times), "solved": solved,
+        "median_us": float(np.median(times)), "p99_us": float(np.quantile(times, 0.99)),
+        "iterations_median": float(np.median(iterations)), "iterations_largest": max(iterations),
+        "difference_m_s2": max(differences),
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Print the table as Markdown, or one JSON value."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenario", default="crh380a_gpc:short+limited")
+    parser.add_argument("--every", type=int, default=10, metavar="N")
+    parser.add_argument("--json", action="store_true")
+    options = parser.parse_args()
+    problems = record(options.scenario)[:: max(1, options.every)]
+    for problem in problems:
+        problem["programme"] = programme(problem)
+    decisions = [own(problem)[0] for problem in problems]
+    rows = [
+        row("own", ((lambda p=problem: own(p)) for problem in problems), decisions),
+        row("PIQP", map(piqp_solution, problems), decisions),
+        row("Clarabel", map(clarabel_solution, problems), decisions),
+        row("OSQP", osqp_solutions(problems), decisions),
+    ]
+    if options.json:
+        print(json.dumps(rows, indent=1))
+        return
+    print("| " + " | ".join(rows[0]) + " |")
+    print("|---" * len(rows[0]) + "|")
+    for each in rows:
+        print("| " + " | ".join(f"{v:.3g}" if isinstance(v, float) else str(v) for v in each.values()) + " |")
+
+
+if __name__ == "__main__":
+    main()
