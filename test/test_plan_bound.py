@@ -8,7 +8,7 @@ from plan_cases import random_case
 from test_plan_energy import SEARCHED, hills, metro
 
 from plant_sim.line import Line
-from train_ato.profile.planner.planner import Plan, plan, traction_work_bound
+from train_ato.profile.planner.planner import Plan, net_energy_bound, plan
 from train_ato.profile.planner.settings import PlanSettings
 
 BARE = PlanSettings(jerk=None, point_mass=True, force_margin=0.0)
@@ -23,7 +23,7 @@ def timetabled(line: Line, settings: PlanSettings, factor: float) -> Plan:
 @pytest.mark.parametrize(("factor", "kwh"), SEARCHED)
 def test_the_bound_is_below_an_exhaustive_search_and_close(factor: float, kwh: float) -> None:
     """Breaks for a wrong sign of any term: the search over 900 energies x 400 places has a run with this energy."""
-    bound = traction_work_bound(timetabled(hills(60), BARE, factor)) / 3.6e6
+    bound = net_energy_bound(timetabled(hills(60), BARE, factor)) / 3.6e6
     assert bound <= kwh
     assert bound >= 0.9 * kwh  # a bound without use: 0 is always valid
 
@@ -32,7 +32,7 @@ def test_the_bound_of_a_level_line_without_slack_in_it() -> None:
     """Breaks if a part of the bracket is missing: a level run needs at least the resistance at its mean speed."""
     line = Line.model_validate({"schema": "train_ato/line/1", "name": "level", "end": 6000})
     result = timetabled(line, BARE, 1.3)
-    bound = traction_work_bound(result)
+    bound = net_energy_bound(result)
     resistance = result.train.resistance_at(np.array([6000 / result.running_time]))
     assert float(resistance[0]) * 6000 <= bound <= 3.6e6 * result.summary()["energy_kwh"]
 
@@ -44,4 +44,4 @@ def test_no_random_plan_needs_less(seed: int) -> None:
     least = plan(line, consist, settings.model_copy(update={"calling": False}))
     asked = least.settings.model_copy(update={"time": 1.15 * least.running_time})
     result = plan(line, consist, asked)
-    assert traction_work_bound(result) <= 3.6e6 * result.summary()["energy_kwh"] * (1 + 1e-6)
+    assert net_energy_bound(result) <= 3.6e6 * result.summary()["energy_kwh"] * (1 + 1e-6)

@@ -19,7 +19,7 @@ from train_ato.cli.plan_trip import add_trip_arguments, execute_trip
 from train_ato.profile.file import write_profile
 from train_ato.profile.planner.inputs import find_line, find_train
 from train_ato.profile.planner.journey_file import read_journey
-from train_ato.profile.planner.planner import Plan, plan, traction_work_bound
+from train_ato.profile.planner.planner import Plan, net_energy_bound, plan
 from train_ato.profile.planner.settings import PlanSettings
 
 __all__ = ["add_arguments", "execute", "plan_from_options"]
@@ -165,8 +165,8 @@ def _certificate(result: Plan, options: argparse.Namespace) -> dict[str, float]:
     if result.settings.time is None or options.no_bound:
         return {}
     with activity("lower bound of the energy"):
-        bound = traction_work_bound(result) / 3.6e6
-    energy = result.summary()["energy_kwh"]
+        bound = net_energy_bound(result) / 3.6e6
+    energy = result.energy / 3.6e6
     found = {"energy_bound_kwh": round(bound, 4)}
     return found | ({"energy_gap_percent": round(100 * (energy / bound - 1), 2)} if bound > 0 else {})
 

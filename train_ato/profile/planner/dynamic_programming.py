@@ -206,11 +206,10 @@ def _curves(
     """Return both switching curves; ``service`` are the acceleration and deceleration limits [m/s²]."""
     n, m = steps.size, energies.size
     spacing, gap = energies[1], weights[0] - weights[1]
-    values, new, marginal = np.zeros(m), np.empty(m), np.full(m, gap)
+    values, new, marginal, ends = np.zeros(m), np.empty(m), np.empty(m), np.empty(m)
     curve, onset = np.empty(n + 1), np.empty(n + 1)
-    curve[n] = onset[n] = top[n]
     for k in range(n - 1, -1, -1):
-        step, ceiling, price = steps[k], top[k + 1], prices[k]
+        step, ceiling, price, free = steps[k], top[k + 1], prices[k], 0
         for i in range(m):
             energy = min(energies[i], top[k])
             speed = np.sqrt(2.0 * energy)
@@ -227,33 +226,40 @@ def _curves(
             if k == n - 1 and ceiling <= 0.0:  # the stop
                 new[i] = price * 2.0 * step / max(speed, MIN_SPEED) + weights[0] * max(-coast, 0.0)
                 new[i] -= weights[1] * min(max(slow, 0.0), slow - low)
-                marginal[i] = gap if slow > 0.0 else -1.0
             elif fast > slow:
                 new[i] = _least_cost(price, step, speed, (low, fast), range_, weights, values, energies)
-                marginal[i] = _marginal_cost(price, step, speed, slow, weights[0], values, spacing)
             else:  # braking to the ceiling, or no traction
                 end = min(slow, ceiling)
                 if low < end:
                     new[i] = _least_cost(price, step, speed, (low, end), range_, weights, values, energies)
                 else:
                     new[i] = _cost(price, step, speed, end, range_, weights, values, spacing)
-                marginal[i] = gap
+            if slow < ceiling:
+                marginal[free] = _marginal_cost(price, step, speed, slow, weights[0], values, spacing)
+                ends[free] = slow
+                free += 1
             new[i] += MISSED_SPEED * max(floor[k] - energy, 0.0)
         values, new = new, values
-        curve[k] = _switching_energy(marginal, energies, top[k], 0.0)
-        onset[k] = _switching_energy(marginal, energies, top[k], gap) if weights[1] > 0.0 else 4.0 * energies[-1]
+        unlimited = 4.0 * energies[-1]
+        curve[k + 1] = _switching_energy(marginal[:free], ends, 0.0, unlimited)
+        onset[k + 1] = _switching_energy(marginal[:free], ends, gap, unlimited)
+    curve[0], onset[0], curve[n], onset[n] = curve[1], onset[1], top[n], top[n]
     return curve, onset
 
 
 @compiled
-def _switching_energy(marginal: Array, energies: Array, top: float, level: float) -> Any:
-    """Return the largest E at which the marginal cost is below a level; above the top if it is at every E."""
-    i = min(int(top / energies[1]), energies.size - 1)
-    if marginal[i] < level:
-        return 4.0 * energies[-1]
+def _switching_energy(marginal: Array, ends: Array, level: float, unlimited: float) -> Any:
+    """Return the largest E at the end of a cell at which the marginal cost is below a level.
+
+    The states without braking to the ceiling are in the order of E; if the cost of all is below the level, the result
+    is ``unlimited``.
+    """
+    i = marginal.size - 1
+    if i < 0 or marginal[i] < level:
+        return unlimited
     while i > 0 and marginal[i - 1] >= level:
         i -= 1
     if i == 0:
         return 0.0
     share = (level - marginal[i - 1]) / (marginal[i] - marginal[i - 1])
-    return energies[i - 1] + share * (energies[i] - energies[i - 1])
+    return max(ends[i - 1] + share * (ends[i] - ends[i - 1]), 0.0)

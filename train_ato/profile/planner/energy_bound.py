@@ -1,15 +1,17 @@
-"""Lower bound of the traction work of a timetable: the certificate of a plan.
+"""Lower bound of the net energy of a timetable: the certificate of a plan.
 
 For a run with E = v²/2 over the place s, traction or brake force u (divided by the inertia) and resistance r(E) + g(s)
-the motion is dE/ds = u - r(E) - g(s), the traction work W = int max(u, 0) ds and the time T = int ds / sqrt(2 E).
+the motion is dE/ds = u - r(E) - g(s) and the time T = int ds / sqrt(2 E).  With a = 1 / efficiency, the recovered share
+c and the electric brake b(E) the net energy is W = int a max(u, 0) - c min(max(-u, 0), b(E)) ds, without auxiliaries.
 
 The bound holds for every continuous, piecewise linear function m(s) >= 0 and every price of time p >= 0.  With the
-largest traction t(E) each feasible u <= t(E) satisfies max(u, 0) >= m u - max(m - 1, 0) t(E): for u >= 0 the difference
-is (1 - m)(u - t) >= 0 if m > 1 and (1 - m) u >= 0 otherwise, for u < 0 it is -m u + max(m - 1, 0) t >= 0.  With u from
-the motion and integration by parts over a section, T at most the time T* of the timetable::
+largest traction t(E) each feasible u <= t(E) has an energy of at least m u - max(m - a, 0) t(E) - max(c - m, 0) b(E):
+for u >= 0 the difference without the last term is (a - m)(u - t) >= 0 if m > a and (a - m) u >= 0 otherwise, for u < 0
+without the second one it is m |u| - c min(|u|, b) + max(c - m, 0) b >= 0.  With u from the motion and integration by
+parts over a section, T at most the time T* of the timetable::
 
     W >= W + p (T - T*)
-      >= [m E] + int m g ds + int (-m' E + m r(E) - max(m - 1, 0) t(E) + p / sqrt(2 E)) ds - p T*
+      >= [m E] + int m g ds + int (-m' E + m r(E) - max(m - a, 0) t(E) - max(c - m, 0) b(E) + p / sqrt(2 E)) ds - p T*
       >= [m E] + int m g ds + int min over E of (the bracket) ds - p T*,
 
 where the minimum is over all E up to that of the fastest run, which no run exceeds at any place.  The forward pass
@@ -34,7 +36,9 @@ from numpy.typing import NDArray
 
 from plant_sim.summation import plain_dot
 from train_ato.messages.types import Array
-from train_ato.profile.planner.passes import COAST, TRACTION
+from train_ato.profile.planner.dynamic_programming import EnergyWeights
+from train_ato.profile.planner.net_energy import energy_weights
+from train_ato.profile.planner.passes import COAST, ELECTRIC, TRACTION
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.train_tables import SPEED_STEP
 
@@ -64,6 +68,8 @@ class _Bounded:
         Distance between them [m].
     table : Array
         Rows of the passes, see :mod:`train_ato.profile.planner.passes`.
+    weights : EnergyWeights
+        Cost of traction work and gain of electric-brake work.
     largest : Array, shape (n,)
         E of the fastest run in every cell, the largest of the cell.
     line_work : Array, shape (n + 1,)
@@ -75,27 +81,30 @@ class _Bounded:
     nodes: Array
     steps: Array
     table: Array
+    weights: EnergyWeights
     largest: Array
     line_work: Array
     spread: Array
 
     def bracket(self, price: float, weight: float, slope: float, speed: Array) -> Array:
         """Return lower bounds of the bracket [m/s²] between increasing speeds [m/s], for one m and its slope."""
-        resistance, traction = self.forces(speed)
+        resistance, traction, electric = self.forces(speed)
         energy = speed**2 / 2
-        pull = max(weight - 1.0, 0.0) * np.maximum(traction[1:], traction[:-1])
+        pull = max(weight - self.weights.traction, 0.0) * np.maximum(traction[1:], traction[:-1])
+        pull = pull + max(self.weights.recovered - weight, 0.0) * np.maximum(electric[1:], electric[:-1])
         moved = -slope * (energy[1:] if slope > 0 else energy[:-1])
         return np.asarray(moved + weight * resistance[:-1] - pull + price / speed[1:])
 
-    def forces(self, speed: Array) -> tuple[Array, Array]:
-        """Return resistance and largest traction at speeds [m/s²]."""
+    def forces(self, speed: Array) -> tuple[Array, Array, Array]:
+        """Return resistance, largest traction and electric brake at speeds [m/s²]."""
         columns = SPEED_STEP * np.arange(self.table.shape[1])
         resistance = np.interp(speed, columns, self.table[COAST])
-        return resistance, np.interp(speed, columns, self.table[TRACTION]) + resistance
+        traction = np.interp(speed, columns, self.table[TRACTION]) + resistance
+        return resistance, traction, np.interp(speed, columns, self.table[ELECTRIC]) - resistance
 
 
 def energy_lower_bound(sections: list[PlanSection], time: float) -> float:
-    """Return a lower bound of the traction work of every run that needs at most a running time [J].
+    """Return a lower bound of the net energy, without auxiliaries, of every run within a running time [J].
 
     Parameters
     ----------
@@ -106,7 +115,7 @@ def energy_lower_bound(sections: list[PlanSection], time: float) -> float:
     """
     bounded = [_prepared(section, max(MIN_CELLS, CELLS // len(sections))) for section in sections]
     program = _Program(bounded, time)
-    best = 0.0
+    best = -np.inf
     for _ in range(MAX_PROGRAMS):
         value, price, weights = program.solve()
         found = -price * time
@@ -116,9 +125,10 @@ def energy_lower_bound(sections: list[PlanSection], time: float) -> float:
             change = plain_dot(section.spread, np.abs(np.diff(weight)))
             found += plain_dot(weight, section.line_work) - change + plain_dot(least, section.steps)
         best = max(best, found)
-        if value - best <= GAP * best:
+        if value - best <= GAP * abs(best):
             break
-    return best * sections[0].inputs.train.inertia
+    traction_only = sections[0].inputs.settings.recovered == 0.0
+    return max(best, 0.0 if traction_only else best) * sections[0].inputs.train.inertia
 
 
 def _prepared(section: PlanSection, cells: int) -> _Bounded:
@@ -145,7 +155,7 @@ def _prepared(section: PlanSection, cells: int) -> _Bounded:
     line_work[-1] += fastest[-1]
     spread = np.zeros(cells)
     np.add.at(spread, cell[:-1], 0.25 * (high - low) * free.grid.steps**2 / steps[cell[:-1]])
-    return _Bounded(nodes, steps, table, largest, line_work, spread)
+    return _Bounded(nodes, steps, table, energy_weights(section.inputs.settings), largest, line_work, spread)
 
 
 def _least_bracket(section: _Bounded, weight: Array, price: float) -> tuple[Array, Array]:
@@ -162,46 +172,61 @@ def _least_bracket(section: _Bounded, weight: Array, price: float) -> tuple[Arra
 
 
 class _Program:
-    """Linear program for price and multipliers: columns p, then m, max(m - 1, 0) and the bracket of every section."""
+    """Linear program for price and multipliers: columns p, then those of every section.
+
+    They are m, max(m - a, 0), max(c - m, 0) and the bracket.
+    """
 
     def __init__(self, bounded: list[_Bounded], time: float) -> None:
         sizes = [section.steps.size for section in bounded]
-        self._first = np.concatenate(([1], 1 + np.cumsum([3 * n + 2 for n in sizes])))
+        self._first = np.concatenate(([1], 1 + np.cumsum([4 * n + 3 for n in sizes])))
         self._bounded, self._sizes = bounded, sizes
         self._cost = np.zeros(self._first[-1])
         self._cost[0] = time
         self._limits: list[tuple[float | None, float | None]] = [(0.0, LARGEST_PRICE)]
         self._rows: list[tuple[NDArray[np.int64], Array, Array]] = []
         for number, (section, n) in enumerate(zip(bounded, sizes, strict=True)):
-            m, w, y = self._columns(number)
+            m, w, z, y = self._columns(number)
             self._cost[m : m + n + 1] = -section.line_work
             self._cost[y : y + n] = -section.steps
-            self._limits += [(0.0, LARGEST_MULTIPLIER)] * (n + 1) + [(0.0, None)] * (n + 1) + [(None, None)] * n
+            self._limits += [(0.0, LARGEST_MULTIPLIER)] * (n + 1) + [(0.0, None)] * (2 * n + 2) + [(None, None)] * n
             node = np.arange(n + 1)
             self._rows.append(
-                (np.stack((m + node, w + node), axis=1), np.tile([1.0, -1.0], (n + 1, 1)), np.ones(n + 1))
+                (
+                    np.stack((m + node, w + node), axis=1),
+                    np.tile([1.0, -1.0], (n + 1, 1)),
+                    np.full(n + 1, section.weights.traction),
+                )
+            )
+            self._rows.append(
+                (
+                    np.stack((m + node, z + node), axis=1),
+                    np.tile([-1.0, -1.0], (n + 1, 1)),
+                    np.full(n + 1, -section.weights.recovered),
+                )
             )
             top = np.sqrt(2.0 * section.largest)
             for part in np.linspace(1.0, 1.0 / FIRST_POINTS, FIRST_POINTS):
                 self.add(number, part * top)
 
-    def _columns(self, number: int) -> tuple[int, int, int]:
+    def _columns(self, number: int) -> tuple[int, int, int, int]:
         first, n = int(self._first[number]), self._sizes[number]
-        return first, first + n + 1, first + 2 * n + 2
+        return first, first + n + 1, first + 2 * n + 2, first + 3 * n + 3
 
     def add(self, number: int, speed: Array) -> None:
         """Add the bracket of every cell at a speed [m/s], shape (n,), as a bound of its minimum."""
         section, cell = self._bounded[number], np.arange(self._sizes[number])
-        m, w, y = self._columns(number)
+        m, w, z, y = self._columns(number)
         speed = np.maximum(speed, 1e-3)
-        resistance, traction = section.forces(speed)
+        resistance, traction, electric = section.forces(speed)
         rate = speed**2 / 2 / section.steps
         columns = np.stack(
-            (y + cell, 0 * cell, m + cell, m + cell + 1, w + cell, w + cell + 1), axis=1
-        )  # y <= p / v + m r - (m - 1)+ t - m' E
+            (y + cell, 0 * cell, m + cell, m + cell + 1, w + cell, w + cell + 1, z + cell, z + cell + 1), axis=1
+        )  # y <= p / v + m r - (m - a)+ t - (c - m)+ b - m' E
         half = 0.5 * resistance
+        pull, brake = 0.5 * traction, 0.5 * electric
         factors = np.stack(
-            (np.ones(cell.size), -1.0 / speed, -half - rate, -half + rate, 0.5 * traction, 0.5 * traction), axis=1
+            (np.ones(cell.size), -1.0 / speed, -half - rate, -half + rate, pull, pull, brake, brake), axis=1
         )
         self._rows.append((columns, factors, np.zeros(cell.size)))
 

@@ -20,7 +20,7 @@ from train_ato.profile.planner.stops import stops_of
 from train_ato.profile.planner.time_reserve import TIME_TOLERANCE, predicted_time, spread_time_reserve
 from train_ato.profile.planner.train_tables import AvailableForce, TrainTables
 
-__all__ = ["Plan", "plan", "traction_work_bound"]
+__all__ = ["Plan", "net_energy_bound", "plan"]
 
 MAX_TIMETABLE_ROUNDS = 5
 """Searches for the strategies of a timetable, each with the windows and reserves of the previous plan."""
@@ -79,8 +79,8 @@ def plan(
     return fastest if settings.time is None else _plan_to_timetable(sections, fastest, settings.time, assemble)
 
 
-def traction_work_bound(result: Plan) -> float:
-    """Return a lower bound of the traction work of every plan with the running time of a plan [J].
+def net_energy_bound(result: Plan) -> float:
+    """Return a lower bound of the net energy of every plan with the running time of a plan [J].
 
     Limits of forces by place are left out: without them, a plan needs no more work.
 
@@ -99,7 +99,7 @@ def traction_work_bound(result: Plan) -> float:
         PlanSection(inputs, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in stops.sections(settings)
     ]
     dwell = plain_sum(departure - arrival for _, arrival, departure in result.arrivals[1:-1])
-    return energy_lower_bound(sections, result.running_time - dwell)
+    return energy_lower_bound(sections, result.running_time - dwell) + settings.auxiliary * result.running_time
 
 
 def _plan_to_timetable(

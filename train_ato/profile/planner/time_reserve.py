@@ -30,7 +30,7 @@ TIME_TOLERANCE = 0.02
 """Permitted deviation from a timetable [s]."""
 PRICE_TOLERANCE = 0.002
 """Relative accuracy of the search for the price of time; the speeds of its curve are scaled for the rest."""
-FIRST_GRID, LAST_GRID = Resolution(400, 250), Resolution(1000, 600)
+FIRST_GRID, LAST_GRID = Resolution(400, 250), Resolution(2000, 700)
 """Grids of the search for the price of time, and of the curves at this price."""
 MAX_CORRECTIONS = 4
 """Corrections of the price on the last grid; the running time changes with about its power of -1/3."""
