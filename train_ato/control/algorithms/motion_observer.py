@@ -98,7 +98,7 @@ def mix(states, covariances, chances, leave):
 
 
 @compiled
-def predict(state, p, drifts, period, pull, regressor):
+def predict_motion(state, p, drifts, period, pull, regressor):
     """Advance state and covariance of one filter by a period; arguments as in :func:`filter_step`."""
     h = period
     total = pull + state[2] + state[3] * regressor
@@ -162,7 +162,7 @@ def filter_step(
     """
     mix(states[1:], covariances[1:], chances, leave)
     count = chances.size
-    predict(states[0], covariances[0], drifts[0], period, pull, regressor)
+    predict_motion(states[0], covariances[0], drifts[0], period, pull, regressor)
     correct(states[0], covariances[0], noise, position - states[0, 0], speed - states[0, 1])
     states[0, 3] = min(max(states[0, 3], -MAX_MASS_ERROR), MAX_MASS_ERROR)
     states[1:, 3] = states[0, 3]
@@ -171,7 +171,7 @@ def filter_step(
     least = 1e300
     for j in range(count):
         state, covariance = states[1 + j], covariances[1 + j]
-        predict(state, covariance, drifts[1 + j], period, pull, regressor)
+        predict_motion(state, covariance, drifts[1 + j], period, pull, regressor)
         miss_position, miss_speed = position - state[0], speed - state[1]
         mean_position += chances[j] * miss_position
         mean_speed += chances[j] * miss_speed
