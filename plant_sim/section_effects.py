@@ -27,6 +27,8 @@ Row = tuple[float, float, float, float]
 """Segment of an envelope: end [m/s], constant force [N], slope [N s/m], power [W]."""
 LARGEST_ACCELERATION, MARGIN = 5.0, 1.0
 """Bound of the acceleration of a vehicle [m/s²], and of its additional way in a shock of its couplers [m]."""
+MOST_SKIPPED = 1000
+"""Largest number of ticks until the places are compared again."""
 MANY_TICKS = 2**31
 """Number of ticks without a limit of a section."""
 
@@ -127,10 +129,17 @@ class SectionEffects:
         self._resistance = _tunnel_factors(consist, setup, self._zones.cross_section)
         self._pointers = self._zone_envelopes(consist)
         self._zone: NDArray[np.int64] = np.full(self._vehicles, -1, dtype=np.int64)
-        self.apply()
+        self._next = 0
+        self._update()
 
-    def apply(self) -> None:
-        """Change the columns of the vehicles that are in another zone than at the last call."""
+    def apply(self, stamp: int, tick_ns: int) -> None:
+        """Change the columns of the vehicles that have passed a limit, before the tick from ``stamp`` [ns] on."""
+        if stamp < self._next:
+            return
+        self._update()
+        self._next = stamp + tick_ns * min(self.ticks_before_next(tick_ns * 1e-9), MOST_SKIPPED)
+
+    def _update(self) -> None:
         zone = self._zones.at(self._arrays.state[k.X, : self._vehicles])
         for vehicle in np.flatnonzero(zone != self._zone).tolist():
             self._enter(vehicle, int(self._zone[vehicle]), int(zone[vehicle]))

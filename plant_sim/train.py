@@ -215,7 +215,7 @@ class Train:
         if self._has_added_gusts:
             self._drop_gusts()
         if self._sections.exist:
-            self._sections.apply()
+            self._sections.apply(self.stamp, self.tick_ns)
         outside = self._outside.tick(self.stamp, self.arrays.state[k.V])
         begin = 0
         if self._jumps.waiting:
