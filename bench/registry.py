@@ -38,6 +38,8 @@ BENCHMARKS = (
     Benchmark("startup", "start of the command and of a run; beside an empty Python and numpy"),
     Benchmark("memory", "largest memory of a simulated hour; beside the imports alone", quick=("--hours", "0.1")),
     Benchmark("kernel", "plant; beside plain numpy"),
+    Benchmark("kernel_cycles", "cycles and instructions of the kernel; beside bare loops"),
+    Benchmark("map_cost", "map of 64 x 64 runs from single runs; beside the kernel alone", quick=None),
     Benchmark("tick", "tick of the engine by scenario; beside its kernel", quick=("daqin_heavy_haul", "xuzhou_metro")),
     Benchmark("tick_parts", "parts of a tick in Python and in spans; beside the kernel", quick=("xuzhou_metro",)),
     Benchmark("laws", "step of every law; beside a law without computation", quick=("pid", "smc", "funnel")),

@@ -540,13 +540,13 @@ def _position(i, dt, rate, state):
 def _runs_on(i, dt, dry, state, vehicle):
     """Compute the speed after this step for a vehicle that runs forward; return True if it runs forward.
 
-    ``dry`` is the friction capacity [N], >= 0. If the speed is > 0 with it, it is larger without it: all of the
-    capacity acts, with the sign -1, and the speed is that of :func:`_speed`. The state before the step is kept.
+    ``dry`` is the friction capacity [N]. For speeds > 0 without and with dry friction, all of its capacity acts, with
+    the sign -1, and the speed is that of :func:`_speed`. The state before the step is kept.
     """
     free, stop, viscous, grade, _ = _free_and_stop(i, dt, dry, state, vehicle)
     after = free - stop
     state[SPEED_AFTER, i], state[VISCOUS, i], state[GRADE_FORCE, i] = after, viscous, grade
-    return after > 0.0
+    return (free > 0.0) & (after > 0.0)
 
 
 @compiled(into_caller=True, allocates=False)
