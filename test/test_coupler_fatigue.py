@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 import rainflow
 
 from train_ato.apps.report.page_data import page_data
+from train_ato.apps.runs.coupler_fatigue import CouplerFatigue, relative_fatigue
 from train_ato.cli import main
 from train_ato.log.recorded import open_recording
 from train_ato.loop.recording import TRUTH, Recording
@@ -30,7 +32,7 @@ def damage(recording: Recording) -> list[float]:
 
 
 def test_the_command_prints_the_damage_of_a_run(recording: Recording, capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if a coupler is left out, the effort of the last vehicle counts as one, or the ratio is upside down."""
+    """Breaks if a coupler is left out, or half cycles count as whole ones."""
     assert main(["info", str(GOLDEN), "--fatigue", str(GOLDEN), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)["fatigue"]
     expected = damage(recording)
@@ -38,7 +40,14 @@ def test_the_command_prints_the_damage_of_a_run(recording: Recording, capsys: py
     tolerance = len(expected) * 441 / 2 * 0.02**5 + 1e-4
     assert found["coupler_damage"] == pytest.approx(sum(expected), abs=tolerance)
     assert found["coupler_damage_worst"] == pytest.approx(max(expected), abs=tolerance)
-    assert found["ratio"] in (None, 1.0)
+    assert found["ratio"] == 1.0
+
+
+def test_the_ratio_is_that_of_the_first_run() -> None:
+    """Breaks if the ratio is upside down, or divides by a run without damage."""
+    runs = [CouplerFatigue(np.array(values), np.zeros(2)) for values in ([0.5, 0.5], [1.5, 0.5], [0.0, 0.0])]
+    assert relative_fatigue(runs[0], runs[1])["ratio"] == 0.5
+    assert relative_fatigue(runs[0], runs[2])["ratio"] is None
 
 
 def test_a_page_has_the_damage(recording: Recording) -> None:

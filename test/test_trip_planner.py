@@ -181,7 +181,7 @@ def test_one_command_writes_a_scenario_that_runs(
     assert scenario.duration > figures["running_time_s"]
     (change,) = scenario.law_changes
     assert change.at == pytest.approx(figures["running_time_s"] - FINAL_GAINS, abs=0.1)
-    assert change.laws["pid"]["ki"] > 0.001, "the default gain of pid, with which the stop is off"
+    assert float(change.laws["pid"]["ki"]) > 0.001, "the default gain of pid, with which the stop is off"
     assert {Path(name).suffix for name in figures["files"]} == {".yaml", ".csv", ".png"}
 
 

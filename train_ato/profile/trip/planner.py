@@ -45,6 +45,8 @@ LAST_PART = 1.15
 """Reserve of the length of the last part of the braking: the run is a little faster than the journey."""
 FINAL_SHARE, ALMOST_AT_REST = 1.1, 0.5
 """Deceleration of the last part over that of the running resistance at a speed [m/s]; the electric brake fades."""
+MOST_OF_FINAL = 2.0
+"""Largest deceleration of the last part over the planned one; the electric brake is not able to keep a larger one."""
 PRICE_RANGE = (0.005, 20.0)
 """Lowest and highest price of time [kWh/s]."""
 
@@ -243,11 +245,12 @@ class TripPlanner:
                 needed = final_deceleration(*state, self._stop - float(position[kept - 1]))
             except ValueError:
                 continue
-            found.append((abs(needed - self._final), kept))
+            if needed <= MOST_OF_FINAL * self._final:
+                found.append((abs(needed - self._final), kept))
         if not found:
             raise ValueError(
-                "final_deceleration: the run is too fast or too slow for the stop; permit a stronger brake, or "
-                "decrease final_deceleration"
+                "final_deceleration: the run is too fast or too slow for the stop; permit a stronger brake or a "
+                "larger slew, or change final_deceleration"
             )
         return min(found)[1]
 
