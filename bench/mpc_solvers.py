@@ -17,6 +17,8 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -24,7 +26,6 @@ import scipy.sparse as sp
 
 import train_ato as ta
 from train_ato.control.algorithms.predictive_plan import decide
-from train_ato.control.laws import mpc
 
 TOLERANCE = 1e-6
 """Absolute tolerance of the iterative solvers."""
@@ -35,6 +36,7 @@ Solution = tuple[float, int, bool]
 def record(scenario: str) -> list[Problem]:
     """Return the problems with an active limit of a run, in order."""
     problems: list[Problem] = []
+    mpc: Any = import_module("train_ato.control.laws.mpc")
     solve = mpc.decide
 
     def recording(*arguments: Any) -> int:
@@ -75,7 +77,7 @@ def own(problem: Problem) -> Solution:
 
 def piqp_solution(problem: Problem) -> Callable[[], Solution]:
     """Return the call that solves with PIQP; the set-up is not part of it."""
-    import piqp
+    piqp: Any = import_module("piqp")
 
     quadratic, linear, constraints, upper = problem["programme"]
     solver = piqp.SparseSolver()
@@ -91,7 +93,7 @@ def piqp_solution(problem: Problem) -> Callable[[], Solution]:
 
 def clarabel_solution(problem: Problem) -> Callable[[], Solution]:
     """Return the call that solves with Clarabel; the set-up is not part of it."""
-    import clarabel
+    clarabel: Any = import_module("clarabel")
 
     quadratic, linear, constraints, upper = problem["programme"]
     settings = clarabel.DefaultSettings()
@@ -109,7 +111,7 @@ def clarabel_solution(problem: Problem) -> Callable[[], Solution]:
 
 def osqp_solutions(problems: list[Problem]) -> Iterator[Callable[[], Solution]]:
     """Yield the calls that solve with OSQP; a solver with the same matrices starts from its last solution."""
-    import osqp
+    osqp: Any = import_module("osqp")
 
     solvers: dict[int, Any] = {}
     for problem in problems:
@@ -160,7 +162,7 @@ def main() -> None:
         problem["programme"] = programme(problem)
     decisions = [own(problem)[0] for problem in problems]
     rows = [
-        row("own", ((lambda p=problem: own(p)) for problem in problems), decisions),
+        row("own", (partial(own, problem) for problem in problems), decisions),
         row("PIQP", map(piqp_solution, problems), decisions),
         row("Clarabel", map(clarabel_solution, problems), decisions),
         row("OSQP", osqp_solutions(problems), decisions),

@@ -43,8 +43,8 @@ diagnostics has ``actuator_model: wrong``. Braking below 1 m/s does not count: t
 Limits: coupler forces have no limit, and the air brake is only a known force. With hauled vehicles theta is 0. A wrong
 model of the actuators does not lower the gains. Where other laws are better: one locomotive with 105 wagons (`pid` with
 `twin`), and the stop there (`pid`). A reference with steps of the speed (`freight_consensus` without `realistic`) is
-not tracked. `python bench/mpc.py` makes the table, `python bench/mpc_solvers.py` the comparison of the solver with
-PIQP, Clarabel and OSQP.
+not tracked. Goals, misses and other solvers: `msgs_docs/mpc_goals.md`, made with `python bench/mpc.py` and
+`python bench/mpc_solvers.py`.
 
 Needs: any train; delay, lag and envelopes of the model, the measured force, and the reference ahead. The law predicts
 over the delay and has its own feed-forward: use compensation `none` or `preview`.
