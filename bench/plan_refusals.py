@@ -1,7 +1,7 @@
 """Random plans without a wrong refusal: every refused line and train is driven by a second, plain calculation.
 
 Run: ``python bench/plan_refusals.py [--plans N] [--first SEED]``.  The lines and trains of ``test/plan_cases.py`` are
-planned in the least time.  A refusal is wrong if the plain calculation (speed ceiling by steps of 2 m backward, full
+planned in the least time.  A refusal is wrong if the plain calculation (speed ceiling by steps of 0.5 m backward, full
 traction by the same steps forward, no jerk limit) reaches every stop.  A plan is wrong if it violates a limit.
 """
 
@@ -25,7 +25,7 @@ from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.stops import stops_of
 from train_ato.profile.planner.train_tables import TrainTables
 
-STEP, PERIOD = 2.0, 0.1
+STEP, PERIOD = 0.5, 0.1
 """Step of the plain calculation [m], and time between the knots of a plan [s]."""
 
 
