@@ -1,8 +1,10 @@
 """Random plans without a wrong refusal: every refused line and train is driven by a second, plain calculation.
 
-Run: ``python bench/plan_refusals.py [--plans N] [--first SEED]``.  The lines and trains of ``test/plan_cases.py`` are
-planned in the least time.  A refusal is wrong if the plain calculation (speed ceiling by steps of 0.5 m backward, full
-traction by the same steps forward, no jerk limit) reaches every stop.  A plan is wrong if it violates a limit.
+Run: ``python bench/plan_refusals.py [--plans N] [--first SEED]``, or ``--times N``.  The lines and trains of
+``test/plan_cases.py`` are planned in the least time.  A refusal is wrong if the plain calculation (speed ceiling by
+steps of 0.5 m backward, full traction by the same steps forward, no jerk limit) reaches every stop.  A plan is wrong if
+it violates a limit.  With ``--times`` N lines from seed 0 on are planned in five running times each: more time must not
+need more energy.
 """
 
 from __future__ import annotations
@@ -27,6 +29,12 @@ from train_ato.profile.planner.train_tables import TrainTables
 
 STEP, PERIOD = 0.5, 0.1
 """Step of the plain calculation [m], and time between the knots of a plan [s]."""
+FACTORS = (1.01, 1.05, 1.12, 1.25, 1.5)
+"""Running times of ``--times`` in units of the least one."""
+ENERGY_ROUNDING = 1e-4
+"""Resolution of an energy [kWh], and relative increase that counts as rounding [1]."""
+EARLY, LATE = 1.5, 0.03
+"""Permitted differences from a timetable [s]."""
 
 
 def drivable(line: Line, consist: Consist, settings: PlanSettings) -> bool:
@@ -62,12 +70,53 @@ def drivable(line: Line, consist: Consist, settings: PlanSettings) -> bool:
     return True
 
 
+def missed_times(seed: int) -> list[str] | None:
+    """Return the running times that are missed or need more energy than the one before; None for a refused line."""
+    line, consist, settings = random_case(seed)
+    try:
+        least = plan(line, consist, settings).running_time
+    except ValueError:
+        return None
+    found, before = [], np.inf
+    for factor in FACTORS:
+        try:
+            result = plan(line, consist, settings.model_copy(update={"time": factor * least}))
+        except ValueError as error:
+            found.append(f"{factor}: {error}")
+            continue
+        energy, late = result.energy / 3.6e6, result.running_time - factor * least
+        if energy > before * (1 + ENERGY_ROUNDING) + ENERGY_ROUNDING:
+            found.append(f"{factor}: {energy:.4f} kWh, {before:.4f} kWh in less time")
+        if not -EARLY <= late <= LATE:
+            found.append(f"{factor}: {late:.2f} s late")
+        before = energy
+    return found
+
+
+def report_times(count: int) -> int:
+    """Print every line whose energy does not decrease with the time; return the exit status."""
+    planned, wrong = 0, 0
+    for seed in range(count):
+        found = missed_times(seed)
+        planned += found is not None
+        if found:
+            wrong += 1
+            sys.stdout.write(f"{seed}: {'; '.join(found)}\n")
+            sys.stdout.flush()
+    sys.stdout.write(f"{planned} lines in {len(FACTORS)} times each, {wrong} with more energy or a missed time\n")
+    publish(Figure("lines with more energy in more time", wrong, bound=0))
+    return 0
+
+
 def main() -> int:
     """Print every refusal and the numbers; return the exit status."""
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--plans", type=int, default=2000)
     parser.add_argument("--first", type=int, default=1000)
+    parser.add_argument("--times", type=int, metavar="N", help="N lines in growing running times, instead")
     options = parser.parse_args()
+    if options.times:
+        return report_times(options.times)
     refused, wrong, broken = 0, 0, 0
     for seed in range(options.first, options.first + options.plans):
         line, consist, settings = random_case(seed)

@@ -14,6 +14,7 @@ from test_plan_energy import hills, metro
 from train_ato.cli.plan import plan_from_options
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
+from train_ato.messages.types import Measurement
 from train_ato.profile.planner.catch_up import catch_up, timetable_points
 from train_ato.profile.planner.journey_file import read_journey
 from train_ato.profile.planner.plan_from_state import TrainState
@@ -182,3 +183,24 @@ def test_a_run_returns_to_its_timetable_after_low_adhesion() -> None:
         assert outcome.failure is None and abs(outcome.summary["stop_error_m"]) < 0.05
         late.append(outcome.summary["running_time_s"] - 150.0)
     assert late[1] < 1.0 < late[0] - 3.0
+
+
+def test_a_late_train_starts_a_plan_without_a_lack_of_force() -> None:
+    """Breaks if ``lateness`` is not compared: no decision at 5 s, or already one at 2 s; 150 s are kept again."""
+    changes = ("profile={plan: {end_km: 2, time: 150}}", "replan={catch_up: true, lateness: 3}")
+    setup = prepare(*load_scenario("xuzhou_metro", changes))
+    model, profile = setup.model, setup.profile
+    place, speed, acceleration, _ = profile.at(20.0)
+    force = model.rigid_force(place, speed, acceleration) / model.n_units
+    position, none = place - model.offsets, np.zeros(model.n_units)
+    decisions = []
+    for late in (2.0, 5.0):
+        replanner = setup.replanner()
+        assert replanner is not None
+        stamp = round((20.0 + late) * 1e9)
+        velocity, applied = np.full(model.n_units, speed), np.full(model.n_units, force)
+        decisions.append(replanner.step(Measurement(stamp, position, velocity, none, applied, none, none)))
+    assert decisions[0] is None and decisions[1] is not None
+    rest = decisions[1].profile
+    assert rest is not None and decisions[1].reason == "5.0 s late"
+    assert rest.end < profile.end + 1.0 and rest.position[-1] == pytest.approx(profile.position[-1], abs=1e-6)

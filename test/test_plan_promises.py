@@ -35,6 +35,14 @@ def test_a_plan_keeps_forces_limits_comfort_and_stops(seed: int) -> None:
         assert broken_promises(line, consist, asked, result, PERIOD) == []
 
 
+def test_full_traction_on_a_climb_keeps_its_margin() -> None:
+    """Breaks if only knots that accelerate are limited: 3e-5 of the largest traction too much, without a jerk limit."""
+    line, consist, asked = random_case(1054)
+    result = planned(1054)
+    assert asked.jerk is None and result is not None
+    assert broken_promises(line, consist, asked, result, PERIOD) == []
+
+
 @given(SEEDS)
 @settings(max_examples=15, deadline=None)
 def test_force_and_limit_agree_with_a_sum_by_hand(seed: int) -> None:

@@ -15,6 +15,8 @@ SLOW_GRADES = ((0, 20.0854), (140.006, -26.5103), (393.181, -19.196), (453.659, 
 """Place [m] and grade [per mille] of a short line with 15.87 km/h."""
 ENERGY_STEP = 1e-4
 """Resolution of an energy in the summary [kWh]."""
+SHORT_LINE = 800.0
+"""Longest line of the many random ones [m]."""
 
 
 def slow_line() -> Line:
@@ -70,15 +72,21 @@ def test_a_longer_averaging_window_leaves_no_time_unused(factor: float) -> None:
 
 
 @pytest.mark.slow
-def test_more_time_needs_less_energy_on_200_random_lines() -> None:
-    """Breaks if a strategy without a solution, or the fastest plan, replaces the least energy of a time."""
+def test_more_time_needs_less_energy_on_short_random_lines() -> None:
+    """Breaks if a strategy without a solution, or the fastest plan, replaces the least energy of a time.
+
+    Two neighbouring times on every line up to 800 m; ``bench/plan_refusals.py --times 230`` plans five on all.
+    """
+    factors = (1.01, 1.05, 1.12, 1.25, 1.5)
     for seed in range(230):
         line, consist, settings = random_case(seed)
+        if line.end > SHORT_LINE:
+            continue
         try:
             least = plan(line, consist, settings).running_time
         except ValueError:
             continue
-        found = energies(line, consist, settings, [factor * least for factor in (1.01, 1.05, 1.12, 1.25, 1.5)])
+        found = energies(line, consist, settings, [factor * least for factor in factors[seed % 4 :][:2]])
         assert np.diff(found).max() <= 1e-4 * found[0] + ENERGY_STEP, seed
 
 

@@ -35,6 +35,8 @@ MISSED_SPEED = 1e3
 """Cost of a lack of E at a place with a least speed [1]."""
 MIN_SPEED = 0.05
 """Lower bound of the speed in the cost of time [m/s]."""
+CEILING_GAP = 1e-3
+"""Part of a grid cell of E below which the slope at the ceiling is taken from the cell below."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,6 +213,9 @@ def _curves(
     for k in range(n - 1, -1, -1):
         step, ceiling, price, free = steps[k], top[k + 1], prices[k], 0
         for i in range(m):
+            if i > 1 and energies[i - 1] > top[k]:
+                new[i] = 2.0 * new[i - 1] - new[i - 2]
+                continue
             energy = min(energies[i], top[k])
             speed = np.sqrt(2.0 * energy)
             place = speed / speed_step
@@ -239,6 +244,10 @@ def _curves(
                 ends[free] = slow
                 free += 1
             new[i] += MISSED_SPEED * max(floor[k] - energy, 0.0)
+            if energies[i] > top[k]:  # straight on from the value at the ceiling, or its slope would be too small
+                last = i - 1 if i > 0 and top[k] - energies[i - 1] > CEILING_GAP * spacing else i - 2
+                if last >= 0 and max(new[i], new[last]) < UNREACHABLE:
+                    new[i] += (new[i] - new[last]) / (top[k] - energies[last]) * (energies[i] - top[k])
         values, new = new, values
         unlimited = 4.0 * energies[-1]
         curve[k + 1] = _switching_energy(marginal[:free], ends, 0.0, unlimited)

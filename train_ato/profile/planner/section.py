@@ -236,7 +236,8 @@ class PlanSection:
             traction, electric, air = train.forces_at(speed)
             most = (keep * traction - resistance) / train.inertia
             least = (-keep * (electric + air) - resistance) / train.inertia
-            upper = np.where(acceleration > 0, np.maximum(most, 0.0), np.inf)
+            driven = train.inertia * acceleration + resistance > 0  # full traction on a climb slows down
+            upper = np.where(acceleration > 0, np.maximum(most, 0.0), np.where(driven, most, np.inf))
             acceleration = np.clip(acceleration, np.minimum(least, 0.0), upper)
         return SectionKnots(place, speed, acceleration, train.inertia * acceleration + resistance)
 
