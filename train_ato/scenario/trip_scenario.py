@@ -75,6 +75,8 @@ def trip_scenario(plan: TripPlan, name: str, profile: str, base: str | None, pla
         "compensation": "preview",
         "law_changes": [{"at": round(max(plan.profile.end - FINAL_GAINS, 0.0), 1), "laws": {"pid": gains}}],
     }
+    if plan.shares:
+        data["force_shares"] = [entry.model_dump(mode="json") for entry in plan.shares]
     if base is not None:
         return {"base": base, **data}
     return {**data, "plant": plant, "law": "pid", "evaluation": {}}

@@ -100,10 +100,10 @@ class TripSearch:
         """Return the plan for some limits: at the weight of time, or with the running time from a first price on."""
         planner = TripPlanner(self._line, self._consist, settings, self._period)
         if settings.time is not None:
-            return planner.at_time(settings.time, self._note, price)
+            return planner.with_unit_shares(planner.at_time(settings.time, self._note, price))
         plan = planner.at_price(settings.time_weight)
         self._note(plan)
-        return plan
+        return planner.with_unit_shares(plan)
 
     def _decreased_limits(self, plan: TripPlan) -> TripSettings:
         """Return the settings whose limits have the least cost at the price of time of a plan."""

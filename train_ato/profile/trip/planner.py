@@ -20,6 +20,7 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.summation import plain_sum
 from train_ato.control.air_brake.trip_policy import PlannedApplication
+from train_ato.control.force_distribution import SharesAt
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.profile.driver import average_speed
@@ -31,6 +32,7 @@ from train_ato.profile.trip.final_stop import braking_distance, final_decelerati
 from train_ato.profile.trip.journey import Application, Journey, JourneySearch
 from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train
 from train_ato.profile.trip.settings import TripSettings
+from train_ato.profile.trip.unit_shares import shares_for_run
 
 JOULES_PER_KWH = 3.6e6
 TIME_TOLERANCE, LARGEST_DEVIATION = 1e-3, 0.01
@@ -41,6 +43,8 @@ SLACK_AVERAGE = 20.0
 """Window of the average of the motion of vehicle 0 against the mean of the train [s]."""
 MAX_ROUNDS = 7
 """Largest number of journeys for a running time."""
+SHARE_ROUNDS = 2
+"""Number of corrections of the shares of the power units; the second one corrects the first by a tenth."""
 LAST_PART = 1.15
 """Reserve of the length of the last part of the braking: the run is a little faster than the journey."""
 FINAL_SHARE, ALMOST_AT_REST = 1.1, 0.5
@@ -71,6 +75,8 @@ class TripPlan:
         Nominal train on its line.
     settings : TripSettings
         Limits of the plan.
+    shares : tuple of SharesAt
+        Shares of the power units by place; empty for the fixed ones of the model.
     """
 
     profile: Profile
@@ -80,6 +86,7 @@ class TripPlan:
     price: float
     model: TrainModel
     settings: TripSettings
+    shares: tuple[SharesAt, ...] = ()
 
     @property
     def running_time(self) -> float:
@@ -170,11 +177,27 @@ class TripPlanner:
 
     def at_price(self, price: float) -> TripPlan:
         """Return the plan for a price of time [kWh/s]."""
-        journey = self._search.journey(price * JOULES_PER_KWH)
-        run = follow_journey(self._model, self._settings, journey, journey.applications)
+        return self._driven(self._search.journey(price * JOULES_PER_KWH), price)
+
+    def _driven(self, journey: Journey, price: float, shares: tuple[SharesAt, ...] = ()) -> TripPlan:
+        """Return the plan from the run of the nominal train along a journey."""
+        run = follow_journey(self._model, self._settings, journey, journey.applications, shares)
         self._check_limits(run)
         applications = tuple(self._planned(entry, run) for entry in journey.applications)
-        return TripPlan(self._profile(run), applications, run, journey, price, self._model, self._settings)
+        return TripPlan(self._profile(run), applications, run, journey, price, self._model, self._settings, shares)
+
+    def with_unit_shares(self, plan: TripPlan) -> TripPlan:
+        """Return the plan with the shares of the power units that have the least excess of coupler force and damage."""
+        plans = [plan]
+        if self._settings.independent_units and self._model.n_units > 1:
+            for _ in range(SHARE_ROUNDS):
+                shares = shares_for_run(self._model, plans[-1].run, plans[-1].shares)
+                try:
+                    plans.append(self._driven(plan.journey, plan.price, shares))
+                except ValueError:  # another motion of vehicle 0 exceeds a speed limit or misses the stop
+                    break
+        most = self._settings.coupler_max
+        return min(plans, key=lambda p: (max(p.coupler_max - most, 0.0), float(coupler_damage(p.run.couplers).sum())))
 
     def _check_limits(self, run: TripRun) -> None:
         """Check that the run of the nominal train keeps the speed limits.
