@@ -26,7 +26,7 @@ Integers = NDArray[np.int64]
 Tables = tuple[Array, Array, Array, Integers, Array, Array]
 """Arguments of the compiled search: cells, drives, shoes, ranges, couplers, constants."""
 QUASI_STATIC = 0.75
-"""Part of the largest coupler force permitted in the search; the rest is for the motion between the vehicles."""
+"""Part of the largest coupler force permitted in the first search; the rest is for the motion between the vehicles."""
 APPLICATION_PRICE = 5e6
 """Price of an application [J]: of two journeys of nearly equal energy, the one with fewer applications is chosen."""
 
@@ -89,9 +89,12 @@ class JourneySearch:
         Tables of train and line.
     settings
         Weights, final speed and rules of the air brake.
+    quasi_static
+        Part of the largest coupler force permitted in the search.
     """
 
-    def __init__(self, train: ReducedTrain, settings: TripSettings) -> None:
+    def __init__(self, train: ReducedTrain, settings: TripSettings, quasi_static: float = QUASI_STATIC) -> None:
+        self._coupler_limit = quasi_static * settings.coupler_max
         self._train, self._settings = train, settings
         self._shoes, self._ranges = _brake_states(train, settings.air_brake.pause)
         self._cells = np.vstack((train.line_force, train.limit[1:], train.couplers.line_force))
@@ -105,7 +108,7 @@ class JourneySearch:
         constant[[s.END_ENERGY, s.APPLICATION]] = 0.5 * settings.final_speed**2, APPLICATION_PRICE
         constant[s.OLDEST] = np.ceil(settings.air_brake.min_application / AGE_STEP)
         constant[s.RELEASE_SPEED] = settings.air_brake.min_release_speed
-        constant[s.COUPLER_LIMIT] = QUASI_STATIC * settings.coupler_max
+        constant[s.COUPLER_LIMIT] = self._coupler_limit
         return constant
 
     def journey(self, price: float) -> Journey:

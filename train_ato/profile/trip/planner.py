@@ -29,7 +29,7 @@ from train_ato.profile.profile import Profile
 from train_ato.profile.trip.driven_run import AVERAGE, TripRun, follow_journey
 from train_ato.profile.trip.fatigue import coupler_damage
 from train_ato.profile.trip.final_stop import braking_distance, final_deceleration, stop_knots
-from train_ato.profile.trip.journey import Application, Journey, JourneySearch
+from train_ato.profile.trip.journey import QUASI_STATIC, Application, Journey, JourneySearch
 from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train
 from train_ato.profile.trip.settings import TripSettings
 from train_ato.profile.trip.unit_shares import shares_for_run
@@ -144,6 +144,8 @@ class TripPlanner:
         Journey, weights and limits.
     period
         Time between the knots of the profile [s].
+    quasi_static
+        Part of the largest coupler force permitted in the search; for a train with several power units.
 
     Raises
     ------
@@ -151,7 +153,14 @@ class TripPlanner:
         One line: key, value, problem; fix.
     """
 
-    def __init__(self, line: Line, consist: Consist, settings: TripSettings, period: float = 0.1) -> None:
+    def __init__(
+        self,
+        line: Line,
+        consist: Consist,
+        settings: TripSettings,
+        period: float = 0.1,
+        quasi_static: float = QUASI_STATIC,
+    ) -> None:
         self._settings, self._period = settings, period
         self._half = consist.vehicles[0].length / 2
         self._model = nominal_train_model(consist, line)
@@ -161,7 +170,7 @@ class TripPlanner:
         begin, self._stop = journey_ends(line, settings, self._half)
         last = self._last_part()
         train = reduced_train(self._model, settings, begin, self._stop - last, permitted_reductions(consist, settings))
-        self._search = JourneySearch(train, settings)
+        self._search = JourneySearch(train, settings, quasi_static)
 
     def _last_part(self) -> float:
         """Return the distance from the end of the journey to the stop [m].

@@ -134,7 +134,7 @@ def shoe_response(consist: Consist, reduction: float, couplers: tuple[int, ...] 
 
 
 def _until_settled(forecast: BrakeForecast, begin: float, couplers: tuple[int, ...]) -> tuple[Array, Array]:
-    """Return the force at ages 0, AGE_STEP, ... until it is constant within :data:`SETTLED`, total and by coupler [N]."""
+    """Return total force and force ahead of couplers at ages 0, AGE_STEP, ... until constant by :data:`SETTLED` [N]."""
     ages: Array = AGE_STEP * np.arange(400, dtype=np.float64)
     forces = forecast.forces_at(begin + ages, 0.0)
     force, ahead = forces.sum(axis=1), forces.cumsum(axis=1)[:, list(couplers)]

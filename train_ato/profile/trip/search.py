@@ -38,8 +38,9 @@ POWER_BRAKING = 0.3
 ) = range(12)  # fmt: skip
 CONSTANTS = 12
 # Rows of `cells`, one column per cell (LIMIT: at its end), of `drives`, one column per speed, and of `shoes`, one
-# column per brake state (LARGEST: force of the complete application). `ranges` has one row per reduction. `couplers` has
-# one column per selected coupler; from LINE_AHEAD and SHOES_AHEAD on, `cells` and `shoes` have one row per coupler.
+# column per brake state (LARGEST: force of the complete application). `ranges` has one row per reduction.
+# `couplers` has one column per selected coupler; from LINE_AHEAD and SHOES_AHEAD on, `cells` and `shoes` have one row
+# per coupler.
 LINE_FORCE, LIMIT, LINE_AHEAD = range(3)
 TRACTION, BRAKE, RUNNING = range(3)
 SHOE_FORCE, LARGEST, SHOES_AHEAD = range(3)

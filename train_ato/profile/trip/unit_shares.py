@@ -1,11 +1,12 @@
 """Shares of the power units by place that lower the coupler forces of a planned run.
 
 A force d more at a power unit, and less at the next one, shifts the forces of all couplers between the two by d, and
-leaves the others as they are. The largest draft and buff between two units are therefore least with::
+leaves the others as they are. The least d that keeps the forces f_j of these couplers within a band +-L is therefore::
 
-    d_g = -(max_j f_j + min_j f_j) / 2,    j: couplers between unit g and unit g + 1
+    d = min(L - max f_j, 0) + max(-L - min f_j, 0)       if max f_j - min f_j <= 2 L
+    d = -(max f_j + min f_j) / 2                         else
 
-f_j is the force of the run with the present shares; it contains grades, brake waves and draft gears. It is averaged over
+f_j is the force of the run with the present shares; it contains grades, brake waves and draft gears. d is averaged over
 time, because commands do not damp the waves in the couplers. Unit i gets d_i - d_(i-1) more. Shares are from 0 to 1: no
 unit pulls against another one. The couplers behind the last unit do not depend on the shares.
 """
@@ -21,8 +22,10 @@ from train_ato.profile.trip.driven_run import TripRun
 
 SPACING = 200.0
 """Distance between the places of the shares [m]; the search has cells of 100 m."""
-WINDOW = 15.0
-"""Window of the average of the coupler forces [s]: the first natural period of the long train is about 10 s."""
+WINDOW = 40.0
+"""Window of the average of the shifts [s], several periods of the slowest motion between the vehicles."""
+BAND = 200e3
+"""Coupler force up to which the shares remain [N]: a cycle of this amplitude has a hundredth of the unit damage."""
 SMALL_FORCE = 100e3
 """Total force below which the shares approach the former ones [N]."""
 
@@ -55,9 +58,13 @@ def shares_for_run(model: TrainModel, run: TripRun, former: tuple[SharesAt, ...]
 
 
 def _shifts(model: TrainModel, couplers: Array) -> Array:
-    """Return the force from every unit to the next one that centres the couplers in between [N], (n, units - 1)."""
-    groups = [couplers[:, front:rear] for front, rear in zip(model.units, model.units[1:], strict=False)]
-    return -0.5 * np.stack([group.max(axis=1) + group.min(axis=1) for group in groups], axis=1)
+    """Return the force from every unit to the next one that keeps the band [N], shape (n, units - 1)."""
+    shifts = []
+    for front, rear in zip(model.units, model.units[1:], strict=False):
+        draft, buff = couplers[:, front:rear].max(axis=1), couplers[:, front:rear].min(axis=1)
+        needed = np.minimum(BAND - draft, 0.0) + np.maximum(-BAND - buff, 0.0)
+        shifts.append(np.where(draft - buff > 2 * BAND, -0.5 * (draft + buff), needed))
+    return np.stack(shifts, axis=1)
 
 
 def _averaged(values: Array, width: int) -> Array:
