@@ -1,13 +1,12 @@
 """Distribution of a total force over independent power units: shares by place, on top of the forces of the law.
 
-The laws split a total force by the fixed shares of the model (:attr:`TrainModel.share`). On a long train with power
-units in front and in the middle, other shares lower the coupler forces where a part of the train is on another grade.
-With the force f_i of the law, the total U = sum f_i, the fixed share s_i and the share s_i(x) at the place x::
+The laws control every unit with its own speed and position. On a long train the couplings between two units stretch by
+some metres, and the feedback of the units then drives them against each other. With shares by place, the laws supply
+the total U of the force only, and the share s_i(x) at the place x of the train gives the force of every unit::
 
-    u_i = f_i + (s_i(x) - s_i) U
+    u_i = s_i(x) U
 
-The total and the differences that the law makes between the units remain. A unit at a limit leaves the rest to the
-others.
+A unit at a limit leaves the rest to the others.
 """
 
 from __future__ import annotations
@@ -93,10 +92,8 @@ class ForceDistribution:
         low, high
             Smallest and largest force of every unit [N].
         """
-        total = plain_sum(wanted)
-        shares = self.shares_at(position)
-        moved = [force + (s - fixed) * total for force, s, fixed in zip(wanted, shares, self._fixed, strict=True)]
-        sent = [min(max(force, least), most) for force, least, most in zip(moved, low, high, strict=True)]
+        total, shares = plain_sum(wanted), self.shares_at(position)
+        sent = [min(max(s * total, least), most) for s, least, most in zip(shares, low, high, strict=True)]
         rest = total - plain_sum(sent)
         ends = high if rest > 0.0 else low
         room = [end - force for end, force in zip(ends, sent, strict=True)]

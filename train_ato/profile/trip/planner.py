@@ -29,6 +29,7 @@ from train_ato.profile.profile import Profile
 from train_ato.profile.trip.driven_run import AVERAGE, TripRun, follow_journey
 from train_ato.profile.trip.fatigue import coupler_damage
 from train_ato.profile.trip.final_stop import braking_distance, final_deceleration, stop_knots
+from train_ato.profile.trip.input_checks import check_sections, journey_ends, permitted_reductions
 from train_ato.profile.trip.journey import QUASI_STATIC, Application, Journey, JourneySearch
 from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train
 from train_ato.profile.trip.settings import TripSettings
@@ -168,6 +169,7 @@ class TripPlanner:
             self._model.running_resistance(ALMOST_AT_REST) / self._model.inertia
         )
         begin, self._stop = journey_ends(line, settings, self._half)
+        check_sections(line, begin + self._half - consist.length, self._stop + self._half)
         last = self._last_part()
         train = reduced_train(self._model, settings, begin, self._stop - last, permitted_reductions(consist, settings))
         self._search = JourneySearch(train, settings, quasi_static)
@@ -343,42 +345,3 @@ def _next_price(found: list[tuple[float, TripPlan]], time: float) -> float:
 def _typical(row: tuple[float, TripPlan], time: float) -> float:
     """Return the price for a running time [s] if the price falls with its sixth power."""
     return float(row[0] * np.clip((row[1].running_time / time) ** 6 * 1.1, 0.2, 5.0))
-
-
-def journey_ends(line: Line, settings: TripSettings, half: float) -> tuple[float, float]:
-    """Return begin and stop of vehicle 0's centre [m].
-
-    Raises
-    ------
-    ValueError
-        If they are not on the line.
-    """
-    stops = [stop.at for stop in line.stops]
-    end = settings.end if settings.end is not None else (stops[-1] if stops else line.end)
-    begin = settings.begin - half if settings.begin is not None else line.begin
-    if not line.begin <= begin < end - half - 1000.0 or end > line.end:
-        raise ValueError(
-            f"begin, end: km {(begin + half) / 1e3:.3f} to km {end / 1e3:.3f}: not 1 km or more on line '{line.name}' "
-            f"(km {line.begin / 1e3:.3f} to km {line.end / 1e3:.3f}); correct them"
-        )
-    return begin, end - half
-
-
-def permitted_reductions(consist: Consist, settings: TripSettings) -> tuple[float, ...]:
-    """Return the reductions of the brake pipe that a plan may use [Pa]; none without an air brake.
-
-    Raises
-    ------
-    ValueError
-        If one is beyond the table of the train.
-    """
-    brake = consist.air_brake
-    if brake is None:
-        return ()
-    for reduction in settings.air_brake.reductions:
-        if not 0.0 < reduction <= brake.reduction[-1]:
-            raise ValueError(
-                f"air_brake.reductions: {reduction / 1e3:g} kPa: not in the table of train '{consist.name}' (up to "
-                f"{brake.reduction[-1] / 1e3:g} kPa); correct it"
-            )
-    return settings.air_brake.reductions or (brake.reduction[-1],)
