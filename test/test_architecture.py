@@ -37,7 +37,17 @@ CONTROL_LAYERS = (
     ("observers", "compensation"),
     ("laws",),
     ("registry", "compiled"),
-    ("standstill", "command_hold", "command_history", "stack", "ato_state", "assurance", "plausibility", "takeover"),
+    (
+        "standstill",
+        "force_distribution",
+        "command_hold",
+        "command_history",
+        "stack",
+        "ato_state",
+        "assurance",
+        "plausibility",
+        "takeover",
+    ),
 )
 """Modules and packages of ``train_ato.control`` from lowest to highest; those of one layer may import each other."""
 CONVENTIONS = {

@@ -23,6 +23,7 @@ from train_ato.messages.validity import MAX_FORCE
 
 if TYPE_CHECKING:
     from train_ato.control.air_brake.policy import BrakePolicy
+    from train_ato.control.force_distribution import ForceDistribution
     from train_ato.control.train_model import TrainModel
 
 BLEND_TIME = 1.0
@@ -52,6 +53,8 @@ class ControlStack:
         The speed profile.
     hold_limit
         Maximum time for which the last command is repeated without a valid new one [s].
+    distribution
+        Shares of the power units by place; None: the forces of the law.
 
     Attributes
     ----------
@@ -75,6 +78,7 @@ class ControlStack:
         brake_policy: BrakePolicy,
         profile: ProfileLike,
         hold_limit: float,
+        distribution: ForceDistribution | None = None,
     ) -> None:
         self.model = model
         self.period = period
@@ -87,6 +91,7 @@ class ControlStack:
         self._law: Law = LAWS.make(controller, controller_parameters.get(controller, {}), model, period)
         self._compensation = compensation
         self._policy = brake_policy
+        self._distribution = distribution
         self._delay_to_effect = float(max(model.delay.max(), model.delay_brake.max())) + model.lag
         self._air_brake = model.consist.air_brake is not None
         self._history = CommandHistory(model, tick)
@@ -240,7 +245,10 @@ class ControlStack:
             self._pressure = min(max(output.brake_pipe, 0.0), self.model.consist.air_brake.charged)  # type: ignore[union-attr]
         if self._offset is not None:
             wanted = self._bumpless(wanted)
-        return self._limited(wanted, low, high)
+        sent = self._limited(wanted, low, high)
+        if self._distribution is None:
+            return sent
+        return self._distribution.forces(self.model.front(measurement.position), sent, low, high)
 
     def _limited(self, wanted: list[float], low: list[float], high: list[float]) -> list[float]:
         """Return the force of every unit inside its limits [N]; ``_saturated`` is True if one is at a limit."""

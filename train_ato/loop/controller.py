@@ -138,6 +138,7 @@ class ControllerStage:
             brake_policy=setup.brake_policy(),
             profile=profile,
             hold_limit=setup.scenario.hold_limit,
+            distribution=setup.force_distribution(),
         )
 
     def validate(self, name: str, value: Any) -> None:

@@ -19,6 +19,7 @@ from plant_sim.train import Train
 from train_ato.control.air_brake.policy import BrakePolicy, make_brake_policy
 from train_ato.control.compensation.compatibility import check_compatible
 from train_ato.control.contract import Law
+from train_ato.control.force_distribution import ForceDistribution
 from train_ato.control.parameters import RefusedParameter
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.control.train_model import TrainModel
@@ -208,6 +209,11 @@ class RunSetup:
         """Return a fresh policy of the air brake."""
         return make_brake_policy(self.scenario.brake, self.model, self.line)
 
+    def force_distribution(self) -> ForceDistribution | None:
+        """Return the distribution of the force over the power units; None for the fixed shares of the model."""
+        shares = self.scenario.force_shares
+        return None if shares is None else ForceDistribution(shares, self.model.share.tolist())
+
     def supervisor(self) -> Supervisor:
         """Return the supervisor of the train on its line, up to the stop at the end of the profile.
 
@@ -386,6 +392,7 @@ def _check_choices(setup: RunSetup) -> None:
     OBSERVERS.make(setup.observer, setup.observer_parameters, setup.model, setup.tick)
     COMPENSATIONS.make(setup.compensation, setup.compensation_parameters, setup.model, setup.control_period)
     setup.brake_policy()
+    setup.force_distribution()
     setup.train()
     for intervention in setup.scenario.interventions:
         setup.check_intervention(intervention)

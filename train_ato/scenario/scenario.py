@@ -21,6 +21,7 @@ from plant_sim.number_text import number_text
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.units import Length, SiModel, Time
 from train_ato.control.air_brake.policy import BrakeSpec
+from train_ato.control.force_distribution import SharesAt
 from train_ato.messages.faults import Fault
 from train_ato.messages.links import LinkSpec
 from train_ato.profile.planner.settings import ReplanSpec
@@ -131,6 +132,9 @@ class Scenario(SiModel):
         1.0, gt=0, le=3600, description="maximum time of repeating the last command without a valid new one"
     )
     brake: BrakeSpec = BrakeSpec()
+    force_shares: tuple[SharesAt, ...] | None = Field(
+        None, min_length=1, description="shares of the power units by place; default: in proportion to their traction"
+    )
     law_changes: tuple[LawChange, ...] = ()
     interventions: tuple[Intervention, ...] = Field(
         (), description="gusts, delay jumps and emergency brake during the run"

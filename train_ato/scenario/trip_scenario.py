@@ -19,7 +19,7 @@ from plant_sim.library import consist_names, line_names
 from plant_sim.line import Line
 from train_ato.profile.file import write_profile
 from train_ato.profile.trip.planner import TripPlan
-from train_ato.scenario.scenario import SCHEMA
+from train_ato.scenario.scenario import SCHEMA, raw_scenario
 
 REST = 45.0
 """Simulated time after the planned stop [s]."""
@@ -75,9 +75,18 @@ def trip_scenario(plan: TripPlan, name: str, profile: str, base: str | None, pla
         "compensation": "preview",
         "law_changes": [{"at": round(max(plan.profile.end - FINAL_GAINS, 0.0), 1), "laws": {"pid": gains}}],
     }
+    if plan.shares:
+        data["force_shares"] = [entry.model_dump(mode="json") for entry in plan.shares]
     if base is not None:
-        return {"base": base, **data}
+        return {"base": base, **data, **_other_plant(base, plant)}
     return {**data, "plant": plant, "law": "pid", "evaluation": {}}
+
+
+def _other_plant(base: str, plant: dict[str, Any]) -> dict[str, Any]:
+    """Return the plant of a plan for another train or line than those of its base; empty for the same ones."""
+    former = raw_scenario(base)[1].get("plant", {})
+    different = {key: value for key, value in plant.items() if former.get(key) != value}
+    return {"plant": different} if different else {}
 
 
 def write_trip(plan: TripPlan, path: Path, base: str | None, plant: dict[str, Any], source: str) -> tuple[Path, Path]:

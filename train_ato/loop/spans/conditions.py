@@ -34,11 +34,12 @@ LONGEST, BRAKED = 256, 128
 def spans_possible(setup: RunSetup) -> bool:
     """Return True for a run whose ticks can be compiled.
 
-    It has a shipped observer, the compensation `none`, `preview`, `predictor` or `twin`, no re-planning, delays on the
-    command only and without random parts, and no sensor that freezes or slips.
+    It has a shipped observer, the compensation `none`, `preview`, `predictor` or `twin`, no re-planning, no
+    shares of the power units by place, delays on the command only and without random parts, and no sensor that freezes
+    or slips.
     """
     scenario, links, sensors = setup.scenario, setup.links, setup.plant.sensors
-    if scenario.replan:
+    if scenario.replan or scenario.force_shares:
         return False
     others = (links.measurement, links.reference, links.estimate, links.brake_pipe, links.brake_release)
     delayed = any(link != LinkSpec() for link in others)

@@ -25,6 +25,7 @@ from plant_sim.plant_setup import PlantSetup
 from plant_sim.summation import plain_sum
 from plant_sim.totals import Totals
 from plant_sim.train import Train
+from train_ato.control.force_distribution import ForceDistribution, SharesAt
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.profile.trip.journey import Application, Journey
@@ -105,9 +106,20 @@ class JourneyFollower:
 
 
 def follow_journey(
-    model: TrainModel, settings: TripSettings, journey: Journey, applications: tuple[Application, ...]
+    model: TrainModel,
+    settings: TripSettings,
+    journey: Journey,
+    applications: tuple[Application, ...],
+    shares: tuple[SharesAt, ...] = (),
 ) -> TripRun:
     """Return the run of the nominal train along a journey, from rest to the end of the journey.
+
+    Parameters
+    ----------
+    model, settings, journey, applications
+        Nominal train, limits, journey and its applications.
+    shares
+        Shares of the power units by place; empty for the fixed ones of the model.
 
     Raises
     ------
@@ -118,7 +130,7 @@ def follow_journey(
     train = Train(model.consist, model.line, setup, round(STEP * 1e9), round(PERIOD * 1e9))
     follower = JourneyFollower(model, settings, journey)
     air = model.consist.air_brake
-    share = model.share[None, :] * np.ones((train.substeps, 1))
+    share, distribution = model.share.tolist(), ForceDistribution(shares, model.share.tolist())
     mass = model.inertia
     force, standstill = 0.0, 0.0
     rows: list[tuple[float, float, float, float, float]] = []
@@ -139,7 +151,10 @@ def follow_journey(
             )
         reduction = reduction_at(position, applications)
         force = follower.force(position, velocity, force, reduction > 0.0 or rows[-1][3] > released)
-        train.advance(force * share, None if air is None else air.charged - reduction)
+        forces = [force * part for part in share]
+        if shares:
+            forces = distribution.forces(position, forces, *model.limits_of_units([velocity] * model.n_units))
+        train.advance(np.tile(forces, (train.substeps, 1)), None if air is None else air.charged - reduction)
     table = np.array(rows)
     places, speeds, forces, shoe_forces, means = table.T
     return TripRun(PERIOD, places, speeds, forces, shoe_forces, means, np.array(couplers), train.totals)

@@ -23,8 +23,10 @@ LEVELS = np.array([1.0, 0.8, 0.6, 0.4, 0.2, 0.0, -0.2, -0.4, -0.6, -0.8, -1.0])
 FINE_LEVELS = np.linspace(1.0, -1.0, 81)
 """The same in the forward pass."""
 Integers = NDArray[np.int64]
-Tables = tuple[Array, Array, Array, Integers, Array]
-"""Arguments of the compiled search: cells, drives, shoes, ranges, constants."""
+Tables = tuple[Array, Array, Array, Integers, Array, Array]
+"""Arguments of the compiled search: cells, drives, shoes, ranges, couplers, constants."""
+QUASI_STATIC = 0.75
+"""Part of the largest coupler force permitted in the first search; the rest is for the motion between the vehicles."""
 APPLICATION_PRICE = 5e6
 """Price of an application [J]: of two journeys of nearly equal energy, the one with fewer applications is chosen."""
 
@@ -87,13 +89,15 @@ class JourneySearch:
         Tables of train and line.
     settings
         Weights, final speed and rules of the air brake.
+    quasi_static
+        Part of the largest coupler force permitted in the search.
     """
 
-    def __init__(self, train: ReducedTrain, settings: TripSettings) -> None:
+    def __init__(self, train: ReducedTrain, settings: TripSettings, quasi_static: float = QUASI_STATIC) -> None:
+        self._coupler_limit = quasi_static * settings.coupler_max
         self._train, self._settings = train, settings
-        shoe, largest, self._ranges = _brake_states(train, settings.air_brake.pause)
-        self._shoes = np.stack((shoe, largest))
-        self._cells = np.stack((train.line_force, train.limit[1:]))
+        self._shoes, self._ranges = _brake_states(train, settings.air_brake.pause)
+        self._cells = np.vstack((train.line_force, train.limit[1:], train.couplers.line_force))
         self._drives = np.stack((train.traction, train.brake, train.running))
 
     def _constants(self, price: float) -> Array:
@@ -104,6 +108,7 @@ class JourneySearch:
         constant[[s.END_ENERGY, s.APPLICATION]] = 0.5 * settings.final_speed**2, APPLICATION_PRICE
         constant[s.OLDEST] = np.ceil(settings.air_brake.min_application / AGE_STEP)
         constant[s.RELEASE_SPEED] = settings.air_brake.min_release_speed
+        constant[s.COUPLER_LIMIT] = self._coupler_limit
         return constant
 
     def journey(self, price: float) -> Journey:
@@ -115,7 +120,7 @@ class JourneySearch:
             With the place at which train and brakes permit no continuation.
         """
         constant = self._constants(price)
-        tables = (self._cells, self._drives, self._shoes, self._ranges, constant)
+        tables = (self._cells, self._drives, self._shoes, self._ranges, self._train.couplers.constant, constant)
         value = s.solve_values(LEVELS, *tables)
         return self._forward(value, tables)
 
@@ -172,19 +177,24 @@ class JourneySearch:
         return 0.0
 
 
-def _brake_states(train: ReducedTrain, pause: float) -> tuple[Array, Array, Integers]:
-    """Return shoe force at standstill, force of the complete application, both [N], and the ranges of the states."""
-    force, largest, ranges = [0.0], [1.0], []
+def _brake_states(train: ReducedTrain, pause: float) -> tuple[Array, Integers]:
+    """Return the rows of the brake states for the search and the ranges of the states.
+
+    The rows are the shoe force at standstill, that of the complete application, and those in front of the couplers [N].
+    """
+    none = np.zeros((1, len(train.couplers.numbers)))
+    force, ahead, largest, ranges = [0.0], [none], [1.0], []
     for response in train.responses:
         count = max(response.release.size, int(np.ceil(pause / AGE_STEP)) + 1)
-        released = np.zeros(count)
-        released[: response.release.size] = response.release
+        longer = count - response.release.size
         first = len(force)
         middle = first + response.apply.size
         ranges.append((first, middle - 1, middle, middle + count - 1))
-        force += [*response.apply.tolist(), *released.tolist()]
+        force += [*response.apply.tolist(), *response.release.tolist(), *[0.0] * longer]
+        ahead += [response.apply_ahead, response.release_ahead, np.repeat(none, longer, axis=0)]
         largest += [float(response.apply[-1])] * (response.apply.size + count)
-    return np.array([*force, 0.0]), np.array([*largest, 1.0]), np.array(ranges, dtype=np.int64).reshape(-1, 4)
+    rows = np.vstack(([*force, 0.0], [*largest, 1.0], np.vstack([*ahead, none]).T))
+    return rows, np.array(ranges, dtype=np.int64).reshape(-1, 4)
 
 
 def _applications(changes: list[tuple[float, float]]) -> tuple[Application, ...]:

@@ -15,11 +15,14 @@ from collections.abc import Callable
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
+from train_ato.profile.trip.journey import QUASI_STATIC
 from train_ato.profile.trip.planner import TripPlan, TripPlanner
 from train_ato.profile.trip.settings import TripSettings
 
 STEPS = (("slew", 0.5, 2), ("traction", 0.8, 3))
 """Limit, factor of a step and largest number of steps, in the order of the search."""
+COUPLER_ROUNDS, COUPLER_STEP = 4, 0.85
+"""Largest number of searches for the coupler force, and largest factor on it from one to the next."""
 Report = Callable[[str], None]
 
 
@@ -97,12 +100,23 @@ class TripSearch:
         return TripInterrupted(best, len(self.plans))
 
     def _planned(self, settings: TripSettings, price: float | None) -> TripPlan:
-        """Return the plan for some limits: at the weight of time, or with the running time from a first price on."""
-        planner = TripPlanner(self._line, self._consist, settings, self._period)
-        if settings.time is not None:
-            return planner.at_time(settings.time, self._note, price)
-        plan = planner.at_price(settings.time_weight)
-        self._note(plan)
+        """Return the plan for some limits: at the weight of time, or with the running time from a first price on.
+
+        The search has no motion between the vehicles. If the run of a train with several power units exceeds the
+        coupler force, the search is repeated with a smaller one.
+        """
+        part = QUASI_STATIC
+        for _ in range(COUPLER_ROUNDS):
+            planner = TripPlanner(self._line, self._consist, settings, self._period, part)
+            if settings.time is not None:
+                plan = planner.at_time(settings.time, self._note, price)
+            else:
+                plan = planner.at_price(settings.time_weight)
+                self._note(plan)
+            plan = planner.with_unit_shares(plan)
+            if plan.coupler_max <= settings.coupler_max or plan.model.n_units < 2:
+                break
+            part, price = part * min(COUPLER_STEP, settings.coupler_max / plan.coupler_max), plan.price
         return plan
 
     def _decreased_limits(self, plan: TripPlan) -> TripSettings:

@@ -20,6 +20,7 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.summation import plain_sum
 from train_ato.control.air_brake.trip_policy import PlannedApplication
+from train_ato.control.force_distribution import SharesAt
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.profile.driver import average_speed
@@ -28,9 +29,11 @@ from train_ato.profile.profile import Profile
 from train_ato.profile.trip.driven_run import AVERAGE, TripRun, follow_journey
 from train_ato.profile.trip.fatigue import coupler_damage
 from train_ato.profile.trip.final_stop import braking_distance, final_deceleration, stop_knots
-from train_ato.profile.trip.journey import Application, Journey, JourneySearch
+from train_ato.profile.trip.input_checks import check_sections, journey_ends, permitted_reductions
+from train_ato.profile.trip.journey import QUASI_STATIC, Application, Journey, JourneySearch
 from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train
 from train_ato.profile.trip.settings import TripSettings
+from train_ato.profile.trip.unit_shares import shares_for_run
 
 JOULES_PER_KWH = 3.6e6
 TIME_TOLERANCE, LARGEST_DEVIATION = 1e-3, 0.01
@@ -41,6 +44,8 @@ SLACK_AVERAGE = 20.0
 """Window of the average of the motion of vehicle 0 against the mean of the train [s]."""
 MAX_ROUNDS = 7
 """Largest number of journeys for a running time."""
+SHARE_ROUNDS = 2
+"""Number of corrections of the shares of the power units; the second one corrects the first by a tenth."""
 LAST_PART = 1.15
 """Reserve of the length of the last part of the braking: the run is a little faster than the journey."""
 FINAL_SHARE, ALMOST_AT_REST = 1.1, 0.5
@@ -71,6 +76,8 @@ class TripPlan:
         Nominal train on its line.
     settings : TripSettings
         Limits of the plan.
+    shares : tuple of SharesAt
+        Shares of the power units by place; empty for the fixed ones of the model.
     """
 
     profile: Profile
@@ -80,6 +87,7 @@ class TripPlan:
     price: float
     model: TrainModel
     settings: TripSettings
+    shares: tuple[SharesAt, ...] = ()
 
     @property
     def running_time(self) -> float:
@@ -137,6 +145,8 @@ class TripPlanner:
         Journey, weights and limits.
     period
         Time between the knots of the profile [s].
+    quasi_static
+        Part of the largest coupler force permitted in the search; for a train with several power units.
 
     Raises
     ------
@@ -144,7 +154,14 @@ class TripPlanner:
         One line: key, value, problem; fix.
     """
 
-    def __init__(self, line: Line, consist: Consist, settings: TripSettings, period: float = 0.1) -> None:
+    def __init__(
+        self,
+        line: Line,
+        consist: Consist,
+        settings: TripSettings,
+        period: float = 0.1,
+        quasi_static: float = QUASI_STATIC,
+    ) -> None:
         self._settings, self._period = settings, period
         self._half = consist.vehicles[0].length / 2
         self._model = nominal_train_model(consist, line)
@@ -152,9 +169,10 @@ class TripPlanner:
             self._model.running_resistance(ALMOST_AT_REST) / self._model.inertia
         )
         begin, self._stop = journey_ends(line, settings, self._half)
+        check_sections(line, begin + self._half - consist.length, self._stop + self._half)
         last = self._last_part()
         train = reduced_train(self._model, settings, begin, self._stop - last, permitted_reductions(consist, settings))
-        self._search = JourneySearch(train, settings)
+        self._search = JourneySearch(train, settings, quasi_static)
 
     def _last_part(self) -> float:
         """Return the distance from the end of the journey to the stop [m].
@@ -170,11 +188,27 @@ class TripPlanner:
 
     def at_price(self, price: float) -> TripPlan:
         """Return the plan for a price of time [kWh/s]."""
-        journey = self._search.journey(price * JOULES_PER_KWH)
-        run = follow_journey(self._model, self._settings, journey, journey.applications)
+        return self._driven(self._search.journey(price * JOULES_PER_KWH), price)
+
+    def _driven(self, journey: Journey, price: float, shares: tuple[SharesAt, ...] = ()) -> TripPlan:
+        """Return the plan from the run of the nominal train along a journey."""
+        run = follow_journey(self._model, self._settings, journey, journey.applications, shares)
         self._check_limits(run)
         applications = tuple(self._planned(entry, run) for entry in journey.applications)
-        return TripPlan(self._profile(run), applications, run, journey, price, self._model, self._settings)
+        return TripPlan(self._profile(run), applications, run, journey, price, self._model, self._settings, shares)
+
+    def with_unit_shares(self, plan: TripPlan) -> TripPlan:
+        """Return the plan with the shares of the power units that have the least excess of coupler force and damage."""
+        plans = [plan]
+        if self._settings.independent_units and self._model.n_units > 1:
+            for _ in range(SHARE_ROUNDS):
+                shares = shares_for_run(self._model, plans[-1].run, plans[-1].shares)
+                try:
+                    plans.append(self._driven(plan.journey, plan.price, shares))
+                except ValueError:  # another motion of vehicle 0 exceeds a speed limit or misses the stop
+                    break
+        most = self._settings.coupler_max
+        return min(plans, key=lambda p: (max(p.coupler_max - most, 0.0), float(coupler_damage(p.run.couplers).sum())))
 
     def _check_limits(self, run: TripRun) -> None:
         """Check that the run of the nominal train keeps the speed limits.
@@ -311,42 +345,3 @@ def _next_price(found: list[tuple[float, TripPlan]], time: float) -> float:
 def _typical(row: tuple[float, TripPlan], time: float) -> float:
     """Return the price for a running time [s] if the price falls with its sixth power."""
     return float(row[0] * np.clip((row[1].running_time / time) ** 6 * 1.1, 0.2, 5.0))
-
-
-def journey_ends(line: Line, settings: TripSettings, half: float) -> tuple[float, float]:
-    """Return begin and stop of vehicle 0's centre [m].
-
-    Raises
-    ------
-    ValueError
-        If they are not on the line.
-    """
-    stops = [stop.at for stop in line.stops]
-    end = settings.end if settings.end is not None else (stops[-1] if stops else line.end)
-    begin = settings.begin - half if settings.begin is not None else line.begin
-    if not line.begin <= begin < end - half - 1000.0 or end > line.end:
-        raise ValueError(
-            f"begin, end: km {(begin + half) / 1e3:.3f} to km {end / 1e3:.3f}: not 1 km or more on line '{line.name}' "
-            f"(km {line.begin / 1e3:.3f} to km {line.end / 1e3:.3f}); correct them"
-        )
-    return begin, end - half
-
-
-def permitted_reductions(consist: Consist, settings: TripSettings) -> tuple[float, ...]:
-    """Return the reductions of the brake pipe that a plan may use [Pa]; none without an air brake.
-
-    Raises
-    ------
-    ValueError
-        If one is beyond the table of the train.
-    """
-    brake = consist.air_brake
-    if brake is None:
-        return ()
-    for reduction in settings.air_brake.reductions:
-        if not 0.0 < reduction <= brake.reduction[-1]:
-            raise ValueError(
-                f"air_brake.reductions: {reduction / 1e3:g} kPa: not in the table of train '{consist.name}' (up to "
-                f"{brake.reduction[-1] / 1e3:g} kPa); correct it"
-            )
-    return settings.air_brake.reductions or (brake.reduction[-1],)

@@ -19,6 +19,7 @@ from plant_sim.summation import plain_sum
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.profile.planner.line_tables import SpeedLimits
+from train_ato.profile.trip.quasi_static_couplers import CouplerTables, coupler_tables
 from train_ato.profile.trip.settings import TripSettings
 
 CELL = 100.0
@@ -49,11 +50,15 @@ class ShoeResponse:
         Reduction of the brake pipe [Pa].
     apply, release : Array, shape (ages,)
         Force at the ages of a grid of :data:`AGE_STEP`; the last entry holds for longer ages.
+    apply_ahead, release_ahead : Array, shape (ages, couplers)
+        Part of it by the vehicles in front of selected couplers.
     """
 
     reduction: float
     apply: Array
     release: Array
+    apply_ahead: Array
+    release_ahead: Array
 
 
 @dataclass(frozen=True)
@@ -78,6 +83,8 @@ class ReducedTrain:
         Mass with rotating parts [kg].
     responses : tuple of ShoeResponse
         One for each permitted reduction; empty without an air brake.
+    couplers : CouplerTables
+        Sums over the vehicles in front of selected couplers.
     """
 
     begin: float
@@ -90,6 +97,7 @@ class ReducedTrain:
     running: Array
     inertia: float
     responses: tuple[ShoeResponse, ...]
+    couplers: CouplerTables
 
     @property
     def cells(self) -> int:
@@ -101,26 +109,39 @@ class ReducedTrain:
         return self.begin + number * self.cell
 
 
-def shoe_response(consist: Consist, reduction: float) -> ShoeResponse:
-    """Return the shoe force of the train after an application of a reduction [Pa] and after its release."""
+def shoe_response(consist: Consist, reduction: float, couplers: tuple[int, ...] = ()) -> ShoeResponse:
+    """Return the shoe force of the train after an application of a reduction [Pa] and after its release.
+
+    Parameters
+    ----------
+    consist
+        Train with an air brake.
+    reduction
+        Reduction of the brake pipe [Pa].
+    couplers
+        Couplers with the shoe force in front of them, by the vehicle in front.
+    """
     brake = consist.air_brake
     assert brake is not None
     forecast = BrakeForecast(consist)
     forecast.demand(0.0, brake.charged - reduction)
-    applied = _until_settled(forecast, 0.0)
+    applied, applied_ahead = _until_settled(forecast, 0.0, couplers)
     begin = AGE_STEP * applied.size
     forecast.commit(begin)
     forecast.demand(begin, brake.charged)
-    return ShoeResponse(reduction, applied, _until_settled(forecast, begin))
+    released, released_ahead = _until_settled(forecast, begin, couplers)
+    return ShoeResponse(reduction, applied, released, applied_ahead, released_ahead)
 
 
-def _until_settled(forecast: BrakeForecast, begin: float) -> Array:
-    """Return the total force at ages 0, AGE_STEP, ... until it is constant within :data:`SETTLED` [N]."""
+def _until_settled(forecast: BrakeForecast, begin: float, couplers: tuple[int, ...]) -> tuple[Array, Array]:
+    """Return total force and force ahead of couplers at ages 0, AGE_STEP, ... until constant by :data:`SETTLED` [N]."""
     ages: Array = AGE_STEP * np.arange(400, dtype=np.float64)
-    force = forecast.forces_at(begin + ages, 0.0).sum(axis=1)
+    forces = forecast.forces_at(begin + ages, 0.0)
+    force, ahead = forces.sum(axis=1), forces.cumsum(axis=1)[:, list(couplers)]
     span = abs(force[-1] - force[0])
     settled = np.flatnonzero(np.abs(force - force[-1]) <= SETTLED * span)
-    return np.asarray(force[: int(settled[0]) + 1])
+    count = int(settled[0]) + 1
+    return np.asarray(force[:count]), np.asarray(ahead[:count])
 
 
 def reduced_train(
@@ -156,10 +177,12 @@ def reduced_train(
     if settings.traction_max is not None:
         traction = np.minimum(traction, settings.traction_max)
     running = np.array([model.running_resistance(max(v, 0.5)) for v in speed.tolist()])
-    responses = tuple(shoe_response(consist, reduction) for reduction in reductions)
+    couplers = coupler_tables(model, places[:, 0] + cell * 7 / 16)
+    responses = tuple(shoe_response(consist, reduction, couplers.numbers) for reduction in reductions)
     return ReducedTrain(
-        begin, cell, line_force, limit, speed, traction, -settings.brake * low, running, model.inertia, responses
-    )
+        begin, cell, line_force, limit, speed, traction, -settings.brake * low, running, model.inertia, responses,
+        couplers,
+    )  # fmt: skip
 
 
 def _top_speed(model: TrainModel) -> float:

@@ -27,19 +27,24 @@ EXCESS = 1e9
 """Cost of a speed above the limit, per m/s and cell [J]."""
 END_EXCESS = 1e10
 """Cost of a speed above the final one, per m²/s² at the end [J]."""
+COUPLER_EXCESS = 1e3
+"""Cost of a quasi-static coupler force above its limit, per N and cell [J]: 28 kWh for 100 kN."""
 POWER_BRAKING = 0.3
 """Part of the shoe force of a complete application above which no traction is permitted."""
 # Entries of `constant`. ROLLING: lowest speed of a rolling train. END_ENERGY: v²/2 at the end.
 (
     INERTIA, CELL_LENGTH, SPEED_GRID, AGE_GRID, PRICE, RECOVERED, ROLLING, END_ENERGY, APPLICATION, OLDEST,
-    RELEASE_SPEED,
-) = range(11)  # fmt: skip
-CONSTANTS = 11
+    RELEASE_SPEED, COUPLER_LIMIT,
+) = range(12)  # fmt: skip
+CONSTANTS = 12
 # Rows of `cells`, one column per cell (LIMIT: at its end), of `drives`, one column per speed, and of `shoes`, one
 # column per brake state (LARGEST: force of the complete application). `ranges` has one row per reduction.
-LINE_FORCE, LIMIT = range(2)
+# `couplers` has one column per selected coupler; from LINE_AHEAD and SHOES_AHEAD on, `cells` and `shoes` have one row
+# per coupler.
+LINE_FORCE, LIMIT, LINE_AHEAD = range(3)
 TRACTION, BRAKE, RUNNING = range(3)
-SHOE_FORCE, LARGEST = range(2)
+SHOE_FORCE, LARGEST, SHOES_AHEAD = range(3)
+MASS_AHEAD, DRIVES_AHEAD, RUNNING_AHEAD = range(3)
 APPLIED_FIRST, APPLIED_LAST, RELEASED_FIRST, RELEASED_LAST = range(4)
 
 
@@ -95,7 +100,20 @@ def retarding_force(v, line_force, running, shoe):
 
 
 @compiled
-def _cost(v, force, k, state, shoe, running, value, cells, ranges, constant):
+def _coupler_excess(v, force, acceleration, k, state, running, cells, shoes, couplers, limit):
+    """Return the largest quasi-static coupler force above a limit [N] (:mod:`.quasi_static_couplers`)."""
+    excess = 0.0
+    for j in range(couplers.shape[1]):
+        held = retarding_force(
+            v, cells[LINE_AHEAD + j, k], couplers[RUNNING_AHEAD, j] * running, _between(shoes[SHOES_AHEAD + j], state)
+        )
+        pull = couplers[DRIVES_AHEAD, j] * force - couplers[MASS_AHEAD, j] * acceleration - held
+        excess = max(excess, abs(pull) - limit)
+    return excess
+
+
+@compiled
+def _cost(v, force, k, state, shoe, running, value, cells, shoes, ranges, couplers, constant):
     """Return the cost of a force in a cell plus J after it [J], and the speed at its end [m/s]."""
     length, grid = constant[CELL_LENGTH], constant[SPEED_GRID]
     pull = force - retarding_force(v, cells[LINE_FORCE, k], running, shoe)
@@ -107,11 +125,16 @@ def _cost(v, force, k, state, shoe, running, value, cells, ranges, constant):
     older = older_state(state, duration, ranges, constant[AGE_GRID])
     cost = (max(force, 0.0) + constant[RECOVERED] * min(force, 0.0)) * length + constant[PRICE] * duration
     cost += EXCESS * max(after - cells[LIMIT, k], 0.0)
+    if couplers.shape[1] > 0:
+        acceleration = pull / constant[INERTIA]
+        cost += COUPLER_EXCESS * _coupler_excess(
+            v, force, acceleration, k, state, running, cells, shoes, couplers, constant[COUPLER_LIMIT]
+        )
     return cost + _value(value, older, after, ranges, grid), after
 
 
 @compiled
-def best_force(v, k, state, value, levels, cells, drives, shoes, ranges, constant):
+def best_force(v, k, state, value, levels, cells, drives, shoes, ranges, couplers, constant):
     """Return cost [J], force [N] and next speed [m/s] of the best force from a state on."""
     place = v / constant[SPEED_GRID]
     high, low = _between(drives[TRACTION], place), _between(drives[BRAKE], place)
@@ -129,14 +152,14 @@ def best_force(v, k, state, value, levels, cells, drives, shoes, ranges, constan
             force = levels[n] * (high if levels[n] > 0.0 else low)
             if n > 0 and levels[n] > 0.0 and high == 0.0:
                 continue
-        cost, after = _cost(v, force, k, state, shoe, running, value, cells, ranges, constant)
+        cost, after = _cost(v, force, k, state, shoe, running, value, cells, shoes, ranges, couplers, constant)
         if cost < best:
             best, chosen, next_speed = cost, force, after
     return best, chosen, next_speed
 
 
 @compiled
-def solve_values(levels, cells, drives, shoes, ranges, constant):
+def solve_values(levels, cells, drives, shoes, ranges, couplers, constant):
     """Return J at every stage, brake state and speed [J], shape (cells + 1, states, speeds)."""
     count, states, speeds = cells.shape[1], shoes.shape[1], drives.shape[1]
     value = np.full((count + 1, states, speeds), IMPOSSIBLE)
@@ -151,7 +174,7 @@ def solve_values(levels, cells, drives, shoes, ranges, constant):
                 v = j * constant[SPEED_GRID]
                 if j == 0 or v >= constant[ROLLING]:
                     value[k, b, j], _, _ = best_force(
-                        v, k, float(b), value[k + 1], levels, cells, drives, shoes, ranges, constant
+                        v, k, float(b), value[k + 1], levels, cells, drives, shoes, ranges, couplers, constant
                     )
         _change_brake(value[k], ranges, constant)
     return value

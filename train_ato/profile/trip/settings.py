@@ -38,6 +38,9 @@ class TripSettings(SiModel):
     slew: ForceRate = Field(16e3, gt=0, description="largest change of the force of the train per second")
     speed_margin: Speed = Field(1.3 / 3.6, ge=0, description="distance from the speed limits")
     coupler_max: Force = Field(600e3, gt=0, description="largest coupler force on the nominal train")
+    independent_units: bool = Field(
+        True, description="several power units: shares of the force by place that lower the coupler forces"
+    )
     final_speed: Speed = Field(4.5 / 3.6, gt=0, description="speed from which the train brakes to the stop")
     final_deceleration: Acceleration | None = Field(
         None,
