@@ -247,7 +247,7 @@ def test_failed_and_refused_runs_are_rows(tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_an_ended_sweep_keeps_its_rows_and_leaves_no_process(number: signal.Signals, tmp_path: Path) -> None:
     """Breaks if the end of the sweep loses finished runs, leaves a worker, or cannot be continued."""
-    (tmp_path / "spec.yaml").write_text(yaml.safe_dump(SPEC | {"set": {"duration": 200}, "runs": 40}))
+    (tmp_path / "spec.yaml").write_text(yaml.safe_dump(SPEC | {"set": {"duration": 800}, "runs": 40}))
     process = start(tmp_path, "spec.yaml", "--out", "out", "--jobs", "2")
     wait_for(lambda: len(rows_in(tmp_path / "out")) >= 2 or process.poll() is not None, "two rows")
     children = psutil.Process(process.pid).children(recursive=True)
