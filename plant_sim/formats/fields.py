@@ -13,8 +13,8 @@ MAX_FILE_SIZE = 64 * 2**20
 """Largest accepted file [bytes]."""
 
 
-def read_data(path: Path) -> dict[str, Any]:
-    """Return the keys and values of a YAML or JSON file.
+def read_bytes(path: Path) -> bytes:
+    """Return the content of a file of at most :data:`MAX_FILE_SIZE`.
 
     Raises
     ------
@@ -24,8 +24,22 @@ def read_data(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > MAX_FILE_SIZE:
             raise ValueError(f"{path}: larger than {MAX_FILE_SIZE} bytes; give a file of a train or a line")
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        return path.read_bytes()
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.__class__.__name__}); give a readable text file") from None
+
+
+def read_data(path: Path) -> dict[str, Any]:
+    """Return the keys and values of a YAML or JSON file.
+
+    Raises
+    ------
+    ValueError
+        One line with file and reason.
+    """
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
         raise ValueError(f"{path}: cannot be read ({error.__class__.__name__}); give a readable text file") from None
     try:
         data = parse_json(text) if path.suffix.lower() == ".json" else parse_yaml(text)

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from plant_sim.formats.fields import MAX_FILE_SIZE, finite_number
+from plant_sim.formats.fields import finite_number, read_bytes
 from plant_sim.formats.network_path import BEGIN, END, Network, Range, line_data
 from plant_sim.formats.railml_location import Location, NetElement
 from plant_sim.input_error import build_model
@@ -109,16 +109,12 @@ def _root(path: Path) -> Element:
     from xml.etree.ElementTree import ParseError, fromstring
     from xml.parsers.expat import ExpatError, ParserCreate
 
+    text = read_bytes(path)
     try:
-        if path.stat().st_size > MAX_FILE_SIZE:
-            raise ValueError(f"{path}: larger than {MAX_FILE_SIZE} bytes; give a file of a line")
-        text = path.read_bytes()
         first = ParserCreate()  # entities need a document type, so this parser refuses them before they are expanded
         first.StartDoctypeDeclHandler = _refuse_document_type
         first.Parse(text, True)
         root = fromstring(text)
-    except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.__class__.__name__}); give a readable file") from None
     except _RefusedDocumentType:
         raise ValueError(f"{path}: DOCTYPE: document types and entities are refused; remove them") from None
     except (ExpatError, ParseError, LookupError, UnicodeError) as error:
