@@ -83,7 +83,7 @@ def check_points(points: tuple[TimingPoint, ...]) -> None:
         One line: point, problem; fix.
     """
     if len(points) < 2:
-        raise ValueError(f"a journey of {len(points)} timing points; give at least a departure and an arrival")
+        raise ValueError(f"fewer than two timing points ({len(points)}); give at least a departure and an arrival")
     for before, after in pairwise(points):
         if after.at <= before.at:
             raise ValueError(
