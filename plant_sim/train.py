@@ -125,7 +125,7 @@ class Train:
     @property
     def coupler_force(self) -> Array:
         """Force of the coupler behind every vehicle [N], shape (n,); the last is 0."""
-        return self.arrays.state[k.COUPLER, 1:].copy()
+        return self.arrays.state[k.COUPLER, 1 : self.n + 1].copy()
 
     @property
     def applied(self) -> Array:
@@ -154,13 +154,12 @@ class Train:
 
     def observe(self) -> Observation:
         """Return true state and measurement at the present stamp; draws sensor noise, so call it once per tick."""
-        n, state = self.n, self.arrays.state
-        vehicles = VehicleStates(self.stamp, state[k.X, :n].copy(), state[k.V, :n].copy(), state[k.COUPLER, 1:].copy())
+        vehicles = VehicleStates(self.stamp, self.position, self.velocity, self.coupler_force)
         measured = self._sensors.measure(vehicles, self.arrays.unit[k.APPLIED].copy())
         if self._pipe is None or self._pressure is None:
             return Observation(vehicles, measured, None, None, None)
         head, tail = self.pipe_pressures(self.time)
-        shoes = BrakeShoes(self.stamp, state[k.SHOE_FORCE, :n].copy())
+        shoes = BrakeShoes(self.stamp, self.shoe_force)
         return Observation(vehicles, measured, Pipe(self.stamp, head), Pipe(self.stamp, tail), shoes)
 
     def pipe_pressures(self, time: float) -> tuple[float, ...]:
@@ -216,7 +215,7 @@ class Train:
             self._drop_gusts()
         if self._sections.exist:
             self._sections.apply(self.stamp, self.tick_ns)
-        outside = self._outside.tick(self.stamp, self.arrays.state[k.V])
+        outside = self._outside.tick(self.stamp, self.arrays.state[k.V, : self.n])
         begin = 0
         if self._jumps.waiting:
             for step in self._jumps.steps(self.stamp):
