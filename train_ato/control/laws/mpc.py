@@ -78,7 +78,10 @@ if TYPE_CHECKING:
 IDENTIFICATION_SPEED = 1.0
 """Speed below which the electric brake fades and the commands do not explain the force [m/s]."""
 SOFT_COUPLERS = 3.0
-"""Frequency pi/T_w of the slowest wave in the couplers over omega, below which the units are damped one by one."""
+"""Frequency pi/T_w of the slowest wave in the couplers over omega, below which the units have a regulator."""
+SOFT_RATIO = 2.5
+"""Bandwidth of the observer over omega for units on soft couplers: the mean of disturbances that excite the couplers
+changes within the delay, and a fast estimate of it has the wrong phase at the time of effect."""
 
 
 @dataclass(frozen=True)
@@ -116,11 +119,11 @@ class Mpc(GuardedLaw):
         self._steps = np.concatenate(([0.0 if model.lag else period], np.diff(self._nodes))) + model.lag
         self._identification = ActuatorIdentification(model, period)
         self._models: dict[float, list[HorizonModel]] = {}
-        ratio = p.observer_ratio or (0.3 if self._hauls else 5.0)
-        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
+        self._deviations = UnitDeviations.of(model, period, lag_weight(period, model.lag)) if soft else None
+        ratio = p.observer_ratio or (0.3 if self._hauls else 5.0 if self._deviations is None else SOFT_RATIO)
+        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
         self._weight = lag_weight(period, model.lag)
-        self._deviations = UnitDeviations.of(model, self.omega, period, self._weight) if soft else None
         self._tables = force_tables(model)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
         self._drag_slope = drag_slope(model)
