@@ -182,6 +182,10 @@ class TrainModel:
         line = np.where(place == index + 1, high, low + (place - index) * (high - low))
         return np.asarray(running + line)
 
+    def specific_line_force(self) -> tuple[Array, float]:
+        """Return the line force per mass at every :data:`GRID` [N/kg] and the position of the first one [m]."""
+        return np.array(self._specific), self._begin
+
     def front(self, position: Array) -> float:
         """Return the position of vehicle 0's centre [m] for positions of the units, shape (units,)."""
         return float(position[0] + self.offsets[0])

@@ -132,9 +132,9 @@ class UnitDeviations:
         ticks
             Number of ticks of the longest delay.
         """
-        self._estimate(inputs)
+        state = self._estimate(inputs)
         applied, n = inputs.applied, self._units.n
-        places, speeds = self._state[:n] - self._offsets, self._state[n:]
+        places, speeds = state[:n] - self._offsets, state[n:]
         if ticks:
             due = np.empty((ticks, n))
             commands_due(sent, actuators, self._tick, due)
@@ -150,8 +150,8 @@ class UnitDeviations:
         forces: list[float] = self._between(last - change).tolist()
         return forces
 
-    def _estimate(self, inputs: LawInput) -> None:
-        """Advance the filter by a period and correct it by the measurement."""
+    def _estimate(self, inputs: LawInput) -> Array:
+        """Advance the filter by a period, correct it by the measurement and return x and v, shape (2 units,)."""
         measured = np.concatenate(
             (self._deviations(inputs.position + self._offsets), self._deviations(inputs.velocity))
         )
@@ -164,6 +164,7 @@ class UnitDeviations:
             self._state = advanced + corrected[: advanced.size]
             self._slow = self._slow + self._between(corrected[advanced.size :])
         self._applied = inputs.applied
+        return self._state
 
     def _deviations(self, values: Array) -> Array:
         """Return values of the units minus their mean, weighted by mass, shape (units,)."""
