@@ -6,9 +6,9 @@
 'smc'
 
 ``run`` runs a scenario, ``compare`` runs it with several laws, ``sweep`` at many points, ``tune`` searches for the
-gains of a law, ``learn`` learns from run to run, ``falsify`` searches for a break of a requirement, ``open_run`` opens a
-run folder, ``load`` returns its tables, ``scenario`` returns a scenario that can be changed, ``laws`` and ``scenarios``
-list the names.
+gains of a law, ``learn`` learns from run to run, ``falsify`` searches for a break of a requirement, ``open_run`` opens
+a run folder, ``load`` returns its tables, ``scenario`` returns a scenario that can be changed, ``laws`` and
+``scenarios`` list the names.
 """
 
 import importlib

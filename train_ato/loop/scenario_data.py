@@ -96,11 +96,12 @@ def _learned(
     if named is None:
         return None
     file = _beside(named, folder) if isinstance(named, str) else ""
-    found = read_learned(Path(file)) if isinstance(named, str) else named
     try:
+        found = read_learned(Path(file)) if isinstance(named, str) else named
         found.check_fits(line, consist, model_hash(consist, nominal, over_length))
     except ValueError as error:
-        raise ValueError(f"model.learned: {file}{': ' if file else ''}{error}") from None
+        message = str(error).removeprefix(f"{file}: ")
+        raise ValueError(f"model.learned: {file}{': ' if file else ''}{message}") from None
     return found
 
 

@@ -66,9 +66,8 @@ class RunAverage:
         self._estimates.append(by_place(residual, self.begin, self._spacing, self._count))
         self.runs += 1
 
-    @property
-    def resistance(self) -> tuple[float, ...]:
-        """Mean resistance per inertial mass, bounded and rounded [m/s²]; a place without a run has the next value."""
+    def mean(self) -> tuple[float, tuple[float, ...]]:
+        """Return the first place that a run has reached [m] and the mean resistance from there on [m/s²], bounded."""
         rising = np.sort(np.array(self._estimates), axis=0)  # NaN last
         number = np.count_nonzero(~np.isnan(rising), axis=0)
         left_out = np.maximum(number // TRIMMED, number >= 3)
@@ -77,5 +76,6 @@ class RunAverage:
         known = np.flatnonzero(number)
         total = np.where(kept, rising, 0.0).sum(axis=0)[known]
         mean = total / (number - 2 * left_out)[known]
-        values = np.clip(np.interp(np.arange(self._count), known, mean), -LARGEST, LARGEST)
-        return tuple(round(value, DIGITS) + 0.0 for value in values.tolist())
+        values = np.clip(np.interp(np.arange(known[0], known[-1] + 1), known, mean), -LARGEST, LARGEST)
+        begin = self.begin + self._spacing * float(known[0])
+        return begin, tuple(round(value, DIGITS) + 0.0 for value in values.tolist())

@@ -1,4 +1,4 @@
-"""Learning from run to run: repeated runs of a scenario, or recorded ones, give the resistance that repeats by place."""
+"""Learning from run to run: repeated or recorded runs of a line give the resistance that repeats by place."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def learn_runs(
         raise ValueError(f"gust-shift {gust_shift:g}: out of range; give 0 to 86400 s")
     average = RunAverage(setup.profile, spacing, memory, setup.model.learned)
     parts, path = PartCache(), setup.folder / "scenario.yaml"
-    result = LearnResult(_empty(setup, spacing))
+    result = LearnResult(setup.model.learned or _empty(setup, spacing))
     with share_bar(f"{setup.scenario.name}, {runs} runs", shown) as report:
         for number in range(runs + 1):
             report(number / (runs + 1), f"run {number + 1} of {runs + 1}")
@@ -221,9 +221,8 @@ def _learned(average: RunAverage, setup: RunSetup, spacing: float, source: str) 
     """Return the result of the runs so far, of 0 without one."""
     if not average.runs:
         return _empty(setup, spacing)
-    update = {
-        "source": source, "runs": average.runs, "begin": average.begin, "resistance": average.resistance,
-    }  # fmt: skip
+    begin, resistance = average.mean()
+    update = {"source": source, "runs": average.runs, "begin": begin, "resistance": resistance}
     return _empty(setup, spacing).model_copy(update=update)
 
 
