@@ -23,7 +23,7 @@ from plant_sim.section_effects import MANY_TICKS, SectionEffects, with_adhesion_
 from plant_sim.sensors import SensorSet
 from plant_sim.states import Array, BrakeShoes, Measurement, Pipe, VehicleStates
 from plant_sim.streams import random_stream
-from plant_sim.totals import Totals, kinetic_energy, kinetic_energy_of_each, totals_of, totals_of_each
+from plant_sim.totals import Totals, kinetic_energy, kinetic_energy_of_each, total_numbers, totals_of
 
 
 class Observation(NamedTuple):
@@ -339,8 +339,8 @@ class Train:
         change = kinetic_energy(arrays, self.n) - self._kinetic_start
         return totals_of(arrays, self.n, change, self._jumps.energy)
 
-    def totals_at_each(self, states: Array, gears: Array, units: Array, settings: Array) -> list[Totals]:
-        """Return extremes and works up to earlier states of the kernel, after the last jump.
+    def totals_at_each(self, states: Array, gears: Array, units: Array, settings: Array) -> dict[str, list[float]]:
+        """Return totals by name up to earlier states of the kernel, after the last jump.
 
         Parameters
         ----------
@@ -349,7 +349,7 @@ class Train:
         """
         energies = kinetic_energy_of_each(self.arrays.vehicle[k.MASS], states)
         changes = [energy - self._kinetic_start for energy in energies]
-        return totals_of_each(states, gears, units, settings, self.n, changes, self._jumps.energy)
+        return total_numbers(states, gears, units, settings, self.n, changes, self._jumps.energy)
 
 
 def compile_kernel() -> bool:
