@@ -97,11 +97,11 @@ class CompiledSpans:
         """Run the ticks up to the next event; return their number, 0 if the next tick is left to Python."""
         plant, stack = self.stages.plant, self.stages.controller._stack
         assert stack is not None
-        if plant.stamp < self._retry:
-            return 0
         law = self._compiled_law(stack)
+        if law is None or plant.stamp < self._retry:
+            return 0
         count = ticks_to_event(self.stages, self.supervised, stack, logged=self.logged)
-        if law is None or count < SHORTEST or not is_regular(self.stages, self.supervised, stack, law):
+        if count < SHORTEST or not is_regular(self.stages, self.supervised, stack, law):
             return 0
         stamp = plant.stamp
         if self._pause > 1:  # probably another span without a tick, whose arrays cost as much as those of a full one
