@@ -3,8 +3,9 @@
     python bench/map_cost.py [--step S]
 
 Delay of the command by error of mass, 45 km, law `pid` in compiled ticks, unrecorded, as a worker of `train-ato sweep`
-runs them.  Cycles and instructions are those of the run with the fewest cycles; a map takes 4096 times its processor
-time, over two cores.  The kernel alone has the cycles of a released train.
+runs them.  Figures are those of the run with the least processor time; a map takes 4096 times this time, over two
+cores.  With counters of the processor the table has cycles and instructions, too, and the kernel alone: the cycles of a
+released train.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from goals import Goal, judge
 from kernel import RELEASED
@@ -39,39 +40,55 @@ POINTS = (2080, 2081, 2100, 2145, 2015)
 """Points near the middle of the map; the first run is not measured."""
 
 
-class CompiledCalls:
-    """Cycles and instructions of the compiled calls of a run."""
+class Cost(NamedTuple):
+    """Processor time [s], cycles and instructions; those are 0 without counters."""
 
-    def __init__(self, counters: ProcessorCounters) -> None:
+    seconds: float
+    cycles: int = 0
+    instructions: int = 0
+
+    def since(self, before: Cost) -> Cost:
+        """Return the difference to an earlier cost."""
+        return Cost(*(now - then for now, then in zip(self, before, strict=True)))
+
+
+def cost(counters: ProcessorCounters | None) -> Cost:
+    """Return the cost of the calling thread so far."""
+    return Cost(time.thread_time(), *(() if counters is None else counters.read()))
+
+
+class CompiledCalls:
+    """Cost of the compiled calls of a run."""
+
+    def __init__(self, counters: ProcessorCounters | None) -> None:
         self._counters, self._call = counters, kernel.run_span
-        self.cycles = self.instructions = self.ticks = 0
+        self.cost, self.ticks = Cost(0.0), 0
 
     def __call__(self, *arguments: Any) -> int:
         """Run the ticks of a span and count."""
-        before = self._counters.read()
+        before = cost(self._counters)
         ticks: int = self._call(*arguments)
-        after = self._counters.read()
-        self.cycles += after[0] - before[0]
-        self.instructions += after[1] - before[1]
+        added = cost(self._counters).since(before)
+        self.cost = Cost(*(sum(pair) for pair in zip(self.cost, added, strict=True)))
         self.ticks += ticks
         return ticks
 
 
 def measured_run(
-    counters: ProcessorCounters, base: Any, point: tuple[int, Any], parts: PartCache
-) -> tuple[int, int, float, CompiledCalls]:
-    """Return cycles, instructions, processor time [s] and compiled calls of a run."""
+    counters: ProcessorCounters | None, base: Any, point: tuple[int, Any], parts: PartCache
+) -> tuple[Cost, CompiledCalls]:
+    """Return the cost of a run and of its compiled calls."""
     calls = CompiledCalls(counters)
     kernel.run_span, former = calls, kernel.run_span
     try:
-        begin, before = time.thread_time(), counters.read()
+        before = cost(counters)
         row = drive_point(base, *point, parts)
-        after, seconds = counters.read(), time.thread_time() - begin
+        spent = cost(counters).since(before)
     finally:
         kernel.run_span = former
     if row["status"] != "done":
         raise SystemExit(f"run {row['run']}: {row['status']}: {row['reason']}")
-    return after[0] - before[0], after[1] - before[1], seconds, calls
+    return spent, calls
 
 
 def main() -> int:
@@ -79,32 +96,31 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Cost of a map of 64 x 64 runs.")
     parser.add_argument("--step", type=float, default=0.005, help="plant step in s (default: 0.005)")
     step = parser.parse_args().step
+    counters = None
     try:
         counters = ProcessorCounters()
     except OSError as error:
-        print(f"left out: {error}")
-        return 0
+        print(f"without cycles: {error}")
     spec = read_sweep({**SPEC, "set": {"step": step}})
     base, points = sweep_base(spec).choice(), list(enumerate(design_points(spec), 1))
     parts = PartCache()
     drive_point(base, *points[POINTS[0]], parts)
-    runs = [measured_run(counters, base, points[index], parts) for index in POINTS[1:]]
-    cycles, instructions, seconds, calls = min(runs, key=lambda run: run[0])
+    run, calls = min((measured_run(counters, base, points[index], parts) for index in POINTS[1:]), key=lambda r: r[0])
     setup: RunSetup = base.with_(points[POINTS[0]][1]).prepare(parts=parts)
-    alone = tick_cycles(counters, RELEASED)
-    steps = setup.ticks * round(setup.tick / step) * len(setup.consist.vehicles)
-    rows = {
-        "run": (cycles, instructions),
-        f"compiled calls, {calls.ticks} of {setup.ticks} ticks": (calls.cycles, calls.instructions),
-        "kernel alone": (alone[0] * steps, alone[1] * steps),
-    }
-    print(f"{'one run, step ' + format(step, 'g') + ' s':44} {'Gcycles':>8} {'Ginstr.':>8} {'map, min':>9}")
-    minutes = {}
-    for name, (count, executed) in rows.items():
-        minutes[name] = RUNS / CORES / 60 * seconds * count / cycles
-        print(f"{name:44} {count / 1e9:8.2f} {executed / 1e9:8.2f} {minutes[name]:9.1f}")
-    goal = Goal("map of 64 x 64 runs, two cores", minutes["run"], GOAL_MINUTES, "min", beside="kernel alone",
-                beside_value=minutes["kernel alone"])  # fmt: skip
+    compiled = f"compiled calls, {calls.ticks} of {setup.ticks} ticks"
+    rows = {"run": run, compiled: calls.cost}
+    if counters is not None:
+        cycles, instructions = tick_cycles(counters, RELEASED)
+        steps = setup.ticks * round(setup.tick / step) * len(setup.consist.vehicles)
+        alone = round(cycles * steps)
+        rows["kernel alone"] = Cost(run.seconds * alone / run.cycles, alone, round(instructions * steps))
+    print(f"{'one run, step ' + format(step, 'g') + ' s':44} {'s':>8} {'Gcycles':>8} {'Ginstr.':>8} {'map, min':>9}")
+    minutes = {name: RUNS / CORES / 60 * row.seconds for name, row in rows.items()}
+    for name, row in rows.items():
+        counted = f"{row.cycles / 1e9:8.2f} {row.instructions / 1e9:8.2f}" if row.cycles else f"{'-':>8} {'-':>8}"
+        print(f"{name:44} {row.seconds:8.3f} {counted} {minutes[name]:9.1f}")
+    goal = Goal("map of 64 x 64 runs, two cores", minutes["run"], GOAL_MINUTES, "min", beside="compiled calls",
+                beside_value=minutes[compiled])  # fmt: skip
     return judge([goal])
 
 

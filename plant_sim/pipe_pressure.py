@@ -7,8 +7,9 @@ pressure there approaches the new value as a first-order lag, because the valve 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from plant_sim import kernel as k
 from plant_sim.brake_data import AirBrake
@@ -56,10 +57,19 @@ class _Place:
 
     def follow(self, time: float) -> None:
         """Approach the final pressure until a time [s]."""
-        duration, self._time = time - self._time, time
-        if self.pressure != self._final and duration > 0.0:
-            left = (self.pressure - self._final) * math.exp(-duration / self._constant)
-            self.pressure = self._final + (left if abs(left) >= SETTLED else 0.0)
+        self.follow_each((time,))
+
+    def follow_each(self, times: Sequence[float]) -> list[float]:
+        """Approach the final pressure until rising times [s]; return the pressure at each [Pa]."""
+        pressure, final, before, found = self.pressure, self._final, self._time, []
+        for time in times:
+            duration, before = time - before, time
+            if pressure != final and duration > 0.0:
+                left = (pressure - final) * math.exp(-duration / self._constant)
+                pressure = final + (left if abs(left) >= SETTLED else 0.0)
+            found.append(pressure)
+        self.pressure, self._time = pressure, before
+        return found
 
     def take(self, number: int, change: PressureChange, brake: AirBrake) -> None:
         """Begin the approach to the pressure of a change that arrives now."""
@@ -108,6 +118,16 @@ class PipePressure:
         for place in self._places:
             place.follow(time)
         return tuple([place.pressure for place in self._places])
+
+    def at_each(self, times: Sequence[float]) -> Iterator[tuple[float, ...]]:
+        """Return the pressures of :meth:`at` at rising times [s]."""
+        known = 0
+        found = []
+        while self._changes and known < len(times):
+            found.append(self.at(times[known]))
+            known += 1
+        columns = [place.follow_each(times[known:]) for place in self._places]
+        return chain(found, zip(*columns, strict=True))
 
     def _take_arrived(self, time: float) -> None:
         """Begin the approach to the changes that have arrived until a time [s]; forget those that no place needs."""

@@ -179,7 +179,7 @@ class Train:
         if self._pressure.is_settled:
             self._pressure.at(times.item(-1))
             return np.tile(first, (times.size, 1))
-        return np.array([first, *map(self._pressure.at, times[1:].tolist())])
+        return np.array([first, *self._pressure.at_each(times[1:].tolist())])
 
     def advance(self, demand: Array, brake_pipe_pa: float | None = None) -> None:
         """Integrate one tick.

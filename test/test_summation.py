@@ -29,10 +29,7 @@ EXACT = {
     "train_ato/loop/protection_record.py": {
         "sum((span.state == BRAKING_LAW for span in state_spans(reports, 'controller')))"
     },
-    "train_ato/loop/recording_builder.py": {
-        "sum((part.time.size for part in (*parts, *self._blocks[topic])))",
-        "sum((block.time.size for block in blocks))",
-    },
+    "train_ato/loop/recording_builder.py": {"sum((part.time.size for part in parts))"},
     "train_ato/loop/train_protection.py": {"sum((age > bound for bound in self._bounds))"},
     "train_ato/messages/codec/fixed.py": {
         "sum(sizes)", "sum((1 if size is None else size for size in _sizes(topic, layout, path)))",

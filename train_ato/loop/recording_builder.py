@@ -86,7 +86,6 @@ class RecordingBuilder:
     def __post_init__(self) -> None:
         self._units = list(self.setup.model.units)
         self._open: dict[str, list[Any]] = {topic: [] for topic in FIELDS}
-        self._blocks: dict[str, list[TopicSamples]] = {topic: [] for topic in FIELDS}
         self._closed: dict[str, list[TopicSamples]] = {topic: [] for topic in FIELDS}
         self._others: Counter[str] = Counter()
 
@@ -118,15 +117,12 @@ class RecordingBuilder:
         values : dict of Array, each of shape (k, n)
             Values by the names of :data:`~train_ato.loop.recording.FIELDS`.
         """
-        blocks = self._blocks.get(topic)
-        if blocks is None:
+        if topic not in self._closed:
             self._others[topic] += len(stamps)
             return
         if self._open[topic]:
-            blocks.append(self._stack_open(topic))
-        blocks.append(TopicSamples(seconds(stamps), values))
-        if sum(block.time.size for block in blocks) >= PORTION:
             self._close(topic)
+        self._closed[topic].append(TopicSamples(seconds(stamps), reduced(topic, values, self._units)))
 
     def extend_reports(self, reports: Iterable[RepeatedReport]) -> None:
         """Add the diagnostics of compiled ticks."""
@@ -147,33 +143,22 @@ class RecordingBuilder:
     @property
     def counts(self) -> dict[str, int]:
         """Number of messages by topic."""
-        stacked = {
-            topic: sum(part.time.size for part in (*parts, *self._blocks[topic]))
-            for topic, parts in self._closed.items()
-        }
+        stacked = {topic: sum(part.time.size for part in parts) for topic, parts in self._closed.items()}
         series = {topic: stacked[topic] + len(rows) for topic, rows in self._open.items()}
         return {topic: count for topic, count in (series | self._others).items() if count}
 
     def _close(self, topic: str) -> None:
-        """Reduce the open messages and blocks of a topic."""
-        blocks, self._blocks[topic] = self._blocks[topic], []
-        if self._open[topic]:
-            blocks.append(self._stack_open(topic))
-        whole = blocks[0] if len(blocks) == 1 else joined(blocks)
-        self._closed[topic].append(TopicSamples(whole.time, reduced(topic, whole.values, self._units)))
-
-    def _stack_open(self, topic: str) -> TopicSamples:
-        """Stack the open messages of a topic."""
-        rows = self._open[topic]
-        self._open[topic] = []
+        """Stack and reduce the open messages of a topic."""
+        rows, self._open[topic] = self._open[topic], []
         values = {name: _stacked(list(map(attrgetter(name), rows))) for name in FIELDS[topic]}
-        return TopicSamples(seconds([row.stamp for row in rows]), values)
+        time = seconds([row.stamp for row in rows])
+        self._closed[topic].append(TopicSamples(time, reduced(topic, values, self._units)))
 
     def finish(self) -> Recording:
         """Return the recording."""
         topics = {}
         for topic in FIELDS:
-            if self._open[topic] or self._blocks[topic]:
+            if self._open[topic]:
                 self._close(topic)
             if self._closed[topic]:
                 topics[topic] = joined(self._closed[topic])

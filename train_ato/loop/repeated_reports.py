@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from train_ato.messages.types import Diagnostic
@@ -31,8 +31,10 @@ class RepeatedReport:
 
     def at(self, index: int) -> Diagnostic:
         """Return one message."""
-        values = self.first.values | {key: repr(column[index]) for key, column in self.numbers.items()}
-        return replace(self.first, stamp=self.stamps[index], values=values)
+        first, values = self.first, dict(self.first.values)
+        for key, column in self.numbers.items():
+            values[key] = repr(column[index])
+        return Diagnostic(self.stamps[index], first.node, first.level, first.message, values)
 
     def all(self) -> Iterator[Diagnostic]:
         """Yield the messages."""

@@ -32,6 +32,7 @@ from train_ato.profile.profile import Profile
 from train_ato.scenario.formula import signals_of
 from train_ato.scenario.formula_parser import parse_formula
 from train_ato.scenario.interventions import Intervention, TrainJumpNow
+from train_ato.scenario.profile_spec import ProfileSpec
 from train_ato.scenario.scenario import LawChange, Links, PlantBlock, Scenario
 from train_ato.supervision.plant_line import line_supervision
 from train_ato.supervision.supervisor import Supervisor
@@ -272,7 +273,9 @@ class RunSetup:
             data["model"]["learned"] = self.model.learned.model_dump(mode="json", by_alias=True)
         if self.scenario.replan is not None:
             data["replan"] = self.scenario.replan.model_dump(mode="json", by_alias=True, exclude_unset=True)
-        data["profile"] = dict(sorted(self.scenario.profile.inlined(self.folder).items()))
+        profile, folder = self.scenario.profile, self.folder
+        determined_by = (profile, folder, _file_of(profile, folder))
+        data["profile"] = _texts.get(determined_by, lambda: dict(sorted(profile.inlined(folder).items())))
         return data
 
 
@@ -285,7 +288,7 @@ def _block_yaml(key: str, value: Any) -> str:
 
 
 _texts = PartCache(256)
-"""YAML of parts of resolved scenarios; the runs of a study have most of it in common."""
+"""Profiles and YAML of parts of resolved scenarios; the runs of a study have most of it in common."""
 
 
 def _yaml_of(value: dict[str, Any]) -> str:
@@ -368,10 +371,14 @@ def _prepare(scenario: Scenario, folder: Path, parts: PartCache) -> RunSetup:
 def _profile(scenario: Scenario, consist: Consist, line: Line, tick_ns: int, folder: Path, parts: PartCache) -> Profile:
     """Return the profile of a scenario, from former runs if train, line, block ``profile`` and tick are equal."""
     spec, plant = scenario.profile, scenario.plant
-    file = None if spec.file is None else file_state(folder / spec.file)
     data = (data_key(plant.consist, folder), data_key(plant.line, folder))
-    key = ("profile", spec, folder, file, *data, tick_ns, scenario.brake.deepest)
+    key = ("profile", spec, folder, _file_of(spec, folder), *data, tick_ns, scenario.brake.deepest)
     return parts.get(key, lambda: spec.build(consist, line, tick_ns * 1e-9, folder, scenario.brake.deepest))
+
+
+def _file_of(spec: ProfileSpec, folder: Path) -> tuple[int, int] | None:
+    """Return the state of the file of a profile, None without a file."""
+    return None if spec.file is None else file_state(folder / spec.file)
 
 
 def _is_supervised(scenario: Scenario, line: Line) -> bool:

@@ -29,6 +29,8 @@ from train_ato.scenario.changes import requested_stamp
 
 LONGEST, BRAKED = 256, 128
 """Longest span, and longest one with forecasts of shoe forces, which cost more [ticks]."""
+UNRECORDED = 4
+"""Factor of both without a log and without disturbances, whose arrays are large."""
 
 
 def spans_possible(setup: RunSetup) -> bool:
@@ -53,8 +55,8 @@ def spans_possible(setup: RunSetup) -> bool:
     return known and OBSERVERS.get(setup.observer) in (NoObserver, Eso, Ndo, Cascaded) and setup.model.n_units > 0
 
 
-def ticks_to_event(stages: Stages, supervised: SupervisedTicks, stack: ControlStack) -> int:
-    """Return the number of ticks before the next planned event, at most :data:`LONGEST`.
+def ticks_to_event(stages: Stages, supervised: SupervisedTicks, stack: ControlStack, *, logged: bool) -> int:
+    """Return the number of ticks before the next planned event, at most those of the longest span.
 
     An event is a change, a jump, an intervention, a fault, a request, or the end of the run. It is 0 for the first
     tick, at which the control stack has no pressure of the brake pipe yet.
@@ -64,6 +66,8 @@ def ticks_to_event(stages: Stages, supervised: SupervisedTicks, stack: ControlSt
     if stamp == 0:
         return 0
     longest = LONGEST if stack._compensation.shoes.idle else BRAKED  # type: ignore[attr-defined]
+    if not (logged or plant.train._outside.acts):
+        longest *= UNRECORDED
     longest = min(longest, plant.train.ticks_before_section)
     ends = [stamp + longest * tick, setup.ticks * tick, plant._link.next_jump(stamp)]
     ends += [requested_stamp(change) for change in controller._planned]

@@ -36,8 +36,12 @@ SHORTEST = 4
 """Shortest span that is worth its preparation [ticks]."""
 MAX_PAUSE = 16
 """Largest number of ticks in Python between two spans without a tick."""
+RETRIED = 32
+"""Longest span after one without a tick [ticks]."""
 FAR = 1e300
 """Place or time that is never reached [m, s]."""
+REPORTED = ("state", "gear", "unit", "setting")
+"""Arrays of the kernel that the diagnostics of the plant need."""
 LIMITS = (1e6, 100.0, 1e9)
 """Position [m], speed [m/s] and force [N] beyond which a tick is left to Python, far inside the limits of validity."""
 
@@ -78,6 +82,7 @@ class CompiledSpans:
         self._retry = self.ticks = 0
         self._pause = 1
         self.ato: AtoReport | None = None
+        self._memory: dict[str, Array] = {}
         self.supervised = SupervisedTicks(stages)
         self.model = _model_arrays(stages.setup)
         self._prediction: PackedPrediction | None = None
@@ -92,12 +97,15 @@ class CompiledSpans:
         """Run the ticks up to the next event; return their number, 0 if the next tick is left to Python."""
         plant, stack = self.stages.plant, self.stages.controller._stack
         assert stack is not None
-        if plant.stamp < self._retry:
+        law = self._compiled_law(stack)
+        if law is None or plant.stamp < self._retry:
             return 0
-        count, law = ticks_to_event(self.stages, self.supervised, stack), self._compiled_law(stack)
-        if law is None or count < SHORTEST or not is_regular(self.stages, self.supervised, stack, law):
+        count = ticks_to_event(self.stages, self.supervised, stack, logged=self.logged)
+        if count < SHORTEST or not is_regular(self.stages, self.supervised, stack, law):
             return 0
         stamp = plant.stamp
+        if self._pause > 1:  # probably another span without a tick, whose arrays cost as much as those of a full one
+            count = min(count, RETRIED)
         span = _Span(self, stack, law, count)
         done = span.run()
         if not done:  # at a start the next ticks, too, are left to Python
@@ -113,6 +121,21 @@ class CompiledSpans:
             messages.publish(self._publish)
         self.ato = messages.store(self.ato)
         return done
+
+    @property
+    def logged(self) -> bool:
+        """True if a log receives the messages."""
+        return self._publish is not None
+
+    def empty(self, name: str, *shape: int) -> Array:
+        """Return an array that is not used after the next span, if possible the memory of the span before.
+
+        New memory costs more than its values: the system clears its pages at the first use.
+        """
+        kept = self._memory.get(name)
+        if kept is None or len(kept) < shape[0]:
+            kept = self._memory[name] = np.empty(shape)
+        return kept[: shape[0]]
 
     def _compiled_law(self, stack: ControlStack) -> CompiledLaw | None:
         """Return the present law of the stack as arrays, None without a compiled step."""
@@ -155,14 +178,14 @@ class _Span:
         units, sensors = len(train.units), len(train.sensors)
         most, changing = count * train.tick_ns // SECOND_NS + 2, train.arrays
         self.arrays = SpanArrays(
-            np.empty((count, 4, train.n)),
+            np.empty((count, 4, train.n)) if spans.logged else spans.empty("truth", count, 4, train.n),
             np.empty((count, 3, units)),
             np.empty((count, 3, sensors)),
             np.empty((count + 1, units)),
             np.zeros(count + 1, dtype=np.int64),
             np.ascontiguousarray(forecast.reference[:, self._first : self._first + count]),
             *train._outside.ahead(self._stamp, count),
-            [np.empty((most, *a.shape)) for a in (changing.state, changing.gear, changing.unit, changing.setting)],
+            [spans.empty(name, most, *getattr(changing, name).shape) for name in REPORTED],
             spans.supervised.arrays(count),
             np.zeros((count, units)),
         )
