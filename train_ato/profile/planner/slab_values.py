@@ -23,6 +23,8 @@ cache detects changes of this file only.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from plant_sim.compiled import compiled
@@ -39,7 +41,7 @@ def _number(energy: float, width: float) -> int:
 
 
 @compiled
-def _largest(row: Array, first: float, last: float, width: float) -> float:
+def _largest(row: Array, first: float, last: float, width: float) -> Any:
     """Return the largest value of a row of cells between two E."""
     i = min(_number(first, width), row.size - 1)
     found = row[i]
@@ -49,7 +51,7 @@ def _largest(row: Array, first: float, last: float, width: float) -> float:
 
 
 @compiled
-def _at(row: Array, energy: float, width: float, last: int) -> float:
+def _at(row: Array, energy: float, width: float, last: int) -> Any:
     """Return a row at an E by a chord between its points up to ``last``; beyond them the chord continues."""
     i = min(_number(energy, width), last - 1)
     first = 0.5 * (i * width) ** 2
@@ -57,7 +59,7 @@ def _at(row: Array, energy: float, width: float, last: int) -> float:
 
 
 @compiled
-def _braking_rate(table: Array, energy: float, reach: float, line: float, service: float, width: float) -> float:
+def _braking_rate(table: Array, energy: float, reach: float, line: float, service: float, width: float) -> Any:
     """Return an upper bound of the decrease of E over the place within ``reach`` of an E [m/s²]."""
     drag = table[RESISTANCE, min(_number(energy + reach, width) + 1, table.shape[1] - 1)] + line
     brake = _largest(table[STOPPING], energy - reach, energy + reach, width)
@@ -68,7 +70,7 @@ def _braking_rate(table: Array, energy: float, reach: float, line: float, servic
 def _step_value(
     end: float, energy: float, h: float, line: float, price: float, gap: float, weights: tuple[float, float],
     rates: tuple[float, float], drag: tuple[float, float, float], electric: float,
-) -> float:  # fmt: skip
+) -> Any:  # fmt: skip
     """Return the cost of a run through a slab to an E, from below; ``drag``: at E, its decrease and span of E."""
     up, down = rates
     resistance = drag[0] - drag[1] * min(max(energy - end, 0.0), drag[2])
@@ -86,7 +88,7 @@ def _step_value(
 
 
 @compiled
-def _end_of_work(work: float, energy: float, h: float, line: float, drag: tuple[float, float, float]) -> float:
+def _end_of_work(work: float, energy: float, h: float, line: float, drag: tuple[float, float, float]) -> Any:
     """Return the E at the end of a slab after traction less brake work."""
     lack = h * (drag[0] + line) - work
     if lack <= 0.0:
@@ -99,7 +101,7 @@ def _end_of_work(work: float, energy: float, h: float, line: float, drag: tuple[
 def _point_value(
     energy: float, h: float, line: Array, price: float, width: float, ceiling: float, table: Array,
     service: tuple[float, float], weights: tuple[float, float], steepest: float, values: Array, last: int,
-) -> float:  # fmt: skip
+) -> Any:  # fmt: skip
     """Return the least value of the runs through a slab from an E."""
     gap = (_number(energy + h * steepest, width) + 2) * width**2
     down = _braking_rate(table, energy, h * steepest + gap, line[2], service[1], width)
@@ -155,7 +157,7 @@ def _lower_by_bends(values: Array, last: int, reach: float, width: float, found:
 
 
 @compiled
-def _bend(values: Array, k: int, width: float) -> float:
+def _bend(values: Array, k: int, width: float) -> Any:
     """Return the increase of the slope of the chords at a point, or 0."""
     before = (values[k] - values[k - 1]) / ((k - 0.5) * width**2)
     return max((values[k + 1] - values[k]) / ((k + 0.5) * width**2) - before, 0.0)
@@ -173,7 +175,7 @@ def _continue_chord(values: Array, first: int, width: float) -> None:
 def least_value(
     steps: Array, line: Array, limit: Array, table: Array, width: float, service: tuple[float, float],
     ends: tuple[float, float], price: float, weights: tuple[float, float],
-) -> float:  # fmt: skip
+) -> Any:  # fmt: skip
     """Return a lower bound of the least energy + price x time from the begin to the end."""
     size = table.shape[1]
     values, lowered = np.zeros(size), np.zeros(size)
