@@ -35,6 +35,8 @@ PRICE_STEPS = 14
 """Golden-section steps of the search."""
 CLIMB = 1.15
 """Factor between two prices on the last grid."""
+MAX_CLIMB = 4
+"""Largest number of prices in one direction on the last grid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,13 +113,13 @@ def _climb(bound: Callable[[float], float], price: float) -> float:
     """Return the largest bound near a price of time [J/kg]; that of the coarse slabs is too low or too high."""
     best = bound(price)
     for factor in (CLIMB, 1.0 / CLIMB):
-        near, found = price * factor, bound(price * factor)
-        if found <= best:
-            continue
-        while found > best:
-            best, near = found, near * factor
-            found = bound(near)
-        break
+        for power in range(1, MAX_CLIMB + 1):
+            found = bound(price * factor**power)
+            if found <= best:
+                break
+            best = found
+        if power > 1:
+            break
     return best
 
 
