@@ -37,6 +37,16 @@ def test_the_bound_of_a_level_line_without_slack_in_it() -> None:
     assert float(resistance[0]) * 6000 <= bound <= 3.6e6 * result.summary()["energy_kwh"]
 
 
+@pytest.mark.parametrize(("seed", "factor", "least"), [(2, 1.15, 0.95), (25, 1.05, 0.94)])
+def test_the_bound_of_a_short_section_is_close(seed: int, factor: float, least: float) -> None:
+    """Breaks if the value of a price of time loses a term: the linear program alone is 12 and 15 % below these plans."""
+    line, consist, settings = random_case(seed)
+    settings = settings.model_copy(update={"jerk": None, "calling": False})
+    time = factor * plan(line, consist, settings).running_time
+    result = plan(line, consist, settings.model_copy(update={"time": time}))
+    assert least * result.energy <= net_energy_bound(result) <= result.energy
+
+
 @pytest.mark.parametrize("seed", [1, 4, 23])
 def test_no_random_plan_needs_less(seed: int) -> None:
     """Breaks for grades, lengths, margins or jerk that the bound counts as a cost but a run does not have."""

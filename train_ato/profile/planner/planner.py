@@ -82,7 +82,8 @@ def plan(
 def net_energy_bound(result: Plan) -> float:
     """Return a lower bound of the net energy of every plan with the running time of a plan [J].
 
-    Limits of forces by place are left out: without them, a plan needs no more work.
+    Limits of forces by place are left out: without them, a plan needs no more work.  The larger of two bounds: a linear
+    program, close on long sections with much reserve, and the value of a price of time, close on the others.
 
     Raises
     ------
@@ -90,6 +91,7 @@ def net_energy_bound(result: Plan) -> float:
         If the bound has no solution.
     """
     from train_ato.profile.planner.energy_bound import energy_lower_bound
+    from train_ato.profile.planner.value_bound import value_lower_bound
 
     settings = result.settings
     force = LineForce(result.line, result.train, settings.grade_over_length)
@@ -99,7 +101,9 @@ def net_energy_bound(result: Plan) -> float:
         PlanSection(inputs, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in stops.sections(settings)
     ]
     dwell = plain_sum(departure - arrival for _, arrival, departure in result.arrivals[1:-1])
-    return energy_lower_bound(sections, result.running_time - dwell) + settings.auxiliary * result.running_time
+    time = result.running_time - dwell
+    bound = max(energy_lower_bound(sections, time), value_lower_bound(sections, time))
+    return bound + settings.auxiliary * result.running_time
 
 
 def _plan_to_timetable(
