@@ -93,19 +93,33 @@ def test_error_converges_in_five_runs(stack: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("scenario", "shift"), [(METRO, 0.0), (METRO, 20.0), ("xuzhou_metro:mismatch", 0.0)], ids=["same", "gusts", "gain"]
+    ("scenario", "duration", "bound"),
+    [(METRO, 70, 0.35), ("xuzhou_metro:mismatch", 70, 0.95), ("demo", 250, 1.05)],
+    ids=["grades", "gain of the actuators", "waves in the couplers"],
 )
-def test_error_does_not_diverge_in_a_hundred_runs(scenario: str, shift: float) -> None:
-    """Breaks if the average has a feedback from run to run: errors of the model of the actuators then add up."""
-    changes = {"duration": 70}
-    found = ta.learn(scenario, runs=100, gust_shift=shift, set=changes, progress=False, **STACKS["pid"])
-    setup = ta.scenario(scenario).with_({**changes, "law": "pid", "compensation": "preview"}).prepare()
+def test_error_does_not_diverge_in_a_hundred_runs(scenario: str, duration: float, bound: float) -> None:
+    """Breaks if errors of the model of actuators or couplers add up from run to run.
+
+    Without the waves in the noise of the speed the error of demo doubles in three runs.
+    """
+    found = ta.learn(scenario, runs=100, set={"duration": duration}, progress=False, **STACKS["pid"])
+    errors = [metrics["speed_rmse_kmh"] for metrics in found.metrics]
+    assert max(errors[1:]) < bound * errors[0]
+    assert np.mean(errors[81:]) < 1.02 * np.mean(errors[6:26])
+
+
+@pytest.mark.slow
+def test_moved_gusts_do_not_make_the_error_larger_in_a_hundred_runs() -> None:
+    """Breaks if gusts that do not repeat are learned: the runs are then worse than the same ones without learning."""
+    changes, shift = {"duration": 70}, 20.0
+    found = ta.learn(METRO, runs=100, gust_shift=shift, set=changes, progress=False, **STACKS["pid"])
+    setup = ta.scenario(METRO).with_({**changes, "law": "pid", "compensation": "preview"}).prepare()
     ratios = []
     for number, metrics in enumerate(found.metrics):
         same = prepare(repeated(setup.scenario, number, None, shift), setup.folder / "same.yaml")
         ratios.append(metrics["speed_rmse_kmh"] / drive(same, RunMode(), shown=False).metrics["speed_rmse_kmh"])
-    assert ratios[0] == 1.0 and max(ratios[6:]) < 0.95
-    assert np.mean(ratios[81:]) < 1.02 * np.mean(ratios[6:26])
+    assert ratios[0] == 1.0 and np.mean(ratios[6:]) < 0.9
+    assert np.mean(ratios[81:]) < 1.1 * np.mean(ratios[6:26])
 
 
 @pytest.mark.parametrize("stack", ["pid", "eso"])
