@@ -12,13 +12,11 @@ from span_runs import assert_same_messages, compiled_part, messages_of, setup_of
 
 import train_ato as ta
 from train_ato.apps.learn.average import RunAverage
-from train_ato.apps.learn.learn import repeated
 from train_ato.apps.learn.residual import Residual, residual_of, smoothed_resistance
-from train_ato.apps.runs.drive import RunMode, drive
 from train_ato.cli import main
 from train_ato.control.learned_resistance import LearnedResistance, learned_text, read_learned
 from train_ato.control.train_model import LineForceTable
-from train_ato.loop.setup import RunSetup, prepare
+from train_ato.loop.setup import RunSetup
 
 METRO = "xuzhou_metro:disturbed"
 STACKS: dict[str, dict[str, Any]] = {
@@ -93,19 +91,19 @@ def test_error_converges_in_five_runs(stack: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("scenario", "shift"), [(METRO, 0.0), (METRO, 20.0), ("xuzhou_metro:mismatch", 0.0)], ids=["same", "gusts", "gain"]
+    ("scenario", "duration", "bound"),
+    [(METRO, 70, 0.35), ("xuzhou_metro:mismatch", 70, 0.95), ("demo", 250, 1.05)],
+    ids=["grades", "gain of the actuators", "waves in the couplers"],
 )
-def test_error_does_not_diverge_in_a_hundred_runs(scenario: str, shift: float) -> None:
-    """Breaks if the average has a feedback from run to run: errors of the model of the actuators then add up."""
-    changes = {"duration": 70}
-    found = ta.learn(scenario, runs=100, gust_shift=shift, set=changes, progress=False, **STACKS["pid"])
-    setup = ta.scenario(scenario).with_({**changes, "law": "pid", "compensation": "preview"}).prepare()
-    ratios = []
-    for number, metrics in enumerate(found.metrics):
-        same = prepare(repeated(setup.scenario, number, None, shift), setup.folder / "same.yaml")
-        ratios.append(metrics["speed_rmse_kmh"] / drive(same, RunMode(), shown=False).metrics["speed_rmse_kmh"])
-    assert ratios[0] == 1.0 and max(ratios[6:]) < 0.95
-    assert np.mean(ratios[81:]) < 1.02 * np.mean(ratios[6:26])
+def test_error_does_not_diverge_in_a_hundred_runs(scenario: str, duration: float, bound: float) -> None:
+    """Breaks if errors of the model of actuators or couplers add up from run to run.
+
+    Without the waves in the noise of the speed the error of demo doubles in three runs.
+    """
+    found = ta.learn(scenario, runs=100, set={"duration": duration}, progress=False, **STACKS["pid"])
+    errors = [metrics["speed_rmse_kmh"] for metrics in found.metrics]
+    assert max(errors[1:]) < bound * errors[0]
+    assert np.mean(errors[81:]) < 1.02 * np.mean(errors[6:26])
 
 
 @pytest.mark.parametrize("stack", ["pid", "eso"])
@@ -139,22 +137,25 @@ def test_several_units_have_the_learned_force_at_the_front(tmp_path: Path) -> No
 
 def test_twin_has_the_learned_force() -> None:
     """Breaks if the twin lacks the learned force, or has it twice: its own train must not have it."""
-    base = {"duration": 30, "compensation": "twin"}
+    base = {"duration": 10, "compensation": "twin", "laws.pid.kp": 0.0, "laws.pid.ki": 0.0}
     plain = ta.run("demo", set=base, progress=False)
     found = ta.learn("demo", runs=1, set={**base, "duration": 60}, progress=False).learned
     flat = found.model_copy(update={"resistance": (0.01,) * 100, "begin": -500.0, "spacing": 50.0})
     other = ta.run("demo", set={**base, "model.learned": flat.model_dump(by_alias=True)}, progress=False)
     first = np.flatnonzero(plain.recording.command.any(axis=1))[0]
     more = (other.recording.command - plain.recording.command)[first].sum()
-    assert more == pytest.approx(0.01 * plain.setup.model.inertia, rel=0.02)
+    assert more == pytest.approx(0.01 * plain.setup.model.inertia, rel=1e-6)
 
 
 def test_nodes_have_the_learned_resistance(learned: LearnedResistance, tmp_path: Path) -> None:
     """Breaks if the nodes of a graph, or a repeated run folder, lack the learned resistance."""
-    changes = {"duration": 5, "model.learned": learned.model_dump(by_alias=True)}
+    file = tmp_path / "learned.yaml"
+    file.write_text(learned_text(learned), encoding="utf-8")
+    changes = {"duration": 5, "model.learned": str(file)}
     engine = ta.run(METRO, set=changes, progress=False, out=tmp_path / "engine")
     graph = ta.run(METRO, set=changes, mode="composed", progress=False, out=tmp_path / "graph")
     assert engine.recording.command.tobytes() == graph.recording.command.tobytes()
+    file.unlink()
     assert main(["verify", str(tmp_path / "engine")]) == 0
     again = ta.run(tmp_path / "engine" / "scenario.yaml", progress=False)
     assert again.recording.command.tobytes() == engine.recording.command.tobytes()

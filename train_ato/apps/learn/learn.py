@@ -112,7 +112,7 @@ def learn(
     >>> import train_ato as ta
     >>> found = ta.learn("xuzhou_metro:disturbed", runs=1, set={"duration": 30})
     >>> [round(metrics["speed_rmse_kmh"], 2) for metrics in found.metrics]
-    [0.22, 0.11]
+    [0.08, 0.03]
     """
     choice = choose_scenario(scenario).changed(set, seed)
     checked = put_components(choice.checked, law=law, observer=observer, compensation=compensation, importable=False)

@@ -18,6 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from train_ato.control.air_brake.shoes import ShoeForecast
+from train_ato.control.algorithms.motion_observer import WAVE_SPEED
+from train_ato.control.algorithms.train_constants import wave_time as waves_through
 from train_ato.control.learned_resistance import LARGEST
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import TrainModel
@@ -78,13 +80,16 @@ def residual_of(recording: Recording, model: TrainModel) -> Residual:
     place = np.asarray((measured["position"] + model.offsets) @ share)
     force = recording.applied.sum(axis=1)
     resisting = model.resisting_forces(place, speed) + _shoe_forces(recording, model, speed)
+    hauls = len(model.consist.vehicles) > model.n_units
+    wave_time = waves_through(model) if hauls else 0.0
     places, values = [], []
     for begin, end in _stretches(speed):
         steps = np.diff(time[begin:end])
         weight = lag_weight(float(np.median(steps)), model.lag)
         drive = weight * force[begin : end - 1] + (1.0 - weight) * force[begin + 1 : end]
         against = 0.5 * (resisting[begin : end - 1] + resisting[begin + 1 : end])
-        values.append(smoothed_resistance(speed[begin:end], (drive - against) / model.inertia, steps))
+        pull = (drive - against) / model.inertia
+        values.append(smoothed_resistance(speed[begin:end], pull, steps, 2.0 * WAVE_SPEED**2 * wave_time))
         places.append(0.5 * (place[begin : end - 1] + place[begin + 1 : end]))
     if not places:
         raise ValueError(f"{recording.name}: the train does not move above {MOVING:g} m/s; give a run with motion")
@@ -117,7 +122,7 @@ def speed_noise(speed: Array) -> float:
     return max(SMALLEST_NOISE, float(np.median(bends)) / (0.6745 * math.sqrt(6.0)))
 
 
-def smoothed_resistance(speed: Array, pull: Array, steps: Array) -> Array:
+def smoothed_resistance(speed: Array, pull: Array, steps: Array, waves: float = 0.0) -> Array:
     """Return r in the middle of the steps [m/s²], shape (k - 1,).
 
     Parameters
@@ -128,8 +133,10 @@ def smoothed_resistance(speed: Array, pull: Array, steps: Array) -> Array:
         Modelled acceleration over every step [m/s²].
     steps : Array, shape (k - 1,)
         Durations [s].
+    waves
+        PSD of the speed of the units against the train [m²/s].
     """
-    noise = speed_noise(speed) ** 2
+    noise = speed_noise(speed) ** 2 + waves / float(np.median(steps))
     count = steps.size
     states, covariances = np.empty((count + 1, 2)), np.empty((count + 1, 3))
     before, predicted = np.empty((count, 2)), np.empty((count, 3))
