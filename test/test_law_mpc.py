@@ -278,6 +278,41 @@ def test_identification_reports_a_wrong_model():
     assert 0.5 <= found.gain <= 1.5
 
 
+def test_gains_are_safe_until_the_model_is_right_again():
+    """A test that misses a delay of three times that of the model keeps full gains; without an end they stay low."""
+    model = _model(1.0)
+    identification = ActuatorIdentification(model, 0.1, estimates=False)
+    commands = [np.full(3, 3e4 * math.sin(0.1 * k)) for k in range(3000)]
+    force, decay, states = 0.0, math.exp(-0.1 / model.lag), []
+    for k in range(1, 3000):
+        late = 30 if k < 1000 else 10
+        due = float(commands[k - 1 - late].sum()) if k > late else 0.0
+        force = due + (force - due) * decay
+        identification.step(commands[k - 1], force)
+        states.append(identification.model_is_unsafe)
+    assert states[900]
+    assert not states[-1]
+    assert np.count_nonzero(np.diff(np.array(states, dtype=int))) == 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "largest"),
+    [
+        ({"links.command.delay": 3.0}, 5.0),  # 10.0 km/h with full gains
+        ({"links.command.delay": 2.0, "laws.mpc.identify": False}, 5.0),
+        ({"links.command.delay": 2.0, "plant.mismatch.mass_scale": 1.5}, 6.0),
+        ({"links.command.delay": 2.0, "plant.mismatch.mass_scale": 1.5, "laws.mpc.identify": False}, 6.0),
+    ],
+)
+def test_a_wrong_model_does_not_make_the_loop_unstable(changes, largest):
+    """With full gains and a delay three times that of the model, or twice without an estimate, the error grows."""
+    wrong = {"model.delay": 1.0, "duration": 150, **changes}
+    run = ta.run("freight_consensus:realistic+delay_1_0", law="mpc", compensation="none", set=wrong, progress=False)
+    error = np.abs(run["train/measurement"]["unit_0_speed_m_s"] - run["ato/reference"]["speed_m_s"]).to_numpy()
+    assert 3.6 * error.max() < largest
+    assert error[-300:].max() < error.max()
+
+
 def test_delay_longer_than_the_model_is_learnt_in_a_run():
     """Without the new delay in the prediction the second half of the run is as bad as the first."""
     delays = {"links.command.delay": [1.5, 1.65, 1.8], "links.command.delay_brake": [0.9, 1.05, 1.2], "duration": 90}

@@ -39,6 +39,8 @@ FORCE_FLOOR = 1e-3
 """Misfit that is not significant, over the largest force of the train."""
 WRONG_MISFIT = 0.05
 """Relative misfit of the best candidate above which the model of the actuators counts as wrong."""
+UNSAFE_MISFIT = 0.15
+"""The same above which full gains are not safe; they are safe again below :data:`WRONG_MISFIT`."""
 
 
 @compiled(uses=(predictive_plan,))
@@ -106,7 +108,12 @@ def best_candidate(sums, floor, former, gains, misfits):
 
 
 class ActuatorIdentification:
-    """Gain of the actuators and factor on their delays.
+    """Gain of the actuators, factor on their delays, and test of their model.
+
+    Attributes
+    ----------
+    model_is_unsafe : bool
+        True from a misfit above :data:`UNSAFE_MISFIT` to one below :data:`WRONG_MISFIT`.
 
     Parameters
     ----------
@@ -114,13 +121,15 @@ class ActuatorIdentification:
         The nominal train; its values are the initial estimate.
     period
         Control period [s].
+    estimates
+        False for a test of the model only: the delays of the model are the single candidate.
     """
 
-    def __init__(self, model: TrainModel, period: float) -> None:
+    def __init__(self, model: TrainModel, period: float, estimates: bool = True) -> None:
         self._delays = np.array([model.delay, model.delay_brake])
         self._tick, self._lag = model.tick, model.lag
         self._ticks = max(1, round(period / model.tick))
-        self._factors = np.array(FACTORS) if self._delays.max() > 0.0 else np.ones(1)
+        self._factors = np.array(FACTORS) if estimates and self._delays.max() > 0.0 else np.ones(1)
         self._nominal = int(np.argmin(np.abs(self._factors - 1.0)))
         self._factors[self._nominal] = 1.0
         self.length = int(np.ceil(self._delays.max() * self._factors.max() / model.tick - 1e-9)) + 1
@@ -139,6 +148,7 @@ class ActuatorIdentification:
         self._gains, self._misfits = np.ones(self._factors.size), np.zeros(self._factors.size)
         self._best = self._nominal
         self.gain, self.misfit = 1.0, 0.0
+        self.model_is_unsafe = False
 
     @property
     def factor(self) -> float:
@@ -175,4 +185,5 @@ class ActuatorIdentification:
         if own > 100.0 * self._floor:
             self.gain = float(self._gains[best])
             self.misfit = math.sqrt(float(self._misfits[best]) / max(total, self._floor))
+            self.model_is_unsafe = self.misfit > (WRONG_MISFIT if self.model_is_unsafe else UNSAFE_MISFIT)
         return self._best != former

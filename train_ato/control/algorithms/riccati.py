@@ -18,9 +18,9 @@ from train_ato.control.algorithms import quadratic_program
 from train_ato.control.algorithms.quadratic_program import inverse, matrix_product
 from train_ato.messages.types import Array
 
-MAX_STEPS = 5000
+MAX_STEPS = 50000
 """Largest number of steps of the difference equation."""
-CHANGE = 1e-10
+CHANGE = 1e-11
 """Change of a gain in one step, over the largest one, below which the gains are final."""
 
 
