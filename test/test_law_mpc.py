@@ -307,7 +307,7 @@ def test_force_limit_ahead_divides_the_error_over_the_horizon():
 
 
 def test_long_train_stops_at_the_target_on_a_rising_grade():
-    """A force that holds the train on the grade pulls the locomotive on after its wagons stand: 1.1 m."""
+    """A force that holds the train on the grade pulls the locomotive on after the stop of its wagons: 1.1 m."""
     run = ta.run("demo", law="mpc", compensation="none", progress=False)
     assert abs(run.metrics["stop_error_m"]) < 0.1
 

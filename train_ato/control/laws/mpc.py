@@ -38,7 +38,7 @@ fourth and sixteenth part, weighted by likelihood, and one of the error theta of
 (`motion_observer.py`): offset-free. M/(1 + k theta) replaces M, with k = 1 - P/P_0 from the variance P of theta.
 
 **Arrival.** With hauled vehicles there is no traction from a reference speed of .05 m/s down to the stop: the vehicles
-stand one by one, and the holding brake acts without traction only.
+stop one by one, and the holding brake acts without traction only.
 
 **Units on soft couplers.** If every vehicle is driven and pi/T_w < 3 omega, with the time T_w of a wave through the
 couplers, every unit has a force against its predicted deviation from the mean (`unit_deviations.py`).
@@ -254,7 +254,7 @@ class Mpc(GuardedLaw):
         return [force / gain for force in wanted]
 
     def _arrives(self, reference: Array) -> bool:
-        """Return True if the reference stops at the time of effect: then hauled vehicles stand one by one.
+        """Return True if the reference stops at the time of effect: then hauled vehicles stop one by one.
 
         A traction force would pull the unit away from them, and the holding brake has no effect with it.
         """
