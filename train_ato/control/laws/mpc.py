@@ -25,9 +25,9 @@ linear-quadratic regulator of a double integrator is sqrt(q_v + 2 sqrt(q_p)). De
 plan at every node, with the running resistance of that speed; |jerk| of the train at most ``jerk``; speed at most the
 limit of the line over the whole train plus ``overspeed``; coupler forces; |e_p| at most B + b, with the length T
 of the horizon and B = 2 m or, if that is more, the largest |e_p| of about the last T. An error that a force limit
-makes unavoidable is divided over the horizon in this way. R between the nodes has its part in the limits: the nodes have the nearest
-function that is linear between them. With an air brake there is no B, and the brake force ahead has
-no limit: its later applications are not in the input of the law.
+makes unavoidable is divided over the horizon in this way. R between the nodes has its part in the
+limits: the nodes have the nearest function that is linear between them. With an air brake there is no B, and the brake
+force ahead has no limit: its later applications are not in the input of the law.
 
 The dual is a linear complementarity problem with a constant matrix, solved by block principal pivoting from the last
 active rows and, if that makes no progress, one row at a time (`quadratic_program.py`), at most 200 exchanges. If they
