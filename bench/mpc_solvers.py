@@ -4,7 +4,7 @@
 
 Every N-th problem with an active limit is solved by block principal pivoting of the dual (the law), PIQP, Clarabel and
 OSQP, each at its default settings except the tolerance 1e-6. The programme of the last three has the softness of the
-limits as slack variables: min 1/2 z'Hz - f'z + 1/2 s'diag(1/rho)s, A z - s <= b. Row: median and 99th percentile of
+limits as slack variables: min 1/2 z'Hz - f'z + 1/2 s'S^-1 s, A z - s <= b. Row: median and 99th percentile of
 the time, median and largest number of iterations, number of problems with status solved, and the largest difference of
 the first decision from that of the law. Own and OSQP start from the last solution, the others from nothing.
 
@@ -60,9 +60,9 @@ def programme(problem: Problem) -> tuple[Any, Any, Any, Any]:
     """Return P, q, G and h of min 1/2 x'Px + q'x, G x <= h, with x = (z, s)."""
     gradients, inverse, _, dual, rows = problem["matrices"]
     hessian = np.linalg.inv(inverse)
-    softness = np.diag(dual - rows @ inverse @ rows.T)
+    softness = dual - rows @ inverse @ rows.T
     force = -gradients[0] @ problem["errors"][0] - gradients[1] @ problem["errors"][1]
-    quadratic = sp.block_diag((0.5 * (hessian + hessian.T), sp.diags(1.0 / softness)), format="csc")
+    quadratic = sp.block_diag((0.5 * (hessian + hessian.T), np.linalg.inv(0.5 * (softness + softness.T))), format="csc")
     constraints = sp.hstack((sp.csc_matrix(rows), -sp.identity(rows.shape[0])), format="csc")
     return quadratic, np.concatenate((-force, np.zeros(rows.shape[0]))), constraints, problem["b"]
 

@@ -15,7 +15,7 @@ from plant_sim.library import load_consist, load_line
 from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
 from train_ato.control.algorithms.horizon_model import horizon_model, node_times, ramp_response, responses
 from train_ato.control.algorithms.motion_observer import MotionObserver
-from train_ato.control.algorithms.predictive_plan import decide, free_motion
+from train_ato.control.algorithms.predictive_plan import decide, free_motion, node_values
 from train_ato.control.algorithms.quadratic_program import inverse, multipliers
 from train_ato.control.algorithms.riccati import filter_gain, regulator_gain
 from train_ato.control.algorithms.train_constants import force_tables
@@ -344,6 +344,44 @@ def test_start_on_a_rising_grade_does_not_roll_back():
     places = run["train/vehicles"].filter(like="position_m").to_numpy()
     assert (places[0] - places).max() < 1e-3
     assert (places[-1] - places[0]).min() > 1.0
+
+
+def test_values_at_the_nodes_keep_integral_and_moment():
+    """Samples at nodes that are far apart lose the corners between them, and with them speed and position."""
+    nodes, parts = node_times(0.2, 120.0, 32), 4
+    fine = np.interp(np.arange(parts * 31 + 1) / parts, np.arange(32), nodes)
+    corner = np.abs(fine - 70.0)
+    found = node_values(corner, nodes, parts)
+    times = np.linspace(0.0, nodes[-1], 200_001)
+    exact, kept = np.interp(times, fine, corner), np.interp(times, nodes, found)
+    assert np.trapezoid(kept - exact, times) == pytest.approx(0.0, abs=1e-3)
+    assert np.trapezoid((kept - exact) * times, times) == pytest.approx(0.0, abs=0.1)
+
+
+def test_multipliers_of_an_ill_conditioned_matrix():
+    """Exchanges of the last wrong row only need more than 200 steps where limits of force and position meet."""
+    random = np.random.default_rng(2)
+    for _ in range(20):
+        factor = np.cumsum(np.cumsum(random.normal(size=(120, 32)), axis=0), axis=1)
+        matrix = factor @ factor.T
+        matrix += 1e-6 * np.diag(np.diag(matrix))
+        slack, found, active = random.normal(size=120), np.zeros(120), random.random(120) < 0.3
+        assert multipliers(matrix, slack, active, found) >= 0
+        assert found.min() >= 0.0
+        assert (slack + matrix @ found).min() > -1e-3
+
+
+def test_force_limit_ahead_divides_the_error_over_the_horizon():
+    """With a quadratic cost only and samples of the force at the nodes the error is 10.1 m."""
+    run = ta.run("crh380a_gpc:short+limited", law="mpc", compensation="none", progress=False)
+    assert run.metrics["position_error_max_m"] <= 9.2
+    assert run.metrics["speed_error_max_kmh"] / 3.6 <= 0.75
+
+
+def test_long_train_stops_at_the_target_on_a_rising_grade():
+    """A force that holds the train on the grade pulls the locomotive on after the stop of its wagons: 1.1 m."""
+    run = ta.run("demo", law="mpc", compensation="none", progress=False)
+    assert abs(run.metrics["stop_error_m"]) < 0.1
 
 
 @pytest.mark.parametrize("compensation", ["twin", "predictor"])

@@ -14,6 +14,9 @@ Cost, with trapezoidal weights of the times y_k = tau_max + s_k and of the nodes
 
     J = sum_k W_k [(a omega²)² e_p² + (4 - 2a) omega² e_v²] + sum_j w_j z_j²
 
+The largest position error beyond a band B has a cost of its own, (a omega²)² s_n b²/2 with |e_p| <= B + b: in the dual,
+b is a block of equal entries in the matrix. A force limit that cannot be met then divides its error over the horizon.
+
 Without constraints and over an infinite horizon this is the linear-quadratic regulator z = -2 omega e_v - a omega² e_p
 on the state at the time of effect.
 """
@@ -35,6 +38,10 @@ SOFT_FORCE = 1e-6
 """Softness of force and jerk limits, over the diagonal of the dual matrix."""
 SOFT_SPEED = 1e-2
 """The same for speed limits, which a disturbance can make impossible to keep."""
+SOFT_PEAK = 3e-2
+"""The same for the largest position error."""
+PEAK_WEIGHT = 1.0
+"""Weight of the square of the largest position error, over that of the same error through the whole horizon."""
 
 
 def node_times(first: float, last: float, count: int) -> Array:
@@ -141,11 +148,12 @@ def horizon_model(
     hessian = hessian + matrix_product(np.ascontiguousarray(velocity.T), weighted_velocity)
     hessian[np.arange(nodes.size), np.arange(nodes.size)] += weights
     inverted = inverse(hessian)
-    constraints, softness = constraint_rows(velocity)
+    constraints, softness = constraint_rows(position, velocity)
     limited = matrix_product(inverted, np.ascontiguousarray(constraints.T))
     dual = matrix_product(constraints, limited)
     diagonal = np.diag(dual).copy()
     dual[np.arange(diagonal.size), np.arange(diagonal.size)] += softness * diagonal + 1e-12
+    dual[5 * nodes.size :, 5 * nodes.size :] += 1.0 / (PEAK_WEIGHT * (position_share * omega**2) ** 2 * nodes[-1])
     return HorizonModel(
         np.ascontiguousarray(weighted_position.T), np.ascontiguousarray(weighted_velocity.T), position, velocity,
         inverted, constraints, limited, dual,
@@ -174,18 +182,20 @@ def responses(nodes, delays, share, lag, longest):
     return position, velocity
 
 
-def constraint_rows(velocity: Array) -> tuple[Array, Array]:
-    """Return the rows A of upper and lower force limits, upper and lower jerk limits and speed limits, and softness.
+def constraint_rows(position: Array, velocity: Array) -> tuple[Array, Array]:
+    """Return the rows A of upper and lower force limits, jerk limits, speed limits, upper and lower position error.
+
+    The second result is their softness.
 
     Parameters
     ----------
-    velocity : Array, shape (nodes, nodes)
-        Response of the speed.
+    position, velocity : Array, shape (nodes, nodes)
+        Response of position and speed.
     """
     count = velocity.shape[0]
     unit = np.eye(count)
     change = unit.copy()
     change[1:] -= unit[:-1]
-    rows = np.vstack((unit, -unit, change, -change, velocity))
-    softness = np.concatenate((np.full(4 * count, SOFT_FORCE), np.full(count, SOFT_SPEED)))
+    rows = np.vstack((unit, -unit, change, -change, velocity, position, -position))
+    softness = np.repeat([SOFT_FORCE, SOFT_SPEED, SOFT_PEAK], [4 * count, count, 2 * count])
     return rows, softness

@@ -295,7 +295,9 @@ class MotionObserver:
         """Restart at the next sample with the present disturbance."""
         self._runs = False
 
-    def step(self, position: float, speed: float, pull: float, regressor: float = 0.0) -> None:
+    def step(
+        self, position: float, speed: float, pull: float, regressor: float = 0.0, force_change: float = 0.0
+    ) -> None:
         """Advance by a period and correct by a measurement.
 
         Parameters
@@ -306,6 +308,8 @@ class MotionObserver:
             Mean modelled acceleration over the period minus that of the reference [m/s²].
         regressor
             x, mean acceleration that grows with 1/mass [m/s²].
+        force_change
+            Change of the measured force over the mass in the period [m/s²]. Its time in the period is not known.
         """
         if not self._runs:
             self.restart(position, speed)
@@ -314,6 +318,7 @@ class MotionObserver:
             self._before[:], self.stands = 0.0, False
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         variance = min(float(self._noise[1]), SPEED_FLOOR**2)
+        self._drifts[:, 0] = self._waves + (force_change * self._period) ** 2 / 12.0
         self._drifts[1:, 1] = self._squares * (self._squares * (variance * self._period**2) + self._waves)
         filter_step(
             self._states, self._covariances, self._chances, self._noise, self._before, self._drifts, self._leave,

@@ -111,6 +111,44 @@ def lowest_limit(limits, front, rear):
 
 
 @compiled
+def node_values(fine, nodes, parts):
+    """Return the values at the nodes of the nearest function that is linear between them, shape (nodes,).
+
+    Nearest by the integral of the squared difference. The integral of this function and its first moment are those of
+    the quantity, so that speed and position of the plan are right between nodes that are far from each other.
+
+    Parameters
+    ----------
+    fine : Array, shape (parts (nodes - 1) + 1,)
+        Quantity at the nodes and at equal steps from node to node.
+    nodes : Array, shape (nodes,)
+        Times [s].
+    parts
+        Steps from a node to the next; the quantity is linear between them.
+    """
+    n = nodes.size
+    right, diagonal = np.zeros(n), np.zeros(n)
+    for j in range(n - 1):
+        width = nodes[j + 1] - nodes[j]
+        diagonal[j] += width / 3.0
+        diagonal[j + 1] += width / 3.0
+        for k in range(parts):
+            low, high = fine[j * parts + k], fine[j * parts + k + 1]
+            first, slope = (k + 1.0 / 3.0) / parts, 1.0 / (3.0 * parts)
+            later = 0.5 * width / parts * (low * first + high * (first + slope))
+            right[j + 1] += later
+            right[j] += 0.5 * width / parts * (low + high) - later
+    for j in range(1, n):
+        ratio = (nodes[j] - nodes[j - 1]) / (6.0 * diagonal[j - 1])
+        diagonal[j] -= ratio * (nodes[j] - nodes[j - 1]) / 6.0
+        right[j] -= ratio * right[j - 1]
+    right[n - 1] /= diagonal[n - 1]
+    for j in range(n - 2, -1, -1):
+        right[j] = (right[j] - (nodes[j + 1] - nodes[j]) / 6.0 * right[j + 1]) / diagonal[j]
+    return right
+
+
+@compiled
 def bounds(
     required, reference, limits, ends, now, errors, plan, drag, tables, couplers, mass, jerk, steps, disturbance, rise,
     effect, allowed,
@@ -125,8 +163,9 @@ def bounds(
         Position of vehicle 0's centre [m] and speed [m/s] at the nodes.
     limits : Array, shape (n, 2)
         Place [m] and speed limit from there on [m/s].
-    ends : Array, shape (3,)
-        Front and rear of the train from vehicle 0's centre [m], permitted excess of a speed limit [m/s].
+    ends : Array, shape (4,)
+        Front and rear of the train from vehicle 0's centre [m], permitted excess of a speed limit [m/s], position
+        error beyond which the largest one has a cost [m].
     now : Array, shape (2,)
         Smallest and largest total force at the measured speed [N].
     errors : Array, shape (2, nodes)
@@ -148,7 +187,7 @@ def bounds(
         Demanded acceleration for z = 0 minus that which acts at the time of effect [m/s²].
     effect
         Total force on the reference at the time of effect [N].
-    allowed : Array, shape (5 nodes,)
+    allowed : Array, shape (7 nodes,)
         Result b.
     """
     n = required.size
@@ -172,6 +211,8 @@ def bounds(
         place = reference[0, j] + errors[0, j]
         limit = lowest_limit(limits, place + ends[0], place + ends[1]) + ends[2]
         allowed[4 * n + j] = min(limit - speed, 1e3)
+        allowed[5 * n + j] = ends[3] - errors[0, j]
+        allowed[6 * n + j] = ends[3] + errors[0, j]
 
 
 @compiled(uses=(quadratic_program,))

@@ -7,8 +7,9 @@ complementarity problem with a positive definite matrix P. It always has one sol
 infeasible. P depends only on the model and is computed once.
 
 Block principal pivoting (Judice and Pires 1994, Computers & Operations Research 21) exchanges all rows of wrong sign at
-once, and only the last one after three exchanges without progress: this is finite for every such P. It starts from the
-active rows of the last solution.
+once, from the active rows of the last solution. After three exchanges without progress, the method of Lawson and Hanson
+(1974, Solving Least Squares Problems, chapter 23) exchanges one row at a time: the dual cost decreases with every row,
+so that it is finite for every such P.
 """
 
 # mypy: allow-untyped-defs
@@ -118,11 +119,57 @@ def multipliers(matrix, slack, active, found):
         elif chances > 0:
             chances -= 1
         else:
-            active[wrong[count - 1]] = not active[wrong[count - 1]]
-            continue
+            return _single_exchanges(matrix, slack, active, rows, found, edge, exchange)
         for k in range(count):
             active[wrong[k]] = not active[wrong[k]]
     return -1
+
+
+@compiled
+def _single_exchanges(matrix, slack, active, rows, found, edge, exchanges):
+    """Continue with one row at a time and a smaller dual cost in every exchange; arguments as in `multipliers`."""
+    m = slack.size
+    feasible = np.zeros(m)
+    for i in range(m):
+        active[i] = active[i] and found[i] > 0.0
+    while exchanges < MAX_EXCHANGES:
+        exchanges += 1
+        _solve_active(matrix, slack, active, rows, found)
+        part, first = 1.0, -1
+        for i in range(m):
+            if active[i] and found[i] < 0.0:
+                reached = feasible[i] / (feasible[i] - found[i])
+                if first < 0 or reached < part:
+                    part, first = reached, i
+        for i in range(m):
+            feasible[i] = max(feasible[i] + part * (found[i] - feasible[i]), 0.0) if active[i] else 0.0
+        if first >= 0:
+            active[first] = False
+            feasible[first] = 0.0
+            continue
+        farthest = _most_violated(matrix, slack, active, found, edge)
+        if farthest < 0:
+            return exchanges
+        active[farthest] = True
+    return -1
+
+
+@compiled
+def _most_violated(matrix, slack, active, found, edge):
+    """Return the row outside the active ones with the largest violation over the root of its diagonal; -1 for none."""
+    m = slack.size
+    distance = slack.copy()
+    for k in range(m):
+        if found[k] != 0.0:
+            for i in range(m):
+                distance[i] += matrix[i, k] * found[k]
+    farthest, most = -1, 0.0
+    for i in range(m):
+        if not active[i] and distance[i] < -edge:
+            violation = -distance[i] / sqrt(matrix[i, i])
+            if violation > most:
+                farthest, most = i, violation
+    return farthest
 
 
 @compiled

@@ -15,7 +15,7 @@ F_i begins at the measured force; u_i are the commands in flight, each with the 
 period (the command is held). z(s) is linear between 32 nodes s_j at geometrically growing distances. Responses of e_p
 and e_v to z through delay and lag are closed forms (`horizon_model.py`)::
 
-    J = sum_k W_k [(a omega²)² e_p² + (4 - 2a) omega² e_v²] + sum_j w_j z_j²
+    J = sum_k W_k [(a omega²)² e_p² + (4 - 2a) omega² e_v²] + sum_j w_j z_j² + T (a omega²)² b²
 
 Without constraints this is z = -2 omega e_v - a omega² e_p on the state at the time of effect: the gain k_v of the
 linear-quadratic regulator of a double integrator is sqrt(q_v + 2 sqrt(q_p)). Default omega = .9/(tau + Ta), at most
@@ -23,11 +23,15 @@ linear-quadratic regulator of a double integrator is sqrt(q_v + 2 sqrt(q_p)). De
 
 **Constraints**, all soft, so that the programme always has a solution: force of the envelopes at the speed of the last
 plan at every node, with the running resistance of that speed; |jerk| of the train at most ``jerk``; speed at most the
-limit of the line over the whole train plus ``overspeed``; coupler forces. The brake force ahead has no limit for a
-train with an air brake: its later applications are not in the input of the law.
+limit of the line over the whole train plus ``overspeed``; coupler forces; |e_p| at most B + b, with the length T
+of the horizon and B = 2 m or, if that is more, the largest |e_p| of about the last T. An error that a force limit
+makes unavoidable is divided over the horizon in this way. R between the nodes has its part in the
+limits: the nodes have the nearest function that is linear between them. With an air brake there is no B, and the brake
+force ahead has no limit: its later applications are not in the input of the law.
+
 The dual is a linear complementarity problem with a constant matrix, solved by block principal pivoting from the last
-active rows (`quadratic_program.py`), at most 200 exchanges. If they are not enough, the last plan goes on; diagnostics
-count it.
+active rows and, if that makes no progress, one row at a time (`quadratic_program.py`), at most 200 exchanges. If they
+are not enough, the last plan goes on; diagnostics count it.
 
 **Couplers.** With the share s_j of the force, the part mu_j of the mass and the resistance W_j in front of coupler j,
 the train without waves has the force C_j = (s_j - mu_j) F - (W_j - mu_j W) in it, > 0 draft. |C_j| at most
@@ -37,6 +41,9 @@ add to C_j; the shoe force and the disturbance count as proportional to the mass
 **Disturbance and mass.** Three Kalman filters of e_p, e_v, d with bandwidths of ``observer_ratio`` omega and its
 fourth and sixteenth part, weighted by likelihood, and one of the error theta of the mass, with measured noise
 (`motion_observer.py`): offset-free. M/(1 + k theta) replaces M, with k = 1 - P/P_0 from the variance P of theta.
+
+**Arrival.** With hauled vehicles there is no traction from a reference speed of .05 m/s down to the stop: the vehicles
+stop one by one, and the holding brake acts without traction only.
 
 **Units on soft couplers.** If every vehicle is driven and pi/T_w < 3 omega, with the time T_w of a wave through the
 couplers, a Kalman filter estimates the deviations of the units from the mean, and a linear-quadratic regulator on their
@@ -73,19 +80,24 @@ from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
 from train_ato.control.algorithms.motion_observer import MotionObserver
-from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion
+from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion, node_values
 from train_ato.control.algorithms.train_constants import default_omega, drag_slope, force_tables, wave_time
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.messages.types import Array
+from train_ato.messages.validity import MAX_POSITION
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
 IDENTIFICATION_SPEED = 1.0
 """Speed below which the electric brake fades and the commands do not explain the force [m/s]."""
+PARTS = 4
+"""Steps from node to node of the force that keeps the train on the reference."""
+POSITION_BAND = 2.0
+"""Position error up to which the largest one has no cost of its own [m]."""
 SOFT_COUPLERS = 3.0
 """Frequency pi/T_w of the slowest wave in the couplers over omega, below which the units have a regulator."""
 SOFT_RATIO = 2.5
@@ -129,6 +141,7 @@ class Mpc(GuardedLaw):
         self.omega = p.omega or default_omega(model)
         first = max(period, 0.1 / self.omega)
         self._nodes = node_times(first, max(p.lookahead, first * p.nodes), p.nodes)
+        self._times = np.interp(np.arange(PARTS * (p.nodes - 1) + 1) / PARTS, np.arange(p.nodes), self._nodes)
         self._steps = np.concatenate(([0.0 if model.lag else period], np.diff(self._nodes))) + model.lag
         self._identification = ActuatorIdentification(model, period, p.identify)
         self._models: dict[tuple[float, float], list[HorizonModel]] = {}
@@ -143,7 +156,9 @@ class Mpc(GuardedLaw):
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
         self._drag_slope = drag_slope(model)
         half = model.consist.vehicles[0].length / 2.0
-        self._ends = np.array([half, half - model.consist.length, p.overspeed])
+        self._ends = np.array([half, half - model.consist.length, p.overspeed, POSITION_BAND])
+        self._band = POSITION_BAND if model.air_brake is None else MAX_POSITION
+        self._memory = math.exp(-period / p.lookahead)
         self.clear_state()
 
     def _set_delays(self, factor: float) -> None:
@@ -153,7 +168,7 @@ class Mpc(GuardedLaw):
         self._ticks = math.ceil(float(self._actuators[:2].max()) / model.tick - 1e-9)
         self._entries = self._ticks + 2 + math.ceil(0.5 * self.period / model.tick)
         longest = self._ticks * model.tick
-        self.lookahead_times: Array = np.concatenate((model.tick * np.arange(self._entries), longest + self._nodes[1:]))
+        self.lookahead_times: Array = np.concatenate((model.tick * np.arange(self._entries), longest + self._times[1:]))
         omega = self.omega * (p.safe_share if self._cautious else 1.0)
         if (factor, omega) not in self._models:
             self._models[factor, omega] = [
@@ -173,7 +188,8 @@ class Mpc(GuardedLaw):
             self._deviations.reset()
         self._before: tuple[float, float, float] | None = None
         self._plan = np.zeros(self._nodes.size)
-        self._active = np.zeros(5 * self._nodes.size, dtype=np.bool_)
+        self._largest = 0.0
+        self._active = np.zeros(7 * self._nodes.size, dtype=np.bool_)
         self._failures = self._limited_steps = self._most_exchanges = self._cautious_steps = 0
         self._cautious = False
         self._set_delays(1.0)
@@ -257,7 +273,17 @@ class Mpc(GuardedLaw):
             between = self._deviations.forces(inputs, gain * sent, self._actuators, self._ticks)
             if not self._cautious:
                 wanted = [force + more for force, more in zip(wanted, between, strict=True)]
+        if self._hauls and self._arrives(ahead.velocity):
+            wanted = [min(force, 0.0) for force in wanted]
         return [force / gain for force in wanted]
+
+    def _arrives(self, reference: Array) -> bool:
+        """Return True if the reference stops at the time of effect: then hauled vehicles stop one by one.
+
+        A traction force would pull the unit away from them, and the holding brake has no effect with it.
+        """
+        effect, next_node = float(reference[self._ticks]), float(reference[self._entries - 1 + PARTS])
+        return effect < STANDSTILL_SPEED and next_node <= effect
 
     def _observe(self, inputs: LawInput) -> float:
         """Advance the observer and return the resistance of the model at the measured state [N]."""
@@ -278,7 +304,8 @@ class Mpc(GuardedLaw):
             pull = (drive - 0.5 * (resisting_before + resisting)) / model.inertia
             regressor = pull + by_line
             change = (reference - reference_before) / self.period
-            self._observer.step(position_error, speed_error, pull - change, regressor)
+            force_change = (force - force_before) / model.inertia
+            self._observer.step(position_error, speed_error, pull - change, regressor, force_change)
         self._before = (force, resisting, reference)
         mass_error = self._mass_error()
         rest = (self._observer.mass_error - mass_error) * regressor
@@ -310,14 +337,16 @@ class Mpc(GuardedLaw):
     ) -> float:
         """Return the total force of the plan for now [N]."""
         last = plain_sum(self._last_force)
-        at_nodes = required[self._entries - 1 :].copy()
+        at_nodes = node_values(required[self._entries - 1 :], self._nodes, PARTS)
         at_nodes[0] = feedforward
         later = inputs.lookahead
-        reference = np.array([later.position[self._entries - 1 :], later.velocity[self._entries - 1 :]])
-        allowed = np.empty(5 * self._nodes.size)
+        reference = np.array([later.position[self._entries - 1 :: PARTS], later.velocity[self._entries - 1 :: PARTS]])
+        allowed = np.empty(7 * self._nodes.size)
         now = self._gain() * np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
         side = self._sides[int(last < 0.0)]
         drag = (self._beyond_reference, *self._drag_slope)
+        self._largest = max(abs(self._observer.position_error), self._largest * self._memory)
+        self._ends[3] = max(self._band, self._largest)
         bounds(
             at_nodes, reference, self._limits, self._ends, now, errors, (side.response_velocity, self._plan), drag,
             self._tables, self._within_couplers(reference + errors), self._inertia, self.parameters.jerk, self._steps,
