@@ -29,7 +29,7 @@ from train_ato.profile.profile import Profile
 from train_ato.profile.trip.driven_run import AVERAGE, TripRun, follow_journey
 from train_ato.profile.trip.fatigue import coupler_damage
 from train_ato.profile.trip.final_stop import braking_distance, final_deceleration, stop_knots
-from train_ato.profile.trip.input_checks import check_sections, journey_ends, permitted_reductions
+from train_ato.profile.trip.input_checks import check_final_part, journey_ends, permitted_reductions
 from train_ato.profile.trip.journey import QUASI_STATIC, Application, Journey, JourneySearch
 from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train
 from train_ato.profile.trip.settings import TripSettings
@@ -170,8 +170,8 @@ class TripPlanner:
             self._model.running_resistance(ALMOST_AT_REST) / self._model.inertia
         )
         begin, self._stop = journey_ends(line, settings, self._half)
-        check_sections(line, begin + self._half - consist.length, self._stop + self._half)
         last = self._last_part()
+        check_final_part(self._model, self._stop - last, self._stop)
         train = reduced_train(self._model, settings, begin, self._stop - last, permitted_reductions(consist, settings))
         self._search = JourneySearch(train, settings, quasi_static)
 
