@@ -12,7 +12,8 @@ from plant_sim.consist import Consist
 from plant_sim.library import load_consist
 from plant_sim.line import Line
 from train_ato.messages.types import Array
-from train_ato.profile.trip.planner import TripPlan, TripPlanner
+from train_ato.profile.trip.plan import TripPlan
+from train_ato.profile.trip.planner import TripPlanner
 from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train
 from train_ato.profile.trip.section_forces import MARGIN, SectionForces
 from train_ato.profile.trip.settings import TripSettings
