@@ -13,8 +13,10 @@ from train_ato.profile.trip.driven_run import AVERAGE, TripRun
 from train_ato.profile.trip.final_stop import braking_distance, final_deceleration, stop_knots
 from train_ato.profile.trip.settings import TripSettings
 
+FINE_PERIOD = 0.1
+"""Period of the knots up to which the acceleration is that of the mean of the train [s]: the tick of most scenarios."""
 SLACK_AVERAGE = 20.0
-"""Window of the average of the motion of vehicle 0 against the mean of the train [s]."""
+"""Window of the average of the motion of vehicle 0 against the mean of the train, for coarser knots [s]."""
 LAST_PART = 1.15
 """Reserve of the length of the last part of the braking: the run is a little faster than the journey."""
 FINAL_SHARE, ALMOST_AT_REST = 1.1, 0.5
@@ -57,18 +59,23 @@ class RunProfile:
     def of(self, run: TripRun) -> Profile:
         """Return the averaged speed of a run, continued to standstill at the stop.
 
-        The mean speed of the train is averaged over a short time; the motion of vehicle 0 against it, which a force for
-        the whole train cannot follow, over a longer one.
+        A law multiplies the acceleration by the mass of the train. With the acceleration of vehicle 0 against the mean
+        of the train, the command would alternate; fine knots therefore have the acceleration of the mean. Between
+        coarser knots the acceleration is that of the speed, and this motion is averaged over a longer time.
         """
         time = np.arange(0.0, run.time[-1] + 1e-9, self._period)
         mean = np.interp(time, run.time, run.mean_speed)
         slack = np.interp(time, run.time, run.speed) - mean
-        speed = average_speed(mean, self._period, AVERAGE) + average_speed(slack, self._period, SLACK_AVERAGE)
-        speed = np.maximum(speed, 0.0)
+        mean = average_speed(mean, self._period, AVERAGE)
+        fine = self._period <= FINE_PERIOD
+        slack = average_speed(slack, self._period, AVERAGE if fine else SLACK_AVERAGE)
+        speed = np.maximum(mean + slack, 0.0)
         speed[0] = 0.0
-        acceleration = np.gradient(speed, self._period)
+        change = np.gradient(speed, self._period)
+        change[0] = 0.0
+        steps = self._period * (speed[1:] + speed[:-1]) / 2 - self._period**2 * np.diff(change) / 12
+        acceleration = np.gradient(mean, self._period) if fine else change
         acceleration[0] = 0.0
-        steps = self._period * (speed[1:] + speed[:-1]) / 2 - self._period**2 * np.diff(acceleration) / 12
         position = run.position[0] + np.concatenate(([0.0], np.cumsum(steps)))
         kept = self._cut(position, speed, acceleration)
         rest = stop_knots(
