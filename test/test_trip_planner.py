@@ -122,6 +122,17 @@ def test_the_plan_keeps_limits_time_and_stop_on_the_whole_train(consist: Consist
     assert figures["energy_air_brake_kwh"] > 0.0 and figures["coupler_damage"] > 0.0
 
 
+def test_the_force_along_the_profile_is_that_of_the_run(consist: Consist, line: Line) -> None:
+    """Breaks if the profile has the acceleration of vehicle 0 against the train: 8 % more traction work on 45 km."""
+    plan = TripPlanner(line, consist, TripSettings(end=12_000.0)).at_price(1.0)
+    profile, run = plan.profile, plan.run
+    shoes = np.interp(profile.time, run.time, run.shoes)
+    columns = (profile.position, profile.velocity, profile.acceleration, shoes)
+    force = np.array([plan.model.rigid_force(*row) for row in zip(*(c.tolist() for c in columns), strict=True)])
+    work = float((np.maximum(force[1:], 0.0) * np.diff(profile.position)).sum())
+    assert work == pytest.approx(run.totals.traction, rel=0.01)
+
+
 def test_a_weight_of_the_fatigue_trades_damage_for_energy_and_time(consist: Consist, line: Line) -> None:
     """Breaks if the weight has no effect, or the planner takes limits that cost more than those of the settings."""
     settings = TripSettings(end=12_000.0, time_weight=1.0, fatigue_weight=20.0)

@@ -1,4 +1,4 @@
-"""Trips of a train with two power units: shares by place, coupler forces in the search, sections of the line."""
+"""Trips of a train with two power units: shares by place, coupler forces in the search."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
 from train_ato.profile.trip.driven_run import TripRun, follow_journey
 from train_ato.profile.trip.journey import Journey, JourneySearch
-from train_ato.profile.trip.planner import TripPlanner
 from train_ato.profile.trip.quasi_static_couplers import coupler_tables
 from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train
 from train_ato.profile.trip.settings import TripSettings
@@ -42,7 +41,7 @@ def consist() -> Consist:
     return Consist.model_validate(data)
 
 
-def line_with(**sections: Any) -> Line:
+def crest() -> Line:
     """Return a line with a crest of 8 per mille: the front is in the fall while the rear is on the climb."""
     grades = [
         {"at_km": 0, "grade": 0.0},
@@ -58,7 +57,6 @@ def line_with(**sections: Any) -> Line:
             "end_km": 9,
             "grades": grades,
             "speed_limits": limits,
-            **sections,
         }
     )
 
@@ -70,7 +68,7 @@ def settings() -> TripSettings:
 
 @pytest.fixture(scope="module")
 def model(consist: Consist) -> TrainModel:
-    return nominal_train_model(consist, line_with())
+    return nominal_train_model(consist, crest())
 
 
 def journey_of(model: TrainModel, settings: TripSettings, limit: float) -> Journey:
@@ -162,24 +160,3 @@ def test_the_search_keeps_a_limit_of_the_coupler_forces(
     journey = journey_of(model, settings, 150e3)
     run = follow_journey(model, settings, journey, journey.applications)
     assert np.abs(run.couplers).max() < 0.8 * np.abs(equal_run.couplers).max()
-
-
-@pytest.mark.parametrize(
-    "section",
-    [
-        {"neutral_sections": [{"begin_km": 3, "end_km": 3.1}]},
-        {"power_limits": [{"begin_km": 3, "end_km": 3.1, "power_kw": 1000}]},
-        {"adhesion": [{"begin_km": 3, "end_km": 3.1, "factor": 0.5}]},
-    ],
-)
-def test_sections_without_a_place_in_the_search_are_refused(
-    consist: Consist, settings: TripSettings, section: dict[str, Any]
-) -> None:
-    """Breaks if a plan needs traction where the line permits none; sections beyond the trip have no effect on it."""
-    with pytest.raises(
-        ValueError, match=rf"line 'crest': {next(iter(section))}\[0\]: km 3.000 to km 3.100: "
-    ) as raised:
-        TripPlanner(line_with(**section), consist, settings)
-    assert "\n" not in str(raised.value) and ";" in str(raised.value)
-    ((key, (entry,)),) = section.items()
-    TripPlanner(line_with(**{key: [{**entry, "begin_km": 8, "end_km": 8.5}]}), consist, settings)

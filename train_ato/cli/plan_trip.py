@@ -14,7 +14,7 @@ from train_ato.errors import RunInterrupted
 if TYPE_CHECKING:
     from plant_sim.consist import Consist
     from plant_sim.line import Line
-    from train_ato.profile.trip.planner import TripPlan
+    from train_ato.profile.trip.plan import TripPlan
 
 DEFAULTS = "defaults"
 """Value of ``--trip`` without a file."""

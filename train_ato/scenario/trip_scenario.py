@@ -18,7 +18,7 @@ from plant_sim.consist import Consist
 from plant_sim.library import consist_names, line_names
 from plant_sim.line import Line
 from train_ato.profile.file import write_profile
-from train_ato.profile.trip.planner import TripPlan
+from train_ato.profile.trip.plan import TripPlan
 from train_ato.scenario.scenario import SCHEMA, raw_scenario
 
 REST = 45.0

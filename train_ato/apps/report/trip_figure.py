@@ -14,7 +14,7 @@ from plant_sim.track import Track
 from train_ato.apps.report.print_parts import SHEET_SIZE, styled, write_figure
 from train_ato.apps.report.quantities import GREY, ORANGE, QUANTITIES
 from train_ato.profile.planner.line_tables import SpeedLimits
-from train_ato.profile.trip.planner import TripPlan
+from train_ato.profile.trip.plan import TripPlan
 
 LIMIT, PROFILE, FORCE = (QUANTITIES[name].colour for name in ("limit", "speed", "applied"))
 

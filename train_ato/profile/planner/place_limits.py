@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim import kernel as k
 from plant_sim.consist import Consist, VehicleType
@@ -42,6 +43,15 @@ class PlaceLimits:
         self._reserves: dict[Zones, Array] = {}
         self._powers = [float((_forces(vehicle, train.speed)[0] * train.speed).max()) for vehicle in self._vehicles]
 
+    @property
+    def breaks(self) -> Array:
+        """Limits of the zones [m], rising."""
+        return self._zones.breaks
+
+    def zones_at(self, places: Array) -> NDArray[np.int64]:
+        """Return the zone of vehicles with their centres at places [m]."""
+        return self._zones.at(places)
+
     def over_cells(
         self, grid: PlaceGrid, limit: Array, low: Array, begin_energy: float, rates: tuple[float, float]
     ) -> Array:
@@ -59,7 +69,7 @@ class PlaceLimits:
             Largest acceleration [m/s²], and fraction of the traction that is used.
         """
         zones = [
-            self._zones.at(places[:, None] - self._train.behind[None, :])
+            self.zones_at(places[:, None] - self._train.behind[None, :])
             for places in (grid.places[:-1], np.nextafter(grid.places[1:], -np.inf))
         ]
         rows, which = np.unique(np.concatenate(zones), axis=0, return_inverse=True)
@@ -116,7 +126,7 @@ class PlaceLimits:
     def _reserve(self, zones: Zones) -> Array:
         """Return the reserves of traction and brakes over the speed, shape (2, n)."""
         if zones not in self._reserves:
-            traction, electric, air = self._available(zones)
+            traction, electric, air = self.available(zones)
             train = self._train
             have = np.stack((train.traction, train.brake))
             left = np.minimum(np.stack((traction, electric + air)), have)
@@ -124,7 +134,7 @@ class PlaceLimits:
             self._reserves[zones] = np.maximum(reserve, 0.0)
         return self._reserves[zones]
 
-    def _available(self, zones: Zones) -> tuple[Array, Array, Array]:
+    def available(self, zones: Zones) -> tuple[Array, Array, Array]:
         """Return traction, electric and air brake force of the train over the speed with its vehicles in zones [N].
 
         The units share a force in proportion to their envelopes, so the most limited one limits the train.

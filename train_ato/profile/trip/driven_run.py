@@ -30,6 +30,7 @@ from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.profile.trip.journey import Application, Journey
 from train_ato.profile.trip.search import POWER_BRAKING
+from train_ato.profile.trip.section_forces import SectionForces
 from train_ato.profile.trip.settings import TripSettings
 
 PERIOD, STEP = 0.5, 0.005
@@ -42,6 +43,8 @@ SMOOTHING = 200.0
 """Length over which the force of the journey is averaged [m]."""
 AVERAGE = 5.0
 """Window of the moving average of the speed, applied three times [s]."""
+TOP_SPEED = 200.0 / 3.6
+"""End of the tables of the forces in sections [m/s]."""
 MAX_STANDSTILL = 60.0
 """Standstill after which the train is unable to continue [s]."""
 
@@ -88,6 +91,7 @@ class JourneyFollower:
         width = max(1, round(SMOOTHING / float(journey.place[1] - journey.place[0]))) | 1
         padded = np.pad(journey.force, width // 2, mode="edge")
         self._force_places, self._force = middle, np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
+        self._sections = SectionForces(model, TOP_SPEED)
 
     def force(self, position: float, velocity: float, former: float, braked: bool) -> float:
         """Return the next force of the train [N] from position [m], speed [m/s] and present force [N]."""
@@ -100,7 +104,11 @@ class JourneyFollower:
         most = 0.0 if braked else settings.traction * float(np.sum(high))
         if settings.traction_max is not None:
             most = min(most, settings.traction_max)
-        wanted = min(max(wanted, settings.brake * float(np.sum(low))), most)
+        least = settings.brake * float(np.sum(low))
+        if self._sections.breaks.size:
+            traction, brake = self._sections.at(position, velocity, settings.slew)
+            most, least = min(most, traction), max(least, -brake)
+        wanted = min(max(wanted, least), most)
         change = settings.slew * PERIOD
         return min(max(wanted, former - change), former + change)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
+from train_ato.control.train_model import TrainModel
 from train_ato.profile.trip.settings import TripSettings
 
 
@@ -26,27 +27,30 @@ def journey_ends(line: Line, settings: TripSettings, half: float) -> tuple[float
     return begin, end - half
 
 
-def check_sections(line: Line, begin: float, end: float) -> None:
-    """Check that a journey has no section whose limits of force the search does not contain.
+def check_final_part(model: TrainModel, begin: float, stop: float) -> None:
+    """Check that the electric brake of every unit works in the last part of the braking.
 
     Parameters
     ----------
-    line
-        Line of the journey.
-    begin, end
-        Places of the rear of the train at the begin and of its front at the end [m].
+    model
+        Nominal train on its line.
+    begin, stop
+        Places of vehicle 0's centre at the begin of the last part and at the stop [m].
 
     Raises
     ------
     ValueError
-        With the key of the line and the place of the first section.
+        With the key of the line and the place of the first section without electric brake.
     """
-    for key in ("neutral_sections", "power_limits", "adhesion"):
-        for number, section in enumerate(getattr(line, key)):
-            if section.begin < end and section.end > begin:
+    line, vehicles = model.line, model.consist.vehicles
+    for unit, offset in zip(model.units, model.offsets.tolist(), strict=True):
+        for number, section in enumerate(line.neutral_sections):
+            if section.electric_brake or vehicles[unit].independent_power:
+                continue
+            if section.begin < stop - offset and section.end > begin - offset:
                 raise ValueError(
-                    f"line '{line.name}': {key}[{number}]: km {section.begin / 1e3:.3f} to km {section.end / 1e3:.3f}: "
-                    "the trip planner does not contain it; remove it from the line, or end the trip before it"
+                    f"line '{line.name}': neutral_sections[{number}]: km {section.begin / 1e3:.3f} to km "
+                    f"{section.end / 1e3:.3f}: the train brakes there to its stop, without electric brake; move end"
                 )
 
 

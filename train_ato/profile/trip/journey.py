@@ -10,11 +10,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from train_ato.messages.types import Array
 from train_ato.profile.trip import search as s
 from train_ato.profile.trip.reduced_train import AGE_STEP, SPEED_STEP, ReducedTrain
+from train_ato.profile.trip.section_forces import Integers
 from train_ato.profile.trip.settings import TripSettings
 
 ROLLING = 0.7
@@ -23,7 +23,6 @@ LEVELS = np.array([1.0, 0.8, 0.6, 0.4, 0.2, 0.0, -0.2, -0.4, -0.6, -0.8, -1.0])
 """Fractions of traction (> 0) and electric brake (< 0) in the search."""
 FINE_LEVELS = np.linspace(1.0, -1.0, 81)
 """The same in the forward pass."""
-Integers = NDArray[np.int64]
 Tables = tuple[Array, Array, Array, Integers, Array, Array]
 """Arguments of the compiled search: cells, drives, shoes, ranges, couplers, constants."""
 QUASI_STATIC = 0.75
@@ -104,8 +103,9 @@ class JourneySearch:
         self._train, self._settings = train, settings
         self._shoes, self._ranges = _brake_states(train, settings.air_brake.pause)
         self._supplies = _supplies(train, self._shoes, self._ranges)
-        self._cells = np.vstack((train.line_force, train.limit[1:], train.couplers.line_force))
-        self._drives = np.stack((train.traction, train.brake, train.running))
+        rows = s.TRACTION + 2.0 * train.section
+        self._cells = np.vstack((train.line_force, train.limit[1:], rows, train.couplers.line_force))
+        self._drives = np.vstack((train.running, *(row for pair in train.drives for row in pair)))
 
     def _constants(self, price: float) -> Array:
         train, settings = self._train, self._settings

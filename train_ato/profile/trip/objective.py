@@ -16,7 +16,8 @@ from collections.abc import Callable
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.profile.trip.journey import QUASI_STATIC
-from train_ato.profile.trip.planner import TripPlan, TripPlanner
+from train_ato.profile.trip.plan import TripPlan
+from train_ato.profile.trip.planner import TripPlanner
 from train_ato.profile.trip.settings import TripSettings
 
 STEPS = (("slew", 0.5, 2), ("traction", 0.8, 3))

@@ -21,6 +21,7 @@ from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.profile.planner.line_tables import SpeedLimits
 from train_ato.profile.trip.quasi_static_couplers import CouplerTables, coupler_tables
+from train_ato.profile.trip.section_forces import Integers, SectionForces
 from train_ato.profile.trip.settings import TripSettings
 
 CELL = 100.0
@@ -98,8 +99,12 @@ class ReducedTrain:
         Highest planned speed at the ends of the cells [m/s].
     speed : Array, shape (speeds,)
         Speed grid [m/s].
-    traction, brake, running : Array, shape (speeds,)
-        Largest planned traction and electric brake, running resistance [N].
+    running : Array, shape (speeds,)
+        Running resistance [N].
+    drives : Array, shape (tables, 2, speeds)
+        Largest planned traction and electric brake [N]; one table, and others in the sections of the line.
+    section : Array, shape (cells,)
+        Number of the table of a cell.
     inertia : float
         Mass with rotating parts [kg].
     responses : tuple of ShoeResponse
@@ -115,9 +120,9 @@ class ReducedTrain:
     line_force: Array
     limit: Array
     speed: Array
-    traction: Array
-    brake: Array
     running: Array
+    drives: Array
+    section: Integers
     inertia: float
     responses: tuple[ShoeResponse, ...]
     couplers: CouplerTables
@@ -203,21 +208,27 @@ def reduced_train(
     places = (begin + cell * np.arange(cells))[:, None] + inside
     line_force = np.array([[model.line_force(place) for place in row] for row in places.tolist()]).mean(axis=1)
     limits = SpeedLimits(model.line, _top_speed(model))
-    front: Array = begin + cell * np.arange(cells + 1, dtype=np.float64) + consist.vehicles[0].length / 2
-    at_ends = limits.at(front, consist.length) - settings.speed_margin
-    limit = np.minimum(at_ends, np.concatenate((at_ends[1:], at_ends[-1:])))
+    edges: Array = begin + cell * np.arange(cells + 1, dtype=np.float64)
+    at_ends = limits.at(edges + consist.vehicles[0].length / 2, consist.length) - settings.speed_margin
+    limit = np.minimum(np.minimum(at_ends, np.append(at_ends[1:], np.inf)), np.append(np.inf, at_ends[:-1]))
     speed: Array = SPEED_STEP * np.arange(int(limit.max() / SPEED_STEP) + 4, dtype=np.float64)
     high = np.array([plain_sum(model.limits_of_units([v] * model.n_units)[1]) for v in speed.tolist()])
     low = np.array([plain_sum(model.limits_of_units([v] * model.n_units)[0]) for v in speed.tolist()])
     traction = settings.traction * high
     if settings.traction_max is not None:
         traction = np.minimum(traction, settings.traction_max)
+    drives = np.stack((traction, -settings.brake * low))[None]
+    section: Integers = np.zeros(cells, dtype=np.int64)
+    forces = SectionForces(model, float(speed[-1]))
+    if forces.breaks.size:
+        tables, section = forces.over_cells(edges, limit, speed)
+        drives = np.minimum(drives, tables)
     running = np.array([model.running_resistance(max(v, 0.5)) for v in speed.tolist()])
     couplers = coupler_tables(model, places[:, 0] + cell * 7 / 16)
     responses = tuple(shoe_response(consist, reduction, couplers.numbers) for reduction in reductions)
     return ReducedTrain(
-        begin, cell, line_force, limit, speed, traction, -settings.brake * low, running, model.inertia, responses,
-        couplers, reservoirs_of(consist),
+        begin, cell, line_force, limit, speed, running, drives, section, model.inertia, responses, couplers,
+        reservoirs_of(consist),
     )  # fmt: skip
 
 

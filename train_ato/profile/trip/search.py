@@ -43,13 +43,14 @@ POWER_BRAKING = 0.3
     RELEASE_SPEED, COUPLER_LIMIT, LEAST_SUPPLY, SUPPLY_GRID, RECHARGE, WAVE_LOSS,
 ) = range(16)  # fmt: skip
 CONSTANTS = 16
-# Rows of `cells`, one column per cell (LIMIT: at its end), of `drives`, one column per speed, and of `shoes`, one
+# Rows of `cells`, one column per cell (LIMIT: at its end, DRIVES: row of its traction in `drives`, before that of its
+# electric brake), of `drives`, one column per speed (the first rows are those of the open line), and of `shoes`, one
 # column per brake state (LARGEST: force of the complete application, USED: part of the supply that it uses). `ranges`
 # has one row per reduction.
 # `couplers` has one column per selected coupler; from LINE_AHEAD and SHOES_AHEAD on, `cells` and `shoes` have one row
 # per coupler.
-LINE_FORCE, LIMIT, LINE_AHEAD = range(3)
-TRACTION, BRAKE, RUNNING = range(3)
+LINE_FORCE, LIMIT, DRIVES, LINE_AHEAD = range(4)
+RUNNING, TRACTION, BRAKE = range(3)
 SHOE_FORCE, LARGEST, USED, SHOES_AHEAD = range(4)
 MASS_AHEAD, DRIVES_AHEAD, RUNNING_AHEAD = range(3)
 APPLIED_FIRST, APPLIED_LAST, RELEASED_FIRST, RELEASED_LAST = range(4)
@@ -171,7 +172,8 @@ def _cost(v, force, k, state, supply, shoe, running, value, cells, shoes, ranges
 def best_force(v, k, state, supply, value, levels, cells, drives, shoes, ranges, couplers, constant):
     """Return cost [J], force [N] and next speed [m/s] of the best force from a state on."""
     place = v / constant[SPEED_GRID]
-    high, low = _between(drives[TRACTION], place), _between(drives[BRAKE], place)
+    row = int(cells[DRIVES, k])
+    high, low = _between(drives[row], place), _between(drives[row + 1], place)
     running, shoe = _between(drives[RUNNING], place), supply * _between(shoes[SHOE_FORCE], state)
     if state > 0.0 and (_is_applied(state, ranges) or shoe > POWER_BRAKING * shoes[LARGEST, int(state)]):
         high = 0.0

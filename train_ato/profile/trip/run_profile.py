@@ -1,0 +1,106 @@
+"""Profile of a trip: averaged speed of a run, and the last part of the braking to standstill at the stop."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from plant_sim.summation import plain_sum
+from train_ato.control.train_model import TrainModel
+from train_ato.messages.types import Array
+from train_ato.profile.driver import average_speed
+from train_ato.profile.profile import Profile
+from train_ato.profile.trip.driven_run import AVERAGE, TripRun
+from train_ato.profile.trip.final_stop import braking_distance, final_deceleration, stop_knots
+from train_ato.profile.trip.settings import TripSettings
+
+FINE_PERIOD = 0.1
+"""Period of the knots up to which the acceleration is that of the mean of the train [s]: the tick of most scenarios."""
+SLACK_AVERAGE = 20.0
+"""Window of the average of the motion of vehicle 0 against the mean of the train, for coarser knots [s]."""
+LAST_PART = 1.15
+"""Reserve of the length of the last part of the braking: the run is a little faster than the journey."""
+FINAL_SHARE, ALMOST_AT_REST = 1.1, 0.5
+"""Deceleration of the last part over that of the running resistance at a speed [m/s]; the electric brake fades."""
+MOST_OF_FINAL = 2.0
+"""Largest deceleration of the last part over the planned one; the electric brake is not able to keep a larger one."""
+
+
+class RunProfile:
+    """Profile of runs to one stop.
+
+    Parameters
+    ----------
+    model, settings
+        Nominal train on its line, and the limits of the plan.
+    stop
+        Place of vehicle 0's centre at the stop [m].
+    period
+        Time between the knots [s].
+    """
+
+    def __init__(self, model: TrainModel, settings: TripSettings, stop: float, period: float) -> None:
+        self._model, self._settings, self._stop, self._period = model, settings, stop, period
+        self._final = settings.final_deceleration or FINAL_SHARE * (
+            model.running_resistance(ALMOST_AT_REST) / model.inertia
+        )
+
+    def last_part(self) -> float:
+        """Return the distance from the end of the journey to the stop [m].
+
+        The profile leaves the run some seconds before the end of the journey, because of the average over time.
+        """
+        model, settings, speed = self._model, self._settings, self._settings.final_speed
+        low, _ = model.limits_of_units([speed] * model.n_units)
+        strong = (model.running_resistance(speed) - settings.brake * plain_sum(low)) / model.inertia
+        before = speed + strong * 2 * AVERAGE
+        way = braking_distance(before, strong, self._final) - AVERAGE * (before + speed)
+        return max(LAST_PART * way, speed**2 / (2 * strong))
+
+    def of(self, run: TripRun) -> Profile:
+        """Return the averaged speed of a run, continued to standstill at the stop.
+
+        A law multiplies the acceleration by the mass of the train. With the acceleration of vehicle 0 against the mean
+        of the train, the command would alternate; fine knots therefore have the acceleration of the mean. Between
+        coarser knots the acceleration is that of the speed, and this motion is averaged over a longer time.
+        """
+        time = np.arange(0.0, run.time[-1] + 1e-9, self._period)
+        mean = np.interp(time, run.time, run.mean_speed)
+        slack = np.interp(time, run.time, run.speed) - mean
+        mean = average_speed(mean, self._period, AVERAGE)
+        fine = self._period <= FINE_PERIOD
+        slack = average_speed(slack, self._period, AVERAGE if fine else SLACK_AVERAGE)
+        speed = np.maximum(mean + slack, 0.0)
+        speed[0] = 0.0
+        change = np.gradient(speed, self._period)
+        change[0] = 0.0
+        steps = self._period * (speed[1:] + speed[:-1]) / 2 - self._period**2 * np.diff(change) / 12
+        acceleration = np.gradient(mean, self._period) if fine else change
+        acceleration[0] = 0.0
+        position = run.position[0] + np.concatenate(([0.0], np.cumsum(steps)))
+        kept = self._cut(position, speed, acceleration)
+        rest = stop_knots(
+            float(position[kept - 1]), float(speed[kept - 1]), -float(acceleration[kept - 1]), self._stop, self._period
+        )
+        columns = [np.concatenate((a[:kept], b)) for a, b in zip((position, speed, acceleration), rest, strict=True)]
+        # rounded to 1 µm and 1 nm/s: a short file without a loss of accuracy
+        return Profile.uniform(0.0, self._period, columns[0].round(6), columns[1].round(9), columns[2].round(9))
+
+    def _cut(self, position: Array, speed: Array, acceleration: Array) -> int:
+        """Return the number of knots before the last part; its deceleration is the nearest to that of the settings."""
+        last = position.size - round(2 * AVERAGE / self._period)
+        first = last - round(60.0 / self._period)
+        found = []
+        for kept in range(last, first, -round(1.0 / self._period)):
+            state = float(speed[kept - 1]), -float(acceleration[kept - 1])
+            try:
+                needed = final_deceleration(*state, self._stop - float(position[kept - 1]))
+            except ValueError:
+                continue
+            if needed <= MOST_OF_FINAL * self._final:
+                found.append((abs(needed - self._final), kept))
+        if not found:
+            raise ValueError(
+                "final_deceleration: the run is too fast or too slow for the stop; permit a stronger brake or a "
+                "larger slew, or change final_deceleration"
+            )
+        return min(found)[1]
