@@ -21,6 +21,7 @@ from plant_sim.line import Line
 from plant_sim.summation import plain_sum
 from train_ato.control.air_brake.trip_policy import PlannedApplication
 from train_ato.control.force_distribution import SharesAt
+from train_ato.control.planned_displacement import DisplacementAt
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 from train_ato.profile.driver import average_speed
@@ -33,6 +34,7 @@ from train_ato.profile.trip.input_checks import check_sections, journey_ends, pe
 from train_ato.profile.trip.journey import QUASI_STATIC, Application, Journey, JourneySearch
 from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_train
 from train_ato.profile.trip.settings import TripSettings
+from train_ato.profile.trip.unit_displacements import displacements_for_run
 from train_ato.profile.trip.unit_shares import shares_for_run
 
 JOULES_PER_KWH = 3.6e6
@@ -78,6 +80,8 @@ class TripPlan:
         Limits of the plan.
     shares : tuple of SharesAt
         Shares of the power units by place; empty for the fixed ones of the model.
+    displacements : tuple of DisplacementAt
+        Planned motion of several power units against the profile.
     """
 
     profile: Profile
@@ -88,6 +92,7 @@ class TripPlan:
     model: TrainModel
     settings: TripSettings
     shares: tuple[SharesAt, ...] = ()
+    displacements: tuple[DisplacementAt, ...] = ()
 
     @property
     def running_time(self) -> float:
@@ -195,7 +200,9 @@ class TripPlanner:
         run = follow_journey(self._model, self._settings, journey, journey.applications, shares)
         self._check_limits(run)
         applications = tuple(self._planned(entry, run) for entry in journey.applications)
-        return TripPlan(self._profile(run), applications, run, journey, price, self._model, self._settings, shares)
+        profile, until = self._profile(run)
+        moved = displacements_for_run(run, profile, until) if self._model.n_units > 1 else ()
+        return TripPlan(profile, applications, run, journey, price, self._model, self._settings, shares, moved)
 
     def with_unit_shares(self, plan: TripPlan) -> TripPlan:
         """Return the plan with the shares of the power units that have the least excess of coupler force and damage."""
@@ -244,16 +251,18 @@ class TripPlanner:
             electric_at_release=shares[1],
         )
 
-    def _profile(self, run: TripRun) -> Profile:
-        """Return the averaged speed of a run, continued to standstill at the stop.
+    def _profile(self, run: TripRun) -> tuple[Profile, float]:
+        """Return the averaged speed of a run, continued to standstill at the stop, and the time of this last part [s].
 
         The mean speed of the train is averaged over a short time; the motion of vehicle 0 against it, which a force for
-        the whole train cannot follow, over a longer one.
+        the whole train cannot follow, over a longer one. With several power units the latter is in the displacements.
         """
         time = np.arange(0.0, run.time[-1] + 1e-9, self._period)
         mean = np.interp(time, run.time, run.mean_speed)
-        slack = np.interp(time, run.time, run.speed) - mean
-        speed = average_speed(mean, self._period, AVERAGE) + average_speed(slack, self._period, SLACK_AVERAGE)
+        speed = average_speed(mean, self._period, AVERAGE)
+        if self._model.n_units < 2:
+            slack = np.interp(time, run.time, run.speed) - mean
+            speed = speed + average_speed(slack, self._period, SLACK_AVERAGE)
         speed = np.maximum(speed, 0.0)
         speed[0] = 0.0
         acceleration = np.gradient(speed, self._period)
@@ -266,7 +275,8 @@ class TripPlanner:
         )
         columns = [np.concatenate((a[:kept], b)) for a, b in zip((position, speed, acceleration), rest, strict=True)]
         # rounded to 1 µm and 1 nm/s: a short file without a loss of accuracy
-        return Profile.uniform(0.0, self._period, columns[0].round(6), columns[1].round(9), columns[2].round(9))
+        rounded = columns[0].round(6), columns[1].round(9), columns[2].round(9)
+        return Profile.uniform(0.0, self._period, *rounded), float(time[kept - 1])
 
     def _cut(self, position: Array, speed: Array, acceleration: Array) -> int:
         """Return the number of knots before the last part; its deceleration is the nearest to that of the settings."""
