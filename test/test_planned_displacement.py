@@ -129,3 +129,20 @@ def test_the_written_scenario_runs_as_planned(plan: tuple[TripPlan, dict[str, An
         energy.append(metrics["energy_traction_kwh"])
     planned = found.summary()["energy_kwh"]
     assert energy[0] == pytest.approx(planned, rel=0.01) and energy[1] > 1.015 * planned
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "mismatch", [{}, {"mass_scale": 1.03}, {"mass_scale": 0.97}, {"brake_scale": 0.92}, {"resistance_scale": 1.15}]
+)
+def test_the_shipped_trip_of_two_locomotives_reaches_its_goals(mismatch: dict[str, float]) -> None:
+    """Breaks if the law converts the motion of the couplings to force: 644 kN and 747 kWh without displacements."""
+    changes = {"plant": {"mismatch": mismatch}} if mismatch else {}
+    setup = prepare(*load_scenario("daqin_two_locomotives", changes=changes))
+    metrics = summarise(setup, run_engine(setup).recording)
+    assert metrics["overspeed_max_kmh"] == 0.0
+    assert metrics["coupler_draft_max_kn"] <= 600 and metrics["coupler_buff_max_kn"] >= -600
+    assert metrics["speed_rmse_kmh"] <= 0.2
+    assert abs(metrics["stop_error_m"]) <= 0.3
+    if "resistance_scale" not in mismatch:  # 15 % more resistance need 510 kWh more
+        assert metrics["energy_traction_kwh"] <= 660
