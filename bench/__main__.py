@@ -36,6 +36,8 @@ from table import print_comparison, print_entry, print_rows  # noqa: E402
 
 HISTORY = HERE.parent / "runs" / "bench_history.jsonl"
 LIMIT_S = 3600.0
+LEFT_OUT = "left out: "
+"""Begin of the output of a script without figures on a machine that cannot run it."""
 
 
 def chosen(only: str | None, quick: bool) -> list[Benchmark]:
@@ -67,8 +69,8 @@ def missing(benchmark: Benchmark) -> list[str]:
     ]
 
 
-def measured(benchmark: Benchmark, quick: bool) -> tuple[list[dict[str, Any]], str]:
-    """Run a script; return its figures, and the reason of a failure or an empty text."""
+def measured(benchmark: Benchmark, quick: bool) -> tuple[list[dict[str, Any]], str, str]:
+    """Run a script; return its figures, the reason of a failure, and why the machine cannot run it, or empty texts."""
     arguments = benchmark.quick if quick and benchmark.quick is not None else benchmark.arguments
     with tempfile.TemporaryDirectory(prefix="train_ato_bench_") as folder:
         file = Path(folder) / "figures.jsonl"
@@ -86,8 +88,11 @@ def measured(benchmark: Benchmark, quick: bool) -> tuple[list[dict[str, Any]], s
     wide = any(figure["verdict"] == "missed widely" for figure in figures)
     if done.returncode != 0 and not wide:
         last = (done.stderr.strip().splitlines() or [""])[-1]
-        return figures, f"exit status {done.returncode}: {last}"
-    return figures, "" if figures else "no figures"
+        return figures, f"exit status {done.returncode}: {last}", ""
+    first = done.stdout.strip().partition("\n")[0]
+    if not figures and first.startswith(LEFT_OUT):
+        return figures, "", first.removeprefix(LEFT_OUT)
+    return figures, "" if figures else "no figures", ""
 
 
 def run_benchmarks(benchmarks: Sequence[Benchmark], quick: bool, entry: dict[str, Any]) -> None:
@@ -100,13 +105,15 @@ def run_benchmarks(benchmarks: Sequence[Benchmark], quick: bool, entry: dict[str
             continue
         begin = time.perf_counter()
         try:
-            figures, failure = measured(benchmark, quick)
+            figures, failure, unable = measured(benchmark, quick)
         except subprocess.TimeoutExpired:
-            figures, failure = [], f"not finished after {LIMIT_S:g} s"
+            figures, failure, unable = [], f"not finished after {LIMIT_S:g} s", ""
         entry["figures"] += figures
         entry["wall_s"][benchmark.name] = round(time.perf_counter() - begin, 1)
         if failure:
             entry["failed"][benchmark.name] = failure
+        if unable:
+            entry["left_out"][benchmark.name] = unable
 
 
 def new_entry(quick: bool) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
+from functools import cache
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,20 @@ class Spent:
     output: str
 
 
+@cache
+def _bytecode() -> tempfile.TemporaryDirectory[str]:
+    """Return a folder for compiled modules, removed at the end of the process."""
+    return tempfile.TemporaryDirectory(prefix="train_ato_bench_")
+
+
+def _with_bytecode() -> dict[str, str]:
+    """Return the environment; where it forbids compiled modules, they have a folder, as a start of a user has."""
+    variables = dict(os.environ)
+    if variables.pop("PYTHONDONTWRITEBYTECODE", ""):
+        variables["PYTHONPYCACHEPREFIX"] = _bytecode().name
+    return variables
+
+
 def python_command(*arguments: str) -> Spent:
     """Run this interpreter with arguments; return its resources.
 
@@ -37,7 +52,7 @@ def python_command(*arguments: str) -> Spent:
         If the command fails, with the end of its standard error.
     """
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as errors:
-        child = subprocess.Popen([sys.executable, *arguments], stdout=out, stderr=errors)
+        child = subprocess.Popen([sys.executable, *arguments], stdout=out, stderr=errors, env=_with_bytecode())
         _, status, usage = os.wait4(child.pid, 0)
         child.returncode = os.waitstatus_to_exitcode(status)
         if child.returncode != 0:

@@ -183,7 +183,7 @@ class PlainTrain:
         a, n = self.arrays, self.arrays.vehicle.shape[1]
         before = a.state[k.V, :n].copy()
         viscous, grade = self._explicit()
-        couplers = a.state[k.COUPLER, :-1] - a.state[k.COUPLER, 1:]
+        couplers = a.state[k.COUPLER, :n] - a.state[k.COUPLER, 1 : n + 1]
         step = self._step * a.vehicle[k.INVERSE_MASS]
         free = before + step * (couplers + grade + viscous + a.state[k.DRIVE_FORCE, :n])
         after, sliding, mid = self._slide(free, step * self._capacity(held), before)
@@ -205,7 +205,7 @@ class PlainTrain:
         rest = own + sliding * self._capacity(held) - a.vehicle[k.MASS] * (after - before) / self._step
         for i in self._of_kind[k.RIGID]:
             a.state[k.COUPLER, i + 1] = a.state[k.COUPLER, i] + rest[i]
-        couplers = a.state[k.COUPLER, :-1] - a.state[k.COUPLER, 1:]
+        couplers = a.state[k.COUPLER, :n] - a.state[k.COUPLER, 1 : n + 1]
         self._account(held, sliding, mid, viscous, grade, couplers)
         a.state[k.V, :n] = after
 

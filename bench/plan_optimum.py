@@ -9,7 +9,7 @@ program has the dynamics and the running time linearised at the last solution, w
 not reduce the merit (net energy + price x lateness + missing force) halves the region.  The result is the energy of
 the nonlinear dynamics, corrected by the price of time for the last fraction of a second.  It is solved from the fastest
 run and from the plan itself, on a coarse and on a fine grid: the lower result of the fine grid is the reference, and
-the difference of the two grids is printed as its uncertainty.
+the difference of the two grids is printed as its uncertainty, beside the distance of the bound of ``plan --time``.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from train_ato.messages.types import Array
 from train_ato.profile.planner.catch_up import catch_up, timetable_points
 from train_ato.profile.planner.line_tables import LineForce, SpeedLimits
 from train_ato.profile.planner.plan_from_state import TrainState
-from train_ato.profile.planner.planner import Plan, plan
+from train_ato.profile.planner.planner import Plan, net_energy_bound, plan
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.timing_points import TimeWindow
 from train_ato.profile.planner.train_tables import TrainTables
@@ -197,8 +197,18 @@ def with_air_brake(consist: Consist) -> Consist:
     return Consist.model_validate(data)
 
 
-def excess(seed: int, factor: float, net: bool) -> tuple[float, float, int] | None:
-    """Return excess of a plan over the optimum [%], uncertainty of this [%] and number of limits; None without plan."""
+@dataclass(frozen=True)
+class Comparison:
+    """Excess of a plan over the optimum, its uncertainty, distance of the bound below it [%]; number of limits."""
+
+    excess: float
+    uncertainty: float
+    slack: float
+    limits: int
+
+
+def compared(seed: int, factor: float, net: bool) -> Comparison | None:
+    """Return the comparison of a plan with the optimum; None without plan."""
     line, consist, settings = random_case(seed)
     if net:
         consist = with_air_brake(consist)
@@ -212,7 +222,8 @@ def excess(seed: int, factor: float, net: bool) -> tuple[float, float, int] | No
     optimum, uncertainty = reference(line, result, least)
     if optimum < 1e3:
         return None
-    return 100 * (result.energy / optimum - 1), uncertainty, len(line.speed_limits)
+    slack = 100 * (1 - net_energy_bound(result) / optimum)
+    return Comparison(100 * (result.energy / optimum - 1), uncertainty, slack, len(line.speed_limits))
 
 
 def caught_up(seed: int) -> tuple[float, float, float, str] | None:
@@ -276,19 +287,25 @@ def main() -> int:
     found = []
     for seed in range(options.first, options.first + options.cases):
         factor = 1.05 + 0.05 * (seed % 5)
-        case = excess(seed, factor, options.net)
+        case = compared(seed, factor, options.net)
         if case is not None:
-            found.append(case[:2])
-            text = f"{case[0]:7.3f} % (+-{case[1]:.3f} %)"
-            sys.stdout.write(f"{seed:4d} time {factor:.2f} x least, {case[2]:2d} limits: {text}\n")
+            found.append(case)
+            text = f"{case.excess:7.3f} % (+-{case.uncertainty:.3f} %), bound {case.slack:.3f} % below the optimum"
+            sys.stdout.write(f"{seed:4d} time {factor:.2f} x least, {case.limits:2d} limits: {text}\n")
             sys.stdout.flush()
-    median, uncertain = (float(np.median(values)) for values in zip(*found, strict=True))
-    largest = max(above for above, _ in found)
+    median, uncertain, slack = (
+        float(np.median([getattr(case, key) for case in found])) for key in ("excess", "uncertainty", "slack")
+    )
+    largest = max(case.excess for case in found)
     sys.stdout.write(f"{len(found)} cases, median {median:.3f} %, largest {largest:.3f} %; ")
+    sys.stdout.write(
+        f"bound {slack:.3f} % below the optimum (median, least {min(case.slack for case in found):.3f} %); "
+    )
     sys.stdout.write(f"reference within {uncertain:.3f} % (median)\n")
     kind = "net energy" if options.net else "traction work"
     publish(
         Figure(f"{kind} of a plan above the optimum, median", median, "%", bound=1.0 if options.net else 0.5),
+        Figure(f"lower bound of the {kind} below the optimum, median", slack, "%"),
         Figure("reference, median difference of two grids", uncertain, "%", bound=0.5),
     )
     return 0

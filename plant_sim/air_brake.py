@@ -7,6 +7,7 @@ the shoe forces of any later time in closed form, for laws and planners.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim import kernel as k
 from plant_sim.brake_data import AirBrake
@@ -16,6 +17,7 @@ from plant_sim.elementary import libm_exp
 from plant_sim.packing import pipe_distances
 from plant_sim.states import Array
 
+Flags = NDArray[np.bool_]
 MIN_PRESSURE_CHANGE = 1.0
 """Smallest change of the demanded pressure that makes an event [Pa]."""
 
@@ -33,38 +35,60 @@ def _approached(value, goal, duration, apply_time, release_time):  # type: ignor
 
 
 @compiled
+def _recharged(filling, goal, duration, recharge_time):  # type: ignore[no-untyped-def]
+    """Return the filling of a reservoir after a duration [s]; it recharges while the demanded factor is 0."""
+    if goal > 0.0 or filling == 1.0:
+        return filling
+    return 1.0 - (1.0 - filling) * libm_exp(-max(duration, 0.0) / recharge_time)
+
+
+@compiled
 def _braking_factors(  # type: ignore[no-untyped-def]
-    times, since, cylinder, target, arrivals, levels, apply_time, release_time
-):
+    times, since, cylinder, target, filling, supply, arrivals, done, levels, apply_time, release_time, use,
+    recharge_time,
+):  # fmt: skip
     """Return present and final braking factor of every vehicle at times [s], shape (times, n) each.
 
-    Every event acts from its arrival until the arrival of a newer one; ``arrivals`` has the shape (events, n).
+    Every event acts from its arrival until the arrival of a newer one; ``arrivals`` has the shape (events, n). The
+    other two results are filling and supply of the reservoirs at the last time, shape (n,) each. They follow the
+    equations of the kernel; an event that is ``done`` for a vehicle has acted on them before. ``use`` is the part of a
+    reservoir over the factor that it fills; for 0 the reservoirs stay full, and ``done`` is not read.
     """
     n, events = len(cylinder), len(levels)
     present, final = np.empty((len(times), n)), np.empty((len(times), n))
+    last_filling, last_supply = np.ones(n), np.ones(n)
     newest = np.empty(events + 1)
     for i in range(n):
         newest[events] = np.inf
         for event in range(events - 1, -1, -1):
             newest[event] = min(newest[event + 1], arrivals[event, i])
         for row in range(len(times)):
-            time, value, goal = times[row], cylinder[i], target[i]
+            time, value, goal, full, begun = times[row], cylinder[i], target[i], filling[i], supply[i]
             value = _approached(value, goal, min(newest[0], time) - since, apply_time, release_time)
+            full = _recharged(full, goal, min(newest[0], time) - since, recharge_time)
             for event in range(events):
                 arrival, newer = arrivals[event, i], newest[event + 1]
                 if arrival <= time and arrival < newer:
                     duration = min(newer, time) - max(arrival, since)
-                    value = _approached(value, levels[event], duration, apply_time, release_time)
-                    goal = levels[event]
+                    if use == 0.0:
+                        goal = levels[event]
+                    elif not done[event, i]:
+                        begun = full if goal == 0.0 else begun
+                        rise = min(levels[event] * begun - goal, full / use)
+                        goal += rise
+                        full = max(full - use * max(rise, 0.0), 0.0)
+                    value = _approached(value, goal, duration, apply_time, release_time)
+                    full = _recharged(full, goal, duration, recharge_time)
             present[row, i], final[row, i] = value, goal
-    return present, final
+            last_filling[i], last_supply[i] = full, begun
+    return present, final, last_filling, last_supply
 
 
 class BrakeForecast:
     """Shoe forces at any later time from the pressures demanded, in closed form.
 
     Every event acts on a vehicle from its arrival until the arrival of a newer one, and the cylinder approaches its
-    level exponentially. Reservoirs count as full.
+    level exponentially. The reservoirs are used up and recharge as in the kernel.
 
     Parameters
     ----------
@@ -90,8 +114,10 @@ class BrakeForecast:
         self._since = 0.0
         self._cylinder: Array = np.zeros_like(self._distance)
         self._target: Array = np.zeros_like(self._distance)
+        self._filling: Array = np.ones_like(self._distance)
+        self._supply: Array = np.ones_like(self._distance)
         self._released = True
-        self._events: list[tuple[Array, float]] = []
+        self._events: list[tuple[Array, float, Flags]] = []
         self._pressure = self._brake.charged
         self._level = 0.0
 
@@ -112,26 +138,35 @@ class BrakeForecast:
         self._level = level
         arrival = time + self._distance / wave
         # A newer event that arrives first cancels the older ones on that vehicle.
-        self._events = [(np.where(old < arrival, old, np.inf), reached) for old, reached in self._events]
-        self._events.append((arrival, level))
+        self._events = [(np.where(old < arrival, old, np.inf), reached, done) for old, reached, done in self._events]
+        self._events.append((arrival, level, np.zeros(arrival.size, dtype=np.bool_)))
 
-    def _at(self, times: Array) -> tuple[Array, Array]:
-        """Return the present and the final braking factor of every vehicle at times [s], shape (times, n) each."""
-        arrivals = np.array([arrival for arrival, _ in self._events]).reshape(-1, self._distance.size)
-        levels = np.array([level for _, level in self._events])
-        found: tuple[Array, Array] = _braking_factors(
-            times, self._since, self._cylinder, self._target, arrivals, levels,
-            float(self._brake.apply_time), float(self._brake.release_time),
+    def _at(self, times: Array) -> tuple[Array, Array, Array, Array]:
+        """Return the present and the final braking factor of every vehicle at times [s], shape (times, n) each.
+
+        The other two are filling and supply of the reservoirs at the last time, shape (n,) each.
+        """
+        brake, n = self._brake, self._distance.size
+        arrivals = np.array([arrival for arrival, _, _ in self._events]).reshape(-1, n)
+        levels = np.array([level for _, level, _ in self._events])
+        limited = [done for _, _, done in self._events] if brake.reservoir_use > 0.0 else []
+        done = np.array(limited, dtype=np.bool_).reshape(-1, n)
+        found: tuple[Array, Array, Array, Array] = _braking_factors(
+            times, self._since, self._cylinder, self._target, self._filling, self._supply, arrivals, done, levels,
+            float(brake.apply_time), float(brake.release_time),
+            brake.reservoir_use / brake.braking_factor[-1], float(brake.recharge_time),
         )  # fmt: skip
         return found
 
     def commit(self, time: float) -> None:
         """Make the state at a time [s] the initial state; later calls must not be for an earlier time."""
-        cylinder, target = self._at(np.array([time]))
+        cylinder, target, self._filling, self._supply = self._at(np.array([time]))
         self._cylinder, self._target = cylinder[0], target[0]
         self._since = time
         self._events = [
-            (arrival, level) for arrival, level in self._events if ((arrival > time) & (arrival < np.inf)).any()
+            (arrival, level, arrival <= time)
+            for arrival, level, _ in self._events
+            if ((arrival > time) & (arrival < np.inf)).any()
         ]
         if not self._events and not self._target.any() and self._cylinder.max() < k.IDLE_CYLINDER:
             self._cylinder[:] = 0.0

@@ -66,7 +66,17 @@ class _Source(SiModel):
         raise TypeError(f"{type(self).__name__} acts through the line and has no forces")
 
 
-class Equation40(_Source):
+class _TimeFunction(_Source):
+    """Base of the kinds that are functions of time."""
+
+    shift: Time | None = Field(None, description="time by which it acts later; < 0 earlier; default: 0")
+
+    def local(self, t: Array) -> Array:
+        """Return the times of the function for times of the run [s]."""
+        return t if self.shift is None else t - self.shift
+
+
+class Equation40(_TimeFunction):
     """Disturbance of paper 000, eq. (40): m {.002 + .001 sin(t+1) + .0003 v [sin(2t+2) + cos(3t+1)]}.
 
     Printed is the third power of the speed: 400-600 kN on the locomotive, more than its largest brake force.
@@ -96,7 +106,7 @@ class Term(SiModel):
     phase: float = Field(0.0, description="rad")
 
 
-class Harmonic(_Source):
+class Harmonic(_TimeFunction):
     """Sum of sines."""
 
     kind: Literal["harmonic"]
@@ -117,7 +127,7 @@ def _window(t: Array, begin: float, end: float, ramp: float) -> Array:
     return np.clip(np.minimum(t - begin, end - t) / ramp, 0.0, 1.0)
 
 
-class Gust(_Source):
+class Gust(_TimeFunction):
     """Wind gust as a trapezoid in time; > 0 acts forward."""
 
     kind: Literal["gust"]
@@ -167,7 +177,7 @@ class UnmodelledGrade(_Source):
         return self
 
 
-class Paper001(_Source):
+class Paper001(_TimeFunction):
     """Disturbance of paper 001 with values chosen here; D > 0 opposes the motion.
 
     +0.10 m/s² at 60-80 s, -0.12 m/s² at 300-312 s, and 0.03 sin 0.5 t m/s².
@@ -182,7 +192,7 @@ class Paper001(_Source):
         return OutsideForce((-self.scale * d)[:, None] * mass)
 
 
-class Paper002(_Source):
+class Paper002(_TimeFunction):
     """Disturbances of paper 002 on five vehicles: drift speeds d_i1 (unmatched), accelerations d_i2 (matched)."""
 
     kind: Literal["paper002"]
@@ -207,7 +217,7 @@ class Paper002(_Source):
         return OutsideForce(force, drift=self.unmatched_scale * np.array(unmatched).T)
 
 
-class TravellingLoad(_Source):
+class TravellingLoad(_TimeFunction):
     """Load that moves from vehicle to vehicle, like a short grade under a moving train.
 
     On each vehicle it is a raised cosine in time.
@@ -237,6 +247,16 @@ class Turbulence(_Source):
     kind: Literal["turbulence"]
     acceleration_rms: Acceleration = Field(ge=0)
     correlation: Time = Field(5.0, gt=0, description="time constant of the correlation")
+
+
+def shifted(sources: tuple[DisturbanceSource, ...], shift: float) -> tuple[DisturbanceSource, ...]:
+    """Return disturbances of which every function of time acts later by ``shift`` [s]; < 0 earlier."""
+    return tuple(
+        source.model_copy(update={"shift": (source.shift or 0.0) + shift})
+        if isinstance(source, _TimeFunction)
+        else source
+        for source in sources
+    )
 
 
 DisturbanceSource = Annotated[

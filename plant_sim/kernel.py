@@ -449,12 +449,12 @@ def _outside_of(i, j, k, state, outside):
 
 
 @compiled(into_caller=True, allocates=False)
-def _outside(k, state, outside, outside_vehicle):
+def _outside(k, n, state, outside, outside_vehicle):
     """Add the outside forces and set the drift speeds of the listed vehicles.
 
     A list of all vehicles is in order, and its loop has no pointers.
     """
-    if len(outside_vehicle) == state.shape[1] - 1:
+    if len(outside_vehicle) == n:
         for i in range(uint64(len(outside_vehicle))):
             _outside_of(i, i, k, state, outside)
     else:
@@ -471,9 +471,9 @@ def _outside_work(i, j, k, dt, state, outside):
 
 
 @compiled(into_caller=True, allocates=False)
-def _outside_account(k, dt, state, outside, outside_vehicle):
+def _outside_account(k, n, dt, state, outside, outside_vehicle):
     """Add up the work of the outside forces."""
-    if len(outside_vehicle) == state.shape[1] - 1:
+    if len(outside_vehicle) == n:
         for i in range(uint64(len(outside_vehicle))):
             _outside_work(i, i, k, dt, state, outside)
     else:
@@ -748,7 +748,7 @@ def advance(
             state[BRAKE_CAPACITY, unit_index[UNIT_VEHICLE, u]] = 0.0
         for j in range(len(outside_vehicle)):
             state[DRIVE_FORCE, outside_vehicle[j]] = 0.0
-        _outside(k, state, outside, outside_vehicle)
+        _outside(k, n, state, outside, outside_vehicle)
         if has_drift:
             for i in range(n):
                 xdot[i] = v[i] + drift[i]
@@ -770,7 +770,7 @@ def advance(
         else:
             left = _speeds(dt, state, vehicle)
         _units_account(dt, state, unit, unit_index, reversing)
-        _outside_account(k, dt, state, outside, outside_vehicle)
+        _outside_account(k, n, dt, state, outside, outside_vehicle)
         if left > 0:
             _relocate(state, vehicle, vehicle_index, piece)
 

@@ -145,7 +145,7 @@ class OutsideForces:
 
     def drop_over(self, now: float) -> bool:
         """Remove the added gusts that ended before a time [s]; return True if the columns changed."""
-        remaining = [gust for gust in self._added_gusts if now < gust.end]
+        remaining = [gust for gust in self._added_gusts if now < gust.end + (gust.shift or 0.0)]
         if len(remaining) == len(self._added_gusts):
             return False
         self._added_gusts = remaining
@@ -185,7 +185,7 @@ class OutsideForces:
             self._sum[1][:, self._planned_columns] += self._cubes[index] * speed[self._planned] ** 2
         t = stamp * 1e-9 + self._offsets
         for gust, columns, mass in self._gusts:
-            self._sum[0][:, columns] += gust.tick(t, mass).force
+            self._sum[0][:, columns] += gust.tick(gust.local(t), mass).force
         self.mean = np.add.reduce(self._sum[:2], axis=1) / self._steps
         return self._sum
 
@@ -257,7 +257,7 @@ class OutsideForces:
         t = np.add.outer(starts, self._offsets).ravel()
         cubes: Array = np.zeros(0)
         for source, columns, mass in self._sources:
-            outside = source.tick(t, mass)
+            outside = source.tick(t if isinstance(source, _Wind) else source.local(t), mass)
             for row, part in enumerate(outside[:3]):
                 if part is not None:
                     block[:, row][:, :, columns] += part.reshape(BLOCK, -1, len(mass))

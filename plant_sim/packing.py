@@ -95,6 +95,15 @@ def actual_gears(consist: Consist, setup: PlantSetup) -> tuple[DraftGear, ...]:
     return tuple(chosen)
 
 
+def whole_lines(columns: int) -> int:
+    """Return the next multiple of 8 columns, with which every row begins at a cache line.
+
+    4.6 instead of 5.0 ns per vehicle-step with an applied air brake, 3.6 instead of 3.7 released, in a batch of 106
+    vehicles (``python bench/kernel.py``).
+    """
+    return -(-columns // 8) * 8
+
+
 def pack_gears(gears: Sequence[DraftGear], vehicles: int) -> tuple[Array, Array, Integers, Integers]:
     """Return gear columns, tables, runs of equal kinds and first vehicles of the rigid bodies.
 
@@ -106,7 +115,7 @@ def pack_gears(gears: Sequence[DraftGear], vehicles: int) -> tuple[Array, Array,
         Number of vehicles.
     """
     tables = list(dict.fromkeys(gear for gear in gears if isinstance(gear, TableGear)))
-    gear_array = np.zeros((k.GEAR_ROWS, max(vehicles - 1, 1)))
+    gear_array = np.zeros((k.GEAR_ROWS, whole_lines(max(vehicles - 1, 1))))
     gear_array[k.X0] = 1.0
     kinds = [_gear_column(gear, gear_array[:, i], tables) for i, gear in enumerate(gears)]
     points = max((len(table.deflection) for table in tables), default=2)
@@ -222,7 +231,7 @@ def _pack_pieces(consist: Consist, line: Line, setup: PlantSetup) -> tuple[Array
 
 def _initial_state(consist: Consist, setup: PlantSetup) -> Array:
     n = len(consist.vehicles)
-    state = np.zeros((k.STATE_ROWS, n + 1))
+    state = np.zeros((k.STATE_ROWS, whole_lines(n + 1)))
     state[[k.RESERVOIR, k.SUPPLY]] = 1.0
     state[k.X, :n] = setup.start.position - np.array(consist.offsets)
     state[k.V, :n] = setup.start.speed

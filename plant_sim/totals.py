@@ -61,6 +61,11 @@ class Totals:
     saturated_any: float
 
     @property
+    def numbers(self) -> dict[str, float]:
+        """The totals of the whole train by name."""
+        return {name: float(value) for name in self.__slots__ if isinstance(value := getattr(self, name), float)}
+
+    @property
     def balance(self) -> float:
         """Change of kinetic energy minus all works [J]; only rounding."""
         gained = self.traction + self.running + self.curve + self.grade + self.air_brake
@@ -89,7 +94,13 @@ def totals_of(arrays: Arrays, vehicles: int, kinetic: float, jump_energy: float)
         Part of it from jumps of mass [J].
     """
     state, gear, unit, setting = arrays.state[None], arrays.gear[None], arrays.unit[None], arrays.setting[None]
-    return totals_of_each(state, gear, unit, setting, vehicles, [kinetic], jump_energy)[0]
+    numbers = total_numbers(state, gear, unit, setting, vehicles, [kinetic], jump_energy)
+    return Totals(
+        draft=arrays.gear[k.DRAFT, : vehicles - 1].copy(),
+        buff=arrays.gear[k.BUFF, : vehicles - 1].copy(),
+        saturated=arrays.unit[k.SATURATED_TIME].copy(),
+        **{name: column[0] for name, column in numbers.items()},
+    )
 
 
 def kinetic_energy_of_each(mass: Array, states: Array) -> list[float]:
@@ -98,10 +109,10 @@ def kinetic_energy_of_each(mass: Array, states: Array) -> list[float]:
     return [0.5 * energy for energy in (mass * v * v).sum(axis=1).tolist()]
 
 
-def totals_of_each(
+def total_numbers(
     states: Array, gears: Array, units: Array, settings: Array, vehicles: int, kinetic: list[float], jump_energy: float
-) -> list[Totals]:
-    """Return the totals of several states of the kernel.
+) -> dict[str, list[float]]:
+    """Return the totals of the whole train by name, with a number for each of several states of the kernel.
 
     Parameters
     ----------
@@ -110,39 +121,19 @@ def totals_of_each(
     vehicles, kinetic, jump_energy
         As in :func:`totals_of`, with a kinetic energy per state.
     """
-    draft, buff = gears[:, k.DRAFT, : vehicles - 1].copy(), gears[:, k.BUFF, : vehicles - 1].copy()
-    saturated = units[:, k.SATURATED_TIME].copy()
-    columns = zip(
-        draft.max(axis=1, initial=0.0).tolist(),
-        buff.min(axis=1, initial=0.0).tolist(),
-        units[:, k.WORK_TRACTION].sum(axis=1).tolist(),
-        units[:, k.WORK_REGENERATED].sum(axis=1).tolist(),
-        states[:, WORKS, :vehicles].sum(axis=2).tolist(),
-        kinetic,
-        settings[:, k.SATURATED_TIME_ANY].tolist(),
-        strict=True,
-    )
-    found = []
-    for index, (highest, lowest, traction, regenerated, works, change, at_limit) in enumerate(columns):
-        work = dict(zip(WORKS, works, strict=True))
-        found.append(
-            Totals(
-                draft=draft[index],
-                buff=buff[index],
-                draft_max=highest,
-                buff_max=lowest,
-                traction=traction,
-                regenerated=regenerated,
-                running=work[k.WORK_RUNNING],
-                curve=work[k.WORK_CURVE],
-                grade=work[k.WORK_GRADE],
-                air_brake=work[k.WORK_AIR],
-                holding_brake=work[k.WORK_HOLD],
-                couplers=work[k.WORK_COUPLER],
-                outside=work[k.WORK_OUTSIDE] + jump_energy,
-                kinetic=change,
-                saturated=saturated[index],
-                saturated_any=at_limit,
-            )
-        )
-    return found
+    works = dict(zip(WORKS, states[:, WORKS, :vehicles].sum(axis=2).T.tolist(), strict=True))
+    return {
+        "draft_max": gears[:, k.DRAFT, : vehicles - 1].max(axis=1, initial=0.0).tolist(),
+        "buff_max": gears[:, k.BUFF, : vehicles - 1].min(axis=1, initial=0.0).tolist(),
+        "traction": units[:, k.WORK_TRACTION].sum(axis=1).tolist(),
+        "regenerated": units[:, k.WORK_REGENERATED].sum(axis=1).tolist(),
+        "running": works[k.WORK_RUNNING],
+        "curve": works[k.WORK_CURVE],
+        "grade": works[k.WORK_GRADE],
+        "air_brake": works[k.WORK_AIR],
+        "holding_brake": works[k.WORK_HOLD],
+        "couplers": works[k.WORK_COUPLER],
+        "outside": [float(work + jump_energy) for work in works[k.WORK_OUTSIDE]],
+        "kinetic": kinetic,
+        "saturated_any": settings[:, k.SATURATED_TIME_ANY].tolist(),
+    }

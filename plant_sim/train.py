@@ -23,7 +23,7 @@ from plant_sim.section_effects import MANY_TICKS, SectionEffects, with_adhesion_
 from plant_sim.sensors import SensorSet
 from plant_sim.states import Array, BrakeShoes, Measurement, Pipe, VehicleStates
 from plant_sim.streams import random_stream
-from plant_sim.totals import Totals, kinetic_energy, kinetic_energy_of_each, totals_of, totals_of_each
+from plant_sim.totals import Totals, kinetic_energy, kinetic_energy_of_each, total_numbers, totals_of
 
 
 class Observation(NamedTuple):
@@ -125,7 +125,7 @@ class Train:
     @property
     def coupler_force(self) -> Array:
         """Force of the coupler behind every vehicle [N], shape (n,); the last is 0."""
-        return self.arrays.state[k.COUPLER, 1:].copy()
+        return self.arrays.state[k.COUPLER, 1 : self.n + 1].copy()
 
     @property
     def applied(self) -> Array:
@@ -154,13 +154,12 @@ class Train:
 
     def observe(self) -> Observation:
         """Return true state and measurement at the present stamp; draws sensor noise, so call it once per tick."""
-        n, state = self.n, self.arrays.state
-        vehicles = VehicleStates(self.stamp, state[k.X, :n].copy(), state[k.V, :n].copy(), state[k.COUPLER, 1:].copy())
+        vehicles = VehicleStates(self.stamp, self.position, self.velocity, self.coupler_force)
         measured = self._sensors.measure(vehicles, self.arrays.unit[k.APPLIED].copy())
         if self._pipe is None or self._pressure is None:
             return Observation(vehicles, measured, None, None, None)
         head, tail = self.pipe_pressures(self.time)
-        shoes = BrakeShoes(self.stamp, state[k.SHOE_FORCE, :n].copy())
+        shoes = BrakeShoes(self.stamp, self.shoe_force)
         return Observation(vehicles, measured, Pipe(self.stamp, head), Pipe(self.stamp, tail), shoes)
 
     def pipe_pressures(self, time: float) -> tuple[float, ...]:
@@ -216,7 +215,7 @@ class Train:
             self._drop_gusts()
         if self._sections.exist:
             self._sections.apply(self.stamp, self.tick_ns)
-        outside = self._outside.tick(self.stamp, self.arrays.state[k.V])
+        outside = self._outside.tick(self.stamp, self.arrays.state[k.V, : self.n])
         begin = 0
         if self._jumps.waiting:
             for step in self._jumps.steps(self.stamp):
@@ -340,8 +339,8 @@ class Train:
         change = kinetic_energy(arrays, self.n) - self._kinetic_start
         return totals_of(arrays, self.n, change, self._jumps.energy)
 
-    def totals_at_each(self, states: Array, gears: Array, units: Array, settings: Array) -> list[Totals]:
-        """Return extremes and works up to earlier states of the kernel, after the last jump.
+    def totals_at_each(self, states: Array, gears: Array, units: Array, settings: Array) -> dict[str, list[float]]:
+        """Return totals by name up to earlier states of the kernel, after the last jump.
 
         Parameters
         ----------
@@ -350,7 +349,7 @@ class Train:
         """
         energies = kinetic_energy_of_each(self.arrays.vehicle[k.MASS], states)
         changes = [energy - self._kinetic_start for energy in energies]
-        return totals_of_each(states, gears, units, settings, self.n, changes, self._jumps.energy)
+        return total_numbers(states, gears, units, settings, self.n, changes, self._jumps.energy)
 
 
 def compile_kernel() -> bool:

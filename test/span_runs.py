@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from train_ato.apps.runs.scenario_choice import choose_scenario
+from train_ato.apps.sweep.row import WALL_TIMES
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.result import RunResult
+from train_ato.loop.series import DiagnosticSeries
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.codec.codec import Wire
 
@@ -61,4 +63,17 @@ def assert_same_recording(one: RunResult, other: RunResult) -> None:
         for name, values in samples.values.items():
             assert (values.shape, values.tobytes()) == (found[name].shape, found[name].tobytes()), (topic, name)
     assert repr(a.reports) == repr(b.reports)
+    assert a.diagnostics.keys() == b.diagnostics.keys()
+    for node, series in a.diagnostics.items():
+        assert repr(_columns(series)) == repr(_columns(b.diagnostics[node])), node
     assert one.published == other.published
+    assert _of_simulation(one.summary) == _of_simulation(other.summary)
+
+
+def _columns(series: DiagnosticSeries) -> list[Any]:
+    values = {key: series.texts(key) for key in series.values}
+    return [series.time.tolist(), series.level.tolist(), series.message, values]
+
+
+def _of_simulation(summary: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in summary.items() if key not in WALL_TIMES}

@@ -40,7 +40,7 @@ def reported(plant: list[float], controller: list[float]) -> Recording:
         Diagnostic(t * SECOND, "controller", 0, "", {"saturated_steps": str(value)})
         for t, value in enumerate(controller)
     ]
-    return Recording(reports=tuple(sorted(reports, key=lambda report: report.stamp)))
+    return Recording(kept_reports=tuple(sorted(reports, key=lambda report: report.stamp)))
 
 
 def at_limit(plant: list[float], controller: list[float]) -> float:
@@ -91,7 +91,7 @@ def test_lost_and_late_commands_are_metrics() -> None:
     setup = setup_of("duration=2")
     recording = run_engine(setup).recording
     assert recording is not None
-    figures = summarise(setup, replace(recording, reports=(Diagnostic(0, "plant", 0, "", values),)))
+    figures = summarise(setup, replace(recording, kept_reports=(Diagnostic(0, "plant", 0, "", values),)))
     names = ("commands_lost", "commands_missed", "commands_refused", "commands_late")
     assert [figures[name] for name in names] == [3, 5, 7, 9]
 

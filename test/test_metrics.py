@@ -60,7 +60,7 @@ def by_hand() -> Recording:
     }  # fmt: skip
     reports = tuple(Diagnostic(0, node, 0, "", values) for node, values in totals.items())
     end = float(setup_of().profile.position[-1]) - 1.25
-    return dataclasses.replace(with_final(six, end, 0.0), reports=reports)
+    return dataclasses.replace(with_final(six, end, 0.0), kept_reports=reports)
 
 
 BY_HAND = {

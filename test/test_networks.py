@@ -248,6 +248,49 @@ def test_a_faulty_railml_file_is_refused_in_one_line(railml: Path, before: str, 
     assert "\n" not in str(caught.value) and str(railml) in str(caught.value)
 
 
+def with_tunnels_and_power(tunnel: str = 'crossSection="42.5"') -> str:
+    """Return the file with a tunnel over two net elements, a bridge, and power but for 400 m on the element n4."""
+    tun = located(
+        "overCrossing", 'id="tun" constructionType="tunnel"', measured("n3", 650, 700), measured("n4", 700, 1200)
+    ).replace("</overCrossing>", f"<tunnelResistance {tunnel}><resistanceFactor/></tunnelResistance></overCrossing>")
+    bridge = located("overCrossing", 'id="brd" constructionType="bridge"', measured("n4", 3000, 3020))
+    live = located("electrificationSection", 'id="e1"', measured("n1", 0, 500), measured("n3", 500, 700))
+    dead = located("electrificationSection", 'id="e3" isInsulatedSection="true"', measured("n4", 2000, 2060))
+    none = located("electrificationSection", 'id="e4" contactLineType="none"', measured("n4", 4000, 4300))
+    rest = [
+        located("electrificationSection", 'contactLineType="overhead"', measured("n4", *extent))
+        for extent in ((700, 2000), (2060, 3000), (3400, 4000))
+    ]
+    rest[0] = rest[0].replace("</electr", '<energyCatenary allowsRegenerativeBraking="false"/></electr')
+    power = f"<electrifications>{live}{dead}{none}{''.join(rest)}</electrifications>"
+    return RAILML.replace("<signals/>", f"<signals/><overCrossings>{tun}{bridge}</overCrossings>{power}")
+
+
+def test_tunnels_and_electrification_of_railml(railml: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a tunnel is dropped, a bridge is one, a piece without power is driven, or a loss has no name."""
+    railml.write_text(with_tunnels_and_power())
+    read = named_line(f"{railml}:n1..Birch")
+    assert [(e.begin, e.end, e.cross_section) for e in read.line.tunnels] == [(650, 1200, 42.5)]
+    neutral = [(e.begin, e.end, e.electric_brake) for e in read.line.neutral_sections]
+    assert neutral == [(2000, 2060, False), (3000, 3400, False), (4000, 4300, False)]
+    assert "no electrificationSection from 3000 to 3400 m of the path" in capsys.readouterr().err
+    lost = [key.rpartition(".")[2] for key in read.left_out]
+    assert lost == ["signals", "resistanceFactor", "energyCatenary"]
+    back = load_line(f"{railml}:Birch..n1")
+    assert [(e.begin, e.end) for e in back.tunnels] == [(3100, 3650)]
+    own = railml.with_suffix(".yaml")
+    assert main(["convert", f"{railml}:n1..Birch", str(own)]) == 0
+    assert load_line(str(own)) == read.line
+    railml.write_text(with_tunnels_and_power('wallConstructionType="rock"'))
+    assert [(e.cross_section, e.resistance_n_per_kn) for e in load_line(f"{railml}:n1..Birch").tunnels] == [(None, 0)]
+    assert "tunnel tun: it has no cross section" in capsys.readouterr().err
+    railml.write_text(with_tunnels_and_power('crossSection="-3"'))
+    with pytest.raises(ValueError, match="tunnelResistance: crossSection = -3: must lie between 1 and 1000"):
+        load_line(f"{railml}:n1..Birch")
+    railml.write_text(RAILML)
+    assert load_line(f"{railml}:n1..Birch").neutral_sections == ()
+
+
 def test_a_chain_of_tracks_needs_no_selection(tmp_path: Path) -> None:
     """Breaks if a network without branches is refused, or its tracks are not in order."""
     chain = INFRA | {"switches": [{"id": "l", "switch_type": "link", "ports": ends("TD0/END", "TE/END")}]}

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from plant_trains import RIGID, chain, drive, heavy, plain_line, train
 
@@ -209,10 +209,12 @@ def test_reservoirs_are_used_up_and_recharge() -> None:
     gaps=st.lists(st.floats(0.1, 50.0), min_size=1, max_size=6),
     levels=st.lists(st.sampled_from([600e3, 590e3, 575e3, 550e3]), min_size=6, max_size=6),
     ahead=st.floats(0.0, 60.0),
+    use=st.sampled_from([0.0, 0.4, 0.9]),
 )
-def test_forecast_equals_the_kernel(gaps: list[float], levels: list[float], ahead: float) -> None:
-    """The closed form equals the kernel at any later time, also with waves that overtake each other."""
-    consist = with_brake(apply_wave=200.0)
+@example(gaps=[40.0, 50.0, 40.0, 5.0, 9.0], levels=[550e3, 600e3, 575e3, 550e3, 600e3, 550e3], ahead=50.0, use=0.9)
+def test_forecast_equals_the_kernel(gaps: list[float], levels: list[float], ahead: float, use: float) -> None:
+    """The closed form equals the kernel at any later time, also with waves that overtake each other and air used up."""
+    consist = with_brake(apply_wave=200.0, reservoir_use=use, recharge_time=30.0)
     plant = train(consist, plain_line(begin_km=-10), tick_ns=20_000_000, start={"speed_kmh": 70})
     forecast = BrakeForecast(consist)
     for gap, level in zip(gaps, levels, strict=False):

@@ -93,7 +93,7 @@ def stiffness_matrix(plant: Train) -> Array:
         x, v = plant.arrays.state[k.X].copy(), np.zeros(n + 1)
         x[i] += 1e-3
         k.coupler_forces(x, v, a.state, a.vehicle, a.gear, a.table, a.run, k._longest_run(a.run))
-        columns.append(-np.diff(a.state[k.COUPLER]) / 1e-3)
+        columns.append(-np.diff(a.state[k.COUPLER, : n + 1]) / 1e-3)
     return np.array(columns).T
 
 

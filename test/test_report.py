@@ -382,7 +382,7 @@ def test_the_longest_train_with_noise_on_everything_stays_small(eventful: Path, 
         "ato/command": TopicSamples(time, {"force": noise(8)}),
     }
     topics = {name: TopicSamples(time, reduced(name, part.values, [], vehicles=True)) for name, part in topics.items()}
-    worst = Recording(topics, base.profiles, reports=base.reports, name="worst", path=tmp_path)
+    worst = Recording(topics, base.profiles, kept_reports=base.reports, name="worst", path=tmp_path)
     data = page_data(worst)
     assert set(CURVES) | set(MAPS) == set(data.curves) | set(data.maps)
     assert write_run(data, tmp_path / "worst.html") < 5e6

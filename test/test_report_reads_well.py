@@ -73,7 +73,7 @@ def test_no_delay_is_told_of_a_force_that_a_limit_cut() -> None:
     """Breaks if a force that follows its envelope to standstill is identified as a force without delay."""
     totals = zip((0, 10, 20, 30, 40), ("0.0", "0.0", "0.0", "8.0", "8.0"), strict=True)
     reports = tuple(Diagnostic(at * 10**9, "plant", 0, "", {"saturated": total}) for at, total in totals)
-    _, delay = _without_saturation(Recording(reports=reports), np.array([5.0, 15.0, 25.0, 35.0]), np.full(4, 0.4))
+    _, delay = _without_saturation(Recording(kept_reports=reports), np.array([5.0, 15.0, 25.0, 35.0]), np.full(4, 0.4))
     assert np.isnan(delay).tolist() == [False, False, True, False]
 
 

@@ -310,7 +310,7 @@ def test_a_force_limit_with_a_speed_error_is_saturated(seconds: int, kmh: float,
     )
     counts = [(t, float(np.clip(t - 110, 0, seconds))) for t in range(300)]
     reports = tuple(Diagnostic(t * SECOND, "plant", 0, "", {"saturated": str(value)}) for t, value in counts)
-    summary = tracking_summary(setup, replace(slow, reports=reports))
+    summary = tracking_summary(setup, replace(slow, kept_reports=reports))
     assert summary["tracking"] == found
     if found != TRACKED:
         assert summary["tracking_findings"][0]["value"] == seconds

@@ -6,8 +6,9 @@
 'smc'
 
 ``run`` runs a scenario, ``compare`` runs it with several laws, ``sweep`` at many points, ``tune`` searches for the
-gains of a law, ``falsify`` for a break of a requirement, ``open_run`` opens a run folder, ``load`` returns its tables,
-``scenario`` returns a scenario that can be changed, ``laws`` and ``scenarios`` list the names.
+gains of a law, ``learn`` learns from run to run, ``falsify`` searches for a break of a requirement, ``open_run`` opens
+a run folder, ``load`` returns its tables, ``scenario`` returns a scenario that can be changed, ``laws`` and
+``scenarios`` list the names.
 """
 
 import importlib
@@ -20,6 +21,8 @@ from train_ato.version import VERSION
 
 if TYPE_CHECKING:
     from train_ato.apps.falsify.study import falsify as falsify
+    from train_ato.apps.learn.learn import LearnResult as LearnResult
+    from train_ato.apps.learn.learn import learn as learn
     from train_ato.apps.runs.catalogue import laws as laws
     from train_ato.apps.runs.catalogue import scenarios as scenarios
     from train_ato.apps.runs.compare import compare as compare
@@ -40,6 +43,7 @@ if TYPE_CHECKING:
 _PLACES = {
     "Comparison": "train_ato.apps.runs.comparison",
     "Frames": "train_ato.log.tables.loading",
+    "LearnResult": "train_ato.apps.learn.learn",
     "Run": "train_ato.apps.runs.run",
     "RunFailed": "train_ato.errors",
     "RunInterrupted": "train_ato.errors",
@@ -48,6 +52,7 @@ _PLACES = {
     "compare": "train_ato.apps.runs.compare",
     "falsify": "train_ato.apps.falsify.study",
     "laws": "train_ato.apps.runs.catalogue",
+    "learn": "train_ato.apps.learn.learn",
     "load": "train_ato.log.tables.loading",
     "open_run": "train_ato.apps.runs.run",
     "run": "train_ato.apps.runs.drive",
@@ -60,6 +65,7 @@ _PLACES = {
 __all__ = [
     "Comparison",
     "Frames",
+    "LearnResult",
     "Run",
     "RunFailed",
     "RunInterrupted",
@@ -69,6 +75,7 @@ __all__ = [
     "compare",
     "falsify",
     "laws",
+    "learn",
     "load",
     "open_run",
     "run",

@@ -1,4 +1,4 @@
-"""JSON Schemas of scenario, consist, line and journey files, generated from their models.
+"""JSON Schemas of scenario, consist, line, journey and learned files, generated from their models.
 
 Editors complete and check a file that begins with ``# yaml-language-server: $schema=...``.
 """
@@ -13,10 +13,17 @@ from pydantic import BaseModel
 
 from plant_sim.consist import Consist
 from plant_sim.line import Line
+from train_ato.control.learned_resistance import LearnedResistance
 from train_ato.profile.planner.timing_points import JourneyFile
 from train_ato.scenario.scenario import Scenario
 
-MODELS: dict[str, type[BaseModel]] = {"scenario": Scenario, "consist": Consist, "line": Line, "journey": JourneyFile}
+MODELS: dict[str, type[BaseModel]] = {
+    "scenario": Scenario,
+    "consist": Consist,
+    "line": Line,
+    "journey": JourneyFile,
+    "learned": LearnedResistance,
+}
 
 
 def schema_text(name: str) -> str:

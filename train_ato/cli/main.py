@@ -22,6 +22,7 @@ COMMANDS: tuple[tuple[str, str], ...] = (
     ("sweep", "run a scenario at many points of a design; write a table and figures"),
     ("falsify", "search the smallest change of a scenario that breaks a requirement"),
     ("tune", "search for the gains of a control law over several scenarios and seeds; write them as a scenario"),
+    ("learn", "repeat a scenario, or read recorded runs, and learn the resistance that repeats by place"),
     ("reproduce", "check the claims of the papers against simulated runs"),
     ("list", "list scenarios, laws, observers, compensations, trains and lines"),
     ("replay", "publish a recorded run on its topics, or evaluate a law on its inputs"),

@@ -108,9 +108,10 @@ def execute_trip(options: argparse.Namespace) -> int:
     print_table(("", ""), rows)
     if result["applications"]:
         entries = (
-            [f"{e['apply_km']:.3f}", f"{e['release_km']:.3f}", e["reduction_kpa"]] for e in result["applications"]
+            [f"{e['apply_km']:.3f}", f"{e['release_km']:.3f}", e["reduction_kpa"], e["supply"]]
+            for e in result["applications"]
         )
-        print_table(("apply, km", "release, km", "reduction, kPa"), entries)
+        print_table(("apply, km", "release, km", "reduction, kPa", "reservoirs"), entries)
     for name in result["files"]:
         sys.stdout.write(f"{name}\n")
     return 0

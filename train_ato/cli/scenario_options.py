@@ -17,6 +17,11 @@ KINDS = ("law", "observer", "compensation")
 def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     """Add SCENARIO and the options that change it."""
     parser.add_argument("scenario", metavar="SCENARIO", help="a shipped name, NAME:variant, or a YAML file")
+    add_change_options(parser)
+
+
+def add_change_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that change a scenario."""
     parser.add_argument(
         "--observer", metavar="NAME", help="disturbance observer: a name, or MODULE:CLASS without registration"
     )

@@ -5,7 +5,9 @@ The plant may differ from it: a mismatch changes the block ``plant:`` only.
 
 from __future__ import annotations
 
+import copy
 import math
+from functools import cached_property
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from plant_sim.line import Line
 from plant_sim.summation import plain_sum
 from plant_sim.track import Track
 from plant_sim.traction import Envelope
+from train_ato.control.learned_resistance import LearnedResistance
 from train_ato.messages.types import Array
 
 GRID = 1.0
@@ -76,6 +79,8 @@ class TrainModel:
         A negative force also drives backwards.
     line_force
         Table of another model with this consist, line and ``over_length``; default: a new one.
+    learned
+        Resistance that former runs have shown in addition; default: none.
 
     Attributes
     ----------
@@ -106,6 +111,7 @@ class TrainModel:
         over_length: bool = False,
         reversing: bool = False,
         line_force: LineForceTable | None = None,
+        learned: LearnedResistance | None = None,
     ) -> None:
         self.consist = consist
         self.line = line
@@ -132,6 +138,15 @@ class TrainModel:
         table = line_force or LineForceTable(consist, line, over_length=over_length)
         self._begin, self._specific = table.begin, table.specific
         self._line_force, self._total = table.total, table.totals
+        self.learned = learned
+        self._learned: list[float] = []
+        if learned is not None:
+            more = self.inertia * learned.at(
+                np.asarray(table.begin + GRID * np.arange(table.total.size), dtype=np.float64)
+            )
+            self._line_force = table.total + more
+            self._total, self._learned = self._line_force.tolist(), (more / self.mass).tolist()
+        self._table = table
         self._own = [(vehicles[unit].mass, *polynomials[unit].tolist()) for unit in self.units]
 
     def _shares(self) -> Array:
@@ -149,7 +164,7 @@ class TrainModel:
         return (self._c0 + self._c1 * speed + self._c2 * speed * speed) * math.tanh(velocity / DRY_FRICTION_SPEED)
 
     def line_force(self, position: float) -> float:
-        """Return grade, curve and tunnel force on the train [N], > 0 resists, for vehicle 0's centre at a position."""
+        """Return grade, curve, tunnel and learned force on the train [N], > 0 resists, for vehicle 0's centre there."""
         return interpolated(self._total, (position - self._begin) / GRID)
 
     def resisting_force(self, position: float, velocity: float, shoe_force: float = 0.0) -> float:
@@ -167,6 +182,10 @@ class TrainModel:
         line = np.where(place == index + 1, high, low + (place - index) * (high - low))
         return np.asarray(running + line)
 
+    def specific_line_force(self) -> tuple[Array, float]:
+        """Return the line force per mass at every :data:`GRID` [N/kg] and the position of the first one [m]."""
+        return np.array(self._specific), self._begin
+
     def front(self, position: Array) -> float:
         """Return the position of vehicle 0's centre [m] for positions of the units, shape (units,)."""
         return float(position[0] + self.offsets[0])
@@ -182,7 +201,25 @@ class TrainModel:
             speed = abs(v)
             running = (c0 + c1 * speed + c2 * speed * speed) * math.tanh(v / DRY_FRICTION_SPEED)
             result.append(running + mass * interpolated(self._specific, (place - self._begin) / GRID))
+        if self._learned:
+            for unit, (place, offset) in enumerate(zip(position, self.offsets.tolist(), strict=True)):
+                learned = interpolated(self._learned, (place + offset - self._begin) / GRID)
+                result[unit] += self._own[unit][0] * learned
         return result
+
+    def learned_force(self, position: float) -> float:
+        """Return the learned force on the train [N], > 0 resists, for vehicle 0's centre at a position."""
+        if not self._learned:
+            return 0.0
+        return self.mass * interpolated(self._learned, (position - self._begin) / GRID)
+
+    @cached_property
+    def without_learned(self) -> TrainModel:
+        """The same model without the learned resistance."""
+        bare = copy.copy(self)
+        bare.learned, bare._learned = None, []
+        bare._line_force, bare._total = self._table.total, self._table.totals
+        return bare
 
     def force_limits(self, velocity: Array) -> tuple[Array, Array]:
         """Return the smallest and largest force of every unit at its speed [N], each of shape (units,)."""

@@ -73,7 +73,7 @@ def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
         "unsound_measurements": int(totals.get("unsound_measurements", 0)),
         **{key: int(totals.get(name, 0)) for key, name in COMMAND_COUNTS},
     }
-    if "plant" not in {report.node for report in recording.reports}:
+    if "plant" not in {report.node for report in recording.changed_reports}:
         metrics = {key: value for key, value in metrics.items() if key not in OF_THE_PLANT}
         metrics["coupler_draft_max_kn"] = float(max(0.0, recording.coupler_draft_max.max())) / 1e3
         metrics["coupler_buff_max_kn"] = float(min(0.0, recording.coupler_buff_max.min())) / 1e3

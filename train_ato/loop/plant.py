@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from plant_sim.odometry import Odometers
 from plant_sim.service_brake import FullServiceBrake
-from plant_sim.totals import Totals
 from plant_sim.train import Observation
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
@@ -245,11 +244,11 @@ class PlantStage:
 
     def diagnostic(self, taken: Sequence[Intervention] = ()) -> Diagnostic:
         """Return the running totals of the plant as text, with the interventions at this stamp."""
-        return self.diagnostic_at(self.stamp, self.train.totals, taken)
+        return self.diagnostic_at(self.stamp, self.train.totals.numbers, taken)
 
-    def diagnostic_at(self, stamp: int, totals: Totals, taken: Sequence[Intervention] = ()) -> Diagnostic:
-        """Return the diagnostics of a stamp with the totals up to it."""
-        values = {name: repr(float(getattr(totals, attribute))) for name, attribute in TOTALS}
+    def diagnostic_at(self, stamp: int, totals: Mapping[str, float], taken: Sequence[Intervention] = ()) -> Diagnostic:
+        """Return the diagnostics of a stamp with the totals up to it by name."""
+        values = {key: repr(totals[name]) for key, name in TOTALS}
         values["commands_lost"] = str(self._link.lost)
         values |= self._inputs.diagnostics()
         if taken:

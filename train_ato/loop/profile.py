@@ -133,11 +133,15 @@ class ProfileStage:
             self.profile, self.planned = decision.profile, stamp
         return True
 
+    def remaining(self, stamp: int) -> float:
+        """Return the time to the end of the profile [s] at a stamp [ns]."""
+        return max(0.0, self.profile.end - stamp * 1e-9)
+
     def diagnostic(self, stamp: int) -> Diagnostic:
         """Return the state of the profile, with the reason of re-planning or of its refusal."""
         profile, replanner, decision = self.profile, self._replanner, self._decision
-        remaining = max(0.0, profile.end - stamp * 1e-9)
-        values = {"knots": str(profile.time.size), "period": repr(profile.period), "remaining": repr(remaining)}
+        values = {"knots": str(profile.time.size), "period": repr(profile.period)}
+        values["remaining"] = repr(self.remaining(stamp))
         values |= self._inputs.diagnostics()
         if self._refusal:
             return Diagnostic(stamp, "profile", 1, "cannot be planned again", {**values, "reason": self._refusal})

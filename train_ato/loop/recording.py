@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from train_ato.loop.repeated_reports import Report, all_reports, changed_reports
 from train_ato.loop.series import DiagnosticSeries, TopicSamples, aligned, diagnostic_series
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.layout import Owner
@@ -81,8 +82,8 @@ class Recording:
         Profiles in the order of their planning.
     limits : Trajectory or None
         Speed limits of the line.
-    reports : tuple of Diagnostic
-        Diagnostics of all nodes.
+    kept_reports : tuple of Diagnostic or RepeatedReport
+        Diagnostics of all nodes; :attr:`reports` are the single messages.
     setup : RunSetup or None
         Scenario, train and line; if None, ``setup_missing`` is the reason.
     summary
@@ -108,7 +109,7 @@ class Recording:
     topics: dict[str, TopicSamples] = field(default_factory=dict)
     profiles: tuple[Trajectory, ...] = ()
     limits: Trajectory | None = None
-    reports: tuple[Diagnostic, ...] = ()
+    kept_reports: tuple[Report, ...] = ()
     setup: RunSetup | None = None
     setup_missing: str = ""
     summary: dict[str, Any] = field(default_factory=dict)
@@ -180,7 +181,17 @@ class Recording:
     @cached_property
     def diagnostics(self) -> dict[str, DiagnosticSeries]:
         """Diagnostics by node."""
-        return diagnostic_series(self.reports)
+        return diagnostic_series(self.kept_reports)
+
+    @cached_property
+    def reports(self) -> tuple[Diagnostic, ...]:
+        """Diagnostics of all nodes."""
+        return all_reports(self.kept_reports)
+
+    @cached_property
+    def changed_reports(self) -> tuple[Diagnostic, ...]:
+        """Diagnostics of all nodes without those between the first and the last one of equal texts."""
+        return changed_reports(self.kept_reports)
 
     def reported(self, node: str, key: str) -> tuple[Array, Array] | None:
         """Return time [s] and values of a number in the diagnostics of a node, shape (k,) each, or None."""
@@ -193,7 +204,7 @@ class Recording:
         """Totals of the plant at the end, and counters of profile and controller, from the diagnostics."""
         texts: dict[str, str] = {}
         counts: dict[str, str] = {}
-        for message in self.reports:
+        for message in self.changed_reports:
             if message.node == "plant":
                 texts = message.values
             elif message.node in COUNTED:

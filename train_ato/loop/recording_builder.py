@@ -21,9 +21,10 @@ from train_ato.loop.recording import (
     TRUTH,
     Recording,
 )
+from train_ato.loop.repeated_reports import RepeatedReport, Report
 from train_ato.loop.series import TopicSamples, joined, seconds
 from train_ato.loop.setup import RunSetup
-from train_ato.messages.types import Array, Diagnostic, Trajectory
+from train_ato.messages.types import Array, Trajectory
 
 PORTION = 256
 """Number of messages of a topic that are stacked at once."""
@@ -79,7 +80,7 @@ class RecordingBuilder:
 
     setup: RunSetup
     _profiles: list[Trajectory] = field(default_factory=list)
-    _reports: list[Diagnostic] = field(default_factory=list)
+    _reports: list[Report] = field(default_factory=list)
     _limits: Trajectory | None = None
 
     def __post_init__(self) -> None:
@@ -126,6 +127,12 @@ class RecordingBuilder:
         blocks.append(TopicSamples(seconds(stamps), values))
         if sum(block.time.size for block in blocks) >= PORTION:
             self._close(topic)
+
+    def extend_reports(self, reports: Iterable[RepeatedReport]) -> None:
+        """Add the diagnostics of compiled ticks."""
+        for report in reports:
+            self._others[DIAGNOSTICS] += len(report.stamps)
+            self._reports.append(report)
 
     def _add_single(self, topic: str, message: Any) -> None:
         """Add a message of a topic without a series."""

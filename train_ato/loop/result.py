@@ -84,7 +84,7 @@ class RunResult:
         published: dict[str, int] | None = None,
     ) -> RunResult:
         """Return the result of a run from its recording."""
-        changes = RunChanges.of(recording.reports)
+        changes = RunChanges.of(recording.changed_reports)
         failure = failure or (None if interrupted else _failure_of_ato(recording))
         complete = recording.time.size > 0
         simulated = ticks * setup.tick
@@ -94,7 +94,7 @@ class RunResult:
             "wall_s": wall,
             "real_time_factor": simulated / wall if wall > 0 else 0.0,
             **(summarise(setup, recording) if complete else {}),
-            **(protection_summary(recording.reports) if setup.layout.supervised else {}),
+            **(protection_summary(recording.changed_reports) if setup.layout.supervised else {}),
             "changes": changes.rows(setup.scenario),
             "step_time_us_median": median,
             "step_time_us_p99": p99,
@@ -111,7 +111,7 @@ class RunResult:
 
 def _failure_of_ato(recording: Recording) -> str | None:
     """Return the failure of an ATO that was in the state failure at the end of the run."""
-    reports = [report for report in recording.reports if report.node == "controller"]
+    reports = [report for report in recording.changed_reports if report.node == "controller"]
     if not reports or reports[-1].values.get("ato_state") != AtoState.FAILURE.text:
         return None
     return f"node controller failed: {reports[-1].values['ato_reason']}; the train was stopped"
@@ -126,7 +126,7 @@ def completed_summary(recording: Recording) -> dict[str, Any]:
     if setup is None:
         return summary
     if "speed_rmse_kmh" not in summary and not recording.measured_only and recording.time.size:
-        protection = protection_summary(recording.reports) if setup.layout.supervised else {}
+        protection = protection_summary(recording.changed_reports) if setup.layout.supervised else {}
         summary = {**identity(setup, recording.time.size), **summarise(setup, recording), **protection, **summary}
         summary = {**tracking_summary(setup, recording), **summary}
         summary |= judge_run(setup.scenario.criteria, summary, requirement_rows(setup, recording))

@@ -9,6 +9,7 @@ import numpy as np
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line, split_line_name
 from plant_sim.line import Line
+from train_ato.control.learned_resistance import LearnedResistance, model_hash, read_learned
 from train_ato.control.train_model import LineForceTable, TrainModel
 from train_ato.loop.part_cache import PartCache, file_state
 from train_ato.messages.layout import TrainLayout
@@ -54,6 +55,11 @@ def nominal_model(
     """Return the nominal model of a scenario; without a block ``model`` it has the data of plant and links.
 
     ``parts`` has the tables of the line force of former models.
+
+    Raises
+    ------
+    ValueError
+        For a learned resistance of another line or train: file, key, value, problem; fix.
     """
     parts = parts or PartCache()
     block = scenario.model
@@ -62,6 +68,7 @@ def nominal_model(
     if block.delay is not None:
         nominal = link.model_copy(update={"delay": block.delay, "delay_brake": block.delay_brake})
         delay, delay_brake = nominal.per_unit(layout.n_units, "model")
+    own_line = line
     consist = consist if block.consist is None else scenario_consist(block.consist, folder, parts)
     line = line if block.line is None else scenario_line(block.line, folder, parts)
     named = (block.consist or scenario.plant.consist, block.line or scenario.plant.line)
@@ -78,7 +85,24 @@ def nominal_model(
         over_length=over_length,
         reversing=scenario.plant.reversing,
         line_force=parts.get(key, lambda: LineForceTable(consist, line, over_length=over_length)),
+        learned=_learned(block.learned, folder, own_line, consist, line, over_length),
     )
+
+
+def _learned(
+    named: str | LearnedResistance | None, folder: Path, line: Line, consist: Consist, nominal: Line, over_length: bool
+) -> LearnedResistance | None:
+    """Return the learned resistance of a scenario for its line, nominal train and nominal line."""
+    if named is None:
+        return None
+    file = _beside(named, folder) if isinstance(named, str) else ""
+    try:
+        found = read_learned(Path(file)) if isinstance(named, str) else named
+        found.check_fits(line, consist, model_hash(consist, nominal, over_length))
+    except ValueError as error:
+        message = str(error).removeprefix(f"{file}: ")
+        raise ValueError(f"model.learned: {file}{': ' if file else ''}{message}") from None
+    return found
 
 
 def with_start_position(scenario: Scenario, position: float) -> Scenario:

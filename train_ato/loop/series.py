@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from train_ato.loop.repeated_reports import RepeatedReport, Report
 from train_ato.messages.types import Array, Diagnostic
 
 
@@ -81,35 +82,38 @@ def seconds(stamps: Sequence[int] | NDArray[np.int64]) -> Array:
     return np.asarray(np.asarray(stamps, dtype=np.int64) * 1e-9, dtype=np.float64)
 
 
-def diagnostic_series(messages: Iterable[Diagnostic]) -> dict[str, DiagnosticSeries]:
+def diagnostic_series(reports: Iterable[Report]) -> dict[str, DiagnosticSeries]:
     """Return the diagnostics by node."""
-    nodes: dict[str, list[Diagnostic]] = {}
-    for message in messages:
-        nodes.setdefault(message.node, []).append(message)
+    nodes: dict[str, list[RepeatedReport]] = {}
+    for report in reports:
+        part = RepeatedReport(report, [report.stamp]) if isinstance(report, Diagnostic) else report
+        nodes.setdefault(part.first.node, []).append(part)
     return {node: _of_node(rows) for node, rows in nodes.items()}
 
 
-def _of_node(rows: list[Diagnostic]) -> DiagnosticSeries:
-    keys = dict.fromkeys(chain.from_iterable(row.values for row in rows))
+def _of_node(parts: list[RepeatedReport]) -> DiagnosticSeries:
+    keys = dict.fromkeys(chain.from_iterable(part.first.values for part in parts))
+    levels = [[part.first.level] * len(part.stamps) for part in parts]
     return DiagnosticSeries(
-        seconds([row.stamp for row in rows]),
-        np.array([row.level for row in rows], dtype=np.int64),
-        [row.message for row in rows],
-        _Columns(rows, keys),
+        seconds(list(chain.from_iterable(part.stamps for part in parts))),
+        np.array(list(chain.from_iterable(levels)), dtype=np.int64),
+        list(chain.from_iterable([part.first.message] * len(part.stamps) for part in parts)),
+        _Columns(parts, keys),
     )
 
 
 class _Columns(Mapping[str, Any]):
     """Values of the diagnostics of a node by key; a column is converted at its first use, most are not used."""
 
-    def __init__(self, rows: list[Diagnostic], keys: Iterable[str]) -> None:
-        self._rows = rows
+    def __init__(self, parts: list[RepeatedReport], keys: Iterable[str]) -> None:
+        self._parts = parts
         self._columns: dict[str, Any] = dict.fromkeys(keys)
 
     def __getitem__(self, key: str) -> Any:
         column = self._columns[key]
         if column is None:
-            column = self._columns[key] = _column([row.values.get(key) for row in self._rows])
+            values = list(chain.from_iterable(part.column(key) for part in self._parts))
+            column = self._columns[key] = _column(values)
         return column
 
     def __iter__(self) -> Iterator[str]:
@@ -119,11 +123,11 @@ class _Columns(Mapping[str, Any]):
         return len(self._columns)
 
 
-def _column(texts: list[str | None]) -> Any:
+def _column(values: list[str | float | None]) -> Any:
     try:
-        return np.array([np.nan if text is None else float(text) for text in texts])
+        return np.array([np.nan if value is None else float(value) for value in values])
     except ValueError:
-        return texts
+        return [value if value is None or isinstance(value, str) else repr(value) for value in values]
 
 
 def aligned(time: Array, other: Array, values: Array) -> Array:

@@ -274,6 +274,8 @@ class RunSetup:
             if getattr(self.scenario.model, key) is not None:
                 part = getattr(self.model, key)
                 data["model"][key] = part.model_dump(mode="json", by_alias=True, exclude_defaults=True)
+        if self.model.learned is not None:
+            data["model"]["learned"] = self.model.learned.model_dump(mode="json", by_alias=True)
         if self.scenario.replan is not None:
             data["replan"] = self.scenario.replan.model_dump(mode="json", by_alias=True, exclude_unset=True)
         data["profile"] = dict(sorted(self.scenario.profile.inlined(self.folder).items()))

@@ -57,7 +57,8 @@ def carry_out(case: Case | Calculation, progress: Any = None) -> Result:
         run = run_engine(case.setup(), progress=progress)
         if run.interrupted:
             return Result({}, None, "interrupted")
-        recording = run.recording and replace(run.recording, profiles=(), reports=())  # judges need the series only
+        # judges need the series only
+        recording = run.recording and replace(run.recording, profiles=(), kept_reports=())
         return Result(run.summary, recording, run.failure)
     except Exception as error:
         return Result({}, None, " ".join(f"{type(error).__name__}: {error}".split()))

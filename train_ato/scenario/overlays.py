@@ -12,7 +12,10 @@ from train_ato.scenario.former_names import replace_former_keys
 
 __all__ = ["assign", "keys_of", "overlay", "put", "with_absolute_files"]
 
-FILE_KEYS = (("profile", "file"), ("plant", "consist"), ("plant", "line"), ("model", "consist"), ("model", "line"))
+FILE_KEYS = (
+    ("profile", "file"), ("plant", "consist"), ("plant", "line"), ("model", "consist"), ("model", "line"),
+    ("model", "learned"),
+)  # fmt: skip
 """Keys with the name of a file in the folder of their scenario."""
 
 

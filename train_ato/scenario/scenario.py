@@ -22,6 +22,7 @@ from plant_sim.plant_setup import PlantSetup
 from plant_sim.units import Length, SiModel, Time
 from train_ato.control.air_brake.policy import BrakeSpec
 from train_ato.control.force_distribution import SharesAt
+from train_ato.control.learned_resistance import LearnedResistance
 from train_ato.control.planned_displacement import DisplacementAt
 from train_ato.messages.faults import Fault
 from train_ato.messages.links import LinkSpec
@@ -57,6 +58,9 @@ class ModelBlock(SiModel):
     delay: Time | tuple[Time, ...] | None = None
     delay_brake: Time | tuple[Time, ...] | None = None
     lag: Time | None = Field(None, ge=0)
+    learned: str | LearnedResistance | None = Field(
+        None, description="resistance by place that former runs have shown: a file of `train-ato learn`; default: none"
+    )
 
 
 class Links(SiModel):

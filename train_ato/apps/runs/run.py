@@ -145,14 +145,15 @@ class Run:
         from train_ato.apps.report.print_parts import SCREEN_DPI, save_figure
         from train_ato.apps.report.run_figure import run_figure
 
-        figure = run_figure(self._recording())
+        figure = run_figure(self.recording)
         if figure is None:
             raise ValueError(f"{self.metrics.get('scenario', self.path)}: the run has no complete tick to draw")
         if path is not None:
             save_figure(figure, Path(path), SCREEN_DPI)
         return figure
 
-    def _recording(self) -> Recording:
+    @property
+    def recording(self) -> Recording:
         """Return the recording of the run, from memory or from the log."""
         if self._outcome is None:
             recording = open_recording(self.folder())

@@ -56,6 +56,7 @@ class CoupledUnits:
         self.mass: Array = np.array([vehicle.mass * vehicle.rotating_mass_factor for vehicle in vehicles])
         self.weight: Array = self.mass / self.mass.sum()
         self._offsets = model.offsets
+        self.stiffness: Array = np.array([gear.stiffness for gear in springs])
         stiffness, damping = np.zeros((n, n)), np.zeros((n, n))
         for i, gear in enumerate(springs):
             block = np.array([[-1.0, 1.0], [1.0, -1.0]])
@@ -76,6 +77,31 @@ class CoupledUnits:
                 self._steps.clear()
             found = self._steps[h] = matrix_exponential(self._rates * h)[: 2 * self.n]
         return found
+
+    def driven_step(self, lag: float, h: float) -> Array:
+        """Return the map of position, speed, applied force and constant command to the first three ``h`` s later.
+
+        Parameters
+        ----------
+        lag
+            Lag of the applied force [s].
+        h
+            Time [s].
+
+        Returns
+        -------
+        Array, shape (3n, 4n)
+        """
+        n = self.n
+        if lag <= 0.0:
+            constant = self.step_matrix(h)
+            return np.block(
+                [[constant[:, : 2 * n], np.zeros((2 * n, n)), constant[:, 2 * n :]], [np.zeros((n, 3 * n)), np.eye(n)]]
+            )
+        rates = np.zeros((4 * n, 4 * n))
+        rates[: 3 * n, : 3 * n] = self._rates
+        rates[2 * n : 3 * n, 2 * n : 3 * n], rates[2 * n : 3 * n, 3 * n :] = -np.eye(n) / lag, np.eye(n) / lag
+        return matrix_exponential(rates * h)[: 3 * n]
 
     def predict(
         self,

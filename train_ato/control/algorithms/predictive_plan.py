@@ -112,8 +112,8 @@ def lowest_limit(limits, front, rear):
 
 @compiled
 def bounds(
-    required, reference, limits, ends, now, errors, plan, drag, tables, mass, jerk, steps, disturbance, rise, effect,
-    allowed,
+    required, reference, limits, ends, now, errors, plan, drag, tables, couplers, mass, jerk, steps, disturbance, rise,
+    effect, allowed,
 ):  # fmt: skip
     """Compute the right-hand side b of A z <= b.
 
@@ -138,6 +138,8 @@ def bounds(
         standstill and its increase with the speed [N s/m, N s²/m²].
     tables : Array, shape (2, speeds)
         Largest brake and traction force over the speed [N].
+    couplers : Array, shape (2, nodes)
+        Smallest and largest total force for the coupler forces [N].
     mass, jerk, disturbance
         kg, m/s³, m/s².
     steps : Array, shape (nodes,)
@@ -161,6 +163,7 @@ def bounds(
             beyond = reference[1, j] + planned
             low, high = -table_value(tables[0], beyond), table_value(tables[1], beyond)
             required[j] += (drag[1] + drag[2] * abs(reference[1, j])) * planned - drag[0]
+        low, high = max(low, couplers[0, j]), min(high, couplers[1, j])
         allowed[j] = (high - required[j]) / mass + disturbance
         allowed[n + j] = (required[j] - low) / mass - disturbance
         change = (required[j] - (required[j - 1] if j > 1 else effect)) / mass if j > 0 else rise

@@ -1,16 +1,21 @@
-"""Damping of the motion of coupled units against their train, on the state after the delay.
+"""Regulator of the motion of coupled units against their train, on the state after the delay.
 
 A plan for one mass leaves the motion between driven vehicles on soft couplers undamped. The deviations of the units
-from the mean of the train, weighted by mass, are advanced by the springs between the units
-(:class:`train_ato.control.algorithms.coupled_units.CoupledUnits`) with the measured forces, and corrected by the part
-``FILTER`` omega_u Tc of their difference from the measurement. This is stable for every train, because springs and
-dampers do not add energy. Over the delay the commands in flight act. With the deviations x_i, v_i after the delay and
-the disturbance d_i of an observer::
+from the mean of the train, weighted by mass, are a linear system through the springs between the units
+(:class:`train_ato.control.algorithms.coupled_units.CoupledUnits`). Its state is estimated and controlled with fixed
+gains, computed once from the consist (`riccati.py`):
 
-    F_i = -m_i (omega_u v_i + (omega_u/2)² x_i) - (d_i - m_i/M sum d)
+* A Kalman filter of deviations x, v and of a slow force d on every unit, with the measured forces as input. The
+  process noise has a speed beside v (``DRIFT``), since the wheels of a vehicle need not roll as its mass moves.
+* Over the delay the commands in flight and d act.
+* A linear-quadratic regulator of the command u, with the applied force F through the lag as a state::
 
-The forces add to 0, so that they do not change the motion of the train. Both gains together are a double pole
-at -omega_u/2 of a unit without springs.
+      J = sum (x/POSITION)² + (F_c/COUPLER)² + (u'/(M JERK))²
+
+  for the deviations x, the coupler forces F_c beyond those of the rigid train and the rate u' of the command.
+
+The forces add to 0, so that they do not change the motion of the train. d is not cancelled: at the time of effect a
+force that changes within the delay has another value, and the springs hold a constant one.
 """
 
 # mypy: allow-untyped-defs
@@ -27,6 +32,7 @@ from plant_sim.summation import plain_dot, plain_sum
 from train_ato.control.algorithms import predictive_plan
 from train_ato.control.algorithms.coupled_units import CoupledUnits
 from train_ato.control.algorithms.predictive_plan import newest_arrived
+from train_ato.control.algorithms.riccati import filter_gain, regulator_gain
 from train_ato.control.parameters import RefusedParameter
 
 if TYPE_CHECKING:
@@ -34,8 +40,16 @@ if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
     from train_ato.messages.types import Array
 
-FILTER = 1.0
-"""Bandwidth of the filter of the deviations over omega_u."""
+POSITION = 0.1
+"""Deviation of a position with the weight 1 [m]."""
+COUPLER = 1e5
+"""Coupler force with the weight 1 [N]."""
+JERK = 0.25
+"""Rate of the command over the mass of a unit with the weight 1 [m/s³]."""
+DRIFT, ACCELERATION, FORCE_CHANGE = 0.1, 0.05, 0.01
+"""Process noise in a second: speed beside v [m/s], acceleration [m/s²], change of d over the mass [m/s²]."""
+POSITION_NOISE, SPEED_NOISE = 0.02, 0.005
+"""Standard deviations of the measurements [m, m/s]."""
 
 
 @compiled(uses=(predictive_plan,))
@@ -65,8 +79,6 @@ class UnitDeviations:
     ----------
     model
         The nominal train.
-    omega
-        omega_u, gain on a deviation of the speed [rad/s].
     period
         Control period [s].
     first_weight
@@ -78,29 +90,31 @@ class UnitDeviations:
         If a vehicle is not driven or a draft gear is not a linear spring without slack.
     """
 
-    def __init__(self, model: TrainModel, omega: float, period: float, first_weight: float) -> None:
+    def __init__(self, model: TrainModel, period: float, first_weight: float) -> None:
         self._units = CoupledUnits(model)
         self._weight: list[float] = self._units.weight.tolist()
         self._offsets = model.offsets
         self._tick, self._lag = model.tick, model.lag
-        self._gains = (omega, 0.25 * omega * omega)
         self._map = self._units.step_matrix(period)
-        self._part = min(1.0, FILTER * omega * period)
+        self._gain = deviation_regulator(self._units, model.lag, period)
+        self._correction = deviation_filter(self._units, period)
         self._mean_weight = first_weight
         self.reset()
 
     def reset(self) -> None:
         """Restart at the next measurement."""
+        n = self._units.n
         self._state: Array | None = None
-        self._applied: Array = np.zeros(self._units.n)
+        self._slow: Array = np.zeros(n)
+        self._applied: Array = np.zeros(n)
 
     @classmethod
-    def of(cls, model: TrainModel, omega: float, period: float, first_weight: float) -> UnitDeviations | None:
-        """Return the damping for a train, or None if the train has no such units."""
+    def of(cls, model: TrainModel, period: float, first_weight: float) -> UnitDeviations | None:
+        """Return the regulator for a train, or None if the train has no such units."""
         if model.n_units < 2:
             return None
         try:
-            return cls(model, omega, period, first_weight)
+            return cls(model, period, first_weight)
         except RefusedParameter:
             return None
 
@@ -118,32 +132,39 @@ class UnitDeviations:
         ticks
             Number of ticks of the longest delay.
         """
-        own = self._between(inputs.disturbance)
-        applied = inputs.applied
+        state = self._estimate(inputs)
+        applied, n = inputs.applied, self._units.n
+        places, speeds = state[:n] - self._offsets, state[n:]
+        if ticks:
+            due = np.empty((ticks, n))
+            commands_due(sent, actuators, self._tick, due)
+            decay = math.exp(-self._tick / self._lag) if self._lag > 0.0 else 0.0
+            lasting = (1.0 - decay) * self._lag / self._tick
+            slow = np.tile(self._slow, (ticks, 1))
+            places, speeds, applied = self._units.predict(
+                places, speeds, applied, due, self._tick, decay, lasting, slow
+            )
+        last = self._between(sent[-1] if len(sent) else applied)
+        deviations = (self._deviations(places + self._offsets), self._deviations(speeds), self._between(applied), last)
+        change = self._gain.dot(np.concatenate(deviations))
+        forces: list[float] = self._between(last - change).tolist()
+        return forces
+
+    def _estimate(self, inputs: LawInput) -> Array:
+        """Advance the filter by a period, correct it by the measurement and return x and v, shape (2 units,)."""
         measured = np.concatenate(
             (self._deviations(inputs.position + self._offsets), self._deviations(inputs.velocity))
         )
         if self._state is None:
             self._state = measured
         else:
-            mean = self._mean_weight * self._applied + (1.0 - self._mean_weight) * applied
-            advanced = self._map.dot(np.concatenate((self._state, self._between(mean) + own)))
-            self._state = advanced + self._part * (measured - advanced)
-        self._applied = applied
-        n = own.size
-        places, speeds = self._state[:n] - self._offsets, self._state[n:]
-        if ticks:
-            due = np.empty((ticks, n))
-            commands_due(sent, actuators, self._tick, due)
-            decay = math.exp(-self._tick / self._lag) if self._lag > 0.0 else 0.0
-            lasting = (1.0 - decay) * self._lag / self._tick
-            places, speeds, _ = self._units.predict(
-                places, speeds, applied, due, self._tick, decay, lasting, np.tile(own, (ticks, 1))
-            )
-        on_speed, on_place = self._gains
-        wanted = on_speed * self._deviations(speeds) + on_place * self._deviations(places + self._offsets)
-        forces: list[float] = (-self._units.mass * wanted - own).tolist()
-        return forces
+            mean = self._mean_weight * self._applied + (1.0 - self._mean_weight) * inputs.applied
+            advanced = self._map.dot(np.concatenate((self._state, self._between(mean) + self._slow)))
+            corrected = self._correction.dot(measured - advanced)
+            self._state = advanced + corrected[: advanced.size]
+            self._slow = self._slow + self._between(corrected[advanced.size :])
+        self._applied = inputs.applied
+        return self._state
 
     def _deviations(self, values: Array) -> Array:
         """Return values of the units minus their mean, weighted by mass, shape (units,)."""
@@ -152,3 +173,28 @@ class UnitDeviations:
     def _between(self, forces: Array) -> Array:
         """Return forces minus those that move the train without deviations [N], shape (units,)."""
         return forces - plain_sum(forces.tolist()) * self._units.weight
+
+
+def deviation_regulator(units: CoupledUnits, lag: float, period: float) -> Array:
+    """Return the gain of the change of the command on x, v, F and the last command, shape (units, 4 units)."""
+    n = units.n
+    step = units.driven_step(lag, period)
+    between = np.eye(n) - np.outer(units.weight, np.ones(n))
+    a = np.zeros((4 * n, 4 * n))
+    a[: 3 * n, : 3 * n], a[: 3 * n, 3 * n :], a[3 * n :, 3 * n :] = step[:, : 3 * n], step[:, 3 * n :], np.eye(n)
+    b = a[:, 3 * n :].dot(between)
+    couplers = units.stiffness[:, None] * (np.eye(n)[:-1] - np.eye(n)[1:])
+    deviation = np.eye(n) - np.outer(np.ones(n), units.weight)
+    cost = np.zeros((4 * n, 4 * n))
+    cost[:n, :n] = deviation.T.dot(deviation) / POSITION**2 + couplers.T.dot(couplers) / COUPLER**2
+    return regulator_gain(a, b, cost, np.diag((units.mass * JERK * period) ** -2.0))
+
+
+def deviation_filter(units: CoupledUnits, period: float) -> Array:
+    """Return the gain of the corrections of x, v and d on the measured deviations, shape (3 units, 2 units)."""
+    n = units.n
+    a = np.eye(3 * n)
+    a[: 2 * n] = units.step_matrix(period)
+    noise = np.repeat([POSITION_NOISE, SPEED_NOISE], n) ** 2.0
+    process = np.concatenate((np.repeat([DRIFT, ACCELERATION], n), FORCE_CHANGE * units.mass)) ** 2.0 * period
+    return filter_gain(a, np.eye(3 * n)[: 2 * n], np.diag(process), np.diag(noise))

@@ -81,7 +81,7 @@ class Twin(PreviewFeedforward):
         t = inputs.t
         self.shoes.demand(t, inputs.pressure)
         if self._ahead is None:
-            self._ahead = AheadTrain(self.model, self.rigid.profile, self.parameters, self._policy, t)
+            self._ahead = AheadTrain(self.model.without_learned, self.rigid.profile, self.parameters, self._policy, t)
         shoes = self.shoes.at(t, inputs.reference.velocity)
         return self.law_input(inputs, t + self.mean_delay(inputs.commands_in_flight), self._read(t), shoes)
 
@@ -111,11 +111,20 @@ class Twin(PreviewFeedforward):
         self._ahead.run(t + self._longest + self.lag, keep_from=t)
         wanted = []
         for unit, (forward, backward) in enumerate(zip(self.forward, self.backward, strict=True)):
-            force = self._ahead.force(unit, t + forward + self.lag)
+            force = self._force(unit, t + forward + self.lag)
             if force < 0.0 and backward != forward:
-                force = min(0.0, self._ahead.force(unit, t + backward + self.lag))
+                force = min(0.0, self._force(unit, t + backward + self.lag))
             wanted.append(force)
         return np.array(wanted)
+
+    def _force(self, unit: int, t: float) -> float:
+        """Return the force of a unit of the twin at a time [s], with its share of the learned force [N]."""
+        assert self._ahead is not None
+        force: float = self._ahead.force(unit, t)
+        if self.model.learned is None:
+            return force
+        share: float = self._share[unit]
+        return force + share * self.model.learned_force(self.rigid.profile.at(t)[0])
 
 
 class AheadTrain:

@@ -23,24 +23,31 @@ linear-quadratic regulator of a double integrator is sqrt(q_v + 2 sqrt(q_p)). De
 
 **Constraints**, all soft, so that the programme always has a solution: force of the envelopes at the speed of the last
 plan at every node, with the running resistance of that speed; |jerk| of the train at most ``jerk``; speed at most the
-limit of the line over the whole train plus ``overspeed``. The brake force ahead has no limit for a train with an air
-brake: its later applications are not in the input of the law.
+limit of the line over the whole train plus ``overspeed``; coupler forces. The brake force ahead has no limit for a
+train with an air brake: its later applications are not in the input of the law.
 The dual is a linear complementarity problem with a constant matrix, solved by block principal pivoting from the last
 active rows (`quadratic_program.py`), at most 200 exchanges. If they are not enough, the last plan goes on; diagnostics
 count it.
+
+**Couplers.** With the share s_j of the force, the part mu_j of the mass and the resistance W_j in front of coupler j,
+the train without waves has the force C_j = (s_j - mu_j) F - (W_j - mu_j W) in it, > 0 draft. |C_j| at most
+``coupler_limit`` for all couplers is a range of F at every node, by grade and speed there (`coupler_limit.py`). Waves
+add to C_j; the shoe force and the disturbance count as proportional to the mass.
 
 **Disturbance and mass.** Three Kalman filters of e_p, e_v, d with bandwidths of ``observer_ratio`` omega and its
 fourth and sixteenth part, weighted by likelihood, and one of the error theta of the mass, with measured noise
 (`motion_observer.py`): offset-free. M/(1 + k theta) replaces M, with k = 1 - P/P_0 from the variance P of theta.
 
 **Units on soft couplers.** If every vehicle is driven and pi/T_w < 3 omega, with the time T_w of a wave through the
-couplers, every unit has a force against its predicted deviation from the mean (`unit_deviations.py`).
+couplers, a Kalman filter estimates the deviations of the units from the mean, and a linear-quadratic regulator on their
+state after the delay adds forces with the sum 0 (`unit_deviations.py`). The observer ratio is then 2.5: disturbances
+that excite the couplers change within the delay.
 
 **Identification.** A bank of 17 factors c on the delays, .4 to 2, each with the gain g by least squares, bounded to
 .5 to 1.5, from measured force and commands (`actuator_identification.py`). If no candidate explains the force to 5 %,
 diagnostics has ``actuator_model: wrong``. Braking below 1 m/s does not count: the holding brake gives that force.
 
-Limits: coupler forces have no limit, and the air brake is only a known force. With hauled vehicles theta is 0. A wrong
+Limits: the air brake is only a known force. With hauled vehicles theta is 0. A wrong
 model of the actuators does not lower the gains. Where other laws are better: one locomotive with 105 wagons (`pid` with
 `twin`), and the stop there (`pid`). A reference with steps of the speed (`freight_consensus` without `realistic`) is
 not tracked. Goals, misses and other solvers: `msgs_docs/mpc_goals.md`, made with `python bench/mpc.py` and
@@ -60,6 +67,7 @@ import numpy as np
 
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
+from train_ato.control.algorithms.coupler_limit import CouplerLimit
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
@@ -78,7 +86,10 @@ if TYPE_CHECKING:
 IDENTIFICATION_SPEED = 1.0
 """Speed below which the electric brake fades and the commands do not explain the force [m/s]."""
 SOFT_COUPLERS = 3.0
-"""Frequency pi/T_w of the slowest wave in the couplers over omega, below which the units are damped one by one."""
+"""Frequency pi/T_w of the slowest wave in the couplers over omega, below which the units have a regulator."""
+SOFT_RATIO = 2.5
+"""Bandwidth of the observer over omega for units on soft couplers: the mean of disturbances that excite the couplers
+changes within the delay, and a fast estimate of it has the wrong phase at the time of effect."""
 
 
 @dataclass(frozen=True)
@@ -89,13 +100,16 @@ class MpcParameters:
         0.0, "rad/s", 0.0, 10.0, "half of the gain on the speed error; 0: from delay, lag and couplers"
     )
     observer_ratio: float = parameter(
-        0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, hauled vehicles .3"
+        0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, soft couplers 2.5, hauled vehicles .3"
     )
     lookahead: float = parameter(120.0, "s", 1.0, 600.0, "length of the horizon")
     nodes: int = parameter(32, "1", 4, 60, "nodes of the decision over the horizon")
     jerk: float = parameter(1.0, "m/s³", 0.01, 1e6, "largest change of the demanded acceleration")
     overspeed: float = parameter(0.1, "m/s", 0.0, 10.0, "permitted excess of a speed limit")
     identify: bool = parameter(True, "", 0, 1, "estimate gain and delay of the actuators")
+    coupler_limit: float = parameter(
+        0.0, "N", 0.0, 1e8, "largest coupler force of the plan for a train without waves; 0: no limit"
+    )
     position_share: float = parameter(0.5, "1", 0.01, 1.0, "a, gain on the position error over omega²")
 
 
@@ -116,12 +130,14 @@ class Mpc(GuardedLaw):
         self._steps = np.concatenate(([0.0 if model.lag else period], np.diff(self._nodes))) + model.lag
         self._identification = ActuatorIdentification(model, period)
         self._models: dict[float, list[HorizonModel]] = {}
-        ratio = p.observer_ratio or (0.3 if self._hauls else 5.0)
-        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
+        self._deviations = UnitDeviations.of(model, period, lag_weight(period, model.lag)) if soft else None
+        ratio = p.observer_ratio or (0.3 if self._hauls else 5.0 if self._deviations is None else SOFT_RATIO)
+        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
         self._weight = lag_weight(period, model.lag)
-        self._deviations = UnitDeviations.of(model, self.omega, period, self._weight) if soft else None
         self._tables = force_tables(model)
+        self._couplers = CouplerLimit(model, p.coupler_limit) if p.coupler_limit else None
+        self._unbounded = np.array([[-np.inf], [np.inf]]).repeat(p.nodes, axis=1)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
         self._drag_slope = drag_slope(model)
         half = model.consist.vehicles[0].length / 2.0
@@ -292,8 +308,8 @@ class Mpc(GuardedLaw):
         drag = (self._beyond_reference, *self._drag_slope)
         bounds(
             at_nodes, reference, self._limits, self._ends, now, errors, (side.response_velocity, self._plan), drag,
-            self._tables, self._inertia, self.parameters.jerk, self._steps, disturbance, rise,
-            float(required[self._ticks]), allowed,
+            self._tables, self._within_couplers(reference + errors), self._inertia, self.parameters.jerk, self._steps,
+            disturbance, rise, float(required[self._ticks]), allowed,
         )  # fmt: skip
         gradients = (side.gradient_position, side.gradient_velocity)
         exchanges = decide(
@@ -308,6 +324,18 @@ class Mpc(GuardedLaw):
             self._most_exchanges = max(self._most_exchanges, exchanges)
             self._limited_steps += bool(self._active.any())
         return feedforward + self._inertia * (float(self._plan[0]) - disturbance)
+
+    def _within_couplers(self, motion: Array) -> Array:
+        """Return the smallest and largest total force at the nodes for the coupler forces [N], shape (2, nodes).
+
+        The couplers do not limit later brake forces of a train with an air brake, as the envelopes do not.
+        """
+        if self._couplers is None:
+            return self._unbounded
+        found = self._couplers.force_range(motion[0], motion[1])
+        if self.model.air_brake is not None:
+            found[0, 1:] = -np.inf
+        return found
 
 
 def _through_lag(table: list[float], place: float, lag: float) -> float:

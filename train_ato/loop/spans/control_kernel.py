@@ -33,7 +33,7 @@ def _envelope(rows, first, end, speed):
 
 
 @compiled
-def _opposing(measured, beside, springs, own, table, shoes, inputs):
+def _opposing(measured, beside, springs, own, table, learned, shoes, inputs):
     """Write the forces against the motion of every unit's vehicle [N], for position and speed of the inputs."""
     sensors = len(measured)
     for u in range(len(beside)):
@@ -55,6 +55,9 @@ def _opposing(measured, beside, springs, own, table, shoes, inputs):
         place = (inputs[c.POSITION, u] - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
         inputs[c.COUPLERS, u] = pull
         inputs[c.RESISTANCE, u] = running + own[u, MASS] * c.between_entries(table, place)
+        if len(learned):
+            place = (inputs[c.POSITION, u] + own[u, OFFSET] - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
+            inputs[c.RESISTANCE, u] += own[u, MASS] * c.between_entries(learned, place)
         inputs[c.SHOES, u] = shoes[1 + u]
 
 
@@ -85,7 +88,7 @@ def observe(tick, coupler_forces, own, tables, observing, inputs, now):
     if len(slow):
         _observed_shoes(slow[tick], vehicles, inputs[c.VELOCITY, 0], shoes, forces)
     now[c.LINE_FORCE], now[c.TRAIN_SHOE_FORCE] = _line_force(inputs, own, tables[1]), shoes[0]
-    _opposing(coupler_forces, beside, springs, own, tables[0], shoes, inputs)
+    _opposing(coupler_forces, beside, springs, own, tables[0], tables[2], shoes, inputs)
     observers_code.estimate(observer, constant, state, inputs, now, estimates[tick])
     for u in range(inputs.shape[1]):
         if not abs(estimates[tick, u]) < MAX_FORCE:
@@ -162,7 +165,7 @@ def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, histo
             t, predicting[0], predicting[1], predicting[2], history, line_force, shoes[tick, 0], inputs
         )
     now[c.LINE_FORCE] = _line_force(inputs, own, tables[1])
-    _opposing(coupler_forces, beside, springs, own, tables[0], shoes[tick], inputs)
+    _opposing(coupler_forces, beside, springs, own, tables[0], tables[2], shoes[tick], inputs)
     if not _is_valid(inputs, now):
         return -1
     laws_code.demand(number, constant, state, inputs, now, wanted)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from plant_sim import kernel as k
+from train_ato.loop.plant import TOTALS
 from train_ato.loop.recording import (
     ATO_STATE,
     BRAKE_PIPE,
@@ -27,6 +28,7 @@ from train_ato.loop.recording import (
     TRUTH,
 )
 from train_ato.loop.recording_builder import RecordingBuilder
+from train_ato.loop.repeated_reports import RepeatedReport
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervised import SupervisionArrays
 from train_ato.loop.spans.supervision_messages import BRAKE_RELEASE, ODOMETRY, PROTECTION, SupervisionMessages
@@ -48,8 +50,8 @@ from train_ato.messages.types import (
 )
 
 Publish = Callable[[int, Published], None]
-Reports = tuple[Diagnostic | None, ...]
-"""Diagnostics of plant, supervisor, profile, observer and controller at a tick; None for one without."""
+NODES = ("plant", "supervisor", "profile", "observer", "controller")
+"""Nodes with diagnostics, in the order of their messages in a tick."""
 
 
 @dataclass
@@ -151,8 +153,7 @@ class SpanMessages:
             recording.extend_rows(topic, self._stamps, kept)
         if self._supervision is not None:
             self._supervision.record(recording)
-        reports = self._reports
-        recording.extend((DIAGNOSTICS, report) for index in sorted(reports) for report in reports[index] if report)
+        recording.extend_reports(self._reports)
 
     def block(self) -> TickBlock:
         """Return the messages as arrays, with those that are not of every tick between them."""
@@ -160,12 +161,13 @@ class SpanMessages:
         numbers = {} if self._supervision is None else self._supervision.numbers
         between: dict[int, list[tuple[int, str, Any]]] = {}
         before = [place[topic] for topic in (MEASUREMENT, REFERENCE, REFERENCE, ESTIMATE, COMMAND)]
-        for index in sorted({*self._reports, *numbers}):
-            reports = self._reports.get(index, (None,) * 5)
-            diagnostics = [
-                [(at, DIAGNOSTICS, report)] if report else [] for at, report in zip(before, reports, strict=True)
-            ]
-            plant, supervisor, profile, observer, controller = diagnostics
+        found_reports = self._reports_by_tick()
+        for index in sorted({*found_reports, *numbers}):
+            reports = found_reports.get(index, {})
+            plant, supervisor, profile, observer, controller = (
+                [(at, DIAGNOSTICS, reports[node])] if node in reports else []
+                for at, node in zip(before, NODES, strict=True)
+            )
             found: list[tuple[int, str, Any]] = [*plant]
             ato = []
             if index in numbers:
@@ -183,12 +185,12 @@ class SpanMessages:
 
     def publish(self, publish: Publish) -> None:
         """Publish the messages tick by tick, in the order of the loop."""
-        diagnostics, none = self._reports, ((),) * 5
+        diagnostics = self._reports_by_tick()
         numbers = {} if self._supervision is None else dict(self._supervision.numbers)
         for index, stamp in enumerate(self._stamps.tolist()):
-            reports = diagnostics.get(index)
+            reports = diagnostics.get(index, {})
             plant, supervisor, profile, observer, controller = (
-                none if reports is None else [[(DIAGNOSTICS, report)] if report else () for report in reports]
+                [(DIAGNOSTICS, reports[node])] if node in reports else () for node in NODES
             )
             step = None if self._supervision is None or index not in numbers else self._supervision.at(numbers[index])
             messages = [*self._of_train(stamp, index), *plant]
@@ -274,30 +276,33 @@ class SpanMessages:
         return published
 
     @cached_property
-    def _reports(self) -> dict[int, Reports]:
-        """Diagnostics by the number of their tick."""
-        stages, stack, arrays = self._stages, self._stack, self._arrays
-        due = np.flatnonzero(self._stamps % SECOND_NS < self._tick).tolist()
-        supervisor = {} if self._supervision is None else self._supervision.reports
-        found: dict[int, Reports] = {index: (None, report, None, None, None) for index, report in supervisor.items()}
-        totals = self._train.totals_at_each(*(values[: len(due)] for values in arrays.reports))
-        observer: Diagnostic | None = None
-        controllers: dict[int, Diagnostic | None] = {}
-        for index, sums in zip(due, totals, strict=True):
-            stamp, at_limit = int(self._stamps[index]), int(arrays.at_limit[index + 1])
-            plant = stages.plant.diagnostic_at(stamp, sums)
-            observer = stages.observer.diagnostic(stamp) if observer is None else _at_stamp(observer, stamp)
-            controller = controllers.get(at_limit)
-            if controller is None:
-                now, stack._saturated_steps = stack._saturated_steps, at_limit
-                controller = controllers[at_limit] = stages.controller.diagnostic(stamp)
-                stack._saturated_steps = now
-            else:
-                controller = _at_stamp(controller, stamp)
-            found[index] = (plant, supervisor.get(index), stages.profile.diagnostic(stamp), observer, controller)
+    def _reports(self) -> list[RepeatedReport]:
+        """Diagnostics of the nodes in their order."""
+        stages, arrays, supervision = self._stages, self._arrays, self._supervision
+        due = self._stamps % SECOND_NS < self._tick
+        reports = [] if supervision is None else supervision.reports
+        if not due.any():
+            return reports
+        stamps, first = self._stamps[due].tolist(), int(self._stamps[due][0])
+        totals = self._train.totals_at_each(*(values[: len(stamps)] for values in arrays.reports))
+        numbers = {key: totals[attribute] for key, attribute in TOTALS}
+        plant = stages.plant.diagnostic_at(first, {attribute: column[0] for attribute, column in totals.items()})
+        profile, observer = stages.profile.diagnostic(first), stages.observer.diagnostic(first)
+        controller = stages.controller.diagnostic(first)
+        assert controller is not None
+        return [
+            RepeatedReport(plant, stamps, numbers),
+            *reports,
+            RepeatedReport(profile, stamps, {"remaining": [stages.profile.remaining(stamp) for stamp in stamps]}),
+            RepeatedReport(observer, stamps),
+            RepeatedReport(controller, stamps, {"saturated_steps": arrays.at_limit[1 : self._done + 1][due].tolist()}),
+        ]
+
+    def _reports_by_tick(self) -> dict[int, dict[str, Diagnostic]]:
+        """Return the diagnostics by the number of their tick and by node."""
+        found: dict[int, dict[str, Diagnostic]] = {}
+        first = int(self._stamps[0])
+        for reports in self._reports:
+            for report in reports.all():
+                found.setdefault((report.stamp - first) // self._tick, {})[report.node] = report
         return found
-
-
-def _at_stamp(report: Diagnostic, stamp: int) -> Diagnostic:
-    """Return the same diagnostics at another stamp [ns]."""
-    return Diagnostic(stamp, report.node, report.level, report.message, dict(report.values))

@@ -264,7 +264,7 @@ class _Span:
         self._plant.tick += done
 
 
-def _model_arrays(setup: RunSetup) -> tuple[Array, tuple[Array, Array], Array, Any]:
+def _model_arrays(setup: RunSetup) -> tuple[Array, tuple[Array, Array, Array], Array, Any]:
     """Return the constants of the nominal model.
 
     Returns
@@ -272,7 +272,8 @@ def _model_arrays(setup: RunSetup) -> tuple[Array, tuple[Array, Array], Array, A
     own : Array, shape (units, 8)
         Constants of every unit's vehicle and of the line, by the names in the kernel.
     tables : tuple of Array
-        Line force per mass [N/kg] and on the whole train [N], on the grid of the model.
+        Line force per mass [N/kg], on the whole train [N], and its learned part per mass [N/kg], empty without one, on
+        the grid of the model.
     segments : Array, shape (segments, 4)
         Segments of all envelopes.
     bounds : Array of int, shape (units, 4)
@@ -289,5 +290,5 @@ def _model_arrays(setup: RunSetup) -> tuple[Array, tuple[Array, Array], Array, A
         segments += [brake.rows, traction.rows]
         bounds.append((end, middle, middle, last))
         end = last
-    tables = (np.array(model._specific), np.array(model._total))
+    tables = (np.array(model._specific), np.array(model._total), np.array(model._learned))
     return np.array(rows, dtype=np.float64), tables, np.concatenate(segments), np.array(bounds, dtype=np.int64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from train_ato.loop.recording import ATO_STATE, SUPERVISED_SPEEDS
 from train_ato.loop.recording_builder import RecordingBuilder
+from train_ato.loop.repeated_reports import RepeatedReport
 from train_ato.loop.spans import supervision_kernel as s
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervised import SupervisionArrays
@@ -18,7 +20,6 @@ from train_ato.messages.types import (
     AtoReport,
     AtoState,
     BrakeRelease,
-    Diagnostic,
     Odometry,
     ProtectionState,
     SupervisedSpeeds,
@@ -59,8 +60,8 @@ class SupervisionMessages:
     ----------
     ticks : Array of int, shape (steps,)
         Numbers of the ticks with a step.
-    reports : dict of Diagnostic
-        Diagnostics of the supervisor by the number of their tick.
+    reports : list of RepeatedReport
+        Diagnostics of the supervisor.
     """
 
     def __init__(self, stages: Stages, arrays: SupervisionArrays, stamps: NDArray[np.int64], measured: Array) -> None:
@@ -177,13 +178,16 @@ class SupervisionMessages:
         speeds = SupervisionSpeeds(*self._steps[number, s.STEP_LIMITS : s.STEP_LIMITS + 4].tolist())
         return SupervisionDecision(self._states[number], self._reasons[number], speeds, self._motion(number))
 
-    def _diagnostics(self) -> dict[int, Diagnostic]:
-        """Return the diagnostics by the number of their tick: once a second, and after a change of the state."""
-        found, before = {}, self._stage._reported
+    def _diagnostics(self) -> list[RepeatedReport]:
+        """Return the diagnostics: once a second, and after a change of the state."""
         due = (self._stamps % SECOND_NS < self._period).tolist()
-        for number, state in enumerate(self._states):
-            if due[number] or state is not before:
-                report = self._stage._diagnostic(int(self._stamps[number]), self._decision(number))
-                found[int(self.ticks[number])] = report
-            before = state
+        before = [self._stage._reported, *self._states]
+        steps = [number for number, state in enumerate(self._states) if due[number] or state is not before[number]]
+        found = []
+        for _, group in groupby(steps, key=lambda number: (self._states[number], self._reasons[number])):
+            same = list(group)
+            stamps, rows = self._stamps[same].tolist(), self._steps[same]
+            first = self._stage._diagnostic(stamps[0], self._decision(same[0]))
+            columns = {"front": s.STEP_FRONT, "position_error": s.STEP_ERROR, "acceleration": s.STEP_ACCELERATION}
+            found.append(RepeatedReport(first, stamps, {key: rows[:, at].tolist() for key, at in columns.items()}))
         return found

@@ -15,6 +15,7 @@ from plant_sim.line import Line
 from train_ato.messages.types import Array
 from train_ato.profile.knots import knot_count
 from train_ato.profile.planner.driving_strategy import DrivingStrategy, SectionInputs, SectionKnots
+from train_ato.profile.planner.jerk_limit import fit_jerk_limit
 from train_ato.profile.planner.net_energy import weighted_energy
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.settings import PlanSettings
@@ -134,7 +135,7 @@ def assemble_plan(
         if number:
             start = departures(number, arrivals[-1][1])
             arrivals[-1] = (*arrivals[-1][:2], start)
-        section.fit_jerk_limit(start, period, strategy)
+        fit_jerk_limit(section, start, period, strategy)
         history = section.history(strategy)
         times, end = section.times(start, period, history)
         knots_of.append((times, section.knots(times, start, history)))

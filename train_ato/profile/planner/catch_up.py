@@ -10,7 +10,8 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.profile.planner.assembly import Plan
 from train_ato.profile.planner.driving_strategy import SectionInputs
-from train_ato.profile.planner.journey_plan import JourneyPlanner, JourneyStart, Lateness
+from train_ato.profile.planner.journey_plan import JourneyPlanner, JourneyStart
+from train_ato.profile.planner.journey_windows import Lateness
 from train_ato.profile.planner.plan_from_state import STOP_TOLERANCE, TrainState, relaxed_settings
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.stops import stops_of

@@ -14,6 +14,7 @@ from plant_sim.line import Line
 from train_ato.messages.types import Array
 from train_ato.profile.planner.assembly import Plan, assemble_plan
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs
+from train_ato.profile.planner.journey_windows import WINDOW_TOLERANCE, Lateness, lateness_at, timed_place
 from train_ato.profile.planner.passes import traction_floor
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.time_windows import Leg, TimedPlace, WindowSearch, fastest_times
@@ -22,8 +23,6 @@ from train_ato.profile.planner.train_tables import SPEED_STEP
 
 MAX_ROUNDS = 6
 """Searches for the strategies, each with the windows and reserves of the previous plan."""
-WINDOW_TOLERANCE = 0.05
-"""Time by which a window may be missed because of rounding [s]."""
 SPEED_TOLERANCE = 0.03
 """Speed by which a speed window may be missed because of rounding [m/s]."""
 NOTCH_SLOPE, NOTCH_MARGIN = 1.0, 6.0
@@ -51,22 +50,6 @@ class JourneyStart:
     speed: float = 0.0
     acceleration: float = 0.0
     first_knot: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Lateness:
-    """A window that cannot be kept: label of the point, name of the window, its time and the earliest possible [s]."""
-
-    label: str
-    window: str
-    latest: float
-    possible: float
-
-    def __str__(self) -> str:
-        return (
-            f"timing point {self.label}: latest {self.window} {self.latest:.1f} s cannot be kept, the earliest is "
-            f"{self.possible:.1f} s; add {self.possible - self.latest:.1f} s"
-        )
 
 
 def plan_journey(inputs: SectionInputs, line: Line, points: tuple[TimingPoint, ...], period: float) -> Plan:
@@ -122,7 +105,7 @@ class JourneyPlanner:
         self, inputs: SectionInputs, line: Line, points: tuple[TimingPoint, ...], start: JourneyStart, period: float
     ) -> None:
         self._inputs, self._line, self._points, self._start, self._period = inputs, line, points, start, period
-        self._places = [TimedPlace(start.place, 0.0, np.inf), *(_timed_place(point, points[-1]) for point in points)]
+        self._places = [TimedPlace(start.place, 0.0, np.inf), *(timed_place(point, points[-1]) for point in points)]
         self._legs = self._sections()
 
     def plan(self, fastest_if_late: bool = False) -> tuple[Plan, Lateness | None]:
@@ -245,14 +228,14 @@ class JourneyPlanner:
         """Return the first window whose latest time is before the earliest possible one."""
         for point, place, time in zip(self._points, self._places[1:], times[1:].tolist(), strict=True):
             if time > place.latest + WINDOW_TOLERANCE:
-                return _lateness(point, place, time, point is self._points[-1])
+                return lateness_at(point, place, time, point is self._points[-1])
         return None
 
     def _missed(self, result: Plan, times: Array, late_accepted: bool) -> str | None:
         """Return the first missed window of a plan in one line; None if it keeps all."""
         for point, place, time in zip(self._points, self._places[1:], times[1:].tolist(), strict=True):
             if time > place.latest + WINDOW_TOLERANCE and not late_accepted:
-                return str(_lateness(point, place, time, point is self._points[-1]))
+                return str(lateness_at(point, place, time, point is self._points[-1]))
             if time < place.earliest - WINDOW_TOLERANCE:
                 return (
                     f"timing point {point.label}: earliest time {place.earliest:.1f} s cannot be kept, the train is "
@@ -271,44 +254,3 @@ class JourneyPlanner:
                     f"has {3.6 * speed:.1f} km/h; increase it"
                 )
         return None
-
-
-def _timed_place(point: TimingPoint, final: TimingPoint) -> TimedPlace:
-    """Return the single window of a timing point, that of its departure, of passing, or of the last arrival.
-
-    Raises
-    ------
-    ValueError
-        If dwell time and windows of a stop contradict each other.
-    """
-    if not point.stops and point is not final:
-        window = point.passing or TimeWindow()
-        return TimedPlace(point.at, window.earliest or 0.0, _or_never(window.latest))
-    arrival, departure = point.arrival or TimeWindow(), point.departure or TimeWindow()
-    if point is final:
-        return TimedPlace(point.at, arrival.earliest or 0.0, _or_never(arrival.latest))
-    dwell = point.dwell or 0.0
-    after = departure.earliest or 0.0
-    dwell = max(dwell, after - _or_never(arrival.latest))
-    earliest = max(after, (arrival.earliest or 0.0) + dwell)
-    latest = min(_or_never(departure.latest), _or_never(arrival.latest) + dwell)
-    if earliest > latest + WINDOW_TOLERANCE:
-        raise ValueError(
-            f"timing point {point.label}: with a dwell time of {dwell:.1f} s the earliest departure is {earliest:.1f} "
-            f"s, the latest {latest:.1f} s; widen its windows or reduce the dwell time"
-        )
-    return TimedPlace(point.at, earliest, latest, dwell, after)
-
-
-def _lateness(point: TimingPoint, place: TimedPlace, time: float, is_last: bool) -> Lateness:
-    """Return the exceeded window of a point; of a stop its arrival, if that is the narrower one."""
-    if not point.stops and not is_last:
-        return Lateness(point.label, "passing", place.latest, time)
-    departure = point.departure or TimeWindow()
-    if not is_last and departure.latest is not None and departure.latest <= place.latest:
-        return Lateness(point.label, "departure", place.latest, time)
-    return Lateness(point.label, "arrival", place.latest - place.dwell, time - place.dwell)
-
-
-def _or_never(time: float | None) -> float:
-    return np.inf if time is None else time

@@ -1,7 +1,7 @@
 """Solution of one section between two stops: the fastest one within limits, forces and comfort.
 
-The passes find v²/2 over the place without a jerk limit.  A moving average over time then limits the jerk.  Window and
-reserves of the average are increased until the averaged section keeps every limit at the knots.
+The passes find v²/2 over the place without a jerk limit.  A moving average over time then limits the jerk; its window
+and reserves come from :mod:`train_ato.profile.planner.jerk_limit`.
 """
 
 from __future__ import annotations
@@ -17,17 +17,10 @@ from train_ato.profile.planner.dynamic_programming import CoarseGrid, Resolution
 from train_ato.profile.planner.force_reserve import ForceReserve
 from train_ato.profile.planner.line_tables import PlaceGrid
 from train_ato.profile.planner.passes import backward, durations, flatten_peaks, forward, sliding_extreme
-from train_ato.profile.planner.smoothing import largest_acceleration_change, moving_average, time_history
+from train_ato.profile.planner.smoothing import moving_average, time_history
 from train_ato.profile.planner.train_tables import SPEED_STEP
 
 __all__ = ["PlanSection"]
-
-MAX_ROUNDS = 25
-"""Rounds of the search for window and reserves of the moving average."""
-HOLDING_BRAKE_SPEED = 0.05
-"""Speed below which the holding brake acts and the brake envelope is not checked [m/s]."""
-TOLERANCE = 1e-6
-"""Relative excess of a force or limit that counts as rounding."""
 
 
 @dataclass
@@ -48,6 +41,8 @@ class PlanSection:
         Window of the moving average [s]; 0 without a jerk limit.
     limit_extension : float
         Factor on the time by which limits start earlier and end later.
+    fastest_speed : pair of arrays, optional
+        Places [m] and speeds [m/s] of the fastest run without a jerk limit; None before the window is known.
     """
 
     inputs: SectionInputs
@@ -60,9 +55,9 @@ class PlanSection:
     accept_overspeed: bool = False
     window: float = 0.0
     limit_extension: float = 1.0
+    fastest_speed: tuple[Array, Array] | None = None
     _tables: SectionTables | None = None
     _tables_key: tuple[float, ...] = ()
-    _fastest_speed: tuple[Array, Array] | None = None
     _grid: PlaceGrid | None = None
     _reserve: ForceReserve | None = None
 
@@ -165,58 +160,6 @@ class PlanSection:
         """Return the running time of the section [s]."""
         return float(durations(self.energy_profile(strategy), self.grid.steps).sum()) + self.window
 
-    def fit_jerk_limit(self, start: float, period: float, strategy: DrivingStrategy = MINIMUM_TIME) -> None:
-        """Increase window, reserves and limit extension until the averaged section keeps every limit at the knots.
-
-        Parameters
-        ----------
-        start
-            Time of the first movement [s]; knots are at the multiples of ``period``.
-
-        Raises
-        ------
-        ValueError
-            If there is no solution.
-        """
-        jerk = self.inputs.settings.jerk
-        if jerk is None:
-            self.energy_profile(strategy)
-            return
-        if self.window <= 0:
-            self._set_first_window(jerk)
-        shortfall = 0.0
-        for _ in range(MAX_ROUNDS):
-            try:
-                history = self._over_time(self.energy_profile(strategy))
-            except ValueError:
-                if shortfall <= 0.0:
-                    raise
-                break  # the reserves leave no solution: the place in that message is not the cause
-            change = largest_acceleration_change(history, self.window)
-            if change > jerk * self.window * (1 + TOLERANCE):
-                self.window = max(self.window * 1.01, change / jerk * (1 + TOLERANCE / 2))
-                continue
-            knots = self.knots(self.times(start, period, history)[0], start, history)
-            excess, overspeed = self._exceedance(knots)
-            shortfall = float(excess.max(initial=0.0))
-            if max(shortfall, overspeed) <= TOLERANCE:
-                return
-            if shortfall > TOLERANCE:
-                self._reserved.raise_at(knots.place, knots.speed * (self.window / 2 + period), excess)
-            if overspeed > TOLERANCE:
-                self.limit_extension *= 1.25
-        raise ValueError(
-            f"no solution from km {self.begin / 1000:.3f} to km {self.end / 1000:.3f} within jerk {jerk:g} m/s³ and "
-            f"the forces (short by {100 * shortfall:.1f} %); increase jerk or reduce force_margin"
-        )
-
-    def _set_first_window(self, jerk: float) -> None:
-        """Set the window from the largest acceleration without a jerk limit."""
-        energy = self.energy_profile()
-        self._fastest_speed = (self.grid.places, np.sqrt(2 * energy))
-        history = self._over_time(energy)
-        self.window = max(float(np.abs(history[4]).max()), abs(self.begin_acceleration)) / jerk
-
     def times(self, start: float, period: float, history: Array) -> tuple[Array, float]:
         """Return the multiples of the period within the section, and the time of its end [s]."""
         end = start + float(history[0, -2]) + self.window
@@ -243,38 +186,24 @@ class PlanSection:
 
     def history(self, strategy: DrivingStrategy = MINIMUM_TIME) -> Array:
         """Return the solution without a jerk limit over time, see :func:`.smoothing.time_history`."""
-        return self._over_time(self.energy_profile(strategy))
+        return self.over_time(self.energy_profile(strategy))
 
-    def _over_time(self, energy: Array) -> Array:
+    def over_time(self, energy: Array) -> Array:
+        """Return v²/2 at the places of the grid [m²/s²] over time, see :func:`.smoothing.time_history`."""
         places, window = self.grid.places, self.window
         return np.asarray(time_history(energy, places, window, self.lead_acceleration, window, 10.0 + window))
 
     @property
-    def _reserved(self) -> ForceReserve:
+    def reserve(self) -> ForceReserve:
+        """Reserves of traction and brakes for the averaging, by place."""
         if self._reserve is None:
             self._reserve = ForceReserve(PlaceGrid(self.begin, self.end))
         return self._reserve
 
-    def _exceedance(self, knots: SectionKnots) -> tuple[Array, float]:
-        """Return the relative excess of traction and brake force at every knot, shape (2, n), and of the speed."""
-        train, settings = self.inputs.train, self.inputs.settings
-        traction, electric, air = train.forces_at(knots.speed)
-        keep = 1.0 - settings.force_margin
-        driven = (knots.force > 1.0) & (knots.speed > 1e-6)
-        braked = (knots.force < -1.0) & (knots.speed > HOLDING_BRAKE_SPEED)
-        if self.begin_speed > 0:  # the initial acceleration cannot change at once
-            settled = knots.place > self.grid.begin + self.begin_speed * self.window
-            driven, braked = driven & settled, braked & settled
-        up = np.where(driven, knots.force / (keep * traction + 1e-3) - 1.0, 0.0)
-        down = np.where(braked, -knots.force / (keep * (electric + air) + 1e-3) - 1.0, 0.0)
-        limit = self.inputs.limits.at(knots.place, train.length)
-        over = 0.0 if self.accept_overspeed else float(np.max(knots.speed / limit, initial=0.0)) - 1.0
-        return np.maximum(np.stack((up, down)), 0.0), over
-
     @property
     def tables(self) -> SectionTables:
         """Return the tables for the present window, reserves and limit extension."""
-        key = (self.window, self._reserved.changes, self.limit_extension)
+        key = (self.window, self.reserve.changes, self.limit_extension)
         if self._tables is not None and key == self._tables_key:
             return self._tables
         grid, train = self.grid, self.inputs.train
@@ -283,8 +212,8 @@ class PlanSection:
         placed = self._placed(grid, low)
         if placed is not None:
             mean, high = mean + placed[2], high + placed[2]
-        if self.window > 0 and self._fastest_speed is not None:
-            speed = np.interp(grid.places, *self._fastest_speed)
+        if self.window > 0 and self.fastest_speed is not None:
+            speed = np.interp(grid.places, *self.fastest_speed)
             width = np.maximum(speed[1:], speed[:-1]) * self.window / 2 + rate * self.window**2 / 8
             low = sliding_extreme(low, width, grid.places, False)
             high = sliding_extreme(high, width, grid.places, True)
@@ -295,7 +224,7 @@ class PlanSection:
         if self.ceiling is not None:
             limit = np.minimum(limit, np.interp(grid.places, self.ceiling[0], self.ceiling[1] ** 2 / 2))
         rates = acceleration_table(train, self.inputs.settings, self.window)
-        reserves = np.stack(self._reserved.over(grid))
+        reserves = np.stack(self.reserve.over(grid))
         if placed is not None:
             reserves = 1.0 - (1.0 - reserves) * (1.0 - placed[:2])
         self._tables, self._tables_key = SectionTables(limit, low, mean, high, rates, *reserves), key

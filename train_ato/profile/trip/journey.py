@@ -6,6 +6,7 @@ the recharge pause are an extension for long trains with an automatic air brake.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,8 @@ Tables = tuple[Array, Array, Array, Integers, Array, Array]
 """Arguments of the compiled search: cells, drives, shoes, ranges, couplers, constants."""
 QUASI_STATIC = 0.75
 """Part of the largest coupler force permitted in the first search; the rest is for the motion between the vehicles."""
+SUPPLIES = 6
+"""Number of supplies in the search of a train with exhaustible reservoirs."""
 APPLICATION_PRICE = 5e6
 """Price of an application [J]: of two journeys of nearly equal energy, the one with fewer applications is chosen."""
 
@@ -41,11 +44,14 @@ class Application:
         Places of vehicle 0's centre [m].
     reduction : float
         Reduction of the brake pipe [Pa].
+    supply : float
+        Mean filling of the reservoirs at the begin: the part of the full shoe force with which it brakes.
     """
 
     apply: float
     release: float
     reduction: float
+    supply: float
 
 
 @dataclass(frozen=True)
@@ -97,6 +103,7 @@ class JourneySearch:
         self._coupler_limit = quasi_static * settings.coupler_max
         self._train, self._settings = train, settings
         self._shoes, self._ranges = _brake_states(train, settings.air_brake.pause)
+        self._supplies = _supplies(train, self._shoes, self._ranges)
         self._cells = np.vstack((train.line_force, train.limit[1:], train.couplers.line_force))
         self._drives = np.stack((train.traction, train.brake, train.running))
 
@@ -109,6 +116,9 @@ class JourneySearch:
         constant[s.OLDEST] = np.ceil(settings.air_brake.min_application / AGE_STEP)
         constant[s.RELEASE_SPEED] = settings.air_brake.min_release_speed
         constant[s.COUPLER_LIMIT] = self._coupler_limit
+        if self._supplies.size > 1:
+            constant[[s.LEAST_SUPPLY, s.SUPPLY_GRID]] = self._supplies[0], self._supplies[1] - self._supplies[0]
+            constant[[s.RECHARGE, s.WAVE_LOSS]] = train.reservoirs.recharge, train.reservoirs.wave_loss
         return constant
 
     def journey(self, price: float) -> Journey:
@@ -121,16 +131,16 @@ class JourneySearch:
         """
         constant = self._constants(price)
         tables = (self._cells, self._drives, self._shoes, self._ranges, self._train.couplers.constant, constant)
-        value = s.solve_values(LEVELS, *tables)
+        value = s.solve_values(self._supplies, LEVELS, *tables)
         return self._forward(value, tables)
 
     def _forward(self, value: Array, tables: Tables) -> Journey:
         train = self._train
-        speed, state, time = 0.0, 0.0, 0.0
+        speed, state, supply, time = 0.0, 0.0, 1.0, 0.0
         rows: list[tuple[float, float, float, float]] = []
-        changes: list[tuple[float, float]] = []
+        changes: list[tuple[float, float, float]] = []
         for k in range(train.cells):
-            state, cost, force, after = self._decide(speed, k, state, value[k + 1], tables)
+            state, cost, force, after = self._decide(speed, k, state, supply, value[k + 1], tables)
             if cost >= s.IMPOSSIBLE:
                 raise ValueError(
                     f"no journey beyond km {train.place(k) / 1e3:.2f}: traction or brakes are too weak there; permit "
@@ -138,10 +148,11 @@ class JourneySearch:
                 )
             reduction = self._reduction_of(state)
             if reduction != (changes[-1][1] if changes else 0.0):
-                changes.append((train.place(k), reduction))
-            shoe = float(np.interp(state, np.arange(self._shoes.shape[1]), self._shoes[s.SHOE_FORCE]))
+                changes.append((train.place(k), reduction, supply))
+            shoe = supply * float(np.interp(state, np.arange(self._shoes.shape[1]), self._shoes[s.SHOE_FORCE]))
             rows.append((speed, time, force, shoe))
             duration = 2.0 * train.cell / (speed + after)
+            supply = s.later_supply(state, supply, duration, self._shoes, self._ranges, tables[-1])
             state = s.older_state(state, duration, self._ranges, AGE_STEP)
             speed, time = after, time + duration
         table = np.array(rows)
@@ -152,7 +163,7 @@ class JourneySearch:
         )  # fmt: skip
 
     def _decide(
-        self, speed: float, k: int, state: float, value: Array, tables: Tables
+        self, speed: float, k: int, state: float, supply: float, value: Array, tables: Tables
     ) -> tuple[float, float, float, float]:
         """Return brake state, cost [J], force [N] and next speed [m/s] of the best continuation."""
         constant = tables[-1]
@@ -165,7 +176,7 @@ class JourneySearch:
                 choices.append((float(row[s.RELEASED_FIRST]), 0.0))
         found = []
         for choice, price in choices:
-            cost, force, after = s.best_force(speed, k, choice, value, FINE_LEVELS, *tables)
+            cost, force, after = s.best_force(speed, k, choice, supply, value, FINE_LEVELS, *tables)
             found.append((choice, cost + price, force, after))
         return min(found, key=lambda row: row[1])
 
@@ -180,10 +191,11 @@ class JourneySearch:
 def _brake_states(train: ReducedTrain, pause: float) -> tuple[Array, Integers]:
     """Return the rows of the brake states for the search and the ranges of the states.
 
-    The rows are the shoe force at standstill, that of the complete application, and those in front of the couplers [N].
+    The rows are the shoe force at standstill with full reservoirs, that of the complete application, the part of the
+    supply that this application uses, and the forces in front of the couplers [N].
     """
     none = np.zeros((1, len(train.couplers.numbers)))
-    force, ahead, largest, ranges = [0.0], [none], [1.0], []
+    force, ahead, largest, used, ranges = [0.0], [none], [1.0], [0.0], []
     for response in train.responses:
         count = max(response.release.size, int(np.ceil(pause / AGE_STEP)) + 1)
         longer = count - response.release.size
@@ -193,13 +205,27 @@ def _brake_states(train: ReducedTrain, pause: float) -> tuple[Array, Integers]:
         force += [*response.apply.tolist(), *response.release.tolist(), *[0.0] * longer]
         ahead += [response.apply_ahead, response.release_ahead, np.repeat(none, longer, axis=0)]
         largest += [float(response.apply[-1])] * (response.apply.size + count)
-    rows = np.vstack(([*force, 0.0], [*largest, 1.0], np.vstack([*ahead, none]).T))
+        used += [response.used] * (response.apply.size + count)
+    rows = np.vstack(([*force, 0.0], [*largest, 1.0], [*used, 0.0], np.vstack([*ahead, none]).T))
     return rows, np.array(ranges, dtype=np.int64).reshape(-1, 4)
 
 
-def _applications(changes: list[tuple[float, float]]) -> tuple[Application, ...]:
-    """Return the applications of changes of the reduction [m, Pa]."""
+def _supplies(train: ReducedTrain, shoes: Array, ranges: Integers) -> Array:
+    """Return the supplies of the search, from that of endless applications with the shortest pause to 1."""
+    if train.reservoirs.recharge == 0.0 or not len(ranges):
+        return np.ones(1)
+    lowest = 1.0
+    for row in ranges.tolist():
+        pause = AGE_STEP * (row[s.RELEASED_LAST] - row[s.RELEASED_FIRST])
+        missing = min(train.reservoirs.wave_loss * math.exp(-pause / train.reservoirs.recharge), 1.0)
+        left = 1.0 - float(shoes[s.USED, row[s.APPLIED_FIRST]])
+        lowest = min(lowest, (1.0 - missing) / (1.0 - left * missing))
+    return np.linspace(lowest, 1.0, SUPPLIES)
+
+
+def _applications(changes: list[tuple[float, float, float]]) -> tuple[Application, ...]:
+    """Return the applications of changes of the reduction: place [m], reduction [Pa], supply."""
     found = []
-    for (begin, reduction), (end, _) in zip(changes[::2], changes[1::2], strict=True):
-        found.append(Application(begin, end, reduction))
+    for (begin, reduction, supply), (end, _, _) in zip(changes[::2], changes[1::2], strict=True):
+        found.append(Application(begin, end, reduction, supply))
     return tuple(found)

@@ -133,8 +133,9 @@ class TripPlan:
                     "apply_km": round(entry.apply / 1e3, 3),
                     "release_km": round(entry.release / 1e3, 3),
                     "reduction_kpa": round(entry.reduction / 1e3, 1),
+                    "supply": round(searched.supply, 3),
                 }
-                for entry in self.applications
+                for entry, searched in zip(self.applications, self.journey.applications, strict=True)
             ],
         }
 

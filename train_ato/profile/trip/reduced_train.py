@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from plant_sim.air_brake import BrakeForecast
+from plant_sim.air_brake import BrakeForecast, braking_factor
 from plant_sim.consist import Consist
 from plant_sim.line import Line
+from plant_sim.packing import pipe_distances
 from plant_sim.summation import plain_sum
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
@@ -52,6 +53,8 @@ class ShoeResponse:
         Force at the ages of a grid of :data:`AGE_STEP`; the last entry holds for longer ages.
     apply_ahead, release_ahead : Array, shape (ages, couplers)
         Part of it by the vehicles in front of selected couplers.
+    used : float
+        Part of the filling of the reservoirs that the application uses.
     """
 
     reduction: float
@@ -59,6 +62,24 @@ class ShoeResponse:
     release: Array
     apply_ahead: Array
     release_ahead: Array
+    used: float
+
+
+@dataclass(frozen=True)
+class Reservoirs:
+    """Recharge of the reservoirs of a train.
+
+    Attributes
+    ----------
+    recharge : float
+        Time constant [s]; 0 for reservoirs that applications do not use up.
+    wave_loss : float
+        Mean factor of the vehicles on the missing filling: every vehicle recharges from the wave of a release to that
+        of the next application, and the first one is slower.
+    """
+
+    recharge: float = 0.0
+    wave_loss: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -85,6 +106,8 @@ class ReducedTrain:
         One for each permitted reduction; empty without an air brake.
     couplers : CouplerTables
         Sums over the vehicles in front of selected couplers.
+    reservoirs : Reservoirs
+        Recharge of the reservoirs.
     """
 
     begin: float
@@ -98,6 +121,7 @@ class ReducedTrain:
     inertia: float
     responses: tuple[ShoeResponse, ...]
     couplers: CouplerTables
+    reservoirs: Reservoirs
 
     @property
     def cells(self) -> int:
@@ -130,7 +154,19 @@ def shoe_response(consist: Consist, reduction: float, couplers: tuple[int, ...] 
     forecast.commit(begin)
     forecast.demand(begin, brake.charged)
     released, released_ahead = _until_settled(forecast, begin, couplers)
-    return ShoeResponse(reduction, applied, released, applied_ahead, released_ahead)
+    used = brake.reservoir_use * braking_factor(brake, brake.charged - reduction) / brake.braking_factor[-1]
+    return ShoeResponse(reduction, applied, released, applied_ahead, released_ahead, used)
+
+
+def reservoirs_of(consist: Consist) -> Reservoirs:
+    """Return the recharge of the reservoirs of a train."""
+    brake = consist.air_brake
+    if brake is None or brake.reservoir_use == 0.0:
+        return Reservoirs()
+    later = pipe_distances(consist) * (1.0 / brake.release_wave - 1.0 / brake.apply_wave)
+    forces = np.array(consist.friction_forces)
+    factors = np.array([math.exp(time / brake.recharge_time) for time in later.tolist()])
+    return Reservoirs(brake.recharge_time, float(np.average(factors, weights=forces)))
 
 
 def _until_settled(forecast: BrakeForecast, begin: float, couplers: tuple[int, ...]) -> tuple[Array, Array]:
@@ -181,7 +217,7 @@ def reduced_train(
     responses = tuple(shoe_response(consist, reduction, couplers.numbers) for reduction in reductions)
     return ReducedTrain(
         begin, cell, line_force, limit, speed, traction, -settings.brake * low, running, model.inertia, responses,
-        couplers,
+        couplers, reservoirs_of(consist),
     )  # fmt: skip
 
 

@@ -1,0 +1,259 @@
+"""Learned resistance by place: estimate, convergence over runs, use by every law, files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from span_runs import assert_same_messages, compiled_part, messages_of, setup_of
+
+import train_ato as ta
+from train_ato.apps.learn.average import RunAverage
+from train_ato.apps.learn.learn import repeated
+from train_ato.apps.learn.residual import Residual, residual_of, smoothed_resistance
+from train_ato.apps.runs.drive import RunMode, drive
+from train_ato.cli import main
+from train_ato.control.learned_resistance import LearnedResistance, learned_text, read_learned
+from train_ato.control.train_model import LineForceTable
+from train_ato.loop.setup import RunSetup, prepare
+
+METRO = "xuzhou_metro:disturbed"
+STACKS: dict[str, dict[str, Any]] = {
+    "pid": {"law": "pid", "compensation": "preview"},
+    "eso": {"law": "pid", "compensation": "predictor", "observer": "eso"},
+    "mpc": {"law": "mpc", "compensation": "none"},
+}
+
+
+def true_resistance(setup: RunSetup, places: Any) -> Any:
+    """Return the line force of the plant per inertial mass [m/s²]; the nominal line is level."""
+    table = LineForceTable(setup.consist, setup.line, over_length=True)
+    return np.interp(places, table.begin + np.arange(table.total.size), table.total) / setup.model.inertia
+
+
+def some_learned(setup: RunSetup, runs: int = 2) -> LearnedResistance:
+    """Return a learned resistance of made-up waves for a run."""
+    found = ta.learn(METRO, runs=1, set={"duration": 20}, progress=False).learned
+    places = np.arange(0.0, 8500.0, 5.0)
+    waves = tuple((0.1 * np.sin(places / 80.0)).round(6).tolist())
+    fits = {"line": setup.line.name, "train": setup.model.consist.name}
+    return found.model_copy(update={**fits, "runs": runs, "begin": 0.0, "resistance": waves})
+
+
+@pytest.fixture(scope="module")
+def learned() -> LearnedResistance:
+    return some_learned(setup_of(METRO, {}))
+
+
+def test_estimate_is_the_unknown_line_force_at_its_place() -> None:
+    """Breaks if the estimate has a delay: 0.3 s and the lag of 0.4 s move the grades by 15 m at 22 m/s."""
+    run = ta.run(METRO, set={"duration": 150, "plant.disturbances": []}, progress=False)
+    found = residual_of(run.recording, run.setup.model)
+    errors = {
+        shift: np.std(found.resistance - true_resistance(run.setup, found.place - shift)) for shift in range(-20, 21, 2)
+    }
+    assert abs(min(errors, key=errors.__getitem__)) <= 2
+    assert errors[0] < 0.12 * np.std(true_resistance(run.setup, found.place))
+
+
+def test_smoothed_resistance_has_no_phase_lag() -> None:
+    """Breaks if the smoother runs forward only: a sine of 20 s is then late."""
+    t = np.arange(2001) * 0.05
+    wave = 0.1 * np.sin(2.0 * np.pi * t / 20.0)
+    speed = 20.0 + np.concatenate(([0.0], np.cumsum(-0.05 * 0.5 * (wave[1:] + wave[:-1]))))
+    noisy = speed + 0.01 * np.random.default_rng(1).standard_normal(speed.size)
+    found = smoothed_resistance(noisy, np.zeros(2000), np.diff(t))
+    late = [np.std(found[40:-40] - np.interp(t[:-1] + 0.025 - shift, t, wave)[40:-40]) for shift in (-0.5, 0.0, 0.5)]
+    assert late[1] < 0.012 and late[1] < 0.7 * min(late[0], late[2])
+
+
+def test_a_gust_of_one_run_is_left_out() -> None:
+    """Breaks if the average is a plain mean: a gust of one of three runs is then learned as a grade."""
+    profile = setup_of(METRO, {}).profile
+    average = RunAverage(profile)
+    places = np.arange(0.0, float(profile.position[-1]), 1.0)
+    for gust in (0.0, 0.3, 0.0):
+        average.add(Residual(places, np.where((places > 1000.0) & (places < 1500.0), gust, 0.0) + 0.1))
+    begin, found = average.mean()
+    assert begin == 0.0 and found == pytest.approx([0.1] * len(found))
+
+
+@pytest.mark.parametrize("stack", STACKS)
+def test_error_converges_in_five_runs(stack: str) -> None:
+    """Breaks if the learned resistance has the wrong sign, place or scale, or is not used by the law."""
+    found = ta.learn(METRO, runs=5, set={"duration": 140}, progress=False, **STACKS[stack])
+    errors = [metrics["speed_rmse_kmh"] for metrics in found.metrics]
+    assert errors[5] < 0.35 * errors[0]
+    assert max(errors[2:]) < 1.05 * errors[1]
+    assert found.learned.runs == 5 and not found.unused
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scenario", "shift"), [(METRO, 0.0), (METRO, 20.0), ("xuzhou_metro:mismatch", 0.0)], ids=["same", "gusts", "gain"]
+)
+def test_error_does_not_diverge_in_a_hundred_runs(scenario: str, shift: float) -> None:
+    """Breaks if the average has a feedback from run to run: errors of the model of the actuators then add up."""
+    changes = {"duration": 70}
+    found = ta.learn(scenario, runs=100, gust_shift=shift, set=changes, progress=False, **STACKS["pid"])
+    setup = ta.scenario(scenario).with_({**changes, "law": "pid", "compensation": "preview"}).prepare()
+    ratios = []
+    for number, metrics in enumerate(found.metrics):
+        same = prepare(repeated(setup.scenario, number, None, shift), setup.folder / "same.yaml")
+        ratios.append(metrics["speed_rmse_kmh"] / drive(same, RunMode(), shown=False).metrics["speed_rmse_kmh"])
+    assert ratios[0] == 1.0 and max(ratios[6:]) < 0.95
+    assert np.mean(ratios[81:]) < 1.02 * np.mean(ratios[6:26])
+
+
+@pytest.mark.parametrize("stack", ["pid", "eso"])
+def test_compiled_ticks_have_the_learned_resistance(stack: str, learned: LearnedResistance) -> None:
+    """Breaks if the compiled ticks lack the learned part of line force or vehicle resistance."""
+    changes = {"duration": 60, "model.learned": learned.model_dump(by_alias=True)}
+    names = {key: STACKS[stack].get(key, "none") for key in ("law", "compensation", "observer")}
+    setup = setup_of(METRO, {**changes, **names})
+    assert compiled_part(setup) > 0.8
+    compiled = messages_of(setup, compiled=True)
+    assert_same_messages(messages_of(setup, compiled=False), compiled)
+    without = messages_of(setup_of(METRO, {"duration": 60, **names}), compiled=True)
+    assert [row for row in without if row[0] == "ato/command"] != [row for row in compiled if row[0] == "ato/command"]
+
+
+def test_several_units_have_the_learned_force_at_the_front(tmp_path: Path) -> None:
+    """Breaks if a unit behind the front has the learned resistance of its own place, or compiled ticks differ."""
+    base = {"duration": 30, "law": "funnel", "observer": "ndo", "compensation": "none"}
+    run = ta.learn("freight_consensus:realistic", runs=1, set=base, progress=False)
+    waves = tuple((0.02 * np.sin(np.arange(len(run.learned.resistance)) / 6.0)).tolist())
+    learned = run.learned.model_copy(update={"resistance": waves})
+    setup = setup_of("freight_consensus:realistic", {**base, "model.learned": learned.model_dump(by_alias=True)})
+    assert_same_messages(messages_of(setup, compiled=False), messages_of(setup, compiled=True))
+    model, bare = setup.model, setup.model.without_learned
+    front = float(learned.places[20])
+    position, speed = front - model.offsets, np.full(model.n_units, 10.0)
+    more = model.own_resistance(speed, position) - bare.own_resistance(speed, position)
+    assert more.sum() == pytest.approx(model.line_force(front) - bare.line_force(front), rel=1e-9)
+    assert abs(more).min() > 0.0
+
+
+def test_twin_has_the_learned_force() -> None:
+    """Breaks if the twin lacks the learned force, or has it twice: its own train must not have it."""
+    base = {"duration": 30, "compensation": "twin"}
+    plain = ta.run("demo", set=base, progress=False)
+    found = ta.learn("demo", runs=1, set={**base, "duration": 60}, progress=False).learned
+    flat = found.model_copy(update={"resistance": (0.01,) * 100, "begin": -500.0, "spacing": 50.0})
+    other = ta.run("demo", set={**base, "model.learned": flat.model_dump(by_alias=True)}, progress=False)
+    first = np.flatnonzero(plain.recording.command.any(axis=1))[0]
+    more = (other.recording.command - plain.recording.command)[first].sum()
+    assert more == pytest.approx(0.01 * plain.setup.model.inertia, rel=0.02)
+
+
+def test_nodes_have_the_learned_resistance(learned: LearnedResistance, tmp_path: Path) -> None:
+    """Breaks if the nodes of a graph, or a repeated run folder, lack the learned resistance."""
+    changes = {"duration": 5, "model.learned": learned.model_dump(by_alias=True)}
+    engine = ta.run(METRO, set=changes, progress=False, out=tmp_path / "engine")
+    graph = ta.run(METRO, set=changes, mode="composed", progress=False, out=tmp_path / "graph")
+    assert engine.recording.command.tobytes() == graph.recording.command.tobytes()
+    assert main(["verify", str(tmp_path / "engine")]) == 0
+    again = ta.run(tmp_path / "engine" / "scenario.yaml", progress=False)
+    assert again.recording.command.tobytes() == engine.recording.command.tobytes()
+
+
+def test_recorded_runs_give_the_same_as_repeated_ones(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a log gives another estimate than the memory, or a file loses values."""
+    short = {"duration": 25}
+    result = ta.learn(METRO, runs=1, set=short, progress=False)
+    file = result.save(tmp_path / "first.yaml")
+    assert read_learned(file) == result.learned
+    ta.run(METRO, set=short, out=tmp_path / "a", progress=False)
+    ta.run(METRO, set={**short, "seed": 2, "model.learned": str(file)}, out=tmp_path / "b", progress=False)
+    assert main(["learn", str(tmp_path / "a"), str(tmp_path / "b"), f"--out={tmp_path / 'both.yaml'}"]) == 0
+    assert "2 runs; written to" in capsys.readouterr().out
+    repeated = ta.learn(METRO, runs=2, set=short, progress=False).learned
+    assert read_learned(tmp_path / "both.yaml").resistance == repeated.resistance
+    more = ta.learn(METRO, runs=1, set={**short, "seed": 2, "model.learned": str(file)}, progress=False).learned
+    assert more.runs == 2 and more.resistance == pytest.approx(repeated.resistance, abs=2e-6)
+
+
+@pytest.mark.parametrize(
+    ("scenario", "key"),
+    [("xuzhou_metro", "line"), ("xuzhou_metro:disturbed+lighter", "train"), ("xuzhou_metro:disturbed+other", "model")],
+)
+def test_foreign_line_train_and_model_are_refused(
+    scenario: str, key: str, learned: LearnedResistance, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a resistance of another line or train drives this one."""
+    file = tmp_path / "learned.yaml"
+    file.write_text(learned_text(learned), encoding="utf-8")
+    name, _, variant = scenario.partition("+")
+    more = {
+        "": [],
+        "lighter": ["--set=model.consist=crh380a_one_mass"],
+        "other": ["--set=model.line=daqin_section"],
+    }
+    options = [f"--set=model.learned={file}", *more[variant], f"--out={tmp_path / 'run'}", "--engine"]
+    assert main(["run", name, *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"model.learned: {file}: {key}: learned" in line and "learn again" in line
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"resistance": [0.0, 0.7]}, "0.7 m/s² is beyond +-0.5"),
+        ({"resistance": [0.0, "x"]}, "resistance = [0.0, 'x']"),
+        ({"spacing": 0}, "spacing = 0"),
+        ({"schema": "train_ato/profile/1"}, "make the file with `train-ato learn`"),
+        ({"speed": 1}, "unknown key"),
+    ],
+)
+def test_bad_files_are_refused_in_one_line(
+    change: dict[str, Any], words: str, learned: LearnedResistance, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a wrong value reaches the force of the train."""
+    file = tmp_path / "learned.yaml"
+    file.write_text(yaml.safe_dump({**learned.model_dump(by_alias=True, mode="json"), **change}), encoding="utf-8")
+    assert main(["run", METRO, "--engine", f"--set=model.learned={file}", f"--out={tmp_path / 'run'}"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(file) in line and words in line
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--runs=0"], "runs 0: out of range"),
+        (["--spacing=0.1"], "spacing 0.1: out of range"),
+        (["--memory=0"], "memory 0: out of range"),
+        (["--gust-shift=-1"], "gust-shift -1: out of range"),
+        (["--law=pdi"], "unknown law 'pdi'"),
+    ],
+)
+def test_bad_options_are_refused(
+    options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a wrong option starts runs or writes a file."""
+    out = tmp_path / "learned.yaml"
+    assert main(["learn", METRO, f"--out={out}", *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line and not out.exists()
+
+
+def test_runs_with_brake_interventions_are_not_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the force of the supervisor's brake, which is not measured, is learned as a grade."""
+    run = ta.run(METRO, set={"duration": 20}, out=tmp_path / "run", progress=False)
+    assert run.path is not None
+    summary = (run.path / "summary.json").read_text(encoding="utf-8")
+    assert '"brake_interventions": 0' in summary
+    (run.path / "summary.json").write_text(
+        summary.replace('"brake_interventions": 0', '"brake_interventions": 1'), encoding="utf-8"
+    )
+    assert main(["learn", str(run.path), f"--out={tmp_path / 'learned.yaml'}"]) == 2
+    assert "the supervisor has braked 1 times" in capsys.readouterr().err
+
+
+def test_several_sources_that_are_no_runs_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if only the first of two scenarios is used without a word."""
+    assert main(["learn", METRO, "demo", f"--out={tmp_path / 'learned.yaml'}"]) == 2
+    assert "not a folder of a run; give run folders only, or one scenario" in capsys.readouterr().err

@@ -1,0 +1,1 @@
+"""Learning from run to run: the resistance by place that repeats on a line."""

@@ -1,0 +1,81 @@
+"""``train-ato learn``: learn the resistance that repeats from run to run, from repeated or recorded runs."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from train_ato.cli.scenario_options import add_change_options, prepare_from
+
+RUNS, SPACING, MEMORY = 5, 5.0, 20
+"""Defaults of the options; the last two are those of :mod:`train_ato.apps.learn.average`."""
+OF_REPEATED_RUNS = ("runs", "law", "observer", "compensation", "seed", "gust_shift", "assignments")
+"""Options without an effect on recorded runs."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of ``learn``."""
+    parser.add_argument(
+        "source", nargs="+", metavar="SCENARIO|RUN", help="one scenario to repeat, or folders of recorded runs"
+    )
+    parser.add_argument("--law", metavar="NAME", help="control law: a name, or MODULE:CLASS without registration")
+    add_change_options(parser)
+    parser.add_argument("--runs", type=int, metavar="N", help=f"number of repeated runs (default: {RUNS})")
+    parser.add_argument(
+        "--gust-shift",
+        type=float,
+        metavar="S",
+        help="largest random shift in time of the disturbances over time, new in every run (default: 0)",
+    )
+    parser.add_argument(
+        "--spacing",
+        type=float,
+        default=SPACING,
+        metavar="M",
+        help=f"distance between the values (default: {SPACING:g})",
+    )
+    parser.add_argument(
+        "--memory",
+        type=int,
+        default=MEMORY,
+        metavar="N",
+        help=f"number of the last runs that count (default: {MEMORY})",
+    )
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="learned resistance to write (.yaml)")
+
+
+def execute(options: argparse.Namespace) -> int:
+    """Learn, write the file, and print the errors of the runs."""
+    from train_ato.apps.learn.learn import LearnResult, learn_from, learn_runs
+    from train_ato.apps.learn.learned_table import learned_rows
+    from train_ato.arguments import check_new_file
+    from train_ato.cli.screen import print_json, print_table
+
+    check_new_file(options.out, (".yaml", ".yml"))
+    folders = [Path(name) for name in options.source]
+    result: LearnResult
+    if all(folder.is_dir() for folder in folders):
+        for name in OF_REPEATED_RUNS:
+            if getattr(options, name):
+                option = "set" if name == "assignments" else name.replace("_", "-")
+                raise ValueError(f"--{option}: no effect on recorded runs; remove it, or give a scenario")
+        result = learn_from(folders, options.spacing, options.memory)
+    else:
+        if len(folders) > 1:
+            missing = next(name for name, folder in zip(options.source, folders, strict=True) if not folder.is_dir())
+            raise ValueError(f"{missing}: not a folder of a run; give run folders only, or one scenario")
+        options.scenario = options.source[0]
+        setup = prepare_from(options, law=options.law)
+        runs = RUNS if options.runs is None else options.runs
+        result = learn_runs(setup, runs, options.spacing, options.memory, options.gust_shift or 0.0)
+    result.save(options.out)
+    rows = learned_rows(result)
+    if options.json:
+        print_json({"file": str(options.out), "runs": result.learned.runs, "errors": rows, "unused": result.unused})
+        return 0
+    if rows:
+        print_table(rows[0], (row.values() for row in rows), result.learned.source)
+    sys.stdout.writelines(f"not used: {name}: {reason}\n" for name, reason in result.unused.items())
+    sys.stdout.write(f"{result.learned.runs} runs; written to {options.out}; use it with `model.learned`\n")
+    return 0
