@@ -40,6 +40,7 @@ CONTROL_LAYERS = (
     (
         "standstill",
         "force_distribution",
+        "planned_displacement",
         "command_hold",
         "command_history",
         "stack",

@@ -39,7 +39,7 @@ def test_the_bound_of_a_level_line_without_slack_in_it() -> None:
 
 @pytest.mark.parametrize(("seed", "factor", "least"), [(2, 1.15, 0.95), (25, 1.05, 0.94)])
 def test_the_bound_of_a_short_section_is_close(seed: int, factor: float, least: float) -> None:
-    """Breaks if the value of a price of time loses a term: the linear program alone is 12 and 15 % below these plans."""
+    """Breaks if the value of a price of time loses a term: the linear program is 12 and 15 % below these plans."""
     line, consist, settings = random_case(seed)
     settings = settings.model_copy(update={"jerk": None, "calling": False})
     time = factor * plan(line, consist, settings).running_time

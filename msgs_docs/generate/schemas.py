@@ -33,7 +33,7 @@ def schema_text(name: str) -> str:
     if name == "scenario":
         # Keys of files only; they are resolved before validation.
         schema["properties"]["base"] = {"type": "string", "description": "scenario that this one is laid over"}
-        schema["properties"]["variants"] = {"type": "object", "description": "overlays by name"}
+        schema["properties"]["variants"] = {"type": ["object", "null"], "description": "overlays by name; null: none"}
         # The base of a scenario may have all other keys.
         schema["required"] = ["schema"]
         schema.pop("allOf", None)

@@ -24,6 +24,7 @@ from train_ato.messages.validity import MAX_FORCE
 if TYPE_CHECKING:
     from train_ato.control.air_brake.policy import BrakePolicy
     from train_ato.control.force_distribution import ForceDistribution
+    from train_ato.control.planned_displacement import PlannedDisplacement
     from train_ato.control.train_model import TrainModel
 
 BLEND_TIME = 1.0
@@ -55,6 +56,8 @@ class ControlStack:
         Maximum time for which the last command is repeated without a valid new one [s].
     distribution
         Shares of the power units by place; None: the forces of the law.
+    displacement
+        Planned displacements of the power units by place; None: none.
 
     Attributes
     ----------
@@ -79,6 +82,7 @@ class ControlStack:
         profile: ProfileLike,
         hold_limit: float,
         distribution: ForceDistribution | None = None,
+        displacement: PlannedDisplacement | None = None,
     ) -> None:
         self.model = model
         self.period = period
@@ -91,7 +95,7 @@ class ControlStack:
         self._law: Law = LAWS.make(controller, controller_parameters.get(controller, {}), model, period)
         self._compensation = compensation
         self._policy = brake_policy
-        self._distribution = distribution
+        self._distribution, self._displacement = distribution, displacement
         self._delay_to_effect = float(max(model.delay.max(), model.delay_brake.max())) + model.lag
         self._air_brake = model.consist.air_brake is not None
         self._history = CommandHistory(model, tick)
@@ -232,7 +236,10 @@ class ControlStack:
         self, measurement: Measurement, reference: Reference, estimate: DisturbanceEstimate | None
     ) -> list[float]:
         low, high = self.model.limits_of_units(measurement.velocity.tolist())
-        output = self._law.step(self._law_input(measurement, reference, estimate, np.array(low), np.array(high)))
+        known = measurement
+        if self._displacement is not None:
+            known = self._displacement.without(measurement, self.model.front(measurement.position))
+        output = self._law.step(self._law_input(known, reference, estimate, np.array(low), np.array(high)))
         wanted = output.force.tolist()
         if not all(map(math.isfinite, wanted)) or len(wanted) != self.model.n_units:
             self._hold.hold(f"law '{self._name}' returned {str(wanted)[:60]} N")

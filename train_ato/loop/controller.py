@@ -139,6 +139,7 @@ class ControllerStage:
             profile=profile,
             hold_limit=setup.scenario.hold_limit,
             distribution=setup.force_distribution(),
+            displacement=setup.planned_displacement(),
         )
 
     def validate(self, name: str, value: Any) -> None:

@@ -21,6 +21,7 @@ from train_ato.control.compensation.compatibility import check_compatible
 from train_ato.control.contract import Law
 from train_ato.control.force_distribution import ForceDistribution
 from train_ato.control.parameters import RefusedParameter
+from train_ato.control.planned_displacement import PlannedDisplacement
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.part_cache import PartCache, file_state
@@ -215,6 +216,11 @@ class RunSetup:
         shares = self.scenario.force_shares
         return None if shares is None else ForceDistribution(shares, self.model.share.tolist())
 
+    def planned_displacement(self) -> PlannedDisplacement | None:
+        """Return the planned displacements of the power units; None without any."""
+        planned = self.scenario.unit_displacements
+        return None if planned is None else PlannedDisplacement(planned, self.model.n_units)
+
     def supervisor(self) -> Supervisor:
         """Return the supervisor of the train on its line, up to the stop at the end of the profile.
 
@@ -402,6 +408,7 @@ def _check_choices(setup: RunSetup) -> None:
     COMPENSATIONS.make(setup.compensation, setup.compensation_parameters, setup.model, setup.control_period)
     setup.brake_policy()
     setup.force_distribution()
+    setup.planned_displacement()
     setup.train()
     for intervention in setup.scenario.interventions:
         setup.check_intervention(intervention)

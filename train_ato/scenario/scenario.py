@@ -23,6 +23,7 @@ from plant_sim.units import Length, SiModel, Time
 from train_ato.control.air_brake.policy import BrakeSpec
 from train_ato.control.force_distribution import SharesAt
 from train_ato.control.learned_resistance import LearnedResistance
+from train_ato.control.planned_displacement import DisplacementAt
 from train_ato.messages.faults import Fault
 from train_ato.messages.links import LinkSpec
 from train_ato.profile.planner.settings import ReplanSpec
@@ -138,6 +139,11 @@ class Scenario(SiModel):
     brake: BrakeSpec = BrakeSpec()
     force_shares: tuple[SharesAt, ...] | None = Field(
         None, min_length=1, description="shares of the power units by place; default: in proportion to their traction"
+    )
+    unit_displacements: tuple[DisplacementAt, ...] | None = Field(
+        None,
+        min_length=1,
+        description="planned motion of the power units against the profile, not corrected by the law",
     )
     law_changes: tuple[LawChange, ...] = ()
     interventions: tuple[Intervention, ...] = Field(

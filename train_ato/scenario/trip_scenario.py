@@ -31,6 +31,19 @@ LARGEST_KP = 0.08
 """Largest gain on the speed error per mass [1/s]."""
 
 
+class _Row(dict[str, Any]):
+    """Entry of a table by place, written in one line."""
+
+
+class _RowDumper(yaml.SafeDumper):
+    """Writer of scenarios with such rows."""
+
+
+_RowDumper.add_representer(
+    _Row, lambda dumper, row: dumper.represent_mapping("tag:yaml.org,2002:map", row, flow_style=True)
+)
+
+
 def final_gains(inertia: float, units: int) -> dict[str, float]:
     """Return the gains kp [1/s] and ki [1/s²] of `pid` for the final stop; the damping ratio is 0.5.
 
@@ -76,7 +89,9 @@ def trip_scenario(plan: TripPlan, name: str, profile: str, base: str | None, pla
         "law_changes": [{"at": round(max(plan.profile.end - FINAL_GAINS, 0.0), 1), "laws": {"pid": gains}}],
     }
     if plan.shares:
-        data["force_shares"] = [entry.model_dump(mode="json") for entry in plan.shares]
+        data["force_shares"] = [_Row(entry.model_dump(mode="json")) for entry in plan.shares]
+    if plan.displacements:
+        data["unit_displacements"] = [_Row(entry.model_dump(mode="json")) for entry in plan.displacements]
     if base is not None:
         return {"base": base, **data, **_other_plant(base, plant)}
     return {**data, "plant": plant, "law": "pid", "evaluation": {}}
@@ -100,7 +115,7 @@ def write_trip(plan: TripPlan, path: Path, base: str | None, plant: dict[str, An
     profile = path.with_suffix(".csv")
     write_profile(plan.profile, profile, source)
     data = trip_scenario(plan, path.stem, profile.name, base, plant)
-    text = f"# {source}\n" + yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120)
+    text = f"# {source}\n" + yaml.dump(data, Dumper=_RowDumper, sort_keys=False, allow_unicode=True, width=120)
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -37,11 +37,11 @@ def spans_possible(setup: RunSetup) -> bool:
     """Return True for a run whose ticks can be compiled.
 
     It has a shipped observer, the compensation `none`, `preview`, `predictor` or `twin`, no re-planning, no
-    shares of the power units by place, delays on the command only and without random parts, and no sensor that freezes
-    or slips.
+    shares or displacements of the power units by place, delays on the command only and without random parts, and no
+    sensor that freezes or slips.
     """
     scenario, links, sensors = setup.scenario, setup.links, setup.plant.sensors
-    if scenario.replan or scenario.force_shares:
+    if scenario.replan or scenario.force_shares or scenario.unit_displacements:
         return False
     others = (links.measurement, links.reference, links.estimate, links.brake_pipe, links.brake_release)
     delayed = any(link != LinkSpec() for link in others)

@@ -62,6 +62,8 @@ class TripRun:
         weighted by mass [m/s].
     couplers : Array, shape (n, couplers)
         Coupler forces [N], > 0 draft.
+    units : Array, shape (n, units)
+        Places of the power units plus their nominal distance behind vehicle 0's centre [m].
     totals : Totals
         Extremes and works of all plant steps.
     """
@@ -73,6 +75,7 @@ class TripRun:
     shoes: Array
     mean_speed: Array
     couplers: Array
+    units: Array
     totals: Totals
 
     @property
@@ -143,6 +146,7 @@ def follow_journey(
     force, standstill = 0.0, 0.0
     rows: list[tuple[float, float, float, float, float]] = []
     couplers: list[Array] = []
+    units: list[Array] = []
     end = float(journey.place[-1])
     released = 0.0 if air is None else POWER_BRAKING * air.braking_factor[-1] * plain_sum(model.consist.friction_forces)
     while True:
@@ -150,6 +154,7 @@ def follow_journey(
         shoes = train.shoe_force
         rows.append((position, velocity, force, float(shoes.sum()), train.momentum / mass))
         couplers.append(train.coupler_force[:-1])
+        units.append(train.position[list(model.units)] + model.offsets)
         if position >= end:
             break
         standstill = standstill + PERIOD if velocity < 1e-3 else 0.0
@@ -165,7 +170,9 @@ def follow_journey(
         train.advance(np.tile(forces, (train.substeps, 1)), None if air is None else air.charged - reduction)
     table = np.array(rows)
     places, speeds, forces, shoe_forces, means = table.T
-    return TripRun(PERIOD, places, speeds, forces, shoe_forces, means, np.array(couplers), train.totals)
+    return TripRun(
+        PERIOD, places, speeds, forces, shoe_forces, means, np.array(couplers), np.array(units), train.totals
+    )
 
 
 def reduction_at(position: float, applications: tuple[Application, ...]) -> float:

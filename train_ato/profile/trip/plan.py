@@ -7,6 +7,7 @@ from typing import Any
 
 from train_ato.control.air_brake.trip_policy import PlannedApplication
 from train_ato.control.force_distribution import SharesAt
+from train_ato.control.planned_displacement import DisplacementAt
 from train_ato.control.train_model import TrainModel
 from train_ato.profile.profile import Profile
 from train_ato.profile.trip.driven_run import TripRun
@@ -39,6 +40,8 @@ class TripPlan:
         Limits of the plan.
     shares : tuple of SharesAt
         Shares of the power units by place; empty for the fixed ones of the model.
+    displacements : tuple of DisplacementAt
+        Planned motion of several power units against the profile.
     """
 
     profile: Profile
@@ -49,6 +52,7 @@ class TripPlan:
     model: TrainModel
     settings: TripSettings
     shares: tuple[SharesAt, ...] = ()
+    displacements: tuple[DisplacementAt, ...] = ()
 
     @property
     def running_time(self) -> float:

@@ -29,6 +29,7 @@ from train_ato.profile.trip.reduced_train import nominal_train_model, reduced_tr
 from train_ato.profile.trip.run_profile import RunProfile
 from train_ato.profile.trip.running_time import plan_at_time
 from train_ato.profile.trip.settings import TripSettings
+from train_ato.profile.trip.unit_displacements import displacements_for_run
 from train_ato.profile.trip.unit_shares import shares_for_run
 
 SHARE_ROUNDS = 2
@@ -82,7 +83,9 @@ class TripPlanner:
         run = follow_journey(self._model, self._settings, journey, journey.applications, shares)
         self._check_limits(run)
         applications = tuple(self._planned(entry, run) for entry in journey.applications)
-        return TripPlan(self._profile.of(run), applications, run, journey, price, self._model, self._settings, shares)
+        profile, until = self._profile.of(run)
+        moved = displacements_for_run(run, profile, until) if self._model.n_units > 1 else ()
+        return TripPlan(profile, applications, run, journey, price, self._model, self._settings, shares, moved)
 
     def with_unit_shares(self, plan: TripPlan) -> TripPlan:
         """Return the plan with the shares of the power units that have the least excess of coupler force and damage."""

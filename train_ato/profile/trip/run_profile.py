@@ -56,19 +56,20 @@ class RunProfile:
         way = braking_distance(before, strong, self._final) - AVERAGE * (before + speed)
         return max(LAST_PART * way, speed**2 / (2 * strong))
 
-    def of(self, run: TripRun) -> Profile:
-        """Return the averaged speed of a run, continued to standstill at the stop.
+    def of(self, run: TripRun) -> tuple[Profile, float]:
+        """Return the averaged speed of a run, continued to standstill at the stop, and the time of this last part [s].
 
         A law multiplies the acceleration by the mass of the train. With the acceleration of vehicle 0 against the mean
         of the train, the command would alternate; fine knots therefore have the acceleration of the mean. Between
-        coarser knots the acceleration is that of the speed, and this motion is averaged over a longer time.
+        coarser knots the acceleration is that of the speed, and this motion is averaged over a longer time. With several
+        power units the profile is the mean alone, and this motion is in the displacements of the units.
         """
         time = np.arange(0.0, run.time[-1] + 1e-9, self._period)
         mean = np.interp(time, run.time, run.mean_speed)
         slack = np.interp(time, run.time, run.speed) - mean
         mean = average_speed(mean, self._period, AVERAGE)
         fine = self._period <= FINE_PERIOD
-        slack = average_speed(slack, self._period, AVERAGE if fine else SLACK_AVERAGE)
+        slack = average_speed(slack, self._period, AVERAGE if fine else SLACK_AVERAGE) * (self._model.n_units < 2)
         speed = np.maximum(mean + slack, 0.0)
         speed[0] = 0.0
         change = np.gradient(speed, self._period)
@@ -83,7 +84,8 @@ class RunProfile:
         )
         columns = [np.concatenate((a[:kept], b)) for a, b in zip((position, speed, acceleration), rest, strict=True)]
         # rounded to 1 µm and 1 nm/s: a short file without a loss of accuracy
-        return Profile.uniform(0.0, self._period, columns[0].round(6), columns[1].round(9), columns[2].round(9))
+        rounded = columns[0].round(6), columns[1].round(9), columns[2].round(9)
+        return Profile.uniform(0.0, self._period, *rounded), float(time[kept - 1])
 
     def _cut(self, position: Array, speed: Array, acceleration: Array) -> int:
         """Return the number of knots before the last part; its deceleration is the nearest to that of the settings."""
