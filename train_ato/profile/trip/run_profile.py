@@ -61,8 +61,8 @@ class RunProfile:
 
         A law multiplies the acceleration by the mass of the train. With the acceleration of vehicle 0 against the mean
         of the train, the command would alternate; fine knots therefore have the acceleration of the mean. Between
-        coarser knots the acceleration is that of the speed, and this motion is averaged over a longer time. With several
-        power units the profile is the mean alone, and this motion is in the displacements of the units.
+        coarser knots the acceleration is that of the speed, and this motion is averaged over a longer time. With
+        several power units the profile is the mean alone, and this motion is in the displacements of the units.
         """
         time = np.arange(0.0, run.time[-1] + 1e-9, self._period)
         mean = np.interp(time, run.time, run.mean_speed)
