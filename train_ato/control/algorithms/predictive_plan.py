@@ -17,6 +17,8 @@ from train_ato.control.algorithms.quadratic_program import multipliers
 
 SPEED_STEP = 0.05
 """Spacing of the tables of force limits [m/s]."""
+FAR = 1e4
+"""Distance in place of no limit [m]: the programme permits a violation in proportion to its largest entry."""
 
 
 @compiled
@@ -211,8 +213,8 @@ def bounds(
         place = reference[0, j] + errors[0, j]
         limit = lowest_limit(limits, place + ends[0], place + ends[1]) + ends[2]
         allowed[4 * n + j] = min(limit - speed, 1e3)
-        allowed[5 * n + j] = ends[3] - errors[0, j]
-        allowed[6 * n + j] = ends[3] + errors[0, j]
+        allowed[5 * n + j] = min(ends[3] - errors[0, j], FAR)
+        allowed[6 * n + j] = min(ends[3] + errors[0, j], FAR)
 
 
 @compiled(uses=(quadratic_program,))
