@@ -47,6 +47,7 @@ BENCHMARKS = (
     Benchmark("curves", "braking curves; beside a pass over the vehicles, and two searches"),
     Benchmark("planner", "planner", quick=None),
     Benchmark("plan_optimum", "timetabled plans; beside an independent optimum", quick=None, needs=("scipy",)),
+    Benchmark("trip_shooting", "trip of a long train by direct shooting; beside the plan", quick=None, needs=("cma",)),
     Benchmark("plan_refusals", "2000 random plans; refusals beside a plain calculation", quick=("--plans", "40")),
     Benchmark("scene", "scene of the train; beside rosbags"),
     Benchmark(
