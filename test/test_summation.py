@@ -21,7 +21,7 @@ LAYERS = ("plant_sim", *(f"train_ato/{part}" for part in ("messages", "supervisi
 EXACT = {
     "plant_sim/consist.py": {"sum((part.count for part in self.train))"},
     "plant_sim/formats/railtoolkit.py": {"sum((vehicle.powered for vehicle in vehicles))"},
-    "plant_sim/train.py": {"sum(stats.cache_misses.values())"},
+    "plant_sim/warm_up.py": {"sum(stats.cache_misses.values())"},
     "train_ato/control/air_brake/policy.py": {"sum((length > self._rules.min_length for length in inside))"},
     "train_ato/loop/oscillation.py": {
         "sum((max((_correlation(part, lag) for lag in lags)) >= CORRELATION for part in parts))"
