@@ -34,7 +34,7 @@ import numpy as np
 from figures import Figure, publish
 from goals import Goal, judge
 
-from plant_sim.train import compile_kernel
+from plant_sim.warm_up import compile_kernel
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.layout import Owner, TrainLayout
 from train_ato.messages.topics import BY_NAME, Role

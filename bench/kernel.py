@@ -26,7 +26,8 @@ from plant_sim.batch import advance_trains
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.plant_setup import PlantSetup
-from plant_sim.train import Train, compile_kernel
+from plant_sim.train import Train
+from plant_sim.warm_up import compile_kernel
 
 STEP_NS, TICK_NS = 5_000_000, 100_000_000
 LEAST_RATIO = 5.0

@@ -24,7 +24,7 @@ from typing import Any
 
 from goals import Goal, judge
 
-from plant_sim.train import compile_kernel
+from plant_sim.warm_up import compile_kernel
 from train_ato.apps.sweep import row
 from train_ato.apps.sweep.batch import SweepBase, run_batch
 from train_ato.apps.sweep.check import sweep_base

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,3 +130,16 @@ class Odometry:
     position: Array = field(metadata=described("position", "m", "front of the train, from the last balise"))
     speed: Array = field(metadata=described("speed", "m/s"))
     since_balise: Array = field(metadata=described("since_balise", "m", "distance counted since the last balise"))
+
+
+class Observation(NamedTuple):
+    """Messages of the plant at one stamp; those of the brake are None without an air brake.
+
+    ``brake_pipe`` is the pressure at vehicle 0, ``brake_pipe_tail`` that at the last vehicle.
+    """
+
+    vehicles: VehicleStates
+    measurement: Measurement
+    brake_pipe: Pipe | None
+    brake_pipe_tail: Pipe | None
+    brake_shoes: BrakeShoes | None

@@ -3,43 +3,29 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from plant_sim import kernel as k
 from plant_sim.brake_events import PipeEvents, friction_brake_events
-from plant_sim.compiled import results_are_kept
 from plant_sim.consist import Consist
 from plant_sim.disturbances import Gust
 from plant_sim.jumps import Jumps
+from plant_sim.kernel_state import KernelState
 from plant_sim.line import Line
 from plant_sim.outside_forces import OutsideForces
-from plant_sim.packing import Arrays, pack
+from plant_sim.packing import pack
 from plant_sim.parted_couplers import PartedCouplers
 from plant_sim.pipe_pressure import PipePressure
 from plant_sim.plant_setup import Jump, PlantSetup
 from plant_sim.section_effects import MANY_TICKS, SectionEffects, with_adhesion_of
 from plant_sim.sensors import SensorSet
-from plant_sim.states import Array, BrakeShoes, Measurement, Pipe, VehicleStates
+from plant_sim.states import Array, BrakeShoes, Observation, Pipe, VehicleStates
 from plant_sim.streams import random_stream
-from plant_sim.totals import Totals, kinetic_energy, kinetic_energy_of_each, total_numbers, totals_of
+from plant_sim.totals import Totals, kinetic_energy_of_each, total_numbers, totals_of
 
 
-class Observation(NamedTuple):
-    """Messages of the plant at one stamp; those of the brake are None without an air brake.
-
-    ``brake_pipe`` is the pressure at vehicle 0, ``brake_pipe_tail`` that at the last vehicle.
-    """
-
-    vehicles: VehicleStates
-    measurement: Measurement
-    brake_pipe: Pipe | None
-    brake_pipe_tail: Pipe | None
-    brake_shoes: BrakeShoes | None
-
-
-class Train:
+class Train(KernelState):
     """Multi-mass train on a line.
 
     Parameters
@@ -79,13 +65,12 @@ class Train:
             )
         setup = with_adhesion_of(line, setup)
         self.consist, self.line, self.setup = consist, line, setup
-        self.n = len(consist.vehicles)
         self.units = consist.power_units
         self.sensors = setup.sensors.couplers
         self.step_ns, self.tick_ns, self.substeps = step_ns, tick_ns, tick_ns // step_ns
         self.stamp = 0
         self._step = step_ns * 1e-9
-        self.arrays = pack(consist, line, setup, self._step)
+        super().__init__(pack(consist, line, setup, self._step), len(consist.vehicles))
         self._sections = SectionEffects(consist, line, setup, self.arrays)
         self._brake = friction_brake_events(consist)
         self._pipe = self._brake if isinstance(self._brake, PipeEvents) else None
@@ -113,44 +98,9 @@ class Train:
         return self.stamp * 1e-9
 
     @property
-    def position(self) -> Array:
-        """Centre of every vehicle [m], shape (n,)."""
-        return self.arrays.state[k.X, : self.n].copy()
-
-    @property
-    def velocity(self) -> Array:
-        """Speed of every vehicle [m/s], shape (n,)."""
-        return self.arrays.state[k.V, : self.n].copy()
-
-    @property
-    def coupler_force(self) -> Array:
-        """Force of the coupler behind every vehicle [N], shape (n,); the last is 0."""
-        return self.arrays.state[k.COUPLER, 1 : self.n + 1].copy()
-
-    @property
-    def applied(self) -> Array:
-        """Force of every power unit after delay, lag and limit [N], shape (units,)."""
-        return np.array(self.arrays.unit[k.APPLIED])
-
-    @property
-    def shoe_force(self) -> Array:
-        """Shoe force of every vehicle [N], >= 0, shape (n,)."""
-        return self.arrays.state[k.SHOE_FORCE, : self.n].copy()
-
-    @property
     def outside_force(self) -> Array:
         """Mean force of all disturbances except grades on every vehicle over the last tick [N], without drift."""
         return self._outside_force.copy()
-
-    @property
-    def kinetic_energy(self) -> float:
-        """Kinetic energy, rotating masses included [J]."""
-        return kinetic_energy(self.arrays, self.n)
-
-    @property
-    def momentum(self) -> float:
-        """Momentum, rotating masses included [kg m/s]."""
-        return float((self.arrays.vehicle[k.MASS] * self.arrays.state[k.V, : self.n]).sum())
 
     def observe(self) -> Observation:
         """Return true state and measurement at the present stamp; draws sensor noise, so call it once per tick."""
@@ -332,12 +282,7 @@ class Train:
     @property
     def totals(self) -> Totals:
         """Extremes and works since the start."""
-        return self.totals_at(self.arrays)
-
-    def totals_at(self, arrays: Arrays) -> Totals:
-        """Return extremes and works up to a state of the arrays."""
-        change = kinetic_energy(arrays, self.n) - self._kinetic_start
-        return totals_of(arrays, self.n, change, self._jumps.energy)
+        return totals_of(self.arrays, self.n, self.kinetic_energy - self._kinetic_start, self._jumps.energy)
 
     def totals_at_each(self, states: Array, gears: Array, units: Array, settings: Array) -> dict[str, list[float]]:
         """Return totals by name up to earlier states of the kernel, after the last jump.
@@ -350,24 +295,3 @@ class Train:
         energies = kinetic_energy_of_each(self.arrays.vehicle[k.MASS], states)
         changes = [energy - self._kinetic_start for energy in energies]
         return total_numbers(states, gears, units, settings, self.n, changes, self._jumps.energy)
-
-
-def compile_kernel() -> bool:
-    """Load the compiled kernel by one step of a two-vehicle train; return True if it was compiled.
-
-    The first compilation on a machine takes some seconds; :mod:`plant_sim.compiled` describes the cache.
-    """
-    consist = Consist.model_validate(
-        {
-            "schema": "train_ato/consist/1",
-            "name": "warm-up",
-            "vehicle_types": {"car": {"mass": 1e5, "length": 10.0, "resistance": {"n": (1e3, 0.0, 0.0)}}},
-            "train": ({"type": "car", "count": 2},),
-            "draft_gears": {"spring": {"kind": "linear", "stiffness": 1e6}},
-            "default_gear": "spring",
-        }
-    )
-    line = Line.model_validate({"schema": "train_ato/line/1", "name": "level", "end": 1000.0})
-    Train(consist, line, PlantSetup(), 1_000_000, 1_000_000).advance(np.zeros((1, 0)))
-    stats = getattr(k.advance, "stats", None)  # missing with NUMBA_DISABLE_JIT
-    return stats is not None and (not results_are_kept() or bool(sum(stats.cache_misses.values())))

@@ -30,7 +30,7 @@ from train_ato.scenario.scenario import load_scenario
 
 PROGRAM = """
 import resource, signal, sys
-from plant_sim.train import compile_kernel
+from plant_sim.warm_up import compile_kernel
 from train_ato.cli.main import main
 compile_kernel()
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -21,7 +21,7 @@ LAYERS = ("plant_sim", *(f"train_ato/{part}" for part in ("messages", "supervisi
 EXACT = {
     "plant_sim/consist.py": {"sum((part.count for part in self.train))"},
     "plant_sim/formats/railtoolkit.py": {"sum((vehicle.powered for vehicle in vehicles))"},
-    "plant_sim/train.py": {"sum(stats.cache_misses.values())"},
+    "plant_sim/warm_up.py": {"sum(stats.cache_misses.values())"},
     "train_ato/control/air_brake/policy.py": {"sum((length > self._rules.min_length for length in inside))"},
     "train_ato/loop/oscillation.py": {
         "sum((max((_correlation(part, lag) for lag in lags)) >= CORRELATION for part in parts))"
@@ -31,9 +31,9 @@ EXACT = {
     },
     "train_ato/loop/recording_builder.py": {"sum((part.time.size for part in parts))"},
     "train_ato/loop/train_protection.py": {"sum((age > bound for bound in self._bounds))"},
-    "train_ato/messages/codec/fixed.py": {
+    "train_ato/messages/codec/fixed.py": {"sum((column.shape[1] for column in columns))"},
+    "train_ato/messages/codec/slots.py": {
         "sum(sizes)", "sum((1 if size is None else size for size in _sizes(topic, layout, path)))",
-        "sum((column.shape[1] for column in columns))",
     },
 }  # fmt: skip
 """Sums of integers and of truth values."""

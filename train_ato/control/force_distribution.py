@@ -11,14 +11,13 @@ A unit at a limit leaves the rest to the others.
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections.abc import Sequence
-from itertools import pairwise
 
 from pydantic import Field, model_validator
 
 from plant_sim.summation import plain_sum
 from plant_sim.units import Length, Ratio, SiModel
+from train_ato.control.rows_by_place import check_rows, row_at
 
 SUM_TOLERANCE = 0.005
 """Largest deviation of a sum of shares from 1: three units with two decimals each."""
@@ -55,28 +54,14 @@ class ForceDistribution:
     """
 
     def __init__(self, shares: Sequence[SharesAt], fixed: Sequence[float]) -> None:
-        if any(after.at <= before.at for before, after in pairwise(shares)):
-            raise ValueError("force_shares: places do not increase; sort the entries by 'at'")
-        for entry in shares:
-            if len(entry.shares) != len(fixed):
-                raise ValueError(
-                    f"force_shares: {len(entry.shares)} shares at {entry.at:g} m, but the train has {len(fixed)} power "
-                    "units; give one for each"
-                )
         self._places = [entry.at for entry in shares]
+        check_rows("force_shares", "shares", self._places, [entry.shares for entry in shares], len(fixed))
         self._fixed = list(fixed)
         self._rows = [[share / plain_sum(entry.shares) for share in entry.shares] for entry in shares]
 
     def shares_at(self, position: float) -> list[float]:
         """Return the shares at a position of vehicle 0's centre [m]."""
-        if not self._rows:
-            return self._fixed
-        after = bisect_right(self._places, position)
-        if after in (0, len(self._places)):
-            return self._rows[max(after - 1, 0)]
-        begin, end = self._places[after - 1], self._places[after]
-        weight = (position - begin) / (end - begin)
-        return [a + weight * (b - a) for a, b in zip(self._rows[after - 1], self._rows[after], strict=True)]
+        return row_at(self._places, self._rows, position) if self._rows else self._fixed
 
     def forces(
         self, position: float, wanted: Sequence[float], low: Sequence[float], high: Sequence[float]

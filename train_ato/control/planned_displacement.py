@@ -12,14 +12,13 @@ so that a train which moves as planned, couplings included, needs no correction.
 from __future__ import annotations
 
 import dataclasses
-from bisect import bisect_right
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from pydantic import Field
 
 from plant_sim.units import Length, SiModel
+from train_ato.control.rows_by_place import check_rows, row_at
 from train_ato.messages.types import Measurement
 
 
@@ -49,16 +48,9 @@ class PlannedDisplacement:
     """
 
     def __init__(self, entries: Sequence[DisplacementAt], units: int) -> None:
-        if any(after.at <= before.at for before, after in pairwise(entries)):
-            raise ValueError("unit_displacements: places do not increase; sort the entries by 'at'")
-        for entry in entries:
-            if len(entry.displacement) != units:
-                raise ValueError(
-                    f"unit_displacements: {len(entry.displacement)} displacements at {entry.at:g} m, but the train has "
-                    f"{units} power units; give one for each"
-                )
         self._places = [entry.at for entry in entries]
         rows = [entry.displacement for entry in entries]
+        check_rows("unit_displacements", "displacements", self._places, rows, units)
         neighbours = [(max(k - 1, 0), min(k + 1, len(rows) - 1)) for k in range(len(rows))]
         slopes = [
             [
@@ -72,13 +64,9 @@ class PlannedDisplacement:
 
     def at(self, position: float) -> tuple[list[float], list[float]]:
         """Return displacements [m] and their slopes [m/m] at a position of vehicle 0's centre [m]."""
-        n, after = self._units, bisect_right(self._places, position)
-        if after in (0, len(self._places)):
-            return list(self._rows[max(after - 1, 0)][:n]), [0.0] * n
-        begin, end = self._places[after - 1], self._places[after]
-        weight = (position - begin) / (end - begin)
-        row = [a + weight * (b - a) for a, b in zip(self._rows[after - 1], self._rows[after], strict=True)]
-        return row[:n], row[n:]
+        n, row = self._units, row_at(self._places, self._rows, position)
+        varies = self._places[0] <= position < self._places[-1]
+        return row[:n], row[n:] if varies else [0.0] * n
 
     def without(self, measurement: Measurement, position: float) -> Measurement:
         """Return a measurement without the planned displacements.

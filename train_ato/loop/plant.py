@@ -9,7 +9,7 @@ import numpy as np
 
 from plant_sim.odometry import Odometers
 from plant_sim.service_brake import FullServiceBrake
-from plant_sim.train import Observation
+from plant_sim.states import Observation
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.stage_messages import PlantMessages, PlantTruth, diagnostics_due

@@ -1,4 +1,4 @@
-"""Train, line, nominal model and start position of a scenario, with the files beside it."""
+"""Train, line, layout, nominal model, profile and start position of a scenario, with the files beside it."""
 
 from __future__ import annotations
 
@@ -10,12 +10,24 @@ from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line, split_line_name
 from plant_sim.line import Line
 from train_ato.control.learned_resistance import LearnedResistance, model_hash, read_learned
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.control.train_model import LineForceTable, TrainModel
 from train_ato.loop.part_cache import PartCache, file_state
 from train_ato.messages.layout import TrainLayout
+from train_ato.profile.profile import Profile
+from train_ato.scenario.profile_spec import ProfileSpec
 from train_ato.scenario.scenario import Scenario
 
-__all__ = ["data_key", "nominal_model", "scenario_consist", "scenario_line", "with_start_position"]
+__all__ = [
+    "nominal_model",
+    "profile_key",
+    "scenario_consist",
+    "scenario_layout",
+    "scenario_line",
+    "scenario_profile",
+    "with_current_names",
+    "with_start_position",
+]
 
 
 def scenario_consist(named: str | Consist, folder: Path, parts: PartCache | None = None) -> Consist:
@@ -47,6 +59,24 @@ def _beside(name: str, folder: Path) -> str:
     stem, selection = split_line_name(name)
     path = folder / stem
     return f"{path}{selection}" if path.is_file() else name
+
+
+def scenario_layout(scenario: Scenario, consist: Consist, line: Line) -> TrainLayout:
+    """Return the parts of train and plant that determine the topics of a run and the sizes of their messages."""
+    return TrainLayout(
+        n_vehicles=len(consist.vehicles),
+        n_units=len(consist.power_units),
+        sensors=scenario.plant.sensors.couplers,
+        air_brake=consist.air_brake is not None,
+        disturbed=bool(scenario.plant.disturbances),
+        supervised=_is_supervised(scenario, line),
+    )
+
+
+def _is_supervised(scenario: Scenario, line: Line) -> bool:
+    """Return the choice of the scenario, or True for a line with speed limits."""
+    chosen = scenario.supervision.enabled
+    return bool(line.speed_limits) if chosen is None else chosen
 
 
 def nominal_model(
@@ -105,6 +135,21 @@ def _learned(
     return found
 
 
+def scenario_profile(
+    scenario: Scenario, consist: Consist, line: Line, tick_ns: int, folder: Path, parts: PartCache
+) -> Profile:
+    """Return the profile of a scenario, from former runs if train, line, block ``profile`` and tick are equal."""
+    spec, plant = scenario.profile, scenario.plant
+    data = (data_key(plant.consist, folder), data_key(plant.line, folder))
+    key = ("profile", *profile_key(spec, folder), *data, tick_ns, scenario.brake.deepest)
+    return parts.get(key, lambda: spec.build(consist, line, tick_ns * 1e-9, folder, scenario.brake.deepest))
+
+
+def profile_key(spec: ProfileSpec, folder: Path) -> tuple[object, ...]:
+    """Return the values that determine the data of a block ``profile``: its keys, and the state of its file."""
+    return spec, folder, None if spec.file is None else file_state(folder / spec.file)
+
+
 def with_start_position(scenario: Scenario, position: float) -> Scenario:
     """Return the scenario with the train at the begin of the profile, unless it defines the start position."""
     start = scenario.plant.start
@@ -112,3 +157,15 @@ def with_start_position(scenario: Scenario, position: float) -> Scenario:
         return scenario
     plant = scenario.plant.model_copy(update={"start": start.model_copy(update={"position": position})})
     return scenario.model_copy(update={"plant": plant})
+
+
+def with_current_names(scenario: Scenario) -> Scenario:
+    """Return the scenario with the parameters of laws, observers and compensations under their current names."""
+    changes = [change.model_copy(update={"laws": LAWS.current_names(change.laws)}) for change in scenario.law_changes]
+    update = {
+        "laws": LAWS.current_names(scenario.laws),
+        "observers": OBSERVERS.current_names(scenario.observers),
+        "compensations": COMPENSATIONS.current_names(scenario.compensations),
+        "law_changes": tuple(changes),
+    }
+    return scenario.model_copy(update=update)

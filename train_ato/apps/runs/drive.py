@@ -217,7 +217,7 @@ def drive(
     folder = None if out is None else RunFolder.make(out, setup.scenario.name, option)
     try:
         record = RunRecord(setup, folder, run_mode.compression)
-        from plant_sim.train import compile_kernel
+        from plant_sim.warm_up import compile_kernel
 
         compile_kernel()
         outcome = _driven(setup, run_mode, record, shown, title or setup.scenario.name)

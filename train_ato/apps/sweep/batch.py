@@ -8,7 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from plant_sim.train import compile_kernel
+from plant_sim.warm_up import compile_kernel
 from train_ato.apps.runs.scenario_choice import ScenarioChoice
 from train_ato.apps.sweep.design import Point
 from train_ato.apps.sweep.row import Row, drive_point

@@ -169,7 +169,7 @@ class PreparedSweep:
             announce(f"{len(finished)} of {len(self.points)} runs are finished, {len(missing)} are missing")
         if not missing:
             return
-        from plant_sim.train import compile_kernel
+        from plant_sim.warm_up import compile_kernel
 
         compile_kernel()
         with ExitStack() as stack:

@@ -13,7 +13,7 @@ from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 
-from plant_sim.train import compile_kernel
+from plant_sim.warm_up import compile_kernel
 from train_ato.errors import FirstFailure, of_own_code
 from train_ato.log.compression import DEFAULT
 from train_ato.log.run_log import RunLog
