@@ -10,8 +10,8 @@ that it does not take a grade for a mass.
 Three filters of (e_p, e_v, d) use its theta. They differ in q = (share omega_o)⁴ sigma² Tc, with the shares 1, 1/4,
 1/16 of the bandwidth omega_o: a constant disturbance needs a slow filter, and a sudden one a fast filter. Interacting
 multiple models (Blom and Bar-Shalom 1988, IEEE Transactions on Automatic Control 33) weight them by the likelihood of
-their innovations. A filter is right for a mean time of ``SHORTEST_STAY`` (sigma/``SPEED_FLOOR``)², at most
-``STAY_TIME``. sigma is the measured noise of the speed, in q at most ``SPEED_FLOOR``: more noise lowers the bandwidth.
+their innovations. sigma is the measured noise of the speed, in q at most ``SPEED_FLOOR``: more noise lowers the
+bandwidth.
 
 In a train with hauled vehicles the speed of a unit differs from that of the train by waves: e_v has a random part of
 PSD S = 2 ``WAVE_SPEED``²/T_w, with the time T_w of a wave through the train, and q the addition (share omega_o)² S.
@@ -37,9 +37,8 @@ SPEED_FLOOR = 0.01
 """Standard deviation of the speed up to which the bandwidth is that at the smallest noise [m/s]."""
 NOISE_FLOOR = 0.002
 """Smallest standard deviation of the speed [m/s]."""
-POSITION_RATIO = 0.2
-"""Smallest standard deviation of the position over that of the speed, up to that of ``SPEED_FLOOR`` [s]: 2 mm
-there. More noise of the position is measured."""
+POSITION_RATIO = 0.5
+"""Smallest standard deviation of the position over that of the speed, up to that of ``SPEED_FLOOR`` [s]."""
 NOISE_TIME = 20.0
 """Time over which the noise is averaged [s]."""
 SPEED_PRIOR, POSITION_PRIOR, PRIOR_SAMPLES = 0.05, 0.05, 2
@@ -58,9 +57,8 @@ GRADE_CHANGE = 0.02
 """Standard deviation of the change of an unknown grade in a second [m/s²]."""
 WAVE_SPEED = 0.1
 """Standard deviation of the speed of a unit against its train with hauled vehicles [m/s]."""
-STAY_TIME, SHORTEST_STAY = 20.0, 1.0
-"""Mean time for which one of the filters is right, and that for a noise up to ``SPEED_FLOOR`` [s]: a gust begins at
-once, but with more noise a quick change to the fast filter follows the noise."""
+STAY_TIME = 20.0
+"""Mean time for which one of the filters is right [s]."""
 
 
 @compiled
@@ -215,15 +213,13 @@ class MotionObserver:
         omega_o, bandwidth of the disturbance at the smallest noise [rad/s].
     wave_time
         T_w, time of a wave through the train [s]; 0 for a train without hauled vehicles.
-    shortest_stay
-        Mean time for which a filter is right at a noise up to ``SPEED_FLOOR`` [s].
     """
 
-    def __init__(self, period: float, bandwidth: float, wave_time: float, shortest_stay: float = SHORTEST_STAY) -> None:
-        self._shortest_stay = shortest_stay
+    def __init__(self, period: float, bandwidth: float, wave_time: float) -> None:
         self._squares = (bandwidth * np.array(SHARES)) ** 2
         self._waves = 2.0 * WAVE_SPEED**2 / wave_time * period if wave_time > 0.0 else 0.0
         self._period = period
+        self._leave = min(0.5, period / STAY_TIME) / (len(SHARES) - 1)
         self._samples = NOISE_TIME / period
         self.reset()
 
@@ -322,13 +318,10 @@ class MotionObserver:
             self._before[:], self.stands = 0.0, False
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         variance = min(float(self._noise[1]), SPEED_FLOOR**2)
-        noisy = max(1.0, float(self._noise[1]) / SPEED_FLOOR**2)
-        stay = min(STAY_TIME, self._shortest_stay * noisy)
-        leave = min(0.5, self._period / stay) / (len(SHARES) - 1)
         self._drifts[:, 0] = self._waves + (force_change * self._period) ** 2 / 12.0
         self._drifts[1:, 1] = self._squares * (self._squares * (variance * self._period**2) + self._waves)
         filter_step(
-            self._states, self._covariances, self._chances, self._noise, self._before, self._drifts, leave,
+            self._states, self._covariances, self._chances, self._noise, self._before, self._drifts, self._leave,
             self._period, 1.0 / self._count, position, speed, pull, regressor, self._mean,
         )  # fmt: skip
         self._state = self._mean.tolist()

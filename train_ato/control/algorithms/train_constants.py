@@ -20,15 +20,12 @@ MAX_TABLE_SPEED = 140.0
 """Last speed of the tables of force limits [m/s]."""
 MAX_OMEGA = 1.5
 """Largest default pole of the closed loop [rad/s]."""
-DEAD_ANGLE, DEAD_ANGLE_ONE_MASS = 0.9, 1.05
-"""Default pole times delay and lag [rad]: with couplers, which are not in the model of the law, and without."""
 
 
 def default_omega(model: TrainModel) -> float:
     """Return the pole of the closed loop from delay, lag and the wave impedance of the couplers [rad/s]."""
     dead = max(float(model.delay.max()), float(model.delay_brake.max())) + model.lag
-    angle = DEAD_ANGLE_ONE_MASS if len(model.consist.vehicles) == 1 else DEAD_ANGLE
-    omega = min(MAX_OMEGA, angle / dead if dead > 0.0 else MAX_OMEGA)
+    omega = min(MAX_OMEGA, 0.9 / dead if dead > 0.0 else MAX_OMEGA)
     if len(model.consist.vehicles) > model.n_units:
         omega = min(omega, model.n_units * model.mass / (3.0 * model.inertia * wave_time(model)))
     return omega

@@ -18,9 +18,8 @@ and e_v to z through delay and lag are closed forms (`horizon_model.py`)::
     J = sum_k W_k [(a omega²)² e_p² + (4 - 2a) omega² e_v²] + sum_j w_j z_j² + T (a omega²)² b²
 
 Without constraints this is z = -2 omega e_v - a omega² e_p on the state at the time of effect: the gain k_v of the
-linear-quadratic regulator of a double integrator is sqrt(q_v + 2 sqrt(q_p)). Default omega = .9/(tau + Ta), without
-couplers 1.05/(tau + Ta), at most 1.5; for hauled vehicles at most a third of the wave impedance sqrt(k m) of the
-couplers over the mass of the train.
+linear-quadratic regulator of a double integrator is sqrt(q_v + 2 sqrt(q_p)). Default omega = .9/(tau + Ta), at most
+1.5; for hauled vehicles at most a third of the wave impedance sqrt(k m) of the couplers over the mass of the train.
 
 **Constraints**, all soft, so that the programme always has a solution: force of the envelopes at the speed of the last
 plan at every node, with the running resistance of that speed; |jerk| of the train at most ``jerk``; speed at most the
@@ -41,9 +40,7 @@ add to C_j; the shoe force and the disturbance count as proportional to the mass
 
 **Disturbance and mass.** Three Kalman filters of e_p, e_v, d with bandwidths of ``observer_ratio`` omega and its
 fourth and sixteenth part, weighted by likelihood, and one of the error theta of the mass, with measured noise
-(`motion_observer.py`): offset-free. Without couplers the filters change quickly, so that a gust is found within the
-delay; couplers have waves, which a quick change follows. M/(1 + k theta) replaces M, with k = 1 - P/P_0 from the
-variance P of theta.
+(`motion_observer.py`): offset-free. M/(1 + k theta) replaces M, with k = 1 - P/P_0 from the variance P of theta.
 
 **Arrival.** With hauled vehicles there is no traction from a reference speed of .05 m/s down to the stop: the vehicles
 stop one by one, and the holding brake acts without traction only.
@@ -82,7 +79,7 @@ from train_ato.control.algorithms.coupler_limit import CouplerLimit
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
-from train_ato.control.algorithms.motion_observer import SHORTEST_STAY, STAY_TIME, MotionObserver
+from train_ato.control.algorithms.motion_observer import MotionObserver
 from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion, node_values
 from train_ato.control.algorithms.train_constants import default_omega, drag_slope, force_tables, wave_time
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
@@ -151,9 +148,7 @@ class Mpc(GuardedLaw):
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         self._deviations = UnitDeviations.of(model, period, lag_weight(period, model.lag)) if soft else None
         ratio = p.observer_ratio or (0.3 if self._hauls else 5.0 if self._deviations is None else SOFT_RATIO)
-        waves = wave_time(model) if self._hauls else 0.0
-        stay = SHORTEST_STAY if len(model.consist.vehicles) == 1 else STAY_TIME
-        self._observer = MotionObserver(period, ratio * self.omega, waves, stay)
+        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._couplers = CouplerLimit(model, p.coupler_limit) if p.coupler_limit else None
