@@ -32,7 +32,7 @@ MIN_SLABS = 100
 PRICE_RANGE = (1e-4, 1e3)
 """Search range of the price of time [W/kg]."""
 PRICE_STEPS = 14
-"""Golden-section steps of the search."""
+"""Steps of the search."""
 CLIMB = 1.15
 """Factor between two prices on the last grid."""
 MAX_CLIMB = 4
@@ -93,20 +93,15 @@ def value_lower_bound(sections: list[PlanSection], time: float) -> float:
 
 def _best_price(bound: Callable[[float], float]) -> float:
     """Return the price of time with the largest bound [W/kg]; the bound is concave in the price."""
-    low, high = np.log(PRICE_RANGE[0]), np.log(PRICE_RANGE[1])
-    golden = (np.sqrt(5.0) - 1.0) / 2.0
-    inner = [high - golden * (high - low), low + golden * (high - low)]
-    values = [bound(float(np.exp(at))) for at in inner]
-    for _ in range(PRICE_STEPS):
-        if values[0] > values[1]:
-            high, inner[1], values[1] = inner[1], inner[0], values[0]
-            inner[0] = high - golden * (high - low)
-            values[0] = bound(float(np.exp(inner[0])))
-        else:
-            low, inner[0], values[0] = inner[0], inner[1], values[1]
-            inner[1] = low + golden * (high - low)
-            values[1] = bound(float(np.exp(inner[1])))
-    return float(np.exp(inner[int(np.argmax(values))]))
+    from scipy.optimize import minimize_scalar
+
+    found = minimize_scalar(
+        lambda power: -bound(float(np.exp(power))),
+        bounds=tuple(np.log(PRICE_RANGE)),
+        method="bounded",
+        options={"maxiter": PRICE_STEPS},
+    )
+    return float(np.exp(found.x))
 
 
 def _climb(bound: Callable[[float], float], price: float) -> float:
