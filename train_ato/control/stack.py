@@ -63,6 +63,8 @@ class ControlStack:
     ----------
     answer : LawOutput or BaseException or None
         Result of a step of the law in compiled ticks, used in place of the next step.
+    law_brakes : bool
+        The law demanded the pressure of the last step in place of the policy.
     holding : bool
         The last step repeated the previous command, because the measurement or the output of the law was not valid.
 
@@ -107,6 +109,7 @@ class ControlStack:
         self._blend = _blend_weights(period)
         self._blended = 0
         self._pressure: float | None = None
+        self.law_brakes = False
         self._saturated = False
         self._invalid_measurements = 0
         self._invalid_estimates = 0
@@ -207,6 +210,7 @@ class ControlStack:
                 float(measurement.velocity[0]),
                 total_of_units(measurement.applied),
             )
+            self.law_brakes = False
         if due and not valid:
             self._hold.hold("no valid measurement of the power units")
             self._miss_sample()
@@ -254,6 +258,7 @@ class ControlStack:
             self._hold.resume()
         if self._air_brake and output.brake_pipe is not None and math.isfinite(output.brake_pipe):
             self._pressure = min(max(output.brake_pipe, 0.0), self.model.consist.air_brake.charged)  # type: ignore[union-attr]
+            self.law_brakes = True
         if self._offset is not None:
             wanted = self._bumpless(wanted)
         sent = self._limited(wanted, low, high)

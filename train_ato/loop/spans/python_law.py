@@ -67,7 +67,9 @@ class PythonLaw:
 
     def inputs(self, units: int) -> Array:
         """Return the array of the inputs of a span."""
-        return np.zeros((c.INPUT_ROWS, units))
+        inputs = np.zeros((c.INPUT_ROWS, units))
+        inputs[c.SHARE] = self._stack.model.share  # for the prediction
+        return inputs
 
     def begin_span(
         self, stamp: int, forecast: SpanForecast, inputs: Array, now: Array, wanted: Array, couplers: Array, counts: Any
@@ -125,7 +127,7 @@ class PythonLaw:
         forecast, compensation = self._forecast, self._stack._compensation
         assert isinstance(compensation, CompensationBase)
         t, effect, n = forecast.times[tick], forecast.effects[tick], self._wanted.size
-        position, velocity, applied, reference, feedforward, low, high, _, _, shoes, disturbance, *_ = (
+        position, velocity, applied, reference, feedforward, low, high, _, _, _, disturbance, *_ = (
             self._inputs.copy()
         )
         speed, acceleration, at_effect, jerk, _, train_shoes = self._now.tolist()
@@ -150,7 +152,7 @@ class PythonLaw:
             deflection,
             rate,
             coupler_force,
-            shoes,
+            forecast.shoes[tick, 1:],
             train_shoes,
             self._stack._history.in_flight(),
             low,
