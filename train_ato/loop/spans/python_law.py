@@ -88,48 +88,57 @@ class PythonLaw:
             self._stack.answer = self._last[1]
 
     def _called(self, tick: int) -> int:
-        """Call the law; return 0, or ``LEFT`` for a tick that is left to Python."""
+        """Run the step of a tick; return 0, or ``LEFT`` for a tick that is left to Python."""
+        begin = time.perf_counter_ns()
+        self._begin = self._begin or begin
+        if begin - self._begin > LONGEST_CALLS_NS:
+            return LEFT
         try:
-            begin = time.perf_counter_ns()
-            self._begin = self._begin or begin
-            law: Any = self._law
-            if begin - self._begin > LONGEST_CALLS_NS or getattr(law, "lookahead_times", None) is not None:
-                return LEFT
-            inputs = self._law_input(tick)
-            with self._controller._call:
-                try:
-                    output = law.step(inputs)
-                except BaseException as error:  # raised again by the tick in Python
-                    self._last = tick, error
-                    return LEFT
-            self._last = tick, output
-            force = output.force
-            if output.brake_pipe is not None or output.held or force.dtype != np.float64:
-                return LEFT
-            if force.shape != self._wanted.shape:
-                return LEFT
-            self._wanted[:] = force
-            stamp = self._stamp + tick * self._controller.setup.tick_ns
-            if self._reported and diagnostics_due(stamp, self._controller.setup.tick_ns):
-                report = self._controller.diagnostic(stamp)
-                assert report is not None
-                self.reports[tick] = report
-            self._controller.step_times.nanoseconds.append(time.perf_counter_ns() - begin)
+            usable = self._step(tick)
         except KeyboardInterrupt as error:
             self._last = tick, error
             return LEFT
         except Exception:  # an output without the form of the contract; the tick in Python names the fault
             return LEFT
-        return 0
+        self._controller.step_times.nanoseconds.append(time.perf_counter_ns() - begin)
+        return 0 if usable else LEFT
+
+    def _step(self, tick: int) -> bool:
+        """Call the law; return True for an output that is only a force, whose value the compiled code checks."""
+        law: Any = self._law
+        if getattr(law, "lookahead_times", None) is not None:
+            return False
+        inputs = self._law_input(tick)
+        with self._controller._call:
+            try:
+                output = law.step(inputs)
+            except BaseException as error:  # raised again by the tick in Python
+                self._last = tick, error
+                return False
+        self._last = tick, output
+        force = output.force
+        if output.brake_pipe is not None or output.held:
+            return False
+        if force.dtype != np.float64 or force.shape != self._wanted.shape:
+            return False
+        self._wanted[:] = force
+        if self._reported:
+            self._report(tick)
+        return True
+
+    def _report(self, tick: int) -> None:
+        """Keep the diagnostics of a tick, once a second."""
+        tick_ns = self._controller.setup.tick_ns
+        stamp = self._stamp + tick * tick_ns
+        if diagnostics_due(stamp, tick_ns) and (report := self._controller.diagnostic(stamp)) is not None:
+            self.reports[tick] = report
 
     def _law_input(self, tick: int) -> LawInput:
         """Return the input of the law, in arrays of its own."""
         forecast, compensation = self._forecast, self._stack._compensation
         assert isinstance(compensation, CompensationBase)
         t, effect, n = forecast.times[tick], forecast.effects[tick], self._wanted.size
-        position, velocity, applied, reference, feedforward, low, high, _, _, _, disturbance, *_ = (
-            self._inputs.copy()
-        )
+        position, velocity, applied, reference, feedforward, low, high, _, _, _, disturbance, *_ = self._inputs.copy()
         speed, acceleration, at_effect, jerk, _, train_shoes = self._now.tolist()
         deflection, rate, coupler_force = self._couplers[tick]
         horizon = getattr(self._law, "horizon", 0)
