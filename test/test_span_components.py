@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from span_runs import Messages, assert_same_messages, compiled_part, messages_of, setup_of
 
+from train_ato.control.compiled.packing import has_compiled_step
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.recording import BRAKE_PIPE_COMMAND
 from train_ato.loop.spans import kernel
@@ -114,12 +115,26 @@ def test_components_do_not_compile_the_kernel_again() -> None:
     ("name", "changes"),
     [
         ("freight_consensus:realistic", {}),
-        ("freight_consensus", {"laws.fixed_time_smc.states": "estimated"}),
         ("xuzhou_metro", {"compensation": "predictor", "compensations.predictor.delay": "estimated"}),
-        ("xuzhou_metro", {"law": "rbf_switching_smc", "laws.rbf_switching_smc.derivatives": "measured"}),
-        ("xuzhou_metro", {"law": "gpc", "compensation": "none"}),
     ],
 )
 def test_forms_without_a_compiled_step_run_in_python(name: str, changes: dict[str, Any]) -> None:
     """Breaks if a parameter that the compiled step lacks is accepted: the run would have the numbers of another one."""
     assert compiled_part(setup_of(name, {**changes, "duration": 1.0 if name == "freight_consensus" else 10})) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("freight_consensus", {"laws.fixed_time_smc.states": "estimated", "duration": 1.0}),
+        ("xuzhou_metro", {"law": "rbf_switching_smc", "laws.rbf_switching_smc.derivatives": "measured", **METRO}),
+        ("xuzhou_metro", {"law": "gpc", "compensation": "none", **METRO}),
+    ],
+)
+def test_laws_without_a_compiled_step_are_called_in_python(name: str, changes: dict[str, Any]) -> None:
+    """Breaks if a parameter that the compiled step lacks is accepted: the run would have the numbers of another one."""
+    loop = TickLoop(setup_of(name, changes), None)
+    loop.start()
+    assert loop.controller._stack is not None
+    assert not has_compiled_step(loop.controller._stack._law)
+    assert_same_messages(*(messages_of(setup_of(name, changes), compiled=chosen) for chosen in (False, True)))
