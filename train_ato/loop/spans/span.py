@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim.plant_setup import Jump
 from train_ato.control.compensation.predictor import Predictor
@@ -62,6 +63,10 @@ class CompiledSpans:
 
     Attributes
     ----------
+    brief : bool
+        True if only the series of the summary are recorded.
+    shown : Array of int
+        Vehicles of the truth: all, or with ``brief`` the first, the power units and the last.
     ticks : int
         Number of compiled ticks so far.
     ato : AtoReport or None
@@ -85,6 +90,10 @@ class CompiledSpans:
         self._memory: dict[str, Array] = {}
         self.supervised = SupervisedTicks(stages)
         self.model = _model_arrays(stages.setup)
+        self.brief = recording.summary_only and not stages.setup.layout.disturbed
+        units, vehicles = stages.plant.train.units, stages.plant.train.n
+        shown = (0, *units, vehicles - 1) if self.brief else range(vehicles)
+        self.shown: NDArray[np.int64] = np.array(shown, dtype=np.int64)
         self._prediction: PackedPrediction | None = None
         self.observer = CompiledObserver(stages.observer._stack._observer)
         self.observer_couplers = coupler_arrays(self.observer.couplers)
@@ -114,8 +123,10 @@ class CompiledSpans:
             return 0
         self._pause = 1
         self.ticks += done
-        messages = SpanMessages(self.stages, span.arrays, stamp, done)
-        if self._publish is None or (self._publish_ticks is not None and self._publish_ticks(messages.block())):
+        messages = SpanMessages(self.stages, span.arrays, stamp, done, brief=self.brief)
+        if self.brief:
+            messages.record_summary(self._recording)
+        elif self._publish is None or (self._publish_ticks is not None and self._publish_ticks(messages.block())):
             messages.record(self._recording)
         else:
             messages.publish(self._publish)
@@ -178,14 +189,17 @@ class _Span:
         units, sensors = len(train.units), len(train.sensors)
         most, changing = count * train.tick_ns // SECOND_NS + 2, train.arrays
         self.arrays = SpanArrays(
-            np.empty((count, 4, train.n)) if spans.logged else spans.empty("truth", count, 4, train.n),
+            np.empty((count, 4, train.n)) if spans.logged else spans.empty("truth", count, 4, len(spans.shown)),
             np.empty((count, 3, units)),
             np.empty((count, 3, sensors)),
             np.empty((count + 1, units)),
             np.zeros(count + 1, dtype=np.int64),
             np.ascontiguousarray(forecast.reference[:, self._first : self._first + count]),
             *train._outside.ahead(self._stamp, count),
-            [spans.empty(name, most, *getattr(changing, name).shape) for name in REPORTED],
+            [
+                spans.empty(name, 1 if spans.brief and name != "setting" else most, *getattr(changing, name).shape)
+                for name in REPORTED
+            ],
             spans.supervised.arrays(count),
             np.zeros((count, units)),
         )
@@ -218,7 +232,7 @@ class _Span:
             self._observing(), tuple(spans.prediction), self._policy.arrays, self._inputs, self._expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
             self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
-            out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
+            spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
             tuple(out.supervision), self._forecast.at_rest,
         ))  # fmt: skip
         self._forecast.take_back(done)
