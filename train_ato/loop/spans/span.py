@@ -109,7 +109,7 @@ class CompiledSpans:
         law = self._compiled_law(stack)
         if law is None or plant.stamp < self._retry:
             return 0
-        count = ticks_to_event(self.stages, self.supervised, stack, logged=self.logged)
+        count = ticks_to_event(self.stages, self.supervised, stack, logged=self.logged, brief=self.brief)
         if count < SHORTEST or not is_regular(self.stages, self.supervised, stack, law):
             return 0
         stamp = plant.stamp
