@@ -14,7 +14,7 @@ FREE = {"supervision.enabled": False}
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "supervised, air brake by time": (
         "daqin_heavy_haul",
-        {"duration": 120, "criteria.requirements": None, "brake.events": [{"time": 60, "reduction_kpa": 50}]},
+        {"duration": 120, "brake.events": [{"time": 60, "reduction_kpa": 50}]},
     ),
     "overspeed and intervention": (
         "daqin_heavy_haul",
@@ -26,7 +26,10 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "three units, no supervisor": ("crh380a_gpc:short", {**FREE, "duration": 60, "law": "funnel"}),
     "to the stop": ("xuzhou_metro", {"law": "pid"}),
     "requirements": (
-        "xuzhou_metro", {"law": "pid", "duration": 60, "criteria.requirements": {"draft": "G (coupler_draft <= 50 kN)"}}
+        "daqin_heavy_haul",
+        {"duration": 110, "brake.events": [{"time": 60, "reduction_kpa": 50}],
+         "criteria.requirements": {"pipe": "G (pipe_pressure_tail >= 540 kPa)", "draft": "G (coupler_draft <= 900 kN)"},
+        },
     ),
 }  # fmt: skip
 
@@ -56,7 +59,7 @@ def test_a_failed_run_has_the_same_totals(case: str, monkeypatch: pytest.MonkeyP
     def fail(*_: Any) -> None:
         raise ArithmeticError("planned failure")
 
-    monkeypatch.setattr("train_ato.control.laws.smc.SlidingMode.step", fail)
+    monkeypatch.setattr("train_ato.control.laws.smc.Smc.step", fail)
     whole, brief = (run_engine(setup_of(name, changed), compiled=True, summary_only=chosen) for chosen in (False, True))
     assert whole.summary["energy_traction_kwh"] > 0.0
     assert of_simulation(whole.summary) == of_simulation(brief.summary)
