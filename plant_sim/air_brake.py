@@ -56,6 +56,11 @@ def _braking_factors(  # type: ignore[no-untyped-def]
     """
     n, events = len(cylinder), len(levels)
     present, final = np.empty((len(times), n)), np.empty((len(times), n))
+    left = np.empty((len(times), 3))  # of vehicles that no event has reached: equal for all, so one exponential a time
+    for row in range(len(times)):
+        duration = max(times[row] - since, 0.0)
+        left[row, 0], left[row, 1] = libm_exp(-duration / apply_time), libm_exp(-duration / release_time)
+        left[row, 2] = libm_exp(-duration / recharge_time)
     last_filling, last_supply = np.ones(n), np.ones(n)
     newest = np.empty(events + 1)
     for i in range(n):
@@ -64,6 +69,11 @@ def _braking_factors(  # type: ignore[no-untyped-def]
             newest[event] = min(newest[event + 1], arrivals[event, i])
         for row in range(len(times)):
             time, value, goal, full, begun = times[row], cylinder[i], target[i], filling[i], supply[i]
+            if newest[0] > time:
+                present[row, i] = goal + (value - goal) * (left[row, 0] if goal > value else left[row, 1])
+                final[row, i], last_supply[i] = goal, begun
+                last_filling[i] = full if goal > 0.0 or full == 1.0 else 1.0 - (1.0 - full) * left[row, 2]
+                continue
             value = _approached(value, goal, min(newest[0], time) - since, apply_time, release_time)
             full = _recharged(full, goal, min(newest[0], time) - since, recharge_time)
             for event in range(events):

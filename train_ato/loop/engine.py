@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -50,6 +51,7 @@ def run_engine(
     log_folder: Path | None = None,
     interrupt: Interrupt | None = None,
     compiled: bool | None = None,
+    summary_only: bool = False,
 ) -> RunResult:
     """Run a scenario to its end.
 
@@ -70,6 +72,8 @@ def run_engine(
     compiled
         Run ticks without events in compiled code, if the run permits it; the numbers are the same. None: for runs of
         at least :data:`COMPILED_FROM` ticks.
+    summary_only
+        Return no recording; the series that the same summary does not need are not made.
 
     Returns
     -------
@@ -80,10 +84,11 @@ def run_engine(
         with interruptible() as asked:
             return run_engine(
                 setup, sink=sink, progress=progress, rate=rate, log_folder=log_folder, interrupt=asked,
-                compiled=compiled,
+                compiled=compiled, summary_only=summary_only,
             )  # fmt: skip
     wanted = setup.ticks >= COMPILED_FROM and not rate if compiled is None else compiled
-    loop = TickLoop(setup, sink, compiled=wanted)
+    brief = summary_only and sink is None and not setup.scenario.criteria.requirements
+    loop = TickLoop(setup, sink, compiled=wanted, summary_only=brief)
     begin = time.perf_counter()
     clock = RateLimit(rate, setup.tick)
     watch = FirstFailure(log_folder)
@@ -102,19 +107,22 @@ def run_engine(
     wall = time.perf_counter() - begin
     times = StepTimes([]) if loop.compiled else loop.controller.step_times
     published, recording = loop.recording.counts, loop.recording.finish()
-    return RunResult.of(setup, recording, wall, loop.ticks, times, interrupt.asked, watch.failure, published)
+    result = RunResult.of(setup, recording, wall, loop.ticks, times, interrupt.asked, watch.failure, published)
+    return replace(result, recording=None, published={}) if summary_only else result
 
 
 class TickLoop:
     """The stages in the order of the messages of the nodes."""
 
-    def __init__(self, setup: RunSetup, sink: Sink | None, *, compiled: bool = False) -> None:
+    def __init__(
+        self, setup: RunSetup, sink: Sink | None, *, compiled: bool = False, summary_only: bool = False
+    ) -> None:
         self.plant = PlantStage(setup)
         self.profile = ProfileStage(setup)
         self.observer = ObserverStage(setup)
         self.controller = ControllerStage(setup)
         self.supervisor = SupervisorStage(setup) if setup.layout.supervised else None
-        self.recording = RecordingBuilder(setup)
+        self.recording = RecordingBuilder(setup, summary_only)
         self._ato: AtoReport | None = None
         self.ticks = 0
         self.active = "engine"

@@ -12,12 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train_ato.loop.recording import (
+    ATO_STATE,
     BRAKE_SHOES,
+    COMMAND,
     DIAGNOSTICS,
     DISTURBANCE,
     FIELDS,
     LIMITS,
+    MEASUREMENT,
     PROFILE,
+    REFERENCE,
     TRUTH,
     Recording,
 )
@@ -28,6 +32,8 @@ from train_ato.messages.types import Array, Trajectory
 
 PORTION = 256
 """Number of messages of a topic that are stacked at once."""
+SUMMARY_TOPICS = (TRUTH, DISTURBANCE, MEASUREMENT, REFERENCE, COMMAND, ATO_STATE)
+"""Topics of the summary of a run without requirements."""
 
 
 def reduced(topic: str, values: dict[str, Array], units: list[int], *, vehicles: bool = False) -> dict[str, Array]:
@@ -76,17 +82,19 @@ def reduced(topic: str, values: dict[str, Array], units: list[int], *, vehicles:
 
 @dataclass
 class RecordingBuilder:
-    """Collects the messages of a run in memory."""
+    """Collects the messages of a run in memory; with ``summary_only`` the series of the summary only."""
 
     setup: RunSetup
+    summary_only: bool = False
     _profiles: list[Trajectory] = field(default_factory=list)
     _reports: list[Report] = field(default_factory=list)
     _limits: Trajectory | None = None
 
     def __post_init__(self) -> None:
         self._units = list(self.setup.model.units)
-        self._open: dict[str, list[Any]] = {topic: [] for topic in FIELDS}
-        self._closed: dict[str, list[TopicSamples]] = {topic: [] for topic in FIELDS}
+        self._topics = SUMMARY_TOPICS if self.summary_only else tuple(FIELDS)
+        self._open: dict[str, list[Any]] = {topic: [] for topic in self._topics}
+        self._closed: dict[str, list[TopicSamples]] = {topic: [] for topic in self._topics}
         self._others: Counter[str] = Counter()
 
     def add(self, topic: str, message: Any, stamp: int = 0) -> None:
@@ -120,9 +128,13 @@ class RecordingBuilder:
         if topic not in self._closed:
             self._others[topic] += len(stamps)
             return
+        self.extend_reduced(topic, stamps, reduced(topic, values, self._units))
+
+    def extend_reduced(self, topic: str, stamps: NDArray[np.int64], values: dict[str, Array]) -> None:
+        """Add messages of a recorded topic as in :meth:`extend_rows`, with the values of :func:`reduced`."""
         if self._open[topic]:
             self._close(topic)
-        self._closed[topic].append(TopicSamples(seconds(stamps), reduced(topic, values, self._units)))
+        self._closed[topic].append(TopicSamples(seconds(stamps), values))
 
     def extend_reports(self, reports: Iterable[RepeatedReport]) -> None:
         """Add the diagnostics of compiled ticks."""
@@ -157,7 +169,7 @@ class RecordingBuilder:
     def finish(self) -> Recording:
         """Return the recording."""
         topics = {}
-        for topic in FIELDS:
+        for topic in self._topics:
             if self._open[topic]:
                 self._close(topic)
             if self._closed[topic]:

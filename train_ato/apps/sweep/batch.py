@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,7 +16,7 @@ from train_ato.apps.sweep.row import Row, drive_point
 from train_ato.log.versions import source_hash
 from train_ato.loop.part_cache import PartCache
 
-__all__ = ["Batch", "SweepBase", "run_batch"]
+__all__ = ["Batch", "SweepBase", "keep_loaded_objects", "run_batch"]
 
 
 @dataclass(frozen=True)
@@ -58,10 +59,20 @@ def run_batch(base: SweepBase, batch: Batch) -> list[Row]:
         raise ValueError("a worker has other code of train_ato; install the same version on every worker")
     compile_kernel()
     global _last
+    first = _last is None
     if _last is None or _last[0] != base:
         _last = (base, base.choice(), PartCache())
     _, choice, parts = _last
-    return [drive_point(choice, number, point, parts) for number, point in batch]
+    rows = [drive_point(choice, number, point, parts) for number, point in batch]
+    if first:
+        keep_loaded_objects()
+    return rows
+
+
+def keep_loaded_objects() -> None:
+    """Leave what the first runs of a process have loaded, mostly compiled code, out of later garbage collections."""
+    gc.collect()
+    gc.freeze()
 
 
 _last: tuple[SweepBase, ScenarioChoice, PartCache] | None = None

@@ -58,7 +58,7 @@ def drive_point(base: ScenarioChoice, number: int, point: Mapping[str, Any], par
     }
     start = time.perf_counter()
     try:
-        summary = run_engine(setup).summary
+        summary = run_engine(setup, summary_only=True).summary
     except (Exception, SystemExit) as error:  # the constructor of a user's component may raise any
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         return {**row, "status": "failed", "reason": reason, **_times(begin)}

@@ -125,7 +125,7 @@ class GainRunner:
 
     @staticmethod
     def _run(setup: RunSetup) -> dict[str, Any]:
-        result = run_engine(setup)
+        result = run_engine(setup, summary_only=True)
         if result.interrupted:
             raise KeyboardInterrupt
         return result.summary

@@ -30,8 +30,8 @@ from train_ato.scenario.changes import requested_stamp
 
 LONGEST, BRAKED = 256, 128
 """Longest span, and longest one with forecasts of shoe forces, which cost more [ticks]."""
-UNRECORDED = 4
-"""Factor of both without a log and without disturbances, whose arrays are large."""
+UNRECORDED, BRIEF = 4, 16
+"""Factor of both without a log and without disturbances, whose arrays are large, and with the series of the summary."""
 
 
 def spans_possible(setup: RunSetup) -> bool:
@@ -56,11 +56,13 @@ def spans_possible(setup: RunSetup) -> bool:
     return known and OBSERVERS.get(setup.observer) in (NoObserver, Eso, Ndo, Cascaded) and setup.model.n_units > 0
 
 
-def ticks_to_event(stages: Stages, supervised: SupervisedTicks, stack: ControlStack, *, logged: bool) -> int:
+def ticks_to_event(
+    stages: Stages, supervised: SupervisedTicks, stack: ControlStack, *, logged: bool, brief: bool = False
+) -> int:
     """Return the number of ticks before the next planned event, at most those of the longest span.
 
-    An event is a change, a jump, an intervention, a fault, a request, or the end of the run. It is 0 for the first
-    tick, at which the control stack has no pressure of the brake pipe yet.
+    An event is a change, a jump, an intervention, a fault, a request, a change of the brake pipe at a planned time, or
+    the end of the run. It is 0 for the first tick, at which the control stack has no pressure of the brake pipe yet.
     """
     setup, plant, controller = stages.setup, stages.plant, stages.controller
     tick, stamp = setup.tick_ns, plant.stamp
@@ -68,13 +70,16 @@ def ticks_to_event(stages: Stages, supervised: SupervisedTicks, stack: ControlSt
         return 0
     longest = LONGEST if stack._compensation.shoes.idle else BRAKED  # type: ignore[attr-defined]
     if not (logged or plant.train._outside.acts):
-        longest *= UNRECORDED
+        longest *= BRIEF if brief else UNRECORDED
     longest = min(longest, plant.train.ticks_before_section)
     ends = [stamp + longest * tick, setup.ticks * tick, plant._link.next_jump(stamp)]
     ends += [requested_stamp(change) for change in controller._planned]
     ends += plant._interventions.due_stamps
     ends += [inputs.next_fault(stamp) for inputs in _inputs(stages)]
     ends += supervised.next_request(stamp)
+    event = getattr(stack._policy, "next_event", None) if setup.layout.air_brake else None
+    if event is not None and event.time is not None:
+        ends.append(round(event.time * 1e9))
     ends += [round(jump.at * 1e9) // tick * tick for jump in plant.train._jumps._waiting if jump.at is not None]
     return int(-((stamp - min(ends)) // tick))
 

@@ -67,7 +67,9 @@ class Forecast:
         self.expected: Array = np.array([*state, effect[2], profile.jerks_at(effects)])
         later = profile._evaluate(np.rint((self._times + stack._delay_to_effect) * 1e9).astype(np.int64))
         self._at_rest = (now[1] == 0.0) & (now[2] == 0.0) & (later[1] == 0.0)
-        self._effect_speed = effect[1]
+        shown = slice(0, 1 if self._predicts else 2)  # a predictor needs the shoe forces at the effect only
+        self._shoe_times = np.array((self._effects, self._times))[shown]
+        self._shoe_speeds = np.array((effect[1], now[1]))[shown]
 
     def is_of(self, profile: Profile, stack: ControlStack) -> bool:
         """Return True for the profile and the compensation of this forecast."""
@@ -88,9 +90,8 @@ class Forecast:
                 run = min(count - index, known.calls_to_restart())
                 known.skip(run - 1)
                 ticks, rows = slice(first + index, first + index + run), slice(index, index + run)
-                at_effect = known.at_each(self._effects[ticks], self._effect_speed[ticks])
-                now = at_effect if self._predicts else known.at_each(self._times[ticks], self.reference[1, ticks])
-                forecast.shoes[rows], totals[rows] = now, at_effect[:, :1]
+                found = known.at_each(self._shoe_times[:, ticks].ravel(), self._shoe_speeds[:, ticks].ravel())
+                forecast.shoes[rows], totals[rows] = found[-run:], found[:run, :1]
                 index += run
         if isinstance(self._compensation, Twin):
             forecast.feedforward = self._compensation.feedforwards(forecast.times)

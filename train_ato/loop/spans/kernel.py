@@ -128,14 +128,15 @@ def _arrived(newest, due, value, bounds, held, window):
 def run_span(
     stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensor, units, sensors, gaps,
     law, observing, predicting, braking, inputs, reference, feedforward, shoes, own, tables, limits, segments,
-    bound, count, delays, newest, due, value, bounds, held, history, truth, measured, couplers, sent, at_limit, reports,
-    supervision, at_rest,
+    bound, count, delays, newest, due, value, bounds, held, history, shown, truth, measured, couplers, sent, at_limit,
+    reports, supervision, at_rest,
 ):  # fmt: skip
     """Run consecutive ticks until a tick that is left to Python; return the number of ticks run.
 
     All arrays are changed in place. Outputs have one row per tick: ``truth`` (ticks, 4, vehicles) with position, speed,
-    coupler and shoe force, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with command and number of steps
-    at a limit before the first tick. ``reports`` has the state of the train at the ticks with diagnostics.
+    coupler and shoe force of the vehicles ``shown``, ``measured``, ``couplers``; ``sent`` and ``at_limit`` begin with
+    command and number of steps at a limit before the first tick. ``reports`` has the state of the train at the ticks
+    with diagnostics; arrays with one row have the last of these states.
     ``supervision`` has the arrays of :class:`train_ato.loop.spans.supervised.SupervisionArrays`; ``at_rest`` is True
     for a reference at rest now and after the delay of the commands. ``law``, ``observing`` and ``predicting`` have
     number, constants, state and couplers of the law and of the observer, and the arrays of the prediction; ``law`` also
@@ -187,12 +188,14 @@ def run_span(
         else:
             sent[tick + 1], at_limit[tick + 1] = sent[tick], at_limit[tick]
         if at % every < tick_ns:
-            states[count[REPORTS]], gears[count[REPORTS]] = state, gear
-            unit_states[count[REPORTS]], settings[count[REPORTS]] = unit, setting
+            last = min(count[REPORTS], len(states) - 1)
+            states[last], gears[last], unit_states[last] = state, gear, unit
+            settings[count[REPORTS]] = setting
             count[REPORTS] += 1
-        for i in range(n):
-            truth[tick, 0, i], truth[tick, 1, i] = state[k.X, i], state[k.V, i]
-            truth[tick, 2, i], truth[tick, 3, i] = state[k.COUPLER, i + 1], state[k.SHOE_FORCE, i]
+        for j in range(len(shown)):
+            i = shown[j]
+            truth[tick, 0, j], truth[tick, 1, j] = state[k.X, i], state[k.V, i]
+            truth[tick, 2, j], truth[tick, 3, j] = state[k.COUPLER, i + 1], state[k.SHOE_FORCE, i]
         for row in range(len(history) - 1):
             history[row] = history[row + 1]
         if len(history):

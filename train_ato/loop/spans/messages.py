@@ -50,6 +50,8 @@ from train_ato.messages.types import (
 )
 
 Publish = Callable[[int, Published], None]
+SATURATED = "saturated"
+"""Key of the time at a force limit, the only number of the summary from all diagnostics of the plant."""
 NODES = ("plant", "supervisor", "profile", "observer", "controller")
 """Nodes with diagnostics, in the order of their messages in a tick."""
 
@@ -110,10 +112,12 @@ class SpanMessages:
         Stamp of the first tick [ns].
     done : int
         Number of ticks that were run.
+    brief
+        True for :meth:`record_summary` only: the totals of all diagnostics of the plant are those of the last one.
     """
 
-    def __init__(self, stages: Stages, arrays: SpanArrays, first: int, done: int) -> None:
-        self._stages, self._arrays, self._done = stages, arrays, done
+    def __init__(self, stages: Stages, arrays: SpanArrays, first: int, done: int, *, brief: bool = False) -> None:
+        self._stages, self._arrays, self._done, self._brief = stages, arrays, done, brief
         self._tick = stages.setup.tick_ns
         self._stamps = first + self._tick * np.arange(done, dtype=np.int64)
         self._train = stages.plant.train
@@ -123,7 +127,8 @@ class SpanMessages:
         self._pressure = stack._pressure
         self._supervision: SupervisionMessages | None = None
         if stages.supervisor is not None:
-            self._supervision = SupervisionMessages(stages, arrays.supervision, self._stamps, arrays.measured[:done])
+            seen = arrays.measured[:done]
+            self._supervision = SupervisionMessages(stages, arrays.supervision, self._stamps, seen, brief=brief)
 
     @cached_property
     def _rows(self) -> list[tuple[str, Values]]:
@@ -156,6 +161,21 @@ class SpanMessages:
             recording.extend_rows(topic, self._stamps, kept)
         if self._supervision is not None:
             self._supervision.record(recording)
+        recording.extend_reports(self._reports)
+
+    def record_summary(self, recording: RecordingBuilder) -> None:
+        """Add the series of the summary to a recording, with the truth of the first, the power units and the last."""
+        a, done, add = self._arrays, self._done, recording.extend_reduced
+        position, velocity = a.truth[:done, :2].copy().swapaxes(0, 1)
+        truth = {"front_position": position[:, :1], "front_velocity": velocity[:, :1]}
+        truth |= {"rear_position": position[:, -1:], "unit_position": position[:, 1:-1]}
+        add(TRUTH, self._stamps, {**truth, "unit_velocity": velocity[:, 1:-1]})
+        add(MEASUREMENT, self._stamps, {})
+        reference = dict(zip(("position", "velocity", "acceleration"), a.reference[:, :done, None], strict=True))
+        add(REFERENCE, self._stamps, reference)
+        add(COMMAND, self._stamps, {"force": a.sent[1 : done + 1]})
+        if self._supervision is not None:
+            self._supervision.record_state(recording)
         recording.extend_reports(self._reports)
 
     def block(self) -> TickBlock:
@@ -289,6 +309,9 @@ class SpanMessages:
         stamps, first = self._stamps[due].tolist(), int(self._stamps[due][0])
         totals = self._train.totals_at_each(*(values[: len(stamps)] for values in arrays.reports))
         numbers = {key: totals[attribute] for key, attribute in TOTALS}
+        remaining = {} if self._brief else {"remaining": [stages.profile.remaining(stamp) for stamp in stamps]}
+        if self._brief:
+            numbers = {SATURATED: numbers[SATURATED]}
         plant = stages.plant.diagnostic_at(first, {attribute: column[0] for attribute, column in totals.items()})
         profile, observer = stages.profile.diagnostic(first), stages.observer.diagnostic(first)
         controller = stages.controller.diagnostic(first)
@@ -296,7 +319,7 @@ class SpanMessages:
         return [
             RepeatedReport(plant, stamps, numbers),
             *reports,
-            RepeatedReport(profile, stamps, {"remaining": [stages.profile.remaining(stamp) for stamp in stamps]}),
+            RepeatedReport(profile, stamps, remaining),
             RepeatedReport(observer, stamps),
             *self._of_controller(controller, stamps, arrays.at_limit[1 : self._done + 1][due].tolist()),
         ]

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim.plant_setup import Jump
 from train_ato.control.compensation.predictor import Predictor
@@ -63,6 +64,10 @@ class CompiledSpans:
 
     Attributes
     ----------
+    brief : bool
+        True if only the series of the summary are recorded.
+    shown : Array of int
+        Vehicles of the truth: all, or with ``brief`` the first, the power units and the last.
     ticks : int
         Number of compiled ticks so far.
     untimed : bool
@@ -89,6 +94,10 @@ class CompiledSpans:
         self._memory: dict[str, Array] = {}
         self.supervised = SupervisedTicks(stages)
         self.model = _model_arrays(stages.setup)
+        self.brief = recording.summary_only and not stages.setup.layout.disturbed
+        units, vehicles = stages.plant.train.units, stages.plant.train.n
+        shown = (0, *units, vehicles - 1) if self.brief else range(vehicles)
+        self.shown: NDArray[np.int64] = np.array(shown, dtype=np.int64)
         self._prediction: PackedPrediction | None = None
         self.observer = CompiledObserver(stages.observer._stack._observer)
         self.observer_couplers = coupler_arrays(self.observer.couplers)
@@ -104,7 +113,7 @@ class CompiledSpans:
         law = self._step_of(stack)
         if (isinstance(law, PythonLaw) and not law.is_usable) or plant.stamp < self._retry:
             return 0
-        count = ticks_to_event(self.stages, self.supervised, stack, logged=self.logged)
+        count = ticks_to_event(self.stages, self.supervised, stack, logged=self.logged, brief=self.brief)
         if count < SHORTEST or not is_regular(self.stages, self.supervised, stack, law):
             return 0
         stamp = plant.stamp
@@ -119,8 +128,10 @@ class CompiledSpans:
         self._pause = 1
         self.ticks += done
         self.untimed |= isinstance(law, CompiledLaw)
-        messages = SpanMessages(self.stages, span.arrays, stamp, done)
-        if self._publish is None or (self._publish_ticks is not None and self._publish_ticks(messages.block())):
+        messages = SpanMessages(self.stages, span.arrays, stamp, done, brief=self.brief)
+        if self.brief:
+            messages.record_summary(self._recording)
+        elif self._publish is None or (self._publish_ticks is not None and self._publish_ticks(messages.block())):
             messages.record(self._recording)
         else:
             messages.publish(self._publish)
@@ -184,14 +195,17 @@ class _Span:
         units, sensors = len(train.units), len(train.sensors)
         most, changing = count * train.tick_ns // SECOND_NS + 2, train.arrays
         self.arrays = SpanArrays(
-            np.empty((count, 4, train.n)) if spans.logged else spans.empty("truth", count, 4, train.n),
+            np.empty((count, 4, train.n)) if spans.logged else spans.empty("truth", count, 4, len(spans.shown)),
             np.empty((count, 3, units)),
             np.empty((count, 3, sensors)),
             np.empty((count + 1, units)),
             np.zeros(count + 1, dtype=np.int64),
             np.ascontiguousarray(forecast.reference[:, self._first : self._first + count]),
             *train._outside.ahead(self._stamp, count),
-            [spans.empty(name, most, *getattr(changing, name).shape) for name in REPORTED],
+            [
+                spans.empty(name, 1 if spans.brief and name != "setting" else most, *getattr(changing, name).shape)
+                for name in REPORTED
+            ],
             spans.supervised.arrays(count),
             np.zeros((count, units)),
         )
@@ -226,7 +240,7 @@ class _Span:
             self._observing(), tuple(spans.prediction), self._policy.arrays, self._inputs, self._expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
             self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
-            out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
+            spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
             tuple(out.supervision), self._forecast.at_rest,
         ))  # fmt: skip
         if isinstance(law, PythonLaw):

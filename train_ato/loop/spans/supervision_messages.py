@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import groupby
 from typing import NamedTuple
 
@@ -31,6 +32,9 @@ from train_ato.supervision.supervisor import TARGET_NEAR, SupervisionDecision, S
 
 ODOMETRY, PROTECTION, BRAKE_RELEASE = "train/odometry", "train/protection", "atp/brake_release"
 
+NUMBERS = (("front", s.STEP_FRONT), ("position_error", s.STEP_ERROR), ("acceleration", s.STEP_ACCELERATION))
+"""Numbers in the diagnostics of the supervisor, with their columns of the compiled steps."""
+
 
 class SupervisedStep(NamedTuple):
     """Messages of a step of the supervisor, without its diagnostics."""
@@ -55,6 +59,8 @@ class SupervisionMessages:
         Stamps of the ticks [ns].
     measured : Array, shape (ticks, 3, units)
         Position [m], speed [m/s] and force [N] of every tick.
+    brief
+        True for diagnostics with the numbers of the first one of equal texts.
 
     Attributes
     ----------
@@ -64,7 +70,15 @@ class SupervisionMessages:
         Diagnostics of the supervisor.
     """
 
-    def __init__(self, stages: Stages, arrays: SupervisionArrays, stamps: NDArray[np.int64], measured: Array) -> None:
+    def __init__(
+        self,
+        stages: Stages,
+        arrays: SupervisionArrays,
+        stamps: NDArray[np.int64],
+        measured: Array,
+        *,
+        brief: bool = False,
+    ) -> None:
         assert stages.supervisor is not None
         self._stages = stages
         self._stage, self._steps = stages.supervisor, arrays.steps[1 : 1 + arrays.counts[s.STEPS]]
@@ -80,7 +94,7 @@ class SupervisionMessages:
         self._foremost = np.ascontiguousarray(self._steps[:, [s.STEP_FRONT, *[s.STEP_FOREMOST] * 4]])
         self._speeds = self._steps[:, s.STEP_ESTIMATE : s.STEP_LIMITS + 4]
         self._states, self._reasons = self._known_states()
-        self.reports = self._diagnostics()
+        self.reports = self._diagnostics(numbers=() if brief else NUMBERS)
 
     def at(self, number: int) -> SupervisedStep:
         """Return the messages of a step by its number."""
@@ -103,6 +117,10 @@ class SupervisionMessages:
         add(SUPERVISED_SPEEDS, stamps, {"position": self._foremost, "speed": self._speeds})
         add(BRAKE_RELEASE, stamps, {"released": np.ones((count, 3)), "alive": np.repeat(self._alive[:, None], 3, 1)})
         add(ATO_STATE, stamps, {"position": ato[:, :1], "velocity": ato[:, 1:2], "state": ato[:, 2:]})
+
+    def record_state(self, recording: RecordingBuilder) -> None:
+        """Add the states of the ATO to a recording for the summary."""
+        recording.extend_reduced(ATO_STATE, self._stamps, {"state": self._ato[:, 2:]})
 
     @property
     def numbers(self) -> dict[int, int]:
@@ -178,8 +196,8 @@ class SupervisionMessages:
         speeds = SupervisionSpeeds(*self._steps[number, s.STEP_LIMITS : s.STEP_LIMITS + 4].tolist())
         return SupervisionDecision(self._states[number], self._reasons[number], speeds, self._motion(number))
 
-    def _diagnostics(self) -> list[RepeatedReport]:
-        """Return the diagnostics: once a second, and after a change of the state."""
+    def _diagnostics(self, numbers: Sequence[tuple[str, int]]) -> list[RepeatedReport]:
+        """Return the diagnostics, once a second and after a change of state, with some numbers by key and column."""
         due = (self._stamps % SECOND_NS < self._period).tolist()
         before = [self._stage._reported, *self._states]
         steps = [number for number, state in enumerate(self._states) if due[number] or state is not before[number]]
@@ -188,6 +206,5 @@ class SupervisionMessages:
             same = list(group)
             stamps, rows = self._stamps[same].tolist(), self._steps[same]
             first = self._stage._diagnostic(stamps[0], self._decision(same[0]))
-            columns = {"front": s.STEP_FRONT, "position_error": s.STEP_ERROR, "acceleration": s.STEP_ACCELERATION}
-            found.append(RepeatedReport(first, stamps, {key: rows[:, at].tolist() for key, at in columns.items()}))
+            found.append(RepeatedReport(first, stamps, {key: rows[:, at].tolist() for key, at in numbers}))
         return found
