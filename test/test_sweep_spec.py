@@ -182,3 +182,12 @@ def test_a_place_of_the_map_is_stable_if_all_its_runs_are() -> None:
     cells = map_cells(first, second, np.array([1.0, 0.0, 1.0]), np.array([1.0, -3.0, 2.0]))
     assert cells.stable.tolist() == [0.0, 1.0] and cells.value.tolist() == [3.0, 2.0]
     assert (cells.nearest[:, : CELLS // 2] == 0).all() and (cells.nearest[:, CELLS // 2 :] == 1).all()
+
+
+@pytest.mark.parametrize(("name", "runs"), [("sweep", 200), ("map", 64 * 64)])
+def test_an_example_is_a_valid_specification(name: str, runs: int) -> None:
+    """Breaks if a key or a value of an example is refused, or the map is not the one of its measured time."""
+    spec = read_sweep(Path(__file__).parent.parent / "examples" / f"{name}.yaml")
+    points = design_points(spec)
+    check_values(spec, sweep_base(spec), points)
+    assert len(points) == runs
