@@ -164,7 +164,7 @@ class PredictiveBrake:
         reference = self._reference(now)
         best: Schedule = ()
         lowest = self._forecast.cost(t, now, reference, self._shoes, self._reduction, ())
-        for schedule in self._schedules(t):
+        for schedule in self._schedules(t, self._latest_release(reference)):
             if lowest <= self._forecast.least_cost(schedule, self._reduction):
                 continue
             cost = self._forecast.cost(t, now, reference, self._shoes, self._reduction, schedule)
@@ -183,26 +183,31 @@ class PredictiveBrake:
         begin = float(np.interp(now[s.AT], profile.position, profile.time))
         return np.ascontiguousarray(profile.at_times(begin + STEP * np.arange(count))[1])
 
-    def _schedules(self, t: float) -> list[Schedule]:
+    def _latest_release(self, reference: Array) -> float:
+        """Return the time after which the profile is too slow for a release [s]; the horizon if it never is."""
+        slow = reference < self._rules.never_below + self._rules.speed_error
+        return STEP * max(int(slow.argmax()) - 1, 0) if slow.any() else self._rules.horizon
+
+    def _schedules(self, t: float, latest: float) -> list[Schedule]:
         """Return the schedules that obey the pause and the minimum application, the later ones first."""
         rules = self._rules
         rest = rules.min_application if self._reduction > 0.0 else rules.pause
         earliest = max(self._changed_at + rest - t, 0.0)
         waits = sorted({max(wait * rules.period, earliest) for wait in WAITS}, reverse=True)
         if self._reduction > 0.0:
-            return [*self._releases(waits), *self._deeper()]
+            return [*self._releases(waits), *self._deeper(latest)]
         return [
             schedule
             for wait in waits
             for reduction in rules.reductions
-            for schedule in self._applications(wait, reduction)
+            for schedule in self._applications(wait, reduction, latest)
         ]
 
-    def _applications(self, wait: float, reduction: float) -> list[Schedule]:
-        """Return an application after a wait [s]: held, and released after some times."""
-        apply = Action(wait, reduction)
-        ends = [wait + hold * self._rules.min_application for hold in HOLDS]
-        return [(apply,), *((apply, Action(end, 0.0)) for end in ends if end > wait)]
+    def _applications(self, wait: float, reduction: float, latest: float) -> list[Schedule]:
+        """Return an application after a wait [s]: held, and released after some times or at the latest time."""
+        apply, rest = Action(wait, reduction), self._rules.min_application
+        ends = {wait + hold * rest for hold in HOLDS} | {max(latest, wait + rest)}
+        return [(apply,), *((apply, Action(end, 0.0)) for end in sorted(ends) if wait < end < self._rules.horizon)]
 
     def _releases(self, waits: list[float]) -> list[Schedule]:
         """Return releases after waits [s]: the last one, and one before another application."""
@@ -214,10 +219,10 @@ class PredictiveBrake:
             for schedule in ((release,), (release, Action(release.after + self._rules.pause, again)))
         ]
 
-    def _deeper(self) -> list[Schedule]:
+    def _deeper(self, latest: float) -> list[Schedule]:
         """Return deeper reductions from now on: held, and released after some times."""
         deeper = [reduction for reduction in self._rules.reductions if reduction > self._reduction]
-        return [schedule for reduction in deeper for schedule in self._applications(0.0, reduction)]
+        return [schedule for reduction in deeper for schedule in self._applications(0.0, reduction, latest)]
 
 
 class PlannedDecision(NamedTuple):

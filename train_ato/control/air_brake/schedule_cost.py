@@ -36,13 +36,14 @@ INERTIA_SHARE, FORCE_SHARE = range(2)
 
 
 @compiled
-def _coupler_excess(constant, vehicles, slow, factor, shoes, force):
-    """Return the largest quasi-static coupler force over the permitted one, less 1, at least 0."""
+def _coupler_load(constant, vehicles, slow, factor, shoes, force):
+    """Return the fourth power of the largest quasi-static coupler force over the permitted one."""
     total, behind, largest = force - shoes, 0.0, 0.0
     for i in range(len(slow) - 1):
         behind += vehicles[FORCE_SHARE, i] * force - factor * slow[i] - vehicles[INERTIA_SHARE, i] * total
         largest = max(largest, abs(behind))
-    return max(largest / constant[COUPLER_MAX] - 1.0, 0.0)
+    ratio = largest / constant[COUPLER_MAX]
+    return ratio * ratio * ratio * ratio
 
 
 @compiled
@@ -71,8 +72,8 @@ def schedule_cost(constant, now, reference, track, forces, vehicles, slow, appli
     Returns
     -------
     cost : float
-        Mean over the steps of the squared speed error in units of ``ERROR``, excess over the speed limit and over the
-        coupler force, traction against the shoes as a part of the electric brake, and applied brakes at low speed.
+        Mean over the steps of the squared speed error in units of ``ERROR``, excess over the speed limit, traction
+        against the shoes as a part of the electric brake, coupler force, and applied brakes at low speed.
     """
     steps, cost, last = len(slow), 0.0, track.shape[1] - 1
     place, speed = now[AT], now[SPEED]
@@ -103,5 +104,6 @@ def schedule_cost(constant, now, reference, track, forces, vehicles, slow, appli
             cost += TRAPPED_COST
         if shoes > 0.0:
             cost += max(min(force, shoes), 0.0) / max(forces[BRAKE, row], 1.0)
-            cost += _coupler_excess(constant, vehicles, slow[step], factor, shoes, force)
+        if shoes > 0.0 or force < 0.0:
+            cost += _coupler_load(constant, vehicles, slow[step], factor, shoes, force)
     return cost / steps
