@@ -14,6 +14,7 @@ train, another resistance or weaker shoes move the decisions without a plan.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -73,7 +74,7 @@ class PredictiveRules(SiModel):
     @field_validator("reductions")
     @classmethod
     def _rise(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if value[0] <= 0 or any(b <= a for a, b in zip(value, value[1:], strict=False)):
+        if value[0] <= 0 or any(b <= a for a, b in pairwise(value)):
             raise ValueError("reductions must rise from above 0; sort them and remove 0")
         return value
 
@@ -181,7 +182,8 @@ class PredictiveBrake:
         """Return the speeds of the profile at the steps from the present place on [m/s]."""
         profile, count = self._profile, round(self._rules.horizon / STEP) + 1
         begin = float(np.interp(now[s.AT], profile.position, profile.time))
-        return np.ascontiguousarray(profile.at_times(begin + STEP * np.arange(count))[1])
+        times = np.minimum(begin + STEP * np.arange(count), profile.time[-1])
+        return np.ascontiguousarray(profile.at_times(times)[1])
 
     def _latest_release(self, reference: Array) -> float:
         """Return the time after which the profile is too slow for a release [s]; the horizon if it never is."""
@@ -261,7 +263,7 @@ class ScheduleForecast:
     def least_cost(self, schedule: Schedule, reduction: float) -> float:
         """Return a lower bound of the cost: that of the applications alone."""
         before = (reduction, *(action.reduction for action in schedule))
-        begun = [a == 0.0 < b for a, b in zip(before, before[1:], strict=False)]
+        begun = [a == 0.0 < b for a, b in pairwise(before)]
         return self._rules.application_cost * begun.count(True)
 
     def cost(

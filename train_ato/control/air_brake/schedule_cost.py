@@ -25,6 +25,8 @@ from plant_sim.compiled import compiled
 AT, SPEED, UNKNOWN = range(3)
 LIMIT_WEIGHT = 100.0
 """Weight of the squared excess over the speed limit, relative to that of the squared speed error."""
+TRACTION_WEIGHT = 10.0
+"""Weight of traction against the shoes, as a part of the electric brake."""
 TRAPPED_COST = 1e3
 """Cost per time of applied brakes below the lowest speed of a release."""
 # Rows of `track`: line force on the train and speed limit, on the grid of the model.
@@ -103,7 +105,7 @@ def schedule_cost(constant, now, reference, track, forces, vehicles, slow, appli
         if applied[step] and speed < constant[LOWEST_RELEASE]:
             cost += TRAPPED_COST
         if shoes > 0.0:
-            cost += max(min(force, shoes), 0.0) / max(forces[BRAKE, row], 1.0)
+            cost += TRACTION_WEIGHT * max(min(force, shoes), 0.0) / max(forces[BRAKE, row], 1.0)
         if shoes > 0.0 or force < 0.0:
             cost += _coupler_load(constant, vehicles, slow[step], factor, shoes, force)
     return cost / steps
