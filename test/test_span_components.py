@@ -34,7 +34,7 @@ TRIGGER = {
 PREDICTIVE = {
     "brake": {
         "policy": "predictive", "events": [],
-        "predictive": {"electric_use": 0.02, "never_below": 2.0, "min_application": 10.0, "pause": 10.0},
+        "predictive": {"electric_use": 0.02, "never_below": 1.0, "min_application": 10.0, "pause": 10.0},
     }
 }  # fmt: skip
 WHOLE = {"observers.ndo": {"omega": 0.03, "scope": "train"}, "laws.pid.disturbance": True}
@@ -82,7 +82,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "policy trip": ("daqin_heavy_haul", {**FREE, "duration": 160, **TRIP, "observer": "ndo", **WHOLE}),
     "policy trigger": ("daqin_heavy_haul", {**FREE, "duration": 130, **TRIGGER}),
     "policy predictive": (
-        "daqin_heavy_haul", {**FREE, "duration": 240, **PREDICTIVE, "observer": "ndo", **WHOLE}
+        "demo", {**FREE, "duration": 610, **PREDICTIVE, "observer": "ndo", **WHOLE}
     ),
 }  # fmt: skip
 """Scenario and changes, for every component with a compiled step."""
