@@ -76,6 +76,7 @@ import numpy as np
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
 from train_ato.control.algorithms.coupler_limit import CouplerLimit
+from train_ato.control.algorithms.disturbance_filters import disturbance_ahead
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
@@ -147,8 +148,9 @@ class Mpc(GuardedLaw):
         self._models: dict[tuple[float, float], list[HorizonModel]] = {}
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         self._deviations = UnitDeviations.of(model, period, lag_weight(period, model.lag)) if soft else None
-        ratio = p.observer_ratio or (0.3 if self._hauls else 5.0 if self._deviations is None else SOFT_RATIO)
-        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
+        ratio = p.observer_ratio or (0.3 if self._hauls else SOFT_RATIO if self._deviations else 5.0)
+        coupled = len(model.consist.vehicles) > 1
+        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0, coupled)
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._couplers = CouplerLimit(model, p.coupler_limit) if p.coupler_limit else None
@@ -261,6 +263,7 @@ class Mpc(GuardedLaw):
         free_motion(
             motion, inputs.applied, gain * sent, required[:count], self._actuators, model.tick, model.lag, inertia,
         )  # fmt: skip
+        disturbance = self._add_rate(motion)
         errors = np.empty((2, self._nodes.size))
         free_errors(motion, self._nodes, model.lag, errors[0], errors[1])
         rise = (plain_sum(feedforward) - required[count - 1]) / inertia - motion[3]
@@ -276,6 +279,13 @@ class Mpc(GuardedLaw):
         if self._hauls and self._arrives(ahead.velocity):
             wanted = [min(force, 0.0) for force in wanted]
         return [force / gain for force in wanted]
+
+    def _add_rate(self, motion: Array) -> float:
+        """Add the rate of the disturbance to the motion at the time of effect; return the disturbance there [m/s²]."""
+        rate, longest = self._observer.disturbance_rate, self._ticks * self.model.tick
+        position, speed, change = disturbance_ahead(rate, longest, 0.0)
+        motion += position, speed, 0.0, change
+        return float(motion[2]) + disturbance_ahead(rate, longest + 0.5 * self.period, self.model.lag)[2]
 
     def _arrives(self, reference: Array) -> bool:
         """Return True if the reference stops at the time of effect: then hauled vehicles stop one by one.
