@@ -25,7 +25,7 @@ from train_ato.messages.types import Array
 
 SHARES = (1.0, 0.25, 0.0625)
 """Bandwidths of the random walks over omega_o."""
-RATE_SHARE = 0.25
+RATE_SHARE = 0.2
 """Bandwidth of the rate of the disturbance over omega_o."""
 STAY_TIME = 20.0
 """Mean time for which one of the random walks is right [s]."""
@@ -33,9 +33,13 @@ GUST_TIME, CALM_TIME = 1.0, 20.0
 """Mean times for which the filter of a gust and that of a steady rate are right [s]."""
 RAMP_TIME = 3.0
 """Time constant of the rate of the disturbance [s]: 118 m of a metro train at 20 m/s are 6 s."""
-COUPLED_RATIO, FREE_RATIO = 0.5, 0.1
+COUPLED_RATIO, FREE_RATIO = 0.5, 0.05
 """Smallest standard deviation of the position over that of the speed, up to that of ``SPEED_FLOOR`` [s]. Waves in the
 couplers move a unit by millimetres; without couplers the smallest one is 1 mm. More noise of the position is measured.
+"""
+COUPLED_PRIOR, FREE_PRIOR = 0.05, 0.0025
+"""Standard deviation of the position at the start [m]; a larger one is measured within seconds. The smaller one has the
+ratio to that of the speed that it has later: else a quick filter takes an error of the speed of 2 mm/s for motion.
 """
 
 
@@ -53,12 +57,15 @@ class DisturbanceFilters:
         Probability of a change in a period, from filter to filter.
     position_ratio
         Smallest standard deviation of the position over that of the speed [s].
+    position_prior
+        Standard deviation of the position at the start [m].
     """
 
     walks: Array
     rates: Array
     chain: Array
     position_ratio: float
+    position_prior: float
 
     @classmethod
     def coupled(cls, period: float, bandwidth: float) -> DisturbanceFilters:
@@ -67,7 +74,7 @@ class DisturbanceFilters:
         leave = min(0.5, period / STAY_TIME) / (count - 1)
         chain = np.full((count, count), leave)
         chain[np.arange(count), np.arange(count)] = 1.0 - leave * (count - 1)
-        return cls((bandwidth * np.array(SHARES)) ** 2, np.zeros(count), chain, COUPLED_RATIO)
+        return cls((bandwidth * np.array(SHARES)) ** 2, np.zeros(count), chain, COUPLED_RATIO, COUPLED_PRIOR)
 
     @classmethod
     def free(cls, period: float, bandwidth: float) -> DisturbanceFilters:
@@ -75,7 +82,7 @@ class DisturbanceFilters:
         ends, begins = (min(0.5, period / time) for time in (GUST_TIME, CALM_TIME))
         chain = np.array([[1.0 - ends, ends], [begins, 1.0 - begins]])
         rates = np.full(2, (RATE_SHARE * bandwidth) ** 6)
-        return cls(np.array([bandwidth**2, 0.0]), rates, chain, FREE_RATIO)
+        return cls(np.array([bandwidth**2, 0.0]), rates, chain, FREE_RATIO, FREE_PRIOR)
 
 
 def disturbance_ahead(rate: float, later: float, lag: float) -> tuple[float, float, float]:

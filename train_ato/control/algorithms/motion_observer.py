@@ -41,8 +41,8 @@ NOISE_FLOOR = 0.002
 """Smallest standard deviation of the speed [m/s]."""
 NOISE_TIME = 20.0
 """Time over which the noise is averaged [s]."""
-SPEED_PRIOR, POSITION_PRIOR, PRIOR_SAMPLES = 0.05, 0.05, 2
-"""Standard deviations at the start [m/s, m], and the number of samples that they count for."""
+SPEED_PRIOR, PRIOR_SAMPLES = 0.05, 2
+"""Standard deviation of the speed at the start [m/s], and the number of samples that the priors count for."""
 MAX_NOISE = 1.0
 """Largest standard deviation [m, m/s]."""
 DISTURBANCE_PRIOR, MASS_PRIOR = 0.01, 0.1
@@ -240,11 +240,11 @@ class MotionObserver:
         """Restart at the next sample without a disturbance and with the prior noise."""
         count = self._filters.walks.size
         of_mass = 0.0 if self._waves else MASS_PRIOR**2
-        prior = [POSITION_PRIOR**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2, of_mass]
+        prior = [self._filters.position_prior**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2, of_mass]
         self._states = np.zeros((1 + count, STATES))
         self._covariances = np.array([np.diag([*prior, 0.0]), *[np.diag([*prior[:3], 0.0, 0.0])] * count])
         self._chances = np.full(count, 1.0 / count)
-        self._noise = np.array([POSITION_PRIOR**2, SPEED_PRIOR**2])
+        self._noise = np.array([self._filters.position_prior**2, SPEED_PRIOR**2])
         self._count = float(PRIOR_SAMPLES)
         self._before = np.zeros(2)
         self._runs = self.stands = False

@@ -148,9 +148,10 @@ class Mpc(GuardedLaw):
         self._models: dict[tuple[float, float], list[HorizonModel]] = {}
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         self._deviations = UnitDeviations.of(model, period, lag_weight(period, model.lag)) if soft else None
-        ratio = p.observer_ratio or (0.3 if self._hauls else SOFT_RATIO if self._deviations else 5.0)
-        coupled = len(model.consist.vehicles) > 1
-        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0, coupled)
+        free = len(model.consist.vehicles) == 1
+        ratio = 0.3 if self._hauls else SOFT_RATIO if self._deviations else 6.0 if free else 5.0
+        bandwidth = (p.observer_ratio or ratio) * self.omega
+        self._observer = MotionObserver(period, bandwidth, wave_time(model) if self._hauls else 0.0, not free)
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._couplers = CouplerLimit(model, p.coupler_limit) if p.coupler_limit else None
