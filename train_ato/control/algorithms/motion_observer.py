@@ -7,15 +7,14 @@ train of mass m M has theta = 1/m - 1, since its line force grows with the mass.
 (e_p, e_v, d, theta) is linear. This filter has a disturbance that changes like an unknown grade (``GRADE_CHANGE``), so
 that it does not take a grade for a mass.
 
-Three filters of (e_p, e_v, d) use its theta. They differ in q = (share omega_o)⁴ sigma² Tc, with the shares 1, 1/4,
-1/16 of the bandwidth omega_o: a constant disturbance needs a slow filter, and a sudden one a fast filter. Interacting
-multiple models (Blom and Bar-Shalom 1988, IEEE Transactions on Automatic Control 33) weight them by the likelihood of
-their innovations. sigma is the measured noise of the speed, in q at most ``SPEED_FLOOR``: more noise lowers the
-bandwidth.
+A bank of filters of (e_p, e_v, d) and the rate of d uses its theta. They differ in q (`disturbance_filters.py`).
+Interacting multiple models (Blom and Bar-Shalom 1988, IEEE Transactions on Automatic Control 33) weight them by the
+likelihood of their innovations. sigma is the measured noise of the speed, in q at most ``SPEED_FLOOR``: more noise
+lowers the bandwidth.
 
 In a train with hauled vehicles the speed of a unit differs from that of the train by waves: e_v has a random part of
-PSD S = 2 ``WAVE_SPEED``²/T_w, with the time T_w of a wave through the train, and q the addition (share omega_o)² S.
-The waves follow the force, so that theta has no meaning there: it is 0.
+PSD S = 2 ``WAVE_SPEED``²/T_w, with the time T_w of a wave through the train, and q the addition omega² S with the
+bandwidth omega of the filter. The waves follow the force, so that theta has no meaning there: it is 0.
 
 The variance of the noise is the mean of half the squared difference of consecutive innovations over ``NOISE_TIME``, at
 standstill of the measurements: slow errors of the model do not count as noise (covariance matching, Mehra 1972, the
@@ -144,10 +143,10 @@ def correct(state, p, noise, miss_position, miss_speed):
     return 0.5 * squared / size, math.sqrt(size)
 
 
-@compiled
+@compiled(uses=(disturbance_filters,))
 def filter_step(
     states, covariances, chances, noise, before, drifts, chain, period, weight, position, speed, pull, regressor, mean,
-    ratio,
+    floor_ratio,
 ):  # fmt: skip
     """Advance all filters by a period and correct them.
 
@@ -169,7 +168,7 @@ def filter_step(
         Measured errors [m, m/s], modelled relative acceleration and x [m/s²].
     mean : Array, shape (5,)
         Result: mean of the states of the filters, weighted by their probabilities.
-    ratio
+    floor_ratio
         Smallest standard deviation of the position over that of the speed [s].
     """
     mix(states[1:], covariances[1:], chances, chain)
@@ -198,18 +197,18 @@ def filter_step(
         chances[j] /= total
         for a in range(STATES):
             mean[a] += chances[j] * states[1 + j, a]
-    match(noise, before, weight, mean_position, mean_speed, ratio)
+    match(noise, before, weight, mean_position, mean_speed, floor_ratio)
 
 
 @compiled
-def match(noise, before, weight, miss_position, miss_speed, ratio):
+def match(noise, before, weight, miss_position, miss_speed, floor_ratio):
     """Add a pair of innovations [m, m/s] to the variances of the noise."""
     for i in range(2):
         miss = miss_speed if i == 0 else miss_position
         place = 1 - i
         change = miss - before[place]
         found = noise[place] + weight * (0.5 * change * change - noise[place])
-        floor = NOISE_FLOOR if i == 0 else ratio * min(math.sqrt(noise[1]), SPEED_FLOOR)
+        floor = NOISE_FLOOR if i == 0 else floor_ratio * min(math.sqrt(noise[1]), SPEED_FLOOR)
         noise[place] = min(max(found, floor * floor), MAX_NOISE * MAX_NOISE)
         before[place] = miss
 
@@ -305,7 +304,7 @@ class MotionObserver:
         """
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         if self.stands:
-            match(self._noise, self._before, 1.0 / self._count, place, speed, self._filters.position_ratio)
+            match(self._noise, self._before, 1.0 / self._count, place, speed, self._filters.position_floor)
         self.restart(position, (speed if abs(speed) > 3.0 * self.speed_noise else 0.0) - reference)
         self._before[:] = place, speed
         self.stands = True
@@ -344,7 +343,7 @@ class MotionObserver:
         filter_step(
             self._states, self._covariances, self._chances, self._noise, self._before, self._drifts,
             self._filters.chain, self._period, 1.0 / self._count, position, speed, pull, regressor, self._mean,
-            self._filters.position_ratio,
+            self._filters.position_floor,
         )  # fmt: skip
         self._state = self._mean.tolist()
         self.mass_known = max(0.0, 1.0 - float(self._covariances[0, 3, 3]) / MASS_PRIOR**2)
