@@ -143,7 +143,7 @@ def _estimated(disturbance, coupled):
 
 
 def test_gust_is_found_within_the_delay():
-    """Without the filter of a gust .008 of .1 m/s² are found after .2 s, with the random walks of a coupled train .011."""
+    """Without the filter of a gust .008 of .1 m/s² are found after .2 s, with the random walks of couplers .011."""
     gust = np.repeat([0.0, 0.1], [600, 4])
     assert _estimated(gust, coupled=False)[0] > 0.25 * 0.1
 
