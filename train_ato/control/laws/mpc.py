@@ -81,6 +81,7 @@ from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
 from train_ato.control.algorithms.motion_observer import MotionObserver
 from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion, node_values
+from train_ato.control.algorithms.standstill_force import StandstillForce
 from train_ato.control.algorithms.train_constants import default_omega, drag_slope, force_tables, wave_time
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
 from train_ato.control.contract import LawInput, parameter
@@ -151,6 +152,7 @@ class Mpc(GuardedLaw):
         self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
+        self._standstill = StandstillForce(model, period)
         self._couplers = CouplerLimit(model, p.coupler_limit) if p.coupler_limit else None
         self._unbounded = np.array([[-np.inf], [np.inf]]).repeat(p.nodes, axis=1)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
@@ -273,17 +275,15 @@ class Mpc(GuardedLaw):
             between = self._deviations.forces(inputs, gain * sent, self._actuators, self._ticks)
             if not self._cautious:
                 wanted = [force + more for force, more in zip(wanted, between, strict=True)]
-        if self._hauls and self._arrives(ahead.velocity):
-            wanted = [min(force, 0.0) for force in wanted]
-        return [force / gain for force in wanted]
-
-    def _arrives(self, reference: Array) -> bool:
-        """Return True if the reference stops at the time of effect: then hauled vehicles stop one by one.
-
-        A traction force would pull the unit away from them, and the holding brake has no effect with it.
-        """
-        effect, next_node = float(reference[self._ticks]), float(reference[self._entries - 1 + PARTS])
-        return effect < STANDSTILL_SPEED and next_node <= effect
+        places = (ahead.velocity[self._ticks], ahead.acceleration[self._ticks], ahead.velocity[self._entries - 1 + PARTS])
+        force = required[count - 1] + inertia * (motion[3] - disturbance)
+        low, high = self._standstill.range(
+            motion, (float(places[0]), float(places[1]), float(places[2])), self._observer.stands, float(force), inertia
+        )
+        wanted = [
+            min(max(force, low * share), high * share) / gain for force, share in zip(wanted, self.share, strict=True)
+        ]
+        return wanted
 
     def _observe(self, inputs: LawInput) -> float:
         """Advance the observer and return the resistance of the model at the measured state [N]."""
