@@ -213,9 +213,12 @@ class MotionObserver:
         omega_o, bandwidth of the disturbance at the smallest noise [rad/s].
     wave_time
         T_w, time of a wave through the train [s]; 0 for a train without hauled vehicles.
+    speed_noise
+        Standard deviation of the measured speed at the start [m/s].
     """
 
-    def __init__(self, period: float, bandwidth: float, wave_time: float) -> None:
+    def __init__(self, period: float, bandwidth: float, wave_time: float, speed_noise: float = SPEED_PRIOR) -> None:
+        self._speed_prior = max(speed_noise, NOISE_FLOOR)
         self._squares = (bandwidth * np.array(SHARES)) ** 2
         self._waves = 2.0 * WAVE_SPEED**2 / wave_time * period if wave_time > 0.0 else 0.0
         self._period = period
@@ -231,7 +234,7 @@ class MotionObserver:
         self._states = np.zeros((1 + count, 4))
         self._covariances = np.array([np.diag(prior), *[np.diag([*prior[:3], 0.0])] * count])
         self._chances = np.full(count, 1.0 / count)
-        self._noise = np.array([POSITION_PRIOR**2, SPEED_PRIOR**2])
+        self._noise = np.array([POSITION_PRIOR**2, self._speed_prior**2])
         self._count = float(PRIOR_SAMPLES)
         self._before = np.zeros(2)
         self._runs = self.stands = False

@@ -4,13 +4,14 @@ Below the holding speed the holding brake acts at once and fully as soon as no u
 at the first positive demand. Three rules follow, with speed v and acceleration a predicted for the time of effect of
 the command, and the demand F:
 
-* **Rest.** The reference is at rest and the train stops within ``STOP_WINDOW``: F <= 0. A force that holds the train
-  on a rising grade, or that follows the noise, would keep the holding brake off and move the train.
-* **Roll-out.** The last brake force decays through the lag while a demand of ``RELEASE_FORCE`` keeps the holding brake
-  off, for 0 < v < ``ROLL_OUT_SPEED`` and a < -``LAST_DECELERATION``. Otherwise the holding brake stops the train from
-  the holding speed with about 1 m/s².
-* **Departure.** If a train at standstill would roll back, it stays in the holding brake until the reference departs at
-  the time of effect. Then the force reaches its reference within a control period, if the limits permit:
+* **Rest.** The reference is at rest and the train within ``STOP_WINDOW`` of its place: F <= 0. A force that holds the
+  train on a rising grade, or that follows the noise, would keep the holding brake off and move the train.
+* **Roll-out.** The last brake force decays through the lag Ta while a demand of at least ``RELEASE_FORCE`` keeps the
+  holding brake off, for a < -``LAST_DECELERATION`` from ``ROLL_OUT_SPEED`` on if -a Ta > v, else from the holding
+  speed on. Without it the holding brake stops the train from the holding speed with about 1 m/s².
+* **Departure.** A train within ``STOP_WINDOW`` of its place stays in the holding brake until the reference departs at
+  the time of effect: on a grade that the model lacks, a small force before would only release the brake. If the train
+  would roll back then, the force reaches its reference within a control period, if the limits permit:
   F = F_e - M e_a/(1 - e^(-h/Ta)), with the force F_e and the error e_a of the acceleration at the time of effect.
 
 With hauled vehicles there is no traction from a reference speed of ``STANDSTILL_SPEED`` down to the stop: the vehicles
@@ -55,11 +56,26 @@ class StandstillForce:
     def __init__(self, model: TrainModel, period: float) -> None:
         self._hauls = len(model.consist.vehicles) > model.n_units
         self._reversing = model.reversing
-        self._release = RELEASE_FORCE * model.n_units if model.lag > 0.0 else 0.0
+        self._share: list[float] = model.share.tolist()
+        self._release = RELEASE_FORCE * model.n_units
+        self._lag = model.lag
         self._gained = 1.0 - math.exp(-period / model.lag) if model.lag > 0.0 else 1.0
+        self.reset()
+
+    def reset(self) -> None:
+        """End a roll-out."""
+        self._rolls_out = False
+
+    def limited(
+        self, wanted: list[float], motion: Array, reference: tuple[float, float, float], stands: bool, inertia: float,
+        force: float,
+    ) -> list[float]:  # fmt: skip
+        """Return the force of every unit in the range of the total force [N]; arguments as in :meth:`range`."""
+        low, high = self.range(motion, reference, stands, inertia, force)
+        return [min(max(each, low * share), high * share) for each, share in zip(wanted, self._share, strict=True)]
 
     def range(
-        self, motion: Array, reference: tuple[float, float, float], stands: bool, force: float, inertia: float
+        self, motion: Array, reference: tuple[float, float, float], stands: bool, inertia: float, force: float
     ) -> tuple[float, float]:
         """Return the smallest and largest total force [N].
 
@@ -72,28 +88,28 @@ class StandstillForce:
             Speed [m/s] and acceleration [m/s²] of the reference at the time of effect, and its speed a node later.
         stands
             True if the train is at standstill now.
-        force
-            Total force at the time of effect [N].
         inertia
             Mass with rotating parts [kg].
+        force
+            Total force at the time of effect [N].
         """
         now, _, later = reference
-        stops = now < STANDSTILL_SPEED and later <= now
         if self._hauls:
-            return (-math.inf, 0.0) if stops else FREE
+            return (-math.inf, 0.0) if now < STANDSTILL_SPEED and later <= now else FREE
         if self._reversing:
             return FREE
         speed, acceleration = now + float(motion[1]), reference[1] + float(motion[3])
+        self._rolls_out = self._rolls_out and later <= now and not stands
+        waits = now == 0.0 and abs(float(motion[0])) < STOP_WINDOW and (stands or later == 0.0)
         if later > now:
-            return self._departure(now, acceleration, force - inertia * float(motion[3]), force) if stands else FREE
-        if not stands and 0.0 < speed < ROLL_OUT_SPEED and acceleration < -LAST_DECELERATION and self._release:
-            return self._release, self._release
-        return (-math.inf, 0.0) if now == 0.0 and abs(float(motion[0])) < STOP_WINDOW else FREE
-
-    def _departure(self, reference: float, acceleration: float, needed: float, force: float) -> tuple[float, float]:
-        """Return the range for a departure from a reference speed [m/s] that needs a force [N]."""
-        if acceleration > -ROLL_BACK or needed <= 0.0:
-            return FREE
-        if reference == 0.0:
-            return -math.inf, 0.0
-        return force + (needed - force) / self._gained, math.inf
+            if waits or not stands or acceleration > -ROLL_BACK:
+                return (-math.inf, 0.0) if waits else FREE
+            return force - inertia * float(motion[3]) / self._gained, math.inf
+        if not stands and speed > 0.0 and self._lag > 0.0:
+            enough = speed < (ROLL_OUT_SPEED if speed < -acceleration * self._lag else STANDSTILL_SPEED)
+            if enough and acceleration < -LAST_DECELERATION:
+                self._rolls_out = True
+                return self._release, (self._release if now == 0.0 else math.inf)
+            if self._rolls_out and speed < STANDSTILL_SPEED:
+                return -math.inf, 0.0
+        return (-math.inf, 0.0) if waits else FREE

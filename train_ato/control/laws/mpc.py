@@ -79,7 +79,7 @@ from train_ato.control.algorithms.coupler_limit import CouplerLimit
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
-from train_ato.control.algorithms.motion_observer import MotionObserver
+from train_ato.control.algorithms.motion_observer import SPEED_PRIOR, MotionObserver
 from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion, node_values
 from train_ato.control.algorithms.standstill_force import StandstillForce
 from train_ato.control.algorithms.train_constants import default_omega, drag_slope, force_tables, wave_time
@@ -125,6 +125,9 @@ class MpcParameters:
         0.0, "N", 0.0, 1e8, "largest coupler force of the plan for a train without waves; 0: no limit"
     )
     safe_share: float = parameter(0.3, "1", 0.05, 1.0, "part of omega while the model of the actuators is not safe")
+    speed_noise: float = parameter(
+        SPEED_PRIOR, "m/s", 0.0, 1.0, "standard deviation of the measured speed at which its estimate begins"
+    )
     position_share: float = parameter(0.5, "1", 0.01, 1.0, "a, gain on the position error over omega²")
 
 
@@ -149,7 +152,9 @@ class Mpc(GuardedLaw):
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         self._deviations = UnitDeviations.of(model, period, lag_weight(period, model.lag)) if soft else None
         ratio = p.observer_ratio or (0.3 if self._hauls else 5.0 if self._deviations is None else SOFT_RATIO)
-        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
+        self._observer = MotionObserver(
+            period, ratio * self.omega, wave_time(model) if self._hauls else 0.0, p.speed_noise
+        )
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._standstill = StandstillForce(model, period)
@@ -186,6 +191,7 @@ class Mpc(GuardedLaw):
         """Clear observer, identification, plan and counts."""
         self._observer.reset()
         self._identification.reset()
+        self._standstill.reset()
         if self._deviations is not None:
             self._deviations.reset()
         self._before: tuple[float, float, float] | None = None
@@ -275,15 +281,11 @@ class Mpc(GuardedLaw):
             between = self._deviations.forces(inputs, gain * sent, self._actuators, self._ticks)
             if not self._cautious:
                 wanted = [force + more for force, more in zip(wanted, between, strict=True)]
-        places = (ahead.velocity[self._ticks], ahead.acceleration[self._ticks], ahead.velocity[self._entries - 1 + PARTS])
-        force = required[count - 1] + inertia * (motion[3] - disturbance)
-        low, high = self._standstill.range(
-            motion, (float(places[0]), float(places[1]), float(places[2])), self._observer.stands, float(force), inertia
-        )
-        wanted = [
-            min(max(force, low * share), high * share) / gain for force, share in zip(wanted, self.share, strict=True)
-        ]
-        return wanted
+        effect, later = self._ticks, self._entries - 1 + PARTS
+        places = float(ahead.velocity[effect]), float(ahead.acceleration[effect]), float(ahead.velocity[later])
+        force = float(required[effect] + inertia * (motion[3] - disturbance))
+        wanted = self._standstill.limited(wanted, motion, places, self._observer.stands, inertia, force)
+        return [force / gain for force in wanted]
 
     def _observe(self, inputs: LawInput) -> float:
         """Advance the observer and return the resistance of the model at the measured state [N]."""
