@@ -4,8 +4,9 @@
 
 Every stop is a run of xuzhou_metro from 0 to 50 km/h and back to 0. Uniform: grade -20 to 20 per mille, delay .7 to 1.3
 times that of the model, actuator gain .9 to 1.1, speed noise 0 to .03 m/s. The model has the grade (``known``) or a
-level line (``unknown``). Columns: largest and mean distance from the target, largest deceleration over the last
-.25 s before standstill, which ends there at once and is the jerk of a passenger, and largest roll-back at the start.
+level line (``unknown``). Columns: largest and mean distance from the target; largest jump of the acceleration at
+standstill, as the mean deceleration over the last .25 s before every standstill, where it ends at once; largest
+roll-back at the start.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def changes(random: np.random.Generator, known: bool) -> dict[str, Any]:
 
 
 def stop(law: str, changed: dict[str, Any], seed: int) -> tuple[float, float, float]:
-    """Return distance from the target [m], deceleration at standstill [m/s²] and roll-back [m] of one run."""
+    """Return distance from the target [m], jump of the acceleration [m/s²] and roll-back [m] of one run."""
     compensation = "none" if law == "mpc" else "preview"
     run = ta.run("xuzhou_metro", law=law, compensation=compensation, set=changed, seed=seed, progress=False)
     vehicles = run["train/vehicles"]
@@ -69,7 +70,7 @@ def main() -> None:
     parser.add_argument("--laws", default="mpc,pid", metavar="NAMES")
     parser.add_argument("--seed", type=int, default=1, metavar="N")
     options = parser.parse_args()
-    print("| grade | law | stops | largest m | mean m | at standstill m/s² | roll-back m |\n" + "|---" * 7 + "|")
+    print("| grade | law | stops | largest m | mean m | jump m/s² | roll-back m |\n" + "|---" * 7 + "|")
     for known in (True, False):
         for law in options.laws.split(","):
             random = np.random.default_rng(options.seed)

@@ -1,4 +1,4 @@
-"""Range of the force of a train that stops, stands or departs, for a plant whose holding brake acts without traction.
+"""Range of the force of a train that stops or departs, with a holding brake that acts without traction.
 
 Below the holding speed the holding brake acts at once and fully as soon as no unit has a positive demand, and releases
 at the first positive demand. Three rules follow, with speed v and acceleration a predicted for the time of effect of

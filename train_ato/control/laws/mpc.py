@@ -40,10 +40,13 @@ add to C_j; the shoe force and the disturbance count as proportional to the mass
 
 **Disturbance and mass.** Three Kalman filters of e_p, e_v, d with bandwidths of ``observer_ratio`` omega and its
 fourth and sixteenth part, weighted by likelihood, and one of the error theta of the mass, with measured noise
-(`motion_observer.py`): offset-free. M/(1 + k theta) replaces M, with k = 1 - P/P_0 from the variance P of theta.
+from ``speed_noise`` on (`motion_observer.py`): offset-free. M/(1 + k theta) replaces M, with k = 1 - P/P_0 from the
+variance P of theta.
 
-**Arrival.** With hauled vehicles there is no traction from a reference speed of .05 m/s down to the stop: the vehicles
-stop one by one, and the holding brake acts without traction only.
+**Arrival and departure** (`standstill_force.py`). The holding brake acts below its speed without traction only. A train
+within .1 m of a reference at rest has no traction, and departs with the reference; on a rise its force then reaches
+that of the grade as fast as the limits permit. The last brake force decays before the holding brake acts. With hauled
+vehicles there is no traction from a reference speed of .05 m/s down to the stop: the vehicles stop one by one.
 
 **Units on soft couplers.** If every vehicle is driven and pi/T_w < 3 omega, with the time T_w of a wave through the
 couplers, a Kalman filter estimates the deviations of the units from the mean, and a linear-quadratic regulator on their
