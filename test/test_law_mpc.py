@@ -376,21 +376,6 @@ def test_noise_of_the_speed_does_not_shake_the_command():
     assert run.metrics["speed_error_max_kmh"] / 3.6 < 0.045
 
 
-def test_start_on_a_rising_grade_does_not_roll_back():
-    """A plan that releases the holding brake before the force of the grade acts lets the train roll."""
-    slope = {
-        "schema": "train_ato/line/1", "name": "slope", "summary": "constant grade", "end_km": 10,
-        "grades": [{"at": 0, "grade_permille": 30}], "speed_limits": [{"at": 0, "speed_kmh": 80}],
-    }  # fmt: skip
-    run = ta.run(
-        "xuzhou_metro", law="mpc", compensation="none", progress=False,
-        set={"duration": 10, "plant.line": slope, "plant.sensors.velocity_noise": 0.02},
-    )  # fmt: skip
-    places = run["train/vehicles"].filter(like="position_m").to_numpy()
-    assert (places[0] - places).max() < 1e-3
-    assert (places[-1] - places[0]).min() > 1.0
-
-
 def test_values_at_the_nodes_keep_integral_and_moment():
     """Samples at nodes that are far apart lose the corners between them, and with them speed and position."""
     nodes, parts = node_times(0.2, 120.0, 32), 4

@@ -226,10 +226,20 @@ class MotionObserver:
         T_w, time of a wave through the train [s]; 0 for a train without hauled vehicles.
     coupled
         False for a train without couplers.
+    speed_noise
+        Standard deviation of the measured speed at the start [m/s].
     """
 
-    def __init__(self, period: float, bandwidth: float, wave_time: float, coupled: bool = True) -> None:
+    def __init__(
+        self,
+        period: float,
+        bandwidth: float,
+        wave_time: float,
+        coupled: bool = True,
+        speed_noise: float = SPEED_PRIOR,
+    ) -> None:
         self._filters = (DisturbanceFilters.coupled if coupled else DisturbanceFilters.free)(period, bandwidth)
+        self._speed_prior = max(speed_noise, NOISE_FLOOR)
         self._waves = 2.0 * WAVE_SPEED**2 / wave_time * period if wave_time > 0.0 else 0.0
         self._period = period
         self._samples = NOISE_TIME / period
@@ -243,7 +253,7 @@ class MotionObserver:
         self._states = np.zeros((1 + count, STATES))
         self._covariances = np.array([np.diag([*prior, 0.0]), *[np.diag([*prior[:3], 0.0, 0.0])] * count])
         self._chances = np.full(count, 1.0 / count)
-        self._noise = np.array([self._filters.position_prior**2, SPEED_PRIOR**2])
+        self._noise = np.array([self._filters.position_prior**2, self._speed_prior**2])
         self._count = float(PRIOR_SAMPLES)
         self._before = np.zeros(2)
         self._runs = self.stands = False
