@@ -49,9 +49,7 @@ class AtoMode:
         self._model = setup.model
         spec, offset = setup.scenario.supervision, float(setup.model.offsets[0]) if setup.model.n_units else 0.0
         self._check = MeasurementCheck(spec, offset + setup.consist.vehicles[0].length / 2.0)
-        delay = float(setup.model.delay_brake.max()) if setup.model.n_units else 0.0
-        reaction = delay + setup.model.lag + setup.supervision_ticks * setup.tick
-        self.assurance = AssuranceMonitor(reaction, spec) if spec.assurance else None
+        self.assurance = AssuranceMonitor(setup.assurance_reaction, spec) if spec.assurance else None
         self.returned = False
         self._waiting = sorted(setup.scenario.ato_requests, key=lambda request: request.at)
         self._accepted = ""

@@ -14,6 +14,7 @@ from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.control.train_model import LineForceTable, TrainModel
 from train_ato.loop.part_cache import PartCache, file_state
 from train_ato.messages.layout import TrainLayout
+from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
 from train_ato.scenario.profile_spec import ProfileSpec
 from train_ato.scenario.scenario import Scenario
@@ -136,13 +137,23 @@ def _learned(
 
 
 def scenario_profile(
-    scenario: Scenario, consist: Consist, line: Line, tick_ns: int, folder: Path, parts: PartCache
+    scenario: Scenario,
+    consist: Consist,
+    line: Line,
+    tick_ns: int,
+    folder: Path,
+    parts: PartCache,
+    ceiling: tuple[Array, Array] | None = None,
 ) -> Profile:
-    """Return the profile of a scenario, from former runs if train, line, block ``profile`` and tick are equal."""
+    """Return the profile of a scenario, from former runs if train, line, block ``profile`` and tick are equal.
+
+    ``ceiling`` has places of the front [m] and speeds [m/s] of a speed limit of a plan beside that of the line.
+    """
     spec, plant = scenario.profile, scenario.plant
     data = (data_key(plant.consist, folder), data_key(plant.line, folder))
-    key = ("profile", *profile_key(spec, folder), *data, tick_ns, scenario.brake.deepest)
-    return parts.get(key, lambda: spec.build(consist, line, tick_ns * 1e-9, folder, scenario.brake.deepest))
+    key = ("profile", *profile_key(spec, folder), *data, tick_ns, scenario.brake.deepest, ceiling)
+    reduction = scenario.brake.deepest
+    return parts.get(key, lambda: spec.build(consist, line, tick_ns * 1e-9, folder, reduction, ceiling))
 
 
 def profile_key(spec: ProfileSpec, folder: Path) -> tuple[object, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -32,8 +32,10 @@ from train_ato.loop.scenario_data import (
     with_current_names,
     with_start_position,
 )
+from train_ato.loop.supervised_plan import SpeedCeiling, profile_within
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.topics import BY_NAME
+from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
 from train_ato.scenario.interventions import Intervention, TrainJumpNow
 from train_ato.scenario.scenario import Scenario
@@ -89,6 +91,12 @@ class RunSetup(RunChoices):
     def supervised_at(self, stamp: int) -> bool:
         """Return True if the supervisor takes a step at a stamp [ns]."""
         return self._supervision_ns != 0 and stamp % self._supervision_ns == 0
+
+    @cached_property
+    def assurance_reaction(self) -> float:
+        """Time from the decision of the run-time assurance to the effect of its brake [s]."""
+        delay = float(self.model.delay_brake.max()) if self.model.n_units else 0.0
+        return delay + self.model.lag + self.supervision_ticks * self.tick
 
     @property
     def control_period(self) -> float:
@@ -226,7 +234,26 @@ def _prepare(scenario: Scenario, folder: Path, parts: PartCache) -> RunSetup:
         ticks=round(scenario.duration * 1e9) // tick_ns,
     )
     _check_choices(setup)
-    return setup
+    return _within_supervision(setup, parts)
+
+
+def _within_supervision(setup: RunSetup, parts: PartCache) -> RunSetup:
+    """Return the run with its planned profile below the limits of the supervisor."""
+    scenario, margin = setup.scenario, setup.scenario.supervision.plan_margin
+    if not setup.layout.supervised or margin is None or scenario.profile.plan is None:
+        return setup
+    ceiling = SpeedCeiling(
+        setup.supervisor().track,
+        setup.consist.vehicles[0].length / 2.0,
+        scenario.plant.odometry.balise_spacing,
+        setup.assurance_reaction,
+        margin,
+    )
+
+    def plan(below: tuple[Array, Array]) -> Profile:
+        return scenario_profile(scenario, setup.consist, setup.line, setup.tick_ns, setup.folder, parts, below)
+
+    return replace(setup, profile=profile_within(ceiling, setup.profile, plan))
 
 
 def _check_choices(setup: RunSetup) -> None:

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.units import Length, SiModel, Time
+from train_ato.messages.types import Array
 from train_ato.profile.file import csv_text, parse_csv, read_profile
 from train_ato.profile.motion import Motion
 from train_ato.profile.phases import MotionLimits, Phase, PhaseBuilder
@@ -51,7 +52,13 @@ class ProfileSpec(SiModel):
         return self
 
     def build(
-        self, consist: Consist, line: Line, period: float, folder: Path | None = None, reduction: float | None = None
+        self,
+        consist: Consist,
+        line: Line,
+        period: float,
+        folder: Path | None = None,
+        reduction: float | None = None,
+        ceiling: tuple[Array, Array] | None = None,
     ) -> Profile:
         """Return the profile.
 
@@ -65,13 +72,15 @@ class ProfileSpec(SiModel):
             Folder of relative file names.
         reduction
             Deepest brake-pipe reduction that a plan may use [Pa]; None: that of the largest braking factor.
+        ceiling : pair of arrays, optional
+            Increasing places of the front [m] and speeds [m/s] of a speed limit of a plan beside that of the line.
 
         Raises
         ------
         ValueError
             One line: problem; fix.
         """
-        profile = self._build_source(consist, line, period, folder or Path(), reduction)
+        profile = self._build_source(consist, line, period, folder or Path(), reduction, ceiling)
         if self.until is not None and self.steps is None:
             profile = profile.until(self.until)
         if self.append:
@@ -86,7 +95,13 @@ class ProfileSpec(SiModel):
         return profile
 
     def _build_source(
-        self, consist: Consist, line: Line, period: float, folder: Path, reduction: float | None
+        self,
+        consist: Consist,
+        line: Line,
+        period: float,
+        folder: Path,
+        reduction: float | None,
+        ceiling: tuple[Array, Array] | None,
     ) -> Profile:
         start = line.begin if self.start is None else self.start
         half = consist.vehicles[0].length / 2
@@ -108,7 +123,7 @@ class ProfileSpec(SiModel):
         )
 
         assert self.plan is not None
-        return plan(line, consist, self.plan, period=period, reduction=reduction).profile
+        return plan(line, consist, self.plan, period=period, reduction=reduction, ceiling=ceiling).profile
 
     def _move_to_start(self, profile: Profile) -> Profile:
         """Return a profile from a file, moved to ``start``."""

@@ -53,4 +53,10 @@ class SupervisionSpec(SiModel):
     assurance_margin: Speed = Field(
         0.5, ge=0, description="distance from the permitted speed at which the law drives again"
     )
+    plan_margin: Speed | None = Field(
+        0.5,
+        ge=0,
+        description="least distance of a planned profile from the warning speed, with the errors of the odometry; "
+        "null: the plan does not use the limits of the supervisor",
+    )
     failsafe: FailsafeSpec = FailsafeSpec()

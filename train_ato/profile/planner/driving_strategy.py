@@ -71,20 +71,34 @@ MINIMUM_TIME = DrivingStrategy()
 
 @dataclass(frozen=True, slots=True)
 class SectionInputs:
-    """Train, line forces, speed limits, settings and limits by place of a section."""
+    """Train, line forces, speed limits, settings and limits by place of a section.
+
+    Attributes
+    ----------
+    ceiling : pair of arrays, optional
+        Increasing places of the front [m] and speeds [m/s] of a speed limit in addition to that of the line.
+    """
 
     train: TrainTables
     force: LineForce
     limits: SpeedLimits
     settings: PlanSettings
     places: PlaceLimits | None = None
+    ceiling: tuple[Array, Array] | None = None
 
     @classmethod
-    def of_line(cls, line: Line, consist: Consist, train: TrainTables, settings: PlanSettings) -> SectionInputs:
+    def of_line(
+        cls,
+        line: Line,
+        consist: Consist,
+        train: TrainTables,
+        settings: PlanSettings,
+        ceiling: tuple[Array, Array] | None = None,
+    ) -> SectionInputs:
         """Return the inputs of all sections of a train on a line."""
         force = LineForce(line, train, settings.grade_over_length)
         limits = SpeedLimits(line, train.speed_max)
-        return cls(train, force, limits, settings, place_limits(line, consist, train))
+        return cls(train, force, limits, settings, place_limits(line, consist, train), ceiling)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.summation import plain_sum
+from train_ato.messages.types import Array
 from train_ato.profile.planner.assembly import Plan, assemble_plan
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionInputs
 from train_ato.profile.planner.journey_plan import plan_journey
@@ -35,6 +36,7 @@ def plan(
     period: float = 0.1,
     available: AvailableForce | None = None,
     reduction: float | None = None,
+    ceiling: tuple[Array, Array] | None = None,
 ) -> Plan:
     """Plan a speed profile.
 
@@ -50,6 +52,8 @@ def plan(
         Available force; None: the nominal envelopes.
     reduction
         Deepest brake-pipe reduction that the plan may use [Pa]; None: that of the largest braking factor.
+    ceiling : pair of arrays, optional
+        Increasing places of the front [m] and speeds [m/s] of a speed limit in addition to that of the line.
 
     Raises
     ------
@@ -58,7 +62,7 @@ def plan(
     """
     settings = settings or PlanSettings()
     train = TrainTables(consist, settings.speed_max, settings.air_brake, settings.point_mass, available, reduction)
-    inputs = SectionInputs.of_line(line, consist, train, settings)
+    inputs = SectionInputs.of_line(line, consist, train, settings, ceiling)
     if settings.points is not None:
         return plan_journey(inputs, line, settings.points, period)
     stops = stops_of(line, settings)

@@ -221,8 +221,9 @@ class PlanSection:
                 placed[:2] = [sliding_extreme(reserve, width, grid.places, True) for reserve in placed[:2]]
         extension = self.limit_extension * self.window / 2
         limit = self.inputs.limits.over_grid(grid, train.length, extension, rate) ** 2 / 2
-        if self.ceiling is not None:
-            limit = np.minimum(limit, np.interp(grid.places, self.ceiling[0], self.ceiling[1] ** 2 / 2))
+        for ceiling in (self.ceiling, self.inputs.ceiling):
+            if ceiling is not None:
+                limit = np.minimum(limit, np.interp(grid.places, ceiling[0], ceiling[1] ** 2 / 2))
         rates = acceleration_table(train, self.inputs.settings, self.window)
         reserves = np.stack(self.reserve.over(grid))
         if placed is not None:
