@@ -109,6 +109,7 @@ def test_a_run_without_events_has_no_line(tmp_path: Path, capsys: pytest.Capture
     assert main([*options, "--set=supervision.enabled=false", "--out", str(tmp_path / "b")]) == 0
     plain = json.loads(capsys.readouterr().out)
     new = {"brake_interventions", "first_intervention", "first_intervention_s", "strongest_reaction", "takeovers",
+           "first_takeover", "first_takeover_s",
            "ato_state", "ato_disengaged", "ato_disengaged_s"}  # fmt: skip
     assert set(summary) - set(plain) == new
     assert new <= set(summary)

@@ -13,7 +13,7 @@ from train_ato.supervision.supervisor import SupervisionState
 DEFAULTS: dict[str, Any] = {
     "enabled": None, "period": 0.4, "overlap": 100.0, "kdry": 0.8, "service_brake": True, "service_curve": False,
     "roll_away": 2.0, "speed_difference": 2.0, "position_difference": 20.0, "confirmation": 1.0, "assurance": True,
-    "assurance_limit": "warning", "assurance_margin": 0.5,
+    "assurance_limit": "warning", "assurance_margin": 0.5, "plan_margin": 0.5,
     "failsafe": {"hold": 0.5, "coast": 1.0, "service": 5.0, "release": None},
 }  # fmt: skip
 RANGES = [
@@ -26,6 +26,7 @@ RANGES = [
     (SupervisionSpec, "position_difference", (0.001, None), (0.0,)),
     (SupervisionSpec, "confirmation", (0.0, None), (-0.001,)),
     (SupervisionSpec, "assurance_margin", (0.0, None), (-0.001,)),
+    (SupervisionSpec, "plan_margin", (0.0, None), (-0.001,)),
     (FailsafeSpec, "hold", (0.0, None), (-0.001,)),
     (FailsafeSpec, "coast", (0.0, None), (-0.001,)),
     (FailsafeSpec, "service", (0.0, None), (-0.001,)),

@@ -136,7 +136,7 @@ def long_lived_objects() -> Iterator[None]:
 
 
 def print_run(run: Run, as_json: bool) -> None:
-    """Print the result; a run with brake interventions, or a disengaged ATO, has a line on stderr."""
+    """Print the result; brake interventions, takeovers or a disengaged ATO have a line on stderr."""
     from train_ato.apps.report.words import driven_laws
     from train_ato.apps.runs.protection_note import protection_note
     from train_ato.apps.runs.summary_table import result_rows

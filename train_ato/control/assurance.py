@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 
 from train_ato.messages.types import SupervisedSpeeds
+from train_ato.supervision.fixed_values import KMH
 from train_ato.supervision.settings import SupervisionSpec
 
 BRAKING_LAW = "braking law"
@@ -34,6 +35,8 @@ class AssuranceMonitor:
         True while the braking law drives.
     takeovers : int
         Number of takeovers by the braking law.
+    reason : str
+        Speed, place and limit of the newest takeover; "" before the first.
     """
 
     def __init__(self, reaction: float, spec: SupervisionSpec) -> None:
@@ -42,6 +45,7 @@ class AssuranceMonitor:
         self._past: deque[tuple[int, float]] = deque()
         self.brakes = False
         self.takeovers = 0
+        self.reason = ""
 
     def step(self, speeds: SupervisedSpeeds) -> bool:
         """Return True after a change between the law and the braking law."""
@@ -58,6 +62,10 @@ class AssuranceMonitor:
         if not was and speed > 0.0 and max(speed, predicted) >= limit:
             self.brakes = True
             self.takeovers += 1
+            self.reason = (
+                f"{KMH * speed:.1f} km/h at {float(speeds.position[0]):.0f} m, predicted {KMH * predicted:.1f} km/h, "
+                f"limit {KMH * limit:.1f} km/h"
+            )
         elif was and (speed <= 0.0 or max(speed, predicted) < permitted - self._margin):
             self.brakes = False
         return self.brakes is not was

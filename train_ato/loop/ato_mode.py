@@ -169,6 +169,8 @@ class AtoMode:
         values = {"ato_state": self.machine.state.text, "ato_reason": self.machine.reason}
         if self.assurance is not None:
             values["takeovers"] = str(self.assurance.takeovers)
+            if self.assurance.brakes:
+                values["takeover"] = self.assurance.reason
         return {**values, KEY: self._accepted} if self._accepted else values
 
 

@@ -14,7 +14,7 @@ from train_ato.supervision.supervisor import SupervisionState
 _PLACES: dict[str, tuple[str | None, str]] = {
     "supervisor": (None, "reason"),
     "plant": (None, "protection"),
-    "controller": (None, ""),
+    "controller": (None, "takeover"),
     "ato": ("ato_state", "ato_reason"),
 }
 """Keys of state and reason in the diagnostics of a node; without a key the state is the message.
@@ -74,7 +74,8 @@ def protection_summary(reports: Sequence[Diagnostic]) -> dict[str, Any]:
         ``brake_interventions``: number of interventions of the supervisor, each to the release of the brakes.
         ``first_intervention``, ``first_intervention_s``: the first one with its reason, and its time [s].
         ``strongest_reaction``: of the train, for any reason.  ``takeovers``: number of times the braking law replaced
-        the law.  ``ato_state``: at the end.  ``ato_disengaged``, ``ato_disengaged_s``: reason and time [s] of the end
+        the law.  ``first_takeover``, ``first_takeover_s``: the first one with speed, place and limit, and its time [s].
+        ``ato_state``: at the end.  ``ato_disengaged``, ``ato_disengaged_s``: reason and time [s] of the end
         of the last engagement, None while engaged.
     """
     spans = state_spans(reports, "supervisor")
@@ -86,13 +87,16 @@ def protection_summary(reports: Sequence[Diagnostic]) -> dict[str, Any]:
         if span.state in INTERVENTIONS and (before is None or before.state not in INTERVENTIONS)
     ]
     first = begun[0] if begun else None
+    taken = [span for span in state_spans(reports, "controller") if span.state == BRAKING_LAW]
     levels = [REACTIONS[span.state] for span in state_spans(reports, "plant") if span.state in REACTIONS]
     return {
         "brake_interventions": len(begun),
         "first_intervention_s": None if first is None else first.begin,
         "first_intervention": None if first is None else f"{first.state}: {first.reason}",
         "strongest_reaction": max(levels, default=Protection.NONE).text,
-        "takeovers": sum(span.state == BRAKING_LAW for span in state_spans(reports, "controller")),
+        "takeovers": len(taken),
+        "first_takeover_s": taken[0].begin if taken else None,
+        "first_takeover": taken[0].reason if taken else None,
         **_last_engagement(state_spans(reports, "ato")),
     }
 

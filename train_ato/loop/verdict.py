@@ -144,6 +144,7 @@ def verdict_line(summary: Metrics) -> str:
     facts = [text for text in (stop, overspeed, _coupler_text(summary), _error_text(summary)) if text]
     if not facts:
         return ""
+    facts += _protection_texts(summary)
     head = _head(summary, len(rows), failed)
     more = [_failure_text(row) for row in failed if row["metric"] not in (*AT_STOPS[:1], "overspeed_max_kmh")]
     outcome = "" if is_tracked(summary) else f"{tracking_text(summary)}; "
@@ -193,6 +194,16 @@ def _stop_text(summary: Metrics) -> str:
 
 def _stopped(beyond: float) -> str:
     return f"stopped {three_digits(abs(beyond))} m {'beyond' if beyond > 0 else 'short of'} the target"
+
+
+def _protection_texts(summary: Metrics) -> list[str]:
+    """Return the numbers of brake interventions and takeovers with the time of the first, [] without any."""
+    counts = (
+        ("brake_interventions", "brake interventions", "first_intervention_s"),
+        ("takeovers", "takeovers of the braking law", "first_takeover_s"),
+    )
+    found = [(f"{summary[key]} {name}", summary.get(at)) for key, name, at in counts if summary.get(key)]
+    return [text if begin is None else f"{text} from {begin:.1f} s on" for text, begin in found]
 
 
 def _overspeed_text(summary: Metrics) -> str:

@@ -139,7 +139,13 @@ def _supervision_rows(summary: dict[str, Any]) -> list[Row]:
         Row("brake_interventions", "interventions of the supervisor", "", 0, "service or emergency brake"),
         Row("first_intervention_s", "first intervention", "s", 1, first),
         Row("strongest_reaction", "strongest reaction of the train", "", 0, "of the train protection, for any reason"),
-        Row("takeovers", "takeovers of the braking law", "", 0, "the law was near the warning speed"),
+        Row(
+            "takeovers",
+            "takeovers of the braking law",
+            "",
+            0,
+            str(summary.get("first_takeover") or "the law was near the warning speed"),
+        ),
         Row("ato_state", "ATO at the end", "", 0, disengaged),
     ]
 

@@ -1,4 +1,4 @@
-"""Line for a run with brake interventions of the supervisor, or with a disengaged ATO at its end."""
+"""Line for a run with brake interventions, takeovers of the braking law, or a disengaged ATO at its end."""
 
 from __future__ import annotations
 
@@ -21,6 +21,11 @@ def summary_events(summary: Mapping[str, Any]) -> str:
         first = f"{summary['first_intervention_s']:.1f} s ({summary['first_intervention']})"
         number = "one brake intervention" if count == 1 else f"{count} brake interventions"
         parts.append(f"{number} of the supervisor, {'' if count == 1 else 'the first '}at {first}")
+    if count := summary.get("takeovers") or 0:
+        number = "one takeover by the braking law" if count == 1 else f"{count} takeovers by the braking law"
+        if (begin := summary.get("first_takeover_s")) is not None:  # not in runs of former versions
+            number += f", {'' if count == 1 else 'the first '}at {begin:.1f} s ({summary['first_takeover']})"
+        parts.append(number)
     if summary.get("ato_disengaged_s") is not None:
         ended = f"{summary['ato_disengaged_s']:.1f} s ({summary['ato_disengaged']})"
         parts.append(f"the ATO was disengaged at {ended}, its state at the end is {summary['ato_state']}")
@@ -38,7 +43,7 @@ def protection_note(summary: Mapping[str, Any], run: str) -> str:
         Folder of the run, for the remedy.
     """
     parts = [summary_events(summary)]
-    if summary.get("brake_interventions"):
+    if summary.get("brake_interventions") or summary.get("takeovers"):
         parts.append(f"see speed and limits with `train-ato report {run}`")
     if summary.get("ato_disengaged_s") is not None:
         parts.append(ENGAGE)

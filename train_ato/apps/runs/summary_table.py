@@ -31,6 +31,8 @@ PROTECTION_ROWS: tuple[tuple[str, str], ...] = (
     ("first_intervention", "first intervention"),
     ("strongest_reaction", "strongest reaction of the train"),
     ("takeovers", "takeovers of the braking law"),
+    ("first_takeover_s", "first takeover at s"),
+    ("first_takeover", "first takeover"),
     ("ato_state", "ATO at the end"),
 )
 """Rows of a run with a supervisor."""
