@@ -25,7 +25,11 @@ MIN_PLACE_STEP, MAX_PLACES = 5.0, 4000
 ROUNDS = 8
 """Largest number of plans with a lower ceiling."""
 AVERAGING_TIME = 1.0
-"""Time before and after a place over which the jerk limit of a plan mixes its speeds [s]."""
+"""Time by which a ceiling holds earlier; half the averaging of the jerk limit is 0.8 s with the default limits [s]."""
+HOLD_TIME = 20.0
+"""Time over which a plan that accelerated towards a braking curve keeps its speed [s]."""
+NEXT_TARGET = 0.5
+"""Rise of the ceiling behind a target [m/s]."""
 TOLERANCE = 0.05
 """Excess over the ceiling that does not need another plan [m/s]."""
 
@@ -53,27 +57,30 @@ class SpeedCeiling:
         self._track, self._half, self._spacing = track, half, balise_spacing
         self._reaction, self._margin = reaction, margin
 
-    def excess(self, profile: Profile, places: Array) -> tuple[Array, Array]:
-        """Return the ceiling at places of the front, and the excess of a profile over it [m/s].
+    def compare(self, profile: Profile, places: Array) -> tuple[Array, Array, Array]:
+        """Return two ceilings at places of the front, and the excess of a profile over the second one [m/s].
 
-        The ceiling is the warning speed minus the margin and the rise of the speed over the reaction time.
+        The first ceiling is the warning speed without an acceleration, minus the margin. The second one has the
+        acceleration of the profile in the warning speed, and less the rise of the speed over the reaction time.
 
         Parameters
         ----------
         profile
-            Profile, whose acceleration and speed are inputs of the limits.
+            Profile of vehicle 0's centre.
         places : Array, shape (n,)
             Increasing places of the front [m].
         """
         front = profile.position + self._half
         speed = np.interp(places, front, profile.velocity)
         acceleration = np.maximum(np.interp(places, front, profile.acceleration), 0.0)
-        warning = np.array(
-            [self._warning(*row) for row in zip(places.tolist(), speed.tolist(), acceleration.tolist(), strict=True)]
-        )
-        # at standstill no limit is supervised
-        ceiling = np.maximum(warning - self._margin - self._reaction * acceleration, 0.0)
-        return ceiling, np.where(speed > 0.0, speed - ceiling, 0.0)
+        rows = list(zip(places.tolist(), speed.tolist(), acceleration.tolist(), strict=True))
+        steady = np.array([self._warning(place, v, 0.0) for place, v, _ in rows]) - self._margin
+        moving = steady.copy()
+        for k, (place, v, a) in enumerate(rows):
+            if a > 0.0:
+                moving[k] = self._warning(place, v, a) - self._margin - self._reaction * a
+        steady, moving = np.maximum(steady, 0.0), np.maximum(moving, 0.0)
+        return steady, moving, np.where(speed > 0.0, speed - moving, 0.0)
 
     def _warning(self, front: float, speed: float, acceleration: float) -> float:
         since_balise = front - self._spacing * math.floor(front / self._spacing)
@@ -104,33 +111,37 @@ def profile_within(ceiling: SpeedCeiling, first: Profile, plan: Callable[[tuple[
         If no profile is below the ceiling; one line: place, reason; fix.
     """
     places = ceiling.grid(first)
-    speeds, excess = ceiling.excess(first, places)
-    if not (excess > 0.0).any():
-        return first
-    lowest = speeds
+    profile, lowest, further, allowed = first, np.full(places.size, np.inf), 0.0, 0.0
     for _ in range(ROUNDS):
+        steady, moving, excess = ceiling.compare(profile, places)
+        if not (excess > allowed).any():
+            return profile
+        if profile is not first:
+            further += float(np.where(moving < steady, 0.0, np.maximum(excess, 0.0)).max())
+        lowest = np.minimum(lowest, _lowered(places, np.maximum(steady - further, 0.0), moving, excess))
+        allowed = TOLERANCE
         try:
             profile = plan((places, lowest))
         except ValueError as error:
             raise ValueError(_refusal(places, lowest, str(error))) from None
-        speeds, excess = ceiling.excess(profile, places)
-        if not (excess > TOLERANCE).any():
-            return profile
-        lowest = np.minimum(lowest, speeds) - _around(excess, places, speeds)
-        lowest = np.maximum(lowest, 0.0)
     raise ValueError(_refusal(places, lowest, f"{ROUNDS} plans exceed it by {KMH * float(excess.max()):.1f} km/h"))
 
 
-def _around(excess: Array, places: Array, speeds: Array) -> Array:
-    """Return the largest excess [m/s] over the distance of the averaging that limits the jerk, at every place.
+def _lowered(places: Array, steady: Array, moving: Array, excess: Array) -> Array:
+    """Return the speed limit of the next plan [m/s].
 
-    The averaging rounds a corner of the ceiling to both sides, so that the plan exceeds it there.
+    A plan that accelerates towards a braking curve keeps its speed instead, up to the curve; a lower limit only at the
+    places of the acceleration would move it ahead. The limit holds earlier by half the time of the averaging that
+    limits the jerk, which rounds the corners of a falling limit upwards.
     """
-    found = np.zeros(places.size)
-    for at in np.flatnonzero(excess > 0.0).tolist():
-        near = np.abs(places - places[at]) <= AVERAGING_TIME * speeds[at] + MIN_PLACE_STEP
-        found[near] = np.maximum(found[near], excess[at])
-    return found
+    limit = steady.copy()
+    for at in np.flatnonzero((excess > 0.0) & (moving < steady)).tolist():
+        for k in range(at, places.size):
+            if places[k] - places[at] > HOLD_TIME * moving[at] or (k > at and steady[k] > steady[k - 1] + NEXT_TARGET):
+                break
+            limit[k] = min(limit[k], moving[at])
+    ends = np.searchsorted(places, places + AVERAGING_TIME * limit, side="right")
+    return np.array([limit[k : max(end, k + 1)].min() for k, end in enumerate(ends.tolist())])
 
 
 def _refusal(places: Array, ceiling: Array, reason: str) -> str:
