@@ -17,6 +17,9 @@ STANDSTILL_SPEED = 0.01
 MIN_DWELL = 2.0
 """Minimum dwell time of a stop; a shorter rest of the reference is a change of direction [s]."""
 
+EARLY_DEPARTURE = 1.0
+"""Time before the departure of the reference at which a train must still be at rest [s]."""
+
 
 @dataclass(frozen=True)
 class PlannedStop:
@@ -95,6 +98,8 @@ def _results(setup: RunSetup, recording: Recording) -> Iterator[StopResult]:
             rows = time.size
         else:
             rows = int(np.searchsorted(time, stop.departure, side="right"))
+            if speed[rows - 1] >= STANDSTILL_SPEED:  # a law with a preview departs before the reference moves
+                rows = max(int(np.searchsorted(time, stop.departure - EARLY_DEPARTURE, side="right")), 1)
             position, final_speed = float(recording.front_position[rows - 1]), float(speed[rows - 1])
         at_rest = abs(final_speed) < STANDSTILL_SPEED
         yield StopResult(

@@ -118,7 +118,10 @@ def profile_within(ceiling: SpeedCeiling, first: Profile, plan: Callable[[tuple[
             return profile
         if profile is not first:
             further += float(np.where(moving < steady, 0.0, np.maximum(excess, 0.0)).max())
-        lowest = np.minimum(lowest, _lowered(places, np.maximum(steady - further, 0.0), moving, excess))
+        held = np.where((excess > 0.0) & (moving < steady), moving, np.inf)
+        if profile is not first:  # the averaging of the jerk limit rounds a corner upwards
+            held = np.where(excess > 0.0, np.minimum(held, lowest) - excess, held)
+        lowest = np.minimum(lowest, _lowered(places, np.maximum(steady - further, 0.0), np.maximum(held, 0.0)))
         allowed = TOLERANCE
         try:
             profile = plan((places, lowest))
@@ -127,19 +130,21 @@ def profile_within(ceiling: SpeedCeiling, first: Profile, plan: Callable[[tuple[
     raise ValueError(_refusal(places, lowest, f"{ROUNDS} plans exceed it by {KMH * float(excess.max()):.1f} km/h"))
 
 
-def _lowered(places: Array, steady: Array, moving: Array, excess: Array) -> Array:
-    """Return the speed limit of the next plan [m/s].
+def _lowered(places: Array, steady: Array, held: Array) -> Array:
+    """Return the speed limit of the next plan [m/s] from the ceiling and the speeds to hold, infinite without one.
 
     A plan that accelerates towards a braking curve keeps its speed instead, up to the curve; a lower limit only at the
     places of the acceleration would move it ahead. The limit holds earlier by half the time of the averaging that
     limits the jerk, which rounds the corners of a falling limit upwards.
     """
     limit = steady.copy()
-    for at in np.flatnonzero((excess > 0.0) & (moving < steady)).tolist():
-        for k in range(at, places.size):
-            if places[k] - places[at] > HOLD_TIME * moving[at] or (k > at and steady[k] > steady[k - 1] + NEXT_TARGET):
+    for at in np.flatnonzero(np.isfinite(held)).tolist():
+        near, passed = AVERAGING_TIME * held[at] + MIN_PLACE_STEP, False
+        for k in range(int(np.searchsorted(places, places[at] - near)), places.size):
+            passed |= k > at and bool(steady[k] > steady[k - 1] + NEXT_TARGET)
+            if places[k] - places[at] > (near if passed else HOLD_TIME * held[at]):
                 break
-            limit[k] = min(limit[k], moving[at])
+            limit[k] = min(limit[k], held[at])
     ends = np.searchsorted(places, places + AVERAGING_TIME * limit, side="right")
     return np.array([limit[k : max(end, k + 1)].min() for k, end in enumerate(ends.tolist())])
 
