@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from span_runs import Messages, assert_same_messages, compiled_part, messages_of, setup_of
 
+from train_ato.control.compiled.packing import has_compiled_step
 from train_ato.loop.engine import TickLoop, run_engine
 from train_ato.loop.recording import BRAKE_PIPE_COMMAND
 from train_ato.loop.spans import kernel
@@ -29,6 +30,12 @@ TRIGGER = {
         "policy": "trigger", "events": [],
         "trigger": {"min_speed": 2.0, "segments": 1, "grade_below": -1e-3, "min_length": 50.0, "release_drop": 0.3,
                     "never_below": 1.0},
+    }
+}  # fmt: skip
+PREDICTIVE = {
+    "brake": {
+        "policy": "predictive", "events": [],
+        "predictive": {"electric_use": 0.02, "never_below": 1.0, "min_application": 10.0, "pause": 10.0},
     }
 }  # fmt: skip
 WHOLE = {"observers.ndo": {"omega": 0.03, "scope": "train"}, "laws.pid.disturbance": True}
@@ -75,6 +82,9 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "policy trip": ("daqin_heavy_haul", {**FREE, "duration": 160, **TRIP, "observer": "ndo", **WHOLE}),
     "policy trigger": ("daqin_heavy_haul", {**FREE, "duration": 130, **TRIGGER}),
+    "policy predictive": (
+        "demo", {**FREE, "duration": 610, **PREDICTIVE, "observer": "ndo", **WHOLE}
+    ),
 }  # fmt: skip
 """Scenario and changes, for every component with a compiled step."""
 
@@ -95,7 +105,7 @@ def test_compiled_components_send_the_messages_of_python(case: str) -> None:
 
 def test_policies_of_the_cases_change_the_pressure() -> None:
     """Breaks if an application or a release is not reached, so that the comparison above has no decision in it."""
-    for case in ("policy trip", "policy trigger"):
+    for case in ("policy trip", "policy trigger", "policy predictive"):
         recording = run_engine(setup_of(*CASES[case]), compiled=True).recording
         assert recording is not None
         pressure = recording.topics[BRAKE_PIPE_COMMAND]["pressure"].ravel()
@@ -114,12 +124,26 @@ def test_components_do_not_compile_the_kernel_again() -> None:
     ("name", "changes"),
     [
         ("freight_consensus:realistic", {}),
-        ("freight_consensus", {"laws.fixed_time_smc.states": "estimated"}),
         ("xuzhou_metro", {"compensation": "predictor", "compensations.predictor.delay": "estimated"}),
-        ("xuzhou_metro", {"law": "rbf_switching_smc", "laws.rbf_switching_smc.derivatives": "measured"}),
-        ("xuzhou_metro", {"law": "gpc", "compensation": "none"}),
     ],
 )
 def test_forms_without_a_compiled_step_run_in_python(name: str, changes: dict[str, Any]) -> None:
     """Breaks if a parameter that the compiled step lacks is accepted: the run would have the numbers of another one."""
     assert compiled_part(setup_of(name, {**changes, "duration": 1.0 if name == "freight_consensus" else 10})) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("freight_consensus", {"laws.fixed_time_smc.states": "estimated", "duration": 1.0}),
+        ("xuzhou_metro", {"law": "rbf_switching_smc", "laws.rbf_switching_smc.derivatives": "measured", **METRO}),
+        ("xuzhou_metro", {"law": "gpc", "compensation": "none", **METRO}),
+    ],
+)
+def test_laws_without_a_compiled_step_are_called_in_python(name: str, changes: dict[str, Any]) -> None:
+    """Breaks if a parameter that the compiled step lacks is accepted: the run would have the numbers of another one."""
+    loop = TickLoop(setup_of(name, changes), None)
+    loop.start()
+    assert loop.controller._stack is not None
+    assert not has_compiled_step(loop.controller._stack._law)
+    assert_same_messages(*(messages_of(setup_of(name, changes), compiled=chosen) for chosen in (False, True)))

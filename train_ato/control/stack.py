@@ -15,7 +15,7 @@ from train_ato.control.command_history import CommandHistory
 from train_ato.control.command_hold import CommandHold
 from train_ato.control.compensation.contract import Compensation, CompensationInput
 from train_ato.control.compensation.rigid import ProfileLike, RigidForce
-from train_ato.control.contract import Law, LawInput
+from train_ato.control.contract import Law, LawInput, LawOutput
 from train_ato.control.registry import LAWS
 from train_ato.control.standstill import RELEASE_FORCE, held_by_holding_brake, needs_release
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement, Reference
@@ -61,6 +61,10 @@ class ControlStack:
 
     Attributes
     ----------
+    answer : LawOutput or BaseException or None
+        Result of a step of the law in compiled ticks, used in place of the next step.
+    law_brakes : bool
+        The law demanded the pressure of the last step in place of the policy.
     holding : bool
         The last step repeated the previous command, because the measurement or the output of the law was not valid.
 
@@ -105,6 +109,7 @@ class ControlStack:
         self._blend = _blend_weights(period)
         self._blended = 0
         self._pressure: float | None = None
+        self.law_brakes = False
         self._saturated = False
         self._invalid_measurements = 0
         self._invalid_estimates = 0
@@ -112,6 +117,7 @@ class ControlStack:
         self._saturated_steps = 0
         self._swaps = 0
         self._no_disturbance = np.zeros(model.n_units)
+        self.answer: LawOutput | BaseException | None = None
         self.set_profile(profile)
         set_brake_policy = getattr(compensation, "set_brake_policy", None)
         if set_brake_policy is not None:
@@ -204,6 +210,7 @@ class ControlStack:
                 float(measurement.velocity[0]),
                 total_of_units(measurement.applied),
             )
+            self.law_brakes = False
         if due and not valid:
             self._hold.hold("no valid measurement of the power units")
             self._miss_sample()
@@ -239,7 +246,8 @@ class ControlStack:
         known = measurement
         if self._displacement is not None:
             known = self._displacement.without(measurement, self.model.front(measurement.position))
-        output = self._law.step(self._law_input(known, reference, estimate, np.array(low), np.array(high)))
+        inputs = self._law_input(known, reference, estimate, np.array(low), np.array(high))
+        output = self._law.step(inputs) if self.answer is None else self._take_answer(self.answer)
         wanted = output.force.tolist()
         if not all(map(math.isfinite, wanted)) or len(wanted) != self.model.n_units:
             self._hold.hold(f"law '{self._name}' returned {str(wanted)[:60]} N")
@@ -250,12 +258,19 @@ class ControlStack:
             self._hold.resume()
         if self._air_brake and output.brake_pipe is not None and math.isfinite(output.brake_pipe):
             self._pressure = min(max(output.brake_pipe, 0.0), self.model.consist.air_brake.charged)  # type: ignore[union-attr]
+            self.law_brakes = True
         if self._offset is not None:
             wanted = self._bumpless(wanted)
         sent = self._limited(wanted, low, high)
         if self._distribution is None:
             return sent
         return self._distribution.forces(self.model.front(measurement.position), sent, low, high)
+
+    def _take_answer(self, answer: LawOutput | BaseException) -> LawOutput:
+        self.answer = None
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
 
     def _limited(self, wanted: list[float], low: list[float], high: list[float]) -> list[float]:
         """Return the force of every unit inside its limits [N]; ``_saturated`` is True if one is at a limit."""

@@ -97,6 +97,11 @@ class ControllerStage:
         self.ato.forget_requests(stamp)
         self.follow_outage("node controller restarted")
 
+    @property
+    def has_answer(self) -> bool:
+        """True if the next step uses the output of the law from a compiled tick that was left to Python."""
+        return self._stack is not None and self._stack.answer is not None
+
     def follow_outage(self, reason: str) -> None:
         """End an engagement at the next step, because a node of the loop was away, and brake to a stop.
 

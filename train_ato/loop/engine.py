@@ -175,8 +175,8 @@ class TickLoop:
 
     @property
     def compiled(self) -> bool:
-        """True if ticks have run in compiled code; the law then has no time of its own."""
-        return self._spans is not None and self._spans.ticks > 0
+        """True if a compiled law has run; it has no time of its own."""
+        return self._spans is not None and self._spans.untimed
 
     def advance(self) -> None:
         """Run the ticks up to the next event in compiled code if the run permits it, otherwise one tick."""
@@ -188,7 +188,8 @@ class TickLoop:
             if done := self._spans.run():
                 self.ticks += done
                 self._ato = self._spans.ato
-                return
+                if not self.controller.has_answer:
+                    return
         self.tick()
 
     def _new_spans(self) -> CompiledSpans | None:

@@ -36,8 +36,8 @@ from train_ato.control.compiled.entries import (
 from train_ato.control.compiled.sliding import fixed_time_smc_step, lag_smc_step, smc_step
 from train_ato.control.compiled.switching import rbf_switching_smc_step
 
-PID, FUNNEL, SMC, FIXED_TIME_SMC, LAG_SMC, RBF_SWITCHING_SMC = range(6)
-"""Laws with a compiled step."""
+PID, FUNNEL, SMC, FIXED_TIME_SMC, LAG_SMC, RBF_SWITCHING_SMC, PYTHON = range(7)
+"""Laws with a compiled step; the last number is that of every other law."""
 # Entries of `constant` of pid, and its first gain; three gains per unit.
 (
     OF_POSITION, INTEGRAL_LIMIT, FILTER_DECAY, DERIVATIVE_DECAY, PERIOD, USES_FEEDFORWARD, USES_ESTIMATE, PID_GAINS,

@@ -11,7 +11,9 @@ import numpy as np
 
 from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.compiled import entries
 from train_ato.control.compiled import laws as c
+from train_ato.control.compiled.law_call import NO_CALL
 from train_ato.control.compiled.sliding_packing import (
     fixed_time_smc_constants,
     lag_smc_constants,
@@ -61,12 +63,15 @@ class CompiledLaw:
         Constants of the law.
     couplers : UnitCouplers or None
         Couplers beside the units, of a law that uses their forces.
+    call : LawCall
+        Call of a law in Python, unused.
     """
 
     def __init__(self, law: GuardedLaw) -> None:
         self._law = law
         self.number, constant = next((number, make) for kind, number, make in _FORMS if kind is type(law))
         self.constant = constant(law)
+        self.call = NO_CALL
         own: Any = law
         separate = (isinstance(law, Smc) and law._measured) or (isinstance(law, LagSmc) and not law._common)
         uses_couplers = separate or isinstance(law, FixedTimeSmc)
@@ -94,9 +99,17 @@ class CompiledLaw:
             return _funnel_state(law)
         return switching_state(law) if self.number == c.RBF_SWITCHING_SMC else sliding_state(law)
 
-    def take_state(self, state: Array) -> None:
-        """Set the state of the law."""
+    def inputs(self, units: int) -> Array:
+        """Return the array of the inputs of a span, with shares, limits reached and last forces of the law."""
+        inputs, law = np.zeros((entries.INPUT_ROWS, units)), self._law
+        inputs[[entries.SHARE, entries.SATURATED, entries.LAST_FORCE]] = law.share, law.saturated, law._last_force
+        return inputs
+
+    def take_state(self, state: Array, inputs: Array) -> None:
+        """Set the state of the law after the last inputs."""
         law: Any = self._law
+        law.saturated = [bool(value) for value in inputs[entries.SATURATED]]
+        law._last_force = inputs[entries.LAST_FORCE].tolist()
         values = state.tolist()
         if self.number == c.PID:
             n, first = law.n, c.PID_UNITS

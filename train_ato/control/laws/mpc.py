@@ -38,9 +38,12 @@ the train without waves has the force C_j = (s_j - mu_j) F - (W_j - mu_j W) in i
 ``coupler_limit`` for all couplers is a range of F at every node, by grade and speed there (`coupler_limit.py`). Waves
 add to C_j; the shoe force and the disturbance count as proportional to the mass.
 
-**Disturbance and mass.** Three Kalman filters of e_p, e_v, d with bandwidths of ``observer_ratio`` omega and its
-fourth and sixteenth part, weighted by likelihood, and one of the error theta of the mass, with measured noise
-(`motion_observer.py`): offset-free. M/(1 + k theta) replaces M, with k = 1 - P/P_0 from the variance P of theta.
+**Disturbance and mass.** Kalman filters of e_p, e_v, d, weighted by likelihood, and one of the error theta of the mass,
+with measured noise (`motion_observer.py`): offset-free. With couplers there are three, with bandwidths of
+``observer_ratio`` omega and its fourth and sixteenth part. Without couplers there is one for a gust, and one for
+a steady rate of d, as of a grade under a train of some length: d at the time of effect is d + T_r r (1 - e^(-s/T_r)),
+and the command gives d + Ta d' there (`disturbance_filters.py`). M/(1 + k theta) replaces M, with k = 1 - P/P_0 from
+the variance P of theta.
 
 **Arrival.** With hauled vehicles there is no traction from a reference speed of .05 m/s down to the stop: the vehicles
 stop one by one, and the holding brake acts without traction only.
@@ -76,6 +79,7 @@ import numpy as np
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
 from train_ato.control.algorithms.coupler_limit import CouplerLimit
+from train_ato.control.algorithms.disturbance_filters import motion_by_rate
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
@@ -103,6 +107,9 @@ SOFT_COUPLERS = 3.0
 SOFT_RATIO = 2.5
 """Bandwidth of the observer over omega for units on soft couplers: the mean of disturbances that excite the couplers
 changes within the delay, and a fast estimate of it has the wrong phase at the time of effect."""
+FREE_RATIO = 6.0
+"""The same for a train without couplers: a gust is in the estimate within the delay, and the waves of couplers, which a
+fast estimate follows, do not exist."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +120,7 @@ class MpcParameters:
         0.0, "rad/s", 0.0, 10.0, "half of the gain on the speed error; 0: from delay, lag and couplers"
     )
     observer_ratio: float = parameter(
-        0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, soft couplers 2.5, hauled vehicles .3"
+        0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, one vehicle 6, soft couplers 2.5, hauled .3"
     )
     lookahead: float = parameter(120.0, "s", 1.0, 600.0, "length of the horizon")
     nodes: int = parameter(32, "1", 4, 60, "nodes of the decision over the horizon")
@@ -147,8 +154,10 @@ class Mpc(GuardedLaw):
         self._models: dict[tuple[float, float], list[HorizonModel]] = {}
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         self._deviations = UnitDeviations.of(model, period, lag_weight(period, model.lag)) if soft else None
-        ratio = p.observer_ratio or (0.3 if self._hauls else 5.0 if self._deviations is None else SOFT_RATIO)
-        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
+        free = len(model.consist.vehicles) == 1
+        ratio = 0.3 if self._hauls else SOFT_RATIO if self._deviations else FREE_RATIO if free else 5.0
+        bandwidth = (p.observer_ratio or ratio) * self.omega
+        self._observer = MotionObserver(period, bandwidth, wave_time(model) if self._hauls else 0.0, not free)
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._couplers = CouplerLimit(model, p.coupler_limit) if p.coupler_limit else None
@@ -261,6 +270,7 @@ class Mpc(GuardedLaw):
         free_motion(
             motion, inputs.applied, gain * sent, required[:count], self._actuators, model.tick, model.lag, inertia,
         )  # fmt: skip
+        disturbance = self._add_rate(motion)
         errors = np.empty((2, self._nodes.size))
         free_errors(motion, self._nodes, model.lag, errors[0], errors[1])
         rise = (plain_sum(feedforward) - required[count - 1]) / inertia - motion[3]
@@ -276,6 +286,14 @@ class Mpc(GuardedLaw):
         if self._hauls and self._arrives(ahead.velocity):
             wanted = [min(force, 0.0) for force in wanted]
         return [force / gain for force in wanted]
+
+    def _add_rate(self, motion: Array) -> float:
+        """Add the rate of the disturbance to the motion at the time of effect; return d + Ta d' there [m/s²]."""
+        rate, longest = self._observer.disturbance_rate, self._ticks * self.model.tick
+        position, speed, risen, _ = motion_by_rate(rate, longest)
+        motion += position, speed, 0.0, risen
+        _, _, risen, rate = motion_by_rate(rate, longest + 0.5 * self.period)
+        return float(motion[2]) + risen + self.model.lag * rate
 
     def _arrives(self, reference: Array) -> bool:
         """Return True if the reference stops at the time of effect: then hauled vehicles stop one by one.

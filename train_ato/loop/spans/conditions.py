@@ -22,6 +22,7 @@ from train_ato.control.registry import COMPENSATIONS, OBSERVERS
 from train_ato.control.stack import ControlStack
 from train_ato.loop.inputs import StageInputs
 from train_ato.loop.setup import RunSetup
+from train_ato.loop.spans.python_law import PythonLaw
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervised import SupervisedTicks
 from train_ato.messages.links import LinkSpec
@@ -83,14 +84,16 @@ def ticks_to_event(
     return int(-((stamp - min(ends)) // tick))
 
 
-def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack, law: CompiledLaw) -> bool:
+def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack, law: CompiledLaw | PythonLaw) -> bool:
     """Return True if train, control stack and receiving ends are in a state that the compiled ticks contain."""
     setup, train, controller, stamp = stages.setup, stages.plant.train, stages.controller, stages.plant.stamp
     if not supervised.is_quiet or not all(inputs.is_regular(stamp) for inputs in _inputs(stages)):
         return False
     if any(stamp * 1e-9 < freeze.end for freeze in train._sensors._freezes):
         return False
-    if stack.holding or stack._offset is not None or controller._asked or train._parted._since is not None:
+    if stack.holding or stack.law_brakes or stack._offset is not None:
+        return False
+    if controller._asked or train._parted._since is not None:
         return False
     pipe, compensation = train._brake, stack._compensation
     if isinstance(pipe, PipeEvents) and (stack._pressure != pipe.pressure or pipe._vented):

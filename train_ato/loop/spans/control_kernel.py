@@ -155,9 +155,9 @@ def set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now)
 
 
 @compiled(alone=False)
-def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, history, inputs, now, wanted, sent):
+def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, history, inputs, sent):
     """Compute the command of a tick from its inputs; return 1 at a limit, 0 inside, -1 for one left to Python."""
-    number, constant, state, beside, springs = law
+    number, constant, state, now, wanted, call, beside, springs = law
     now[c.TRAIN_SHOE_FORCE] = shoes[tick, 0]
     if len(predicting[0]):
         line_force = _line_force(inputs, own, tables[1])
@@ -168,5 +168,9 @@ def law_step(tick, t, coupler_forces, own, tables, shoes, law, predicting, histo
     _opposing(coupler_forces, beside, springs, own, tables[0], tables[2], shoes[tick], inputs)
     if not _is_valid(inputs, now):
         return -1
-    laws_code.demand(number, constant, state, inputs, now, wanted)
+    if number == laws_code.PYTHON:
+        if call(tick) != 0:
+            return -1
+    else:
+        laws_code.demand(number, constant, state, inputs, now, wanted)
     return _command(inputs, wanted, sent)

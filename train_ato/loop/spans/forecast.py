@@ -80,6 +80,7 @@ class Forecast:
         part, units = slice(first, first + count), self._setup.model.n_units
         forecast = SpanForecast(self._compensation, self._times[part], stack._pressure)
         forecast.at_rest = self._at_rest[part]
+        forecast.effects, forecast.predicts = self._effects[part].tolist(), self._predicts
         forecast.shoes, totals = np.zeros((count, 1 + units)), np.zeros((count, 1))
         if shoes_used and not self._compensation.shoes.idle:
             forecast.keep_shoes()
@@ -113,11 +114,17 @@ class SpanForecast:
         Shoe force of the train and of every unit's vehicle [N].
     at_rest : Array of bool, shape (ticks,)
         True for a profile at rest now and after the delay of the commands.
+    effects : list of float
+        Times at which the commands take effect [s].
+    predicts : bool
+        The state of the law is that of the effect.
     """
 
     feedforward: Array
     shoes: Array
     at_rest: NDArray[np.bool_]
+    effects: list[float]
+    predicts: bool
 
     def __init__(self, compensation: CompensationBase, times: Array, pressure: float | None) -> None:
         self._compensation, self._pressure = compensation, pressure

@@ -139,8 +139,9 @@ def run_span(
     with diagnostics; arrays with one row have the last of these states.
     ``supervision`` has the arrays of :class:`train_ato.loop.spans.supervised.SupervisionArrays`; ``at_rest`` is True
     for a reference at rest now and after the delay of the commands. ``law``, ``observing`` and ``predicting`` have
-    number, constants, state and couplers of the law and of the observer, and the arrays of the prediction; ``braking``
-    has number, constants and state of the policy of the air brake.
+    number, constants, state and couplers of the law and of the observer, and the arrays of the prediction; ``law`` also
+    has the inputs for all units, the demand, and the call of a law in Python. ``braking`` has number, constants and
+    state of the policy of the air brake.
     """
     state, vehicle, vehicle_index, gear, gear_table, run, body, unit, unit_index, envelope, piece = train
     outside, cubes, cubed = forces
@@ -150,7 +151,7 @@ def run_span(
     saved, observed, kept = law_state.copy(), observer_state.copy(), inputs.copy()
     demanded = policy_state.copy()
     supervised, odometers, motion = supervision[0].copy(), supervision[2].copy(), np.zeros(5)
-    wanted, now, window = np.zeros(nu), np.zeros(c.NOW_ENTRIES), np.zeros((steps, nu))
+    now, window = law[3], np.zeros((steps, nu))
     for tick in range(len(newest)):
         _measure(tick, (state, unit), noise, sensor, units, sensors, gaps, measured, couplers)
         at = stamp + tick * tick_ns
@@ -172,8 +173,8 @@ def run_span(
         if usable and is_step:
             set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now)
             limited = law_step(
-                tick, t, couplers[tick, COUPLER_FORCE], own, tables, shoes, law, predicting, history, inputs, now,
-                wanted, sent[tick + 1],
+                tick, t, couplers[tick, COUPLER_FORCE], own, tables, shoes, law, predicting, history, inputs,
+                sent[tick + 1],
             )  # fmt: skip
         if not usable or limited < 0:
             law_state[:], observer_state[:], inputs[:], policy_state[:] = saved, observed, kept, demanded

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -80,6 +80,8 @@ class SpanArrays:
         Results of the steps of the supervisor.
     estimates : Array, shape (ticks, units)
         Estimates of the observer [N].
+    law_reports : dict
+        Diagnostics of the controller by tick, of a law with diagnostics of its own.
     """
 
     truth: Array
@@ -94,6 +96,7 @@ class SpanArrays:
     reports: list[Array]
     supervision: SupervisionArrays
     estimates: Array
+    law_reports: dict[int, Diagnostic] = field(default_factory=dict)
 
 
 class SpanMessages:
@@ -318,8 +321,17 @@ class SpanMessages:
             *reports,
             RepeatedReport(profile, stamps, remaining),
             RepeatedReport(observer, stamps),
-            RepeatedReport(controller, stamps, {"saturated_steps": arrays.at_limit[1 : self._done + 1][due].tolist()}),
+            *self._of_controller(controller, stamps, arrays.at_limit[1 : self._done + 1][due].tolist()),
         ]
+
+    def _of_controller(self, last: Diagnostic, stamps: list[int], at_limit: list[float]) -> list[RepeatedReport]:
+        """Return the diagnostics of the controller with the steps at a limit, in one part if all texts are equal."""
+        single = self._arrays.law_reports
+        if not single:
+            return [RepeatedReport(last, stamps, {"saturated_steps": at_limit})]
+        ticks = [(stamp - int(self._stamps[0])) // self._tick for stamp in stamps]
+        parts = zip(ticks, stamps, at_limit, strict=True)
+        return [RepeatedReport(single[tick], [stamp], {"saturated_steps": [steps]}) for tick, stamp, steps in parts]
 
     def _reports_by_tick(self) -> dict[int, dict[str, Diagnostic]]:
         """Return the diagnostics by the number of their tick and by node."""

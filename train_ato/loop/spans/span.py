@@ -26,6 +26,7 @@ from train_ato.loop.spans.conditions import is_regular, ticks_to_event
 from train_ato.loop.spans.forecast import Forecast
 from train_ato.loop.spans.messages import Publish, SpanArrays, SpanMessages
 from train_ato.loop.spans.observer_shoes import ObserverShoes
+from train_ato.loop.spans.python_law import PythonLaw
 from train_ato.loop.spans.stages import Stages
 from train_ato.loop.spans.supervised import SupervisedTicks
 from train_ato.loop.stage_messages import SECOND_NS
@@ -69,6 +70,8 @@ class CompiledSpans:
         Vehicles of the truth: all, or with ``brief`` the first, the power units and the last.
     ticks : int
         Number of compiled ticks so far.
+    untimed : bool
+        A compiled law has run, without a time of its own.
     ato : AtoReport or None
         Last report of the ATO; set before :meth:`run`, which replaces it.
     """
@@ -83,8 +86,9 @@ class CompiledSpans:
         self.stages, self._recording, self._publish, self._publish_ticks = stages, recording, publish, publish_ticks
         self._forecast: Forecast | None = None
         self._law: Any = None
-        self._compiled: CompiledLaw | None = None
+        self._step: CompiledLaw | PythonLaw | None = None
         self._retry = self.ticks = 0
+        self.untimed = False
         self._pause = 1
         self.ato: AtoReport | None = None
         self._memory: dict[str, Array] = {}
@@ -106,8 +110,8 @@ class CompiledSpans:
         """Run the ticks up to the next event; return their number, 0 if the next tick is left to Python."""
         plant, stack = self.stages.plant, self.stages.controller._stack
         assert stack is not None
-        law = self._compiled_law(stack)
-        if law is None or plant.stamp < self._retry:
+        law = self._step_of(stack)
+        if (isinstance(law, PythonLaw) and not law.is_usable) or plant.stamp < self._retry:
             return 0
         count = ticks_to_event(self.stages, self.supervised, stack, logged=self.logged, brief=self.brief)
         if count < SHORTEST or not is_regular(self.stages, self.supervised, stack, law):
@@ -123,6 +127,7 @@ class CompiledSpans:
             return 0
         self._pause = 1
         self.ticks += done
+        self.untimed |= isinstance(law, CompiledLaw)
         messages = SpanMessages(self.stages, span.arrays, stamp, done, brief=self.brief)
         if self.brief:
             messages.record_summary(self._recording)
@@ -148,12 +153,13 @@ class CompiledSpans:
             kept = self._memory[name] = np.empty(shape)
         return kept[: shape[0]]
 
-    def _compiled_law(self, stack: ControlStack) -> CompiledLaw | None:
-        """Return the present law of the stack as arrays, None without a compiled step."""
-        if self._law is not stack._law:
-            self._law = stack._law
-            self._compiled = CompiledLaw(stack._law) if has_compiled_step(stack._law) else None  # type: ignore[arg-type]
-        return self._compiled
+    def _step_of(self, stack: ControlStack) -> CompiledLaw | PythonLaw:
+        """Return the compiled step of the present law, or its call in Python."""
+        if self._step is None or self._law is not stack._law:
+            law: Any = stack._law
+            self._law = law
+            self._step = CompiledLaw(law) if has_compiled_step(law) else PythonLaw(self.stages.controller, law)
+        return self._step
 
     def forecast(self, stack: ControlStack) -> Forecast:
         """Return reference and feed-forward of all ticks, computed once per profile and compensation."""
@@ -179,7 +185,7 @@ class _Span:
         Results of its ticks.
     """
 
-    def __init__(self, spans: CompiledSpans, stack: ControlStack, law: CompiledLaw, count: int) -> None:
+    def __init__(self, spans: CompiledSpans, stack: ControlStack, law: CompiledLaw | PythonLaw, count: int) -> None:
         self._spans, self._stack, self._law, self._count = spans, stack, law, count
         self._setup, self._plant = spans.stages.setup, spans.stages.plant
         self._train = train = self._plant.train
@@ -204,14 +210,13 @@ class _Span:
             np.zeros((count, units)),
         )
         self.arrays.sent[0], self.arrays.at_limit[0] = stack._last, stack._saturated_steps
-        self._inputs = np.zeros((c.INPUT_ROWS, units))
-        own: Any = stack._law
-        self._inputs[[c.SHARE, c.SATURATED, c.LAST_FORCE]] = own.share, own.saturated, own._last_force
+        self._inputs = law.inputs(units)
+        self._now, self._wanted = np.zeros(c.NOW_ENTRIES), np.zeros(units)
         self._state, self._observed = law.state(), spans.observer.state()
         self._policy = CompiledPolicy(stack._policy)
         times = np.array(self._forecast.times)
-        own, used = spans.stages.observer._stack, bool(spans.observer.number)
-        self._observer_shoes = ObserverShoes(own, times, stack._pressure, used=used)
+        used = bool(spans.observer.number)
+        self._observer_shoes = ObserverShoes(spans.stages.observer._stack, times, stack._pressure, used=used)
         self._expected = np.ascontiguousarray(forecast.expected[:, self._first : self._first + count])
         self._counts = np.array((stack._ticks, stack._every, stack._saturated, 0), dtype=np.int64)
 
@@ -221,20 +226,26 @@ class _Span:
         newest = link.newest_due(self._stamp, self._count * train.substeps).reshape(self._count, train.substeps)
         queues, a, events = link.packed(self._count), train.arrays, train._brake.propagating()
         cubed = np.arange(train._outside.vehicles.size if out.cubes.shape[2] else 0)
-        sensors = train._sensors
+        sensors, law = train._sensors, self._law
+        if isinstance(law, PythonLaw):
+            arrays = (self._inputs, self._now, self._wanted, out.couplers, self._counts)
+            law.begin_span(self._stamp, self._forecast, *arrays)
         done = int(kernel.run_span(
             self._stamp, train.tick_ns, train._step,
             (a.state, a.vehicle, a.vehicle_index, a.gear, a.table, a.run, a.body, a.unit, a.unit_index, a.envelope,
              a.piece),
             train._brake.array, events, (out.outside, out.cubes, cubed), train._outside.vehicles, a.setting,
             self._noise(), spans.sensor_errors, sensors._units, sensors._front, sensors._gaps,
-            (self._law.number, self._law.constant, self._state, *coupler_arrays(self._law.couplers)),
+            (law.number, law.constant, self._state, self._now, self._wanted, law.call, *coupler_arrays(law.couplers)),
             self._observing(), tuple(spans.prediction), self._policy.arrays, self._inputs, self._expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
             self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
             spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),
             tuple(out.supervision), self._forecast.at_rest,
         ))  # fmt: skip
+        if isinstance(law, PythonLaw):
+            law.end_span(done)
+            out.law_reports = law.reports
         self._forecast.take_back(done)
         self._observer_shoes.take_back(done, float(out.measured[done - 1, 1, 0]) if done else None)
         if done:
@@ -278,13 +289,10 @@ class _Span:
     def _store(self, done: int, queues: PackedQueues, newest_due: int) -> None:
         """Set the states of stages, stack, law, link and sensors to those after the span."""
         stack, train, sensors, out = self._stack, self._train, self._train._sensors, self.arrays
-        law: Any = stack._law
-        self._law.take_state(self._state)
+        self._law.take_state(self._state, self._inputs)
         observer = self._spans.stages.observer._stack
         self._spans.observer.take_state(self._observed, out.estimates[done - 1].tolist())
         self._policy.store(stack._policy, observer._policy)
-        law.saturated = [bool(value) for value in self._inputs[c.SATURATED]]
-        law._last_force = self._inputs[c.LAST_FORCE].tolist()
         stack._ticks += done
         stack._last = out.sent[done].tolist()
         stack._saturated_steps = int(out.at_limit[done])

@@ -1,0 +1,171 @@
+"""A law in Python inside compiled spans gives the messages of ticks in Python, and receives the same inputs."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from span_runs import assert_same_messages, assert_same_recording, compiled_part, messages_of, setup_of
+from test_compiled_spans import CASES as LAWS
+from test_span_components import CASES as COMPONENTS
+
+from train_ato.control.contract import LawInput, LawOutput, parameter
+from train_ato.loop.engine import TickLoop, run_engine
+from train_ato.loop.spans import python_law, span
+
+FREE = {"supervision.enabled": False}
+HERE = "test_python_law_spans"
+DEMO = {**FREE, "duration": 60, "plant.sensors.couplers": [0]}
+CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    **{case: LAWS[case] for case in (
+        "pid under preview, air brake", "pid under twin, air brake", "pid with filters, noise", "pid, slow control",
+        "smc, couplers measured", "funnel, resistance of the model, air brake", "law changes", "disturbances",
+    )},
+    **{case: COMPONENTS[case] for case in (
+        "eso of the train, pid", "cascaded by Levant, fixed_time_smc", "predictor, springs, three units",
+        "predictor, funnel", "policy trip",
+    )},
+    "gpc": ("xuzhou_metro", {"duration": 60, "law": "gpc", "compensation": "none"}),
+    "gpc under preview": ("crh380a_gpc:short", {**FREE, "duration": 30, "compensation": "preview",
+                                                "links.command.delay_brake": None, "model.delay_brake": None}),
+    "supervised": ("demo", {"duration": 120}),
+}  # fmt: skip
+"""Scenario and changes, for every input of a law and every event that ends a span."""
+
+
+@dataclasses.dataclass
+class Observed:
+    """Feed-forward and a gain, with all inputs kept as they were received."""
+
+    gain: float = parameter(0.1, "1/s", 0.0, 10.0, "gain on the speed error")
+    unusual: str = parameter("none", "", 0, 0, "unusual output", choices=("none", "held", "nan", "pipe", "error"))
+    horizon = 3
+
+    def reset(self) -> None:
+        self.received: list[LawInput] = []
+        self.copies: list[LawInput] = []
+
+    def bind(self, model: Any, period: float) -> None:
+        self._mass = model.inertia * model.share
+
+    def step(self, inputs: LawInput) -> LawOutput:
+        self.received.append(inputs)
+        self.copies.append(dataclasses.replace(inputs, **{
+            name: value.copy() for name, value in _fields(inputs).items() if isinstance(value, np.ndarray)
+        }))  # fmt: skip
+        force = inputs.feedforward - self.gain * self._mass * (inputs.velocity - inputs.reference_velocity)
+        if self.unusual == "none" or round(inputs.t * 10) % 70:
+            return LawOutput(force)
+        if self.unusual == "error":
+            raise ValueError("no force at this time")
+        if self.unusual == "nan":
+            return LawOutput(np.full_like(force, np.nan))
+        if self.unusual == "pipe":
+            return LawOutput(force, brake_pipe=5e5)
+        return LawOutput(force, held="waits")
+
+    def diagnostics(self) -> dict[str, str]:
+        """Return a text that differs in every report."""
+        return {"steps": str(len(self.received))}
+
+
+def _fields(inputs: LawInput) -> dict[str, Any]:
+    return {entry.name: getattr(inputs, entry.name) for entry in dataclasses.fields(inputs)}
+
+
+def _as_bytes(inputs: LawInput) -> dict[str, Any]:
+    """Return the inputs without signs of zero lost: arrays as types, shapes and bytes, numbers as texts."""
+    values = {**_fields(inputs), "preview": None, "lookahead": None}
+    values |= {f"preview.{name}": getattr(inputs.preview, name) for name in ("position", "velocity", "acceleration")}
+    return {
+        name: (value.dtype, value.shape, value.tobytes()) if isinstance(value, np.ndarray) else (type(value), value)
+        for name, value in values.items()
+    }
+
+
+@pytest.fixture
+def every_law_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let shipped laws run as those of other packages."""
+    monkeypatch.setattr(span, "has_compiled_step", lambda law: False)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.usefixtures("every_law_in_python")
+def test_a_law_in_python_sends_the_messages_of_python(case: str) -> None:
+    """Breaks if an input of the law, its order in the tick or its output differs in one bit, or no tick is compiled."""
+    assert_same_messages(*(messages_of(setup_of(*CASES[case]), compiled=chosen) for chosen in (False, True)))
+    assert compiled_part(setup_of(*CASES[case])) > 0.4
+
+
+def _received(name: str, changes: dict[str, Any], *, compiled: bool) -> Observed:
+    loop = TickLoop(setup_of(name, {**changes, "law": f"{HERE}:Observed"}), None, compiled=compiled)
+    loop.start()
+    while not loop.plant.finished:
+        loop.advance()
+    assert not compiled or (loop._spans is not None and loop._spans.ticks > 0.4 * loop.ticks)
+    assert loop.controller._stack is not None
+    law: Any = loop.controller._stack._law
+    assert isinstance(law, Observed)
+    return law
+
+
+@pytest.mark.parametrize(("name", "changes"), [
+    ("demo", {**DEMO, "compensation": "none", "observer": "eso"}),
+    ("demo", {**DEMO, "compensation": "preview"}),
+    ("demo", {**DEMO, "compensation": "twin"}),
+    ("demo", {**DEMO, "compensation": "predictor"}),
+    ("daqin_heavy_haul", {**FREE, "duration": 60, "compensation": "preview", "brake": {
+        "policy": "planned", "events": [{"time": 20, "reduction": 5e4}, {"time": 40, "reduction": 0}]}}),
+], ids=["none", "preview", "twin", "predictor", "air brake"])  # fmt: skip
+def test_the_law_receives_the_inputs_of_python(name: str, changes: dict[str, Any]) -> None:
+    """Breaks if an input differs in value, type or shape, or if an input that a law keeps changes later."""
+    python, compiled = (_received(name, changes, compiled=chosen) for chosen in (False, True))
+    assert len(python.received) == len(compiled.received)
+    for expected, found in zip(python.copies, compiled.copies, strict=True):
+        assert _as_bytes(expected) == _as_bytes(found), expected.t
+    for kept, copied in zip(compiled.received, compiled.copies, strict=True):
+        assert _as_bytes(kept) == _as_bytes(copied), kept.t
+
+
+@pytest.mark.parametrize("unusual", ["held", "nan", "pipe", "none"])
+def test_an_unusual_output_has_the_effect_of_python(unusual: str) -> None:
+    """Breaks if a law is called twice in a tick, or if a held force, a pressure or its diagnostics are lost."""
+    name = "daqin_heavy_haul" if unusual == "pipe" else "demo"
+    law = {"law": f"{HERE}:Observed", f"laws.{HERE}:Observed.unusual": unusual}
+    changes = {**FREE, "duration": 60, **law}
+    runs = [run_engine(setup_of(name, changes), compiled=chosen) for chosen in (False, True)]
+    assert_same_recording(*runs)
+    assert_same_messages(*(messages_of(setup_of(name, changes), compiled=chosen) for chosen in (False, True)))
+
+
+def test_an_error_of_the_law_names_the_controller() -> None:
+    """Breaks if compiled code drops an exception, or names another part of the loop."""
+    changes = {**FREE, "law": f"{HERE}:Observed", f"laws.{HERE}:Observed.unusual": "error", "duration": 60}
+    failures = [run_engine(setup_of("demo", changes), compiled=chosen).failure for chosen in (False, True)]
+    assert failures[0] == failures[1]
+    assert failures[0] is not None and "no force at this time" in failures[0]
+
+
+def test_a_slow_law_ends_the_span(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if Ctrl-C and the progress wait for all ticks of a span."""
+    monkeypatch.setattr(python_law, "LONGEST_CALLS_NS", 0)
+    loop = TickLoop(setup_of("demo", {**DEMO, "law": f"{HERE}:Observed"}), None, compiled=True)
+    loop.start()
+    loop.advance()
+    for _ in range(20):
+        before = loop.ticks
+        loop.advance()
+        assert loop.ticks == before + 1
+
+
+def test_a_law_in_python_has_its_step_time() -> None:
+    """Breaks if the time of the law is lost in compiled ticks."""
+    result = run_engine(setup_of("demo", {**DEMO, "law": f"{HERE}:Observed"}), compiled=True)
+    assert result.summary["step_time_us_median"] > 0.0
+
+
+def test_gpc_is_called_in_compiled_ticks() -> None:
+    """Breaks if the shipped laws without a compiled step leave their ticks to Python."""
+    assert compiled_part(setup_of("xuzhou_metro", {"law": "gpc", "compensation": "none", "duration": 10})) > 0.8

@@ -1,0 +1,170 @@
+"""Law without a compiled step in a compiled span: it is called between the compiled parts of a tick."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from train_ato.control.compensation.base import NO_PREVIEW, CompensationBase
+from train_ato.control.compiled import entries as c
+from train_ato.control.compiled.law_call import LEFT, LawCall
+from train_ato.control.compiled.laws import PYTHON
+from train_ato.control.contract import Law, LawInput, LawOutput, Preview
+from train_ato.loop.controller import ControllerStage
+from train_ato.loop.spans.forecast import SpanForecast
+from train_ato.loop.spans.kernel import AT_LIMIT
+from train_ato.loop.stage_messages import diagnostics_due
+from train_ato.messages.types import Array, Diagnostic
+
+LONGEST_CALLS_NS = 200_000_000
+"""Wall time after which a span ends, for Ctrl-C and the progress [ns]."""
+
+
+class PythonLaw:
+    """Law in Python with the interface of :class:`train_ato.control.compiled.packing.CompiledLaw`.
+
+    The law receives the same inputs as in a tick in Python. An exception, and an output with another effect than a
+    force (a pressure, a repeated force, an invalid force), are kept: the tick is left to Python, where the control
+    stack uses them in place of a second call.
+
+    Parameters
+    ----------
+    controller
+        Controller stage of the law.
+    law
+        The law.
+
+    Attributes
+    ----------
+    reports : dict
+        Diagnostics of the controller by the number of the tick in the span, of a law with diagnostics of its own.
+    """
+
+    number = PYTHON
+    couplers = None
+    uses_shoes = uses_effect = True
+
+    def __init__(self, controller: ControllerStage, law: Law) -> None:
+        assert controller._stack is not None
+        self._controller, self._stack, self._law = controller, controller._stack, law
+        self.constant: Array = np.zeros(0)
+        self.call = LawCall(self._called)
+        self.reports: dict[int, Diagnostic] = {}
+        self._reported = hasattr(law, "diagnostics")
+        self._last: tuple[int, LawOutput | BaseException] | None = None
+        self._begin = 0
+
+    @property
+    def is_usable(self) -> bool:
+        """True if the compiled ticks make all inputs of the law, and its diagnostics are those of its last step."""
+        return getattr(self._law, "lookahead_times", None) is None and not (self._reported and self._stack._every > 1)
+
+    def state(self) -> Array:
+        """Return an empty array: the state stays in the law."""
+        return np.zeros(0)
+
+    def inputs(self, units: int) -> Array:
+        """Return the array of the inputs of a span."""
+        inputs = np.zeros((c.INPUT_ROWS, units))
+        inputs[c.SHARE] = self._stack.model.share  # for the prediction
+        return inputs
+
+    def begin_span(
+        self, stamp: int, forecast: SpanForecast, inputs: Array, now: Array, wanted: Array, couplers: Array, counts: Any
+    ) -> None:
+        """Set the arrays of a span from a stamp [ns] on, by :mod:`train_ato.control.compiled.entries`."""
+        self._stamp, self._forecast, self._inputs, self._now = stamp, forecast, inputs, now
+        self._wanted, self._couplers, self._counts = wanted, couplers, counts
+        self.reports, self._last, self._begin = {}, None, 0
+
+    def take_state(self, state: Array, inputs: Array) -> None:
+        """Do nothing: the state is in the law."""
+
+    def end_span(self, done: int) -> None:
+        """Give the output of a tick that was not run to the control stack."""
+        if self._last is not None and self._last[0] == done:
+            self._stack.answer = self._last[1]
+
+    def _called(self, tick: int) -> int:
+        """Run the step of a tick; return 0, or ``LEFT`` for a tick that is left to Python."""
+        begin = time.perf_counter_ns()
+        self._begin = self._begin or begin
+        if begin - self._begin > LONGEST_CALLS_NS:
+            return LEFT
+        try:
+            usable = self._step(tick)
+        except KeyboardInterrupt as error:
+            self._last = tick, error
+            return LEFT
+        except Exception:  # an output without the form of the contract; the tick in Python names the fault
+            return LEFT
+        self._controller.step_times.nanoseconds.append(time.perf_counter_ns() - begin)
+        return 0 if usable else LEFT
+
+    def _step(self, tick: int) -> bool:
+        """Call the law; return True for an output that is only a force, whose value the compiled code checks."""
+        law: Any = self._law
+        if getattr(law, "lookahead_times", None) is not None:
+            return False
+        inputs = self._law_input(tick)
+        with self._controller._call:
+            try:
+                output = law.step(inputs)
+            except BaseException as error:  # raised again by the tick in Python
+                self._last = tick, error
+                return False
+        self._last = tick, output
+        force = output.force
+        if output.brake_pipe is not None or output.held:
+            return False
+        if force.dtype != np.float64 or force.shape != self._wanted.shape:
+            return False
+        self._wanted[:] = force
+        if self._reported:
+            self._report(tick)
+        return True
+
+    def _report(self, tick: int) -> None:
+        """Keep the diagnostics of a tick, once a second."""
+        tick_ns = self._controller.setup.tick_ns
+        stamp = self._stamp + tick * tick_ns
+        if diagnostics_due(stamp, tick_ns) and (report := self._controller.diagnostic(stamp)) is not None:
+            self.reports[tick] = report
+
+    def _law_input(self, tick: int) -> LawInput:
+        """Return the input of the law, in arrays of its own."""
+        forecast, compensation = self._forecast, self._stack._compensation
+        assert isinstance(compensation, CompensationBase)
+        t, effect, n = forecast.times[tick], forecast.effects[tick], self._wanted.size
+        position, velocity, applied, reference, feedforward, low, high, _, _, _, disturbance, *_ = self._inputs.copy()
+        speed, acceleration, at_effect, jerk, _, train_shoes = self._now.tolist()
+        deflection, rate, coupler_force = self._couplers[tick]
+        horizon = getattr(self._law, "horizon", 0)
+        return LawInput(
+            t,
+            position,
+            velocity,
+            applied,
+            reference,
+            np.array([speed] * n),
+            np.array([acceleration] * n),
+            0.0 if forecast.predicts else effect - t,
+            at_effect,
+            jerk,
+            feedforward,
+            Preview(*compensation.rigid.profile.window(effect, horizon, compensation.period))
+            if horizon
+            else NO_PREVIEW,
+            disturbance,
+            deflection,
+            rate,
+            coupler_force,
+            forecast.shoes[tick, 1:],
+            train_shoes,
+            self._stack._history.in_flight(),
+            low,
+            high,
+            bool(self._counts.item(AT_LIMIT)),
+        )
