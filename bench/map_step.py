@@ -14,6 +14,7 @@ import sys
 from typing import Any
 
 import numpy as np
+from figures import Figure, publish
 from map_cost import SPEC
 
 from train_ato.apps.sweep.check import sweep_base
@@ -23,10 +24,10 @@ from train_ato.apps.sweep.spec import read_sweep
 from train_ato.loop.part_cache import PartCache
 
 SIDE = 64
-METRICS = (
-    "speed_rmse_kmh", "speed_error_max_kmh", "stop_error_max_m", "coupler_draft_max_kn", "coupler_buff_max_kn",
-    "command_variation_kn_per_s", "energy_traction_kwh",
-)  # fmt: skip
+METRICS = {
+    "speed_rmse_kmh": "km/h", "speed_error_max_kmh": "km/h", "stop_error_max_m": "m", "coupler_draft_max_kn": "kN",
+    "coupler_buff_max_kn": "kN", "command_variation_kn_per_s": "kN/s", "energy_traction_kwh": "kWh",
+}  # fmt: skip
 
 
 class MapRuns:
@@ -69,12 +70,14 @@ def main() -> int:
             outcomes.append((row["tracking"], row["verdict"], other["tracking"], other["verdict"]))
     steps_text = f"{1e3 * options.step:g} - 5 ms: largest"
     print(f"{'metric':30} {'median':>10} {steps_text:>22} {'median':>10} {'neighbours: median':>19}")
-    for metric in METRICS:
+    for metric, unit in METRICS.items():
         rows = [row["metrics"][metric] for row in values if row["metrics"].get(metric) is not None]
         found = [change(*pair, metric) for pair in steps]
         beside = float(np.nanmedian([change(*pair, metric) for pair in neighbours]))
         size = float(np.median(np.abs(rows)))
-        print(f"{metric:30} {size:10.4g} {np.nanmax(found):22.3g} {np.nanmedian(found):10.3g} {beside:19.3g}")
+        largest = float(np.nanmax(found))
+        publish(Figure(f"largest change of {metric} with the plant step", largest, unit, "neighbouring points", beside))
+        print(f"{metric:30} {size:10.4g} {largest:22.3g} {np.nanmedian(found):10.3g} {beside:19.3g}")
     same = sum(one[:2] == one[2:] for one in outcomes)
     print(f"tracking and verdict equal in {same} of {len(outcomes)} points:", *sorted({o[:2] for o in outcomes}))
     for one in outcomes:
