@@ -14,22 +14,17 @@ train, another resistance or weaker shoes move the decisions without a plan.
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
 
-from plant_sim.units import Force, Pressure, Ratio, SiModel, Speed, Time
 from train_ato.control.air_brake import schedule_cost as s
-from train_ato.control.air_brake.schedule_forecast import STEP, Action, Schedule, ScheduleForecast
+from train_ato.control.air_brake.predictive_rules import PredictiveRules
+from train_ato.control.air_brake.schedule_forecast import STEP, PipeAction, Schedule, ScheduleForecast
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.luenberger import LuenbergerObserver
 from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 from train_ato.messages.types import Array
-
-if TYPE_CHECKING:
-    from train_ato.control.compensation.rigid import ProfileLike
 
 WAITS = (0, 1, 2, 4, 8, 16, 32)
 """Waits of the schedules before the next action, in periods."""
@@ -43,39 +38,19 @@ TOLERANCE = 1e-6
 """Tolerance of the time of a decision, for the rounding of times [s]."""
 
 
-class PredictiveRules(SiModel):
-    """Schedules and cost of the predictive policy."""
+class SpeedProfile(Protocol):
+    """Speed profile by time and place."""
 
-    reductions: tuple[Pressure, ...] = Field((50e3,), min_length=1, description="reductions of the pipe, rising")
-    period: Time = Field(2.0, ge=1, le=5, description="time between two decisions")
-    horizon: Time = Field(120.0, ge=30, le=600, description="time ahead that a decision compares")
-    pause: Time = Field(60.0, ge=0, description="minimum time from a release to the next application (recharge)")
-    min_application: Time = Field(25.0, ge=0, description="minimum time from an application to its release")
-    never_below: Speed = Field(
-        35 / 3.6, ge=0, description="no release or application below this speed, except for a departure"
-    )
-    electric_use: Ratio = Field(0.9, gt=0, le=1, description="part of the electric brake that the prediction uses")
-    speed_error: Speed = Field(1 / 3.6, gt=0, description="speed error of cost 1")
-    application_cost: float = Field(
-        0.3, ge=0, description="cost of an application: mean squared speed error over the horizon, per speed_error²"
-    )
-    coupler_max: Force = Field(600e3, gt=0, description="coupler force above which a schedule has a cost")
+    @property
+    def time(self) -> Array:
+        """Times of the knots [s]."""
 
-    @field_validator("reductions")
-    @classmethod
-    def _rise(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if value[0] <= 0 or any(b <= a for a, b in pairwise(value)):
-            raise ValueError("reductions must rise from above 0; sort them and remove 0")
-        return value
+    @property
+    def position(self) -> Array:
+        """Positions of vehicle 0's centre at the knots [m]."""
 
-    @model_validator(mode="after")
-    def _sees_an_application(self) -> PredictiveRules:
-        if self.horizon < self.min_application + 2 * self.period:
-            raise ValueError(
-                f"horizon {self.horizon:g} s is shorter than an application of {self.min_application:g} s and two "
-                "periods; lengthen horizon"
-            )
-        return self
+    def at_times(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return position, speed and acceleration at many times [s], each of the shape of ``t``."""
 
 
 class PredictiveBrake:
@@ -94,7 +69,7 @@ class PredictiveBrake:
         of its place.
     """
 
-    def __init__(self, charged: float, rules: PredictiveRules, model: TrainModel, profile: ProfileLike) -> None:
+    def __init__(self, charged: float, rules: PredictiveRules, model: TrainModel, profile: SpeedProfile) -> None:
         self._charged, self._rules, self._model, self._profile = charged, rules, model, profile
         self._forecast = ScheduleForecast(rules, model)
         self._shoes = ShoeForecast(model)
@@ -187,18 +162,18 @@ class PredictiveBrake:
 
     def _applications(self, wait: float, reduction: float, latest: float) -> list[Schedule]:
         """Return an application after a wait [s]: held, and released after some times or at the latest time."""
-        apply, rest = Action(wait, reduction), self._rules.min_application
+        apply, rest = PipeAction(wait, reduction), self._rules.min_application
         ends = {wait + hold * rest for hold in HOLDS} | {max(latest, wait + rest)}
-        return [(apply,), *((apply, Action(end, 0.0)) for end in sorted(ends) if wait < end < self._rules.horizon)]
+        return [(apply,), *((apply, PipeAction(end, 0.0)) for end in sorted(ends) if wait < end < self._rules.horizon)]
 
     def _releases(self, waits: list[float]) -> list[Schedule]:
         """Return releases after waits [s]: the last one, and one before another application."""
         again = self._rules.reductions[0]
-        releases = [Action(wait, 0.0) for wait in waits]
+        releases = [PipeAction(wait, 0.0) for wait in waits]
         return [
             schedule
             for release in releases
-            for schedule in ((release,), (release, Action(release.after + self._rules.pause, again)))
+            for schedule in ((release,), (release, PipeAction(release.after + self._rules.pause, again)))
         ]
 
     def _deeper(self, latest: float) -> list[Schedule]:

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from train_ato.control.air_brake import schedule_cost as s
+from train_ato.control.air_brake.predictive_rules import PredictiveRules
 from train_ato.control.air_brake.shoes import ShoeForecast
 from train_ato.control.algorithms.force_shares import total_of_units
-from train_ato.control.compiled.train_packing import train_constants
 from train_ato.control.train_model import GRID, TrainModel
 from train_ato.messages.types import Array
 from train_ato.supervision.track_supervision import limits_under_train
-
-if TYPE_CHECKING:
-    from train_ato.control.air_brake.predictive_policy import PredictiveRules
 
 STEP = 2.0
 """Step of the prediction [s]."""
@@ -28,14 +25,14 @@ MAX_SPEED = 140.0
 """Last speed of these tables [m/s]."""
 
 
-class Action(NamedTuple):
+class PipeAction(NamedTuple):
     """Reduction of the brake pipe [Pa] from a time after the decision on [s]; 0 releases."""
 
     after: float
     reduction: float
 
 
-Schedule = tuple[Action, ...]
+Schedule = tuple[PipeAction, ...]
 
 
 class ScheduleForecast:
@@ -60,7 +57,7 @@ class ScheduleForecast:
         self._vehicles[s.INERTIA_SHARE] = [each.mass * each.rotating_mass_factor / model.inertia for each in vehicles]
         self._vehicles[s.FORCE_SHARE, list(model.units)] = model.share
         self._constant = np.array((
-            *train_constants(model)[:4], begin, STEP, GAIN, rules.electric_use, rules.never_below,
+            model._c0, model._c1, model._c2, begin, STEP, GAIN, rules.electric_use, rules.never_below,
             rules.speed_error, rules.coupler_max, SPEED_STEP,
         ), dtype=np.float64)  # fmt: skip
 
