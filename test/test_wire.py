@@ -308,6 +308,7 @@ def test_equal_bytes_are_decoded_once_and_others_again():
     wire = Wire(LAYOUTS[2])
     sent = [Command(10**8, np.array([1.0, 2.0, value])) for value in (3.0, 4.0)]
     first, second = (wire.encode("ato/command", one) for one in sent)
-    assert wire.decode("ato/command", first) is wire.decode("ato/command", bytes(bytearray(first)))
-    assert same(wire.decode("ato/command", second), sent[1])
-    assert same(wire.decode("ato/command", first), sent[0])
+    assert wire.decode_shared("ato/command", first) is wire.decode_shared("ato/command", bytes(bytearray(first)))
+    assert same(wire.decode_shared("ato/command", second), sent[1])
+    assert same(wire.decode_shared("ato/command", first), sent[0])
+    assert wire.decode("ato/command", first) is not wire.decode("ato/command", first)

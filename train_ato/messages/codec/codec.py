@@ -84,9 +84,6 @@ class Wire:
     def decode(self, topic: str, data: bytes) -> Any:
         """Return the message of the bytes; arrays are copies.
 
-        Consecutive calls with equal bytes return one message, as the stages of the engine share it: the nodes of one
-        process read a measurement three times.
-
         Raises
         ------
         ValueError
@@ -94,10 +91,17 @@ class Wire:
         KeyError
             If a run of this train has no such topic.
         """
+        return self._decoders[topic](data)
+
+    def decode_shared(self, topic: str, data: bytes) -> Any:
+        """Return the message of the bytes for readers that do not change it; errors as :meth:`decode`.
+
+        Consecutive calls with equal bytes return one message, as the stages of the engine share it: three nodes read
+        every measurement.
+        """
         last = self._decoded.get(topic)
         if last is not None and last[0] == data:
             return last[1]
         message = self._decoders[topic](data)
-        if topic in self._fixed:
-            self._decoded[topic] = data, message
+        self._decoded[topic] = data, message
         return message

@@ -200,7 +200,7 @@ class NodeEndpoints:
 
     def subscribe(self, handlers: Mapping[str, Callable[[Any], None]]) -> None:
         """Subscribe to topics with a handler for decoded messages each."""
-        decode = self.wire.decode
+        decode = self.wire.decode_shared
         for name, handler in handlers.items():
             topic = BY_NAME[name]
             if topic.exists(self.wire.layout):
