@@ -12,7 +12,7 @@ from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire, stamp_of
 from train_ato.messages.codec.diagnostic_keys import program_values
 from train_ato.messages.codec.fixed import FixedCodec
-from train_ato.messages.codec.small import MOST_NUMBERS
+from train_ato.messages.codec.small import MOST_BYTES
 from train_ato.messages.codec.variable import _decode_knots, decode_trajectory, encode_trajectory
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.topic import SUPERVISED
@@ -298,7 +298,7 @@ def test_small_messages_are_read_as_by_the_general_decoder(layout, topic):
         return
     codec = FixedCodec(BY_NAME[topic], layout)
     data = codec.encode(message(topic, layout, 7_300_000_000))
-    assert (codec._small is None) == (sum(slot.size for slot in codec._slots) > MOST_NUMBERS)
+    assert (codec._small is None) == (codec.length > MOST_BYTES)
     found, codec._small = codec.decode(data), None
     assert same(found, codec.decode(data))
 

@@ -23,7 +23,7 @@ from train_ato.messages.codec.cdr import (
     typestore,
 )
 from train_ato.messages.codec.slots import FLOAT64, STAMP_END, TimeSlot, sample_of, slots_of
-from train_ato.messages.codec.small import MOST_NUMBERS, SmallMessage
+from train_ato.messages.codec.small import MOST_BYTES, SmallMessage
 from train_ato.messages.layout import TrainLayout, present_name
 from train_ato.messages.tick_block import Values
 from train_ato.messages.topic import Topic
@@ -83,7 +83,7 @@ class FixedCodec:
         self._other: Layout | None = None
         self._shifted_fields = [self._order.index(place) for place in self._durations] if self._relative else []
         self._small: SmallMessage | None = None
-        if sum(slot.size for slot in self._slots) <= MOST_NUMBERS:
+        if self.length <= MOST_BYTES:
             self._small = SmallMessage(sample, self._slots, self._order, topic.finite)
 
     def encode(self, message: Any) -> bytes:
