@@ -15,7 +15,7 @@ from train_ato.messages.codec.slots import STAMP_END, ArraySlot, Slot, TimeSlot
 from train_ato.messages.topics import EPOCH_NS
 
 MOST_BYTES = 512
-"""Largest length of a small message; numpy reads the arrays of longer ones faster."""
+"""Largest length of a small message."""
 
 
 class SmallMessage:
