@@ -255,6 +255,14 @@ def test_a_target_that_is_no_class_is_refused(target, message):
         load_class(target)
 
 
+@pytest.mark.parametrize(("kind", "name"), [("law", "pid"), ("observer", "eso")])
+def test_a_registered_name_is_checked(kind, name):
+    """Breaks if only ``module:Class`` is accepted, or the name of a law is looked up among the observers."""
+    assert not failures(check_component(kind, name))
+    with pytest.raises(ValueError, match=f"unknown {kind} 'pidd'"):
+        check_component(kind, "pidd")
+
+
 def test_refusals_are_reported_not_raised():
     """A law for trains with one unit passes, and the rejected trains are listed."""
 

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import train_ato as ta
 from plant_sim.library import load_consist, load_line
 from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
+from train_ato.control.algorithms.disturbance_filters import RAMP_TIME, motion_by_rate
 from train_ato.control.algorithms.horizon_model import horizon_model, node_times, ramp_response, responses
 from train_ato.control.algorithms.motion_observer import MotionObserver
 from train_ato.control.algorithms.predictive_plan import decide, free_motion, node_values
@@ -124,6 +125,44 @@ def test_observer_finds_a_constant_disturbance():
         observer.step(position, speed + 0.05 * random.normal(), 0.0)
     assert observer.disturbance == pytest.approx(0.05, abs=0.01)
     assert observer.speed_noise == pytest.approx(0.05, rel=0.3)
+
+
+def _estimated(disturbance, coupled):
+    """Return the mean estimates of d and its rate over 20 seeds at the end of a series of d [m/s²], noise .01 m/s."""
+    random = np.random.default_rng(5)
+    found = np.zeros(2)
+    for _ in range(20):
+        observer = MotionObserver(0.05, 7.5, 0.0, coupled)
+        speed = position = 0.0
+        for value in disturbance:
+            position += (speed + 0.025 * value) * 0.05
+            speed += 0.05 * value
+            observer.step(position, speed + 0.01 * random.normal(), 0.0)
+        found += np.array([observer.disturbance, observer.disturbance_rate]) / 20.0
+    return found
+
+
+def test_gust_is_found_within_the_delay():
+    """Without the filter of a gust .008 of .1 m/s² are found after .2 s, with the random walks of couplers .011."""
+    gust = np.repeat([0.0, 0.1], [600, 4])
+    assert _estimated(gust, coupled=False)[0] > 0.25 * 0.1
+
+
+def test_rate_of_a_grade_under_a_train_is_found():
+    """A filter without the rate has 0: the law then knows a grade that comes under the train only when it acts."""
+    rise = np.concatenate((np.zeros(600), 0.05 * 0.05 * np.arange(80)))
+    assert 0.3 * 0.05 < _estimated(rise, coupled=False)[1] < 0.05
+
+
+def test_motion_by_the_rate_equals_a_fine_simulation():
+    """A wrong power or sign in the closed form differs from the integral of r' = -r/T."""
+    step, position, speed, disturbance, rate = 1e-4, 0.0, 0.0, 0.0, 0.05
+    for _ in range(20_000):
+        position += step * speed
+        speed += step * disturbance
+        disturbance += step * rate
+        rate -= step * rate / RAMP_TIME
+    np.testing.assert_allclose(motion_by_rate(0.05, 2.0), (position, speed, disturbance, rate), rtol=1e-3)
 
 
 def _accelerated(theta, grade=0.0, noise=0.0):
@@ -337,21 +376,6 @@ def test_noise_of_the_speed_does_not_shake_the_command():
     assert run.metrics["speed_error_max_kmh"] / 3.6 < 0.045
 
 
-def test_start_on_a_rising_grade_does_not_roll_back():
-    """A plan that releases the holding brake before the force of the grade acts lets the train roll."""
-    slope = {
-        "schema": "train_ato/line/1", "name": "slope", "summary": "constant grade", "end_km": 10,
-        "grades": [{"at": 0, "grade_permille": 30}], "speed_limits": [{"at": 0, "speed_kmh": 80}],
-    }  # fmt: skip
-    run = ta.run(
-        "xuzhou_metro", law="mpc", compensation="none", progress=False,
-        set={"duration": 10, "plant.line": slope, "plant.sensors.velocity_noise": 0.02},
-    )  # fmt: skip
-    places = run["train/vehicles"].filter(like="position_m").to_numpy()
-    assert (places[0] - places).max() < 1e-3
-    assert (places[-1] - places[0]).min() > 1.0
-
-
 def test_values_at_the_nodes_keep_integral_and_moment():
     """Samples at nodes that are far apart lose the corners between them, and with them speed and position."""
     nodes, parts = node_times(0.2, 120.0, 32), 4
@@ -388,6 +412,16 @@ def test_long_train_stops_at_the_target_on_a_rising_grade():
     """A force that holds the train on the grade pulls the locomotive on after the stop of its wagons: 1.1 m."""
     run = ta.run("demo", law="mpc", compensation="none", progress=False)
     assert abs(run.metrics["stop_error_m"]) < 0.1
+
+
+@pytest.mark.parametrize(("variant", "rms", "largest"), [("disturbed", 0.0125, 0.08), ("mismatch", 0.043, 0.45)])
+def test_gusts_and_unknown_grades_of_the_metro(variant, rms, largest):
+    """Without gust filter and rate: .0163 and .090 m/s, with the other model .0457 m/s; goals of the law."""
+    run = ta.run(f"xuzhou_metro:{variant}", law="mpc", compensation="none", progress=False)
+    assert run.metrics["speed_rmse_kmh"] / 3.6 <= rms
+    assert run.metrics["speed_error_max_kmh"] / 3.6 <= largest
+    assert abs(run.metrics["stop_error_m"]) <= 0.05
+    assert run.metrics["command_variation_kn_per_s"] < 30.0
 
 
 @pytest.mark.parametrize("compensation", ["twin", "predictor"])

@@ -13,6 +13,7 @@ from span_runs import assert_same_messages, compiled_part, messages_of, setup_of
 import train_ato as ta
 from train_ato.apps.learn.average import RunAverage
 from train_ato.apps.learn.residual import Residual, residual_of, smoothed_resistance
+from train_ato.apps.runs.drive import drive
 from train_ato.cli import main
 from train_ato.control.learned_resistance import LearnedResistance, learned_text, read_learned
 from train_ato.control.train_model import LineForceTable
@@ -252,6 +253,24 @@ def test_runs_with_brake_interventions_are_not_used(tmp_path: Path, capsys: pyte
     )
     assert main(["learn", str(run.path), f"--out={tmp_path / 'learned.yaml'}"]) == 2
     assert "the supervisor has braked 1 times" in capsys.readouterr().err
+
+
+def test_ctrl_c_keeps_the_finished_runs(tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if Ctrl-C loses the result of the finished runs, or an interrupted first run writes a file."""
+    begun: list[int] = []
+
+    def interrupted(*arguments: Any, **options: Any) -> Any:
+        begun.append(1)
+        if len(begun) in (3, 4):
+            raise KeyboardInterrupt
+        return drive(*arguments, **options)
+
+    monkeypatch.setattr("train_ato.apps.learn.learn.drive", interrupted)
+    for name, message in (("some", "has the result of 2 runs"), ("none", "nothing is learned")):
+        file = tmp_path / f"{name}.yaml"
+        assert main(["learn", METRO, "--runs", "5", "--set", "duration=20", "--out", str(file)]) == 1
+        assert message in capsys.readouterr().err
+    assert read_learned(tmp_path / "some.yaml").runs == 2 and not (tmp_path / "none.yaml").exists()
 
 
 def test_several_sources_that_are_no_runs_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -32,6 +32,12 @@ TRIGGER = {
                     "never_below": 1.0},
     }
 }  # fmt: skip
+PREDICTIVE = {
+    "brake": {
+        "policy": "predictive", "events": [],
+        "predictive": {"electric_use": 0.02, "never_below": 1.0, "min_application": 10.0, "pause": 10.0},
+    }
+}  # fmt: skip
 WHOLE = {"observers.ndo": {"omega": 0.03, "scope": "train"}, "laws.pid.disturbance": True}
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "eso of the train, pid": ("xuzhou_metro:disturbed", {**METRO, "observer": "eso", "laws.pid.disturbance": True}),
@@ -76,6 +82,9 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "policy trip": ("daqin_heavy_haul", {**FREE, "duration": 160, **TRIP, "observer": "ndo", **WHOLE}),
     "policy trigger": ("daqin_heavy_haul", {**FREE, "duration": 130, **TRIGGER}),
+    "policy predictive": (
+        "demo", {**FREE, "duration": 610, **PREDICTIVE, "observer": "ndo", **WHOLE}
+    ),
 }  # fmt: skip
 """Scenario and changes, for every component with a compiled step."""
 
@@ -96,7 +105,7 @@ def test_compiled_components_send_the_messages_of_python(case: str) -> None:
 
 def test_policies_of_the_cases_change_the_pressure() -> None:
     """Breaks if an application or a release is not reached, so that the comparison above has no decision in it."""
-    for case in ("policy trip", "policy trigger"):
+    for case in ("policy trip", "policy trigger", "policy predictive"):
         recording = run_engine(setup_of(*CASES[case]), compiled=True).recording
         assert recording is not None
         pressure = recording.topics[BRAKE_PIPE_COMMAND]["pressure"].ravel()

@@ -11,6 +11,7 @@ import yaml
 
 from train_ato.apps.runs.scenario_choice import choose_scenario
 from train_ato.apps.sweep.check import check_values, sweep_base
+from train_ato.apps.sweep.cluster import sweep_client
 from train_ato.apps.sweep.design import design_points
 from train_ato.apps.sweep.pareto import pareto_front
 from train_ato.apps.sweep.robustness_map import CELLS, map_cells
@@ -79,6 +80,19 @@ def test_the_command_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureF
         assert main(["sweep", *arguments, *(["--out", str(out)] if "--row" not in arguments else [])]) == 2
         assert len(capsys.readouterr().err.splitlines()) == 1
     assert not out.exists()
+
+
+@pytest.mark.parametrize("address", ["foo", "tcp://host:port", "foo://host:8786"])
+def test_a_wrong_address_is_refused_without_a_client(address: str) -> None:
+    """Breaks if Dask gets a wrong address: the end of its client prints a traceback after 20 s."""
+    with pytest.raises(ValueError, match=f"--scheduler {address}: .*; write tcp://HOST:PORT"), sweep_client(address, 1):
+        pass
+
+
+def test_a_folder_without_a_sweep_is_named_so(tmp_path: Path) -> None:
+    """Breaks if the message denies a folder that exists."""
+    with pytest.raises(ValueError, match="is a folder without a sweep"):
+        read_sweep(tmp_path)
 
 
 def test_a_value_is_valid_with_the_others_of_its_point() -> None:
@@ -168,3 +182,12 @@ def test_a_place_of_the_map_is_stable_if_all_its_runs_are() -> None:
     cells = map_cells(first, second, np.array([1.0, 0.0, 1.0]), np.array([1.0, -3.0, 2.0]))
     assert cells.stable.tolist() == [0.0, 1.0] and cells.value.tolist() == [3.0, 2.0]
     assert (cells.nearest[:, : CELLS // 2] == 0).all() and (cells.nearest[:, CELLS // 2 :] == 1).all()
+
+
+@pytest.mark.parametrize(("name", "runs"), [("sweep", 200), ("map", 64 * 64)])
+def test_an_example_is_a_valid_specification(name: str, runs: int) -> None:
+    """Breaks if a key or a value of an example is refused, or the map is not the one of its measured time."""
+    spec = read_sweep(Path(__file__).parent.parent / "examples" / f"{name}.yaml")
+    points = design_points(spec)
+    check_values(spec, sweep_base(spec), points)
+    assert len(points) == runs

@@ -18,7 +18,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kind = parser.prog.rpartition("check-")[2]
     example = f"my_{kind}:My{kind.capitalize()}"
     parser.add_argument(
-        "component", metavar="MODULE:CLASS", help=f"for example {example}; modules in the current folder are found"
+        "component",
+        metavar="NAME|MODULE:CLASS",
+        help=f"registered name, or for example {example}; modules in the current folder are found",
     )
 
 

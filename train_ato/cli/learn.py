@@ -51,6 +51,7 @@ def execute(options: argparse.Namespace) -> int:
     from train_ato.apps.learn.learned_table import learned_rows
     from train_ato.arguments import check_new_file
     from train_ato.cli.screen import print_json, print_table
+    from train_ato.errors import RunFailed
 
     check_new_file(options.out, (".yaml", ".yml"))
     folders = [Path(name) for name in options.source]
@@ -73,9 +74,11 @@ def execute(options: argparse.Namespace) -> int:
     rows = learned_rows(result)
     if options.json:
         print_json({"file": str(options.out), "runs": result.learned.runs, "errors": rows, "unused": result.unused})
-        return 0
-    if rows:
-        print_table(rows[0], (row.values() for row in rows), result.learned.source)
-    sys.stdout.writelines(f"not used: {name}: {reason}\n" for name, reason in result.unused.items())
-    sys.stdout.write(f"{result.learned.runs} runs; written to {options.out}; use it with `model.learned`\n")
+    else:
+        if rows:
+            print_table(rows[0], (row.values() for row in rows), result.learned.source)
+        sys.stdout.writelines(f"not used: {name}: {reason}\n" for name, reason in result.unused.items())
+        sys.stdout.write(f"{result.learned.runs} runs; written to {options.out}; use it with `model.learned`\n")
+    if result.interrupted:
+        raise RunFailed(f"interrupted; {options.out} has the result of {result.learned.runs} runs")
     return 0

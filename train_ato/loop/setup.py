@@ -130,7 +130,7 @@ class RunSetup(RunChoices):
 
     def brake_policy(self) -> BrakePolicy:
         """Return a fresh policy of the air brake."""
-        return make_brake_policy(self.scenario.brake, self.model, self.line)
+        return make_brake_policy(self.scenario.brake, self.model, self.line, self.profile)
 
     def force_distribution(self) -> ForceDistribution | None:
         """Return the distribution of the force over the power units; None for the fixed shares of the model."""

@@ -19,7 +19,7 @@ from train_ato.apps.check_component.observer import OBSERVER_TESTS, ObserverRig
 from train_ato.apps.check_component.trains import PERIOD
 from train_ato.control.contract import parameters_of
 from train_ato.control.keyword_form import in_contract_form
-from train_ato.control.registry import load_class
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry, load_class
 
 TRAINS = ("xuzhou_metro_3", "freight_five", "crh380a_three_units", "hxd1_c80_105")
 """Shipped trains of the tests; the last has a sensor at its first coupler."""
@@ -46,6 +46,8 @@ class ComponentKind:
     ----------
     noun : str
         Noun in messages, with its article.
+    registry : Registry
+        Registered components.
     methods, optional : tuple of str
         Names of the methods that it must have, and of those that it may have.
     rig : type
@@ -55,6 +57,7 @@ class ComponentKind:
     """
 
     noun: str
+    registry: Registry
     methods: tuple[str, ...]
     optional: tuple[str, ...]
     rig: Callable[[str], Rig]
@@ -62,10 +65,11 @@ class ComponentKind:
 
 
 KINDS = {
-    "law": ComponentKind("a law", ("reset", "step"), ("on_missed_sample",), LawRig, LAW_TESTS),
-    "observer": ComponentKind("an observer", ("reset", "step"), (), ObserverRig, OBSERVER_TESTS),
+    "law": ComponentKind("a law", LAWS, ("reset", "step"), ("on_missed_sample",), LawRig, LAW_TESTS),
+    "observer": ComponentKind("an observer", OBSERVERS, ("reset", "step"), (), ObserverRig, OBSERVER_TESTS),
     "compensation": ComponentKind(
         "a compensation",
+        COMPENSATIONS,
         ("reset", "step", "set_profile"),
         ("set_brake_policy", "on_command_sent"),
         CompensationRig,
@@ -88,7 +92,7 @@ def check_component(
     kind
         ``law``, ``observer`` or ``compensation``.
     target
-        Class of the component, or ``package.module:Class``.
+        Class of the component, ``package.module:Class``, or a registered name.
     values
         Parameters that differ from the defaults.
     progress
@@ -102,9 +106,11 @@ def check_component(
     Raises
     ------
     ValueError
-        If the class cannot be loaded.
+        If the class cannot be loaded, or the name is not registered.
     """
-    named = load_class(target) if isinstance(target, str) else target
+    named: Any = target
+    if isinstance(target, str):
+        named = load_class(target) if {":", "."} & set(target) else KINDS[kind].registry.get(target)
     try:
         component = in_contract_form(named)
     except ValueError as error:

@@ -18,6 +18,7 @@ from train_ato.apps.runs.run import Run
 from train_ato.apps.runs.scenario_choice import Changes, ScenarioChoice, choose_scenario
 from train_ato.arguments import check_new_file
 from train_ato.control.learned_resistance import SCHEMA, LearnedResistance, learned_text, model_hash
+from train_ato.errors import RunInterrupted
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import read_run_folder
 from train_ato.loop.part_cache import PartCache
@@ -40,11 +41,14 @@ class LearnResult:
         result. Empty for recorded runs.
     unused : dict of str
         Reasons for runs that the result does not contain, by their names.
+    interrupted : bool
+        True if Ctrl-C ended the runs; the result is that of the finished ones.
     """
 
     learned: LearnedResistance
     metrics: list[dict[str, Any]] = field(default_factory=list)
     unused: dict[str, str] = field(default_factory=dict)
+    interrupted: bool = False
 
     def save(self, path: str | Path) -> Path:
         """Write the learned resistance as YAML and return its path.
@@ -105,7 +109,7 @@ def learn(
     ValueError
         Bad input, in one line with the remedy.
     RunFailed
-        A run failed, or none of the runs is usable.
+        A run failed, none of the runs is usable, or Ctrl-C ended the first one.
 
     Examples
     --------
@@ -139,7 +143,12 @@ def learn_runs(
         for number in range(runs + 1):
             report(number / (runs + 1), f"run {number + 1} of {runs + 1}")
             scenario = repeated(setup.scenario, number, result.learned if average.runs else None, gust_shift)
-            run = drive(prepare(scenario, path, parts), RunMode(), shown=False)
+            try:
+                run = drive(prepare(scenario, path, parts), RunMode(), shown=False)
+            except KeyboardInterrupt:
+                if not average.runs:
+                    raise RunInterrupted("interrupted before the end of a run; nothing is learned") from None
+                return replace(result, interrupted=True)
             result.metrics.append(run.metrics)
             if number < runs:
                 _add(average, run, f"run {number + 1}", result.unused)

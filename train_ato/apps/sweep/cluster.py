@@ -81,7 +81,12 @@ def _remote(scheduler: str) -> Iterator[Any]:
     """Yield a client of a running scheduler."""
     from distributed import Client
     from distributed import TimeoutError as NoAnswer  # in Python 3.10 not the TimeoutError of Python
+    from distributed.comm import get_address_host_port
 
+    try:
+        get_address_host_port(scheduler)  # before the client: one with a wrong address prints a traceback at its end
+    except (ValueError, ImportError, NotImplementedError) as error:
+        raise ValueError(f"--scheduler {scheduler}: {error}; write tcp://HOST:PORT") from None
     try:
         client = Client(scheduler, timeout=SCHEDULER_S, set_as_default=False)
     except (OSError, NoAnswer, ValueError, TypeError, ImportError) as error:

@@ -94,7 +94,8 @@ def read_sweep(spec: str | Path | Mapping[str, Any], source: str | None = None) 
     else:
         path = Path(spec)
         if not path.is_file():
-            raise ValueError(f"{path}: no such file; name a specification of a sweep, or the folder of one")
+            problem = "is a folder without a sweep" if path.is_dir() else "no such file"
+            raise ValueError(f"{path}: {problem}; name a specification of a sweep, or the folder of one")
         data, folder = read_yaml(path), path.parent
         source = source or str(path)
     source = source or "sweep"

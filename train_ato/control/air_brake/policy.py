@@ -1,4 +1,4 @@
-"""Policies of the air brake: none, planned events, trigger (paper 000, section 1.2), blend, or trip.
+"""Policies of the air brake: none, planned events, trigger (paper 000, section 1.2), blend, trip, or predictive.
 
 A policy computes the brake-pipe pressure demanded at the head from time, position, speed and measured force. It
 depends on the measurement only, so that the copies in the controller and in the observer make the same events.
@@ -13,9 +13,11 @@ from pydantic import Field, model_validator
 from plant_sim.line import Line
 from plant_sim.units import Length, Pressure, SiModel, Slope, Speed, Time
 from train_ato.control.air_brake.blending import BlendedBrake, BlendRules
+from train_ato.control.air_brake.predictive_policy import PredictiveBrake, PredictiveRules
 from train_ato.control.air_brake.trip_policy import PlannedApplication, TripBrake, TripRules
 
 if TYPE_CHECKING:
+    from train_ato.control.compensation.rigid import ProfileLike
     from train_ato.control.train_model import TrainModel
 
 
@@ -51,12 +53,13 @@ class TriggerRules(SiModel):
 class BrakeSpec(SiModel):
     """The scenario's ``brake:`` block."""
 
-    policy: Literal["none", "planned", "trigger", "blend", "trip"] = "none"
+    policy: Literal["none", "planned", "trigger", "blend", "trip", "predictive"] = "none"
     events: tuple[BrakeEvent, ...] = ()
     trigger: TriggerRules = TriggerRules()
     blend: BlendRules = BlendRules()
     applications: tuple[PlannedApplication, ...] = Field((), description="planned applications of policy trip")
     trip: TripRules = TripRules()
+    predictive: PredictiveRules = PredictiveRules()
 
     @model_validator(mode="after")
     def _fits(self) -> BrakeSpec:
@@ -80,6 +83,8 @@ class BrakeSpec(SiModel):
             return max(event.reduction for event in self.events)
         if self.policy == "trip":
             return max(application.reduction for application in self.applications)
+        if self.policy == "predictive":
+            return self.predictive.reductions[-1]
         return {"none": 0.0, "trigger": self.trigger.reduction, "blend": self.blend.reduction}[self.policy]
 
 
@@ -174,13 +179,15 @@ class TriggeredBrake:
         return sum(length > self._rules.min_length for length in inside) >= self._rules.segments
 
 
-def make_brake_policy(spec: BrakeSpec, model: TrainModel, line: Line) -> BrakePolicy:
-    """Return a new policy.
+def make_brake_policy(
+    spec: BrakeSpec, model: TrainModel, line: Line, profile: ProfileLike | None = None
+) -> BrakePolicy:
+    """Return a new policy; ``profile`` is that of the run, which the policy ``predictive`` needs.
 
     Raises
     ------
     ValueError
-        If the train has no air brake, or a reduction exceeds the charged pressure.
+        If the train has no air brake, or a reduction exceeds the charged pressure or the table of the train.
     """
     brake = model.consist.air_brake
     if brake is None:
@@ -200,4 +207,13 @@ def make_brake_policy(spec: BrakeSpec, model: TrainModel, line: Line) -> BrakePo
         return TriggeredBrake(brake.charged, spec.trigger, line)
     if spec.policy == "blend":
         return BlendedBrake(brake.charged, spec.blend, model)
+    if spec.policy == "predictive":
+        if profile is None:
+            raise ValueError("brake.policy: predictive: needs the speed profile of a run; set another policy")
+        if spec.deepest > brake.reduction[-1]:
+            raise ValueError(
+                f"brake.predictive.reductions: {spec.deepest:g} Pa is deeper than the table of train "
+                f"'{model.consist.name}', which ends at {brake.reduction[-1]:g} Pa; lower it"
+            )
+        return PredictiveBrake(brake.charged, spec.predictive, model, profile)
     return ReleasedBrake(brake.charged)

@@ -10,12 +10,13 @@ last. Through unit i (share g_i of the force, delay tau_i) and the lag Ta the re
 and the response to a step is its derivative. z is a step at the first node and a change of slope at every node, so all
 responses are closed forms, exact for any delay.
 
-Cost, with trapezoidal weights of the times y_k = tau_max + s_k and of the nodes::
+Cost, with trapezoidal weights of the times y_k = tau_max + s_k and of the nodes, the last one with 1/omega more::
 
     J = sum_k W_k [(a omega²)² e_p² + (4 - 2a) omega² e_v²] + sum_j w_j z_j²
 
-The largest position error beyond a band B has a cost of its own, (a omega²)² s_n b²/2 with |e_p| <= B + b: in the dual,
-b is a block of equal entries in the matrix. A force limit that cannot be met then divides its error over the horizon.
+The largest position error beyond a band B has a cost of its own, (a omega²)² s_n b² in J with |e_p| <= B + b: in the
+dual, b is a block of equal entries in the matrix. A force limit that cannot be met then divides its error over the
+horizon.
 
 Without constraints and over an infinite horizon this is the linear-quadratic regulator z = -2 omega e_v - a omega² e_p
 on the state at the time of effect.

@@ -7,15 +7,14 @@ train of mass m M has theta = 1/m - 1, since its line force grows with the mass.
 (e_p, e_v, d, theta) is linear. This filter has a disturbance that changes like an unknown grade (``GRADE_CHANGE``), so
 that it does not take a grade for a mass.
 
-Three filters of (e_p, e_v, d) use its theta. They differ in q = (share omega_o)⁴ sigma² Tc, with the shares 1, 1/4,
-1/16 of the bandwidth omega_o: a constant disturbance needs a slow filter, and a sudden one a fast filter. Interacting
-multiple models (Blom and Bar-Shalom 1988, IEEE Transactions on Automatic Control 33) weight them by the likelihood of
-their innovations. sigma is the measured noise of the speed, in q at most ``SPEED_FLOOR``: more noise lowers the
-bandwidth.
+A bank of filters of (e_p, e_v, d) and the rate of d uses its theta. They differ in q (`disturbance_filters.py`).
+Interacting multiple models (Blom and Bar-Shalom 1988, IEEE Transactions on Automatic Control 33) weight them by the
+likelihood of their innovations. sigma is the measured noise of the speed, in q at most ``SPEED_FLOOR``: more noise
+lowers the bandwidth.
 
 In a train with hauled vehicles the speed of a unit differs from that of the train by waves: e_v has a random part of
-PSD S = 2 ``WAVE_SPEED``²/T_w, with the time T_w of a wave through the train, and q the addition (share omega_o)² S.
-The waves follow the force, so that theta has no meaning there: it is 0.
+PSD S = 2 ``WAVE_SPEED``²/T_w, with the time T_w of a wave through the train, and q the addition omega² S with the
+bandwidth omega of the filter. The waves follow the force, so that theta has no meaning there: it is 0.
 
 The variance of the noise is the mean of half the squared difference of consecutive innovations over ``NOISE_TIME``, at
 standstill of the measurements: slow errors of the model do not count as noise (covariance matching, Mehra 1972, the
@@ -32,17 +31,17 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
+from train_ato.control.algorithms import disturbance_filters
+from train_ato.control.algorithms.disturbance_filters import RAMP_TIME, DisturbanceFilters
 
 SPEED_FLOOR = 0.01
 """Standard deviation of the speed up to which the bandwidth is that at the smallest noise [m/s]."""
 NOISE_FLOOR = 0.002
 """Smallest standard deviation of the speed [m/s]."""
-POSITION_RATIO = 0.5
-"""Smallest standard deviation of the position over that of the speed, up to that of ``SPEED_FLOOR`` [s]."""
 NOISE_TIME = 20.0
 """Time over which the noise is averaged [s]."""
-SPEED_PRIOR, POSITION_PRIOR, PRIOR_SAMPLES = 0.05, 0.05, 2
-"""Standard deviations at the start [m/s, m], and the number of samples that they count for."""
+SPEED_PRIOR, PRIOR_SAMPLES = 0.05, 2
+"""Standard deviation of the speed at the start [m/s], and the number of samples that the priors count for."""
 MAX_NOISE = 1.0
 """Largest standard deviation [m, m/s]."""
 DISTURBANCE_PRIOR, MASS_PRIOR = 0.01, 0.1
@@ -51,68 +50,77 @@ MASS_DRIFT = 1e-4
 """Standard deviation of the change of the error of the mass in a second."""
 MAX_MASS_ERROR = 0.35
 """Largest error of the mass."""
-SHARES = (1.0, 0.25, 0.0625)
-"""Bandwidths of the filters over omega_o."""
 GRADE_CHANGE = 0.02
 """Standard deviation of the change of an unknown grade in a second [m/s²]."""
 WAVE_SPEED = 0.1
 """Standard deviation of the speed of a unit against its train with hauled vehicles [m/s]."""
-STAY_TIME = 20.0
-"""Mean time for which one of the filters is right [s]."""
+STATES = 5
+"""States of a filter."""
 
 
 @compiled
-def mix(states, covariances, chances, leave):
+def mix(states, covariances, chances, chain):
     """Mix states and covariances of the filters for a change from one to another; return nothing.
 
     Parameters
     ----------
-    states : Array, shape (filters, 4)
-        Position error [m], speed error [m/s], disturbance [m/s²], error of the mass.
-    covariances : Array, shape (filters, 4, 4)
+    states : Array, shape (filters, 5)
+        Position error [m], speed error [m/s], disturbance [m/s²], error of the mass, rate of the disturbance [m/s³].
+    covariances : Array, shape (filters, 5, 5)
         Their covariances.
     chances : Array, shape (filters,)
         Probability of every filter; receives that before the next measurement.
-    leave
-        Probability of a change to each of the others.
+    chain : Array, shape (filters, filters)
+        Probability of a change in a period, from filter to filter.
     """
     count = chances.size
     former_states, former, before = states.copy(), covariances.copy(), chances.copy()
     for j in range(count):
         total = 0.0
         for i in range(count):
-            total += before[i] * (leave if i != j else 1.0 - leave * (count - 1))
+            total += before[i] * chain[i, j]
         chances[j] = total
-        for a in range(4):
+        for a in range(STATES):
             states[j, a] = 0.0
             for i in range(count):
-                weight = before[i] * (leave if i != j else 1.0 - leave * (count - 1)) / total
+                weight = before[i] * chain[i, j] / total
                 states[j, a] += weight * former_states[i, a]
         covariances[j] = 0.0
         for i in range(count):
-            weight = before[i] * (leave if i != j else 1.0 - leave * (count - 1)) / total
-            for a in range(4):
-                for b in range(4):
+            weight = before[i] * chain[i, j] / total
+            for a in range(STATES):
+                for b in range(STATES):
                     spread = (former_states[i, a] - states[j, a]) * (former_states[i, b] - states[j, b])
                     covariances[j, a, b] += weight * (former[i, a, b] + spread)
 
 
-@compiled
+@compiled(uses=(disturbance_filters,))
 def predict_motion(state, p, drifts, period, pull, regressor):
     """Advance state and covariance of one filter by a period; arguments as in :func:`filter_step`."""
     h = period
-    total = pull + state[2] + state[3] * regressor
+    fade = libm_exp(-h / RAMP_TIME)
+    kept = RAMP_TIME * (1.0 - fade)
+    risen = kept * state[4]
+    total = pull + state[2] + 0.5 * risen + state[3] * regressor
     state[0] += (state[1] + 0.5 * total * h) * h
     state[1] += total * h
-    for j in range(4):
-        gained = h * (p[2, j] + regressor * p[3, j])
+    state[2] += risen
+    state[4] *= fade
+    for j in range(STATES):
+        risen = kept * p[4, j]
+        gained = h * (p[2, j] + 0.5 * risen + regressor * p[3, j])
         p[0, j] += h * (p[1, j] + 0.5 * gained)
         p[1, j] += gained
-    for i in range(4):
-        gained = h * (p[i, 2] + regressor * p[i, 3])
+        p[2, j] += risen
+        p[4, j] *= fade
+    for i in range(STATES):
+        risen = kept * p[i, 4]
+        gained = h * (p[i, 2] + 0.5 * risen + regressor * p[i, 3])
         p[i, 0] += h * (p[i, 1] + 0.5 * gained)
         p[i, 1] += gained
-    for i in range(3):
+        p[i, 2] += risen
+        p[i, 4] *= fade
+    for i in range(STATES - 1):
         p[i + 1, i + 1] += drifts[i]
 
 
@@ -122,45 +130,48 @@ def correct(state, p, noise, miss_position, miss_speed):
     a, b, c = p[0, 0] + noise[0], p[0, 1], p[1, 1] + noise[1]
     size = a * c - b * b
     row0, row1 = p[0].copy(), p[1].copy()
-    for i in range(4):
+    for i in range(STATES):
         first = (row0[i] * c - row1[i] * b) / size
         second = (row1[i] * a - row0[i] * b) / size
         state[i] += first * miss_position + second * miss_speed
-        for j in range(4):
+        for j in range(STATES):
             p[i, j] -= first * row0[j] + second * row1[j]
-    for i in range(4):
+    for i in range(STATES):
         for j in range(i):
             p[i, j] = p[j, i]
     squared = (c * miss_position - 2.0 * b * miss_speed) * miss_position + a * miss_speed * miss_speed
     return 0.5 * squared / size, math.sqrt(size)
 
 
-@compiled
+@compiled(uses=(disturbance_filters,))
 def filter_step(
-    states, covariances, chances, noise, before, drifts, leave, period, weight, position, speed, pull, regressor, mean
-):
+    states, covariances, chances, noise, before, drifts, chain, period, weight, position, speed, pull, regressor, mean,
+    floor_ratio,
+):  # fmt: skip
     """Advance all filters by a period and correct them.
 
     Parameters
     ----------
     states, covariances
         As in :func:`mix`, before them those of the filter of the mass.
-    chances, leave
+    chances, chain
         As in :func:`mix`.
     noise : Array, shape (2,)
         Variances of the measurements.
     before : Array, shape (2,)
         Last innovations.
-    drifts : Array, shape (1 + filters, 3)
-        Variance of the change of speed, disturbance and error of the mass in a period.
+    drifts : Array, shape (1 + filters, 4)
+        Variance of the change of speed, disturbance, error of the mass and rate of the disturbance in a period.
     period, weight
         Period [s] and weight of the newest sample in the noise.
     position, speed, pull, regressor
         Measured errors [m, m/s], modelled relative acceleration and x [m/s²].
-    mean : Array, shape (4,)
+    mean : Array, shape (5,)
         Result: mean of the states of the filters, weighted by their probabilities.
+    floor_ratio
+        Smallest standard deviation of the position over that of the speed [s].
     """
-    mix(states[1:], covariances[1:], chances, leave)
+    mix(states[1:], covariances[1:], chances, chain)
     count = chances.size
     predict_motion(states[0], covariances[0], drifts[0], period, pull, regressor)
     correct(states[0], covariances[0], noise, position - states[0, 0], speed - states[0, 1])
@@ -184,20 +195,20 @@ def filter_step(
     mean[:] = 0.0
     for j in range(count):
         chances[j] /= total
-        for a in range(4):
+        for a in range(STATES):
             mean[a] += chances[j] * states[1 + j, a]
-    match(noise, before, weight, mean_position, mean_speed)
+    match(noise, before, weight, mean_position, mean_speed, floor_ratio)
 
 
 @compiled
-def match(noise, before, weight, miss_position, miss_speed):
+def match(noise, before, weight, miss_position, miss_speed, floor_ratio):
     """Add a pair of innovations [m, m/s] to the variances of the noise."""
     for i in range(2):
         miss = miss_speed if i == 0 else miss_position
         place = 1 - i
         change = miss - before[place]
         found = noise[place] + weight * (0.5 * change * change - noise[place])
-        floor = NOISE_FLOOR if i == 0 else POSITION_RATIO * min(math.sqrt(noise[1]), SPEED_FLOOR)
+        floor = NOISE_FLOOR if i == 0 else floor_ratio * min(math.sqrt(noise[1]), SPEED_FLOOR)
         noise[place] = min(max(found, floor * floor), MAX_NOISE * MAX_NOISE)
         before[place] = miss
 
@@ -213,31 +224,42 @@ class MotionObserver:
         omega_o, bandwidth of the disturbance at the smallest noise [rad/s].
     wave_time
         T_w, time of a wave through the train [s]; 0 for a train without hauled vehicles.
+    coupled
+        False for a train without couplers.
+    speed_noise
+        Standard deviation of the measured speed at the start [m/s].
     """
 
-    def __init__(self, period: float, bandwidth: float, wave_time: float) -> None:
-        self._squares = (bandwidth * np.array(SHARES)) ** 2
+    def __init__(
+        self,
+        period: float,
+        bandwidth: float,
+        wave_time: float,
+        coupled: bool = True,
+        speed_noise: float = SPEED_PRIOR,
+    ) -> None:
+        self._filters = (DisturbanceFilters.coupled if coupled else DisturbanceFilters.free)(period, bandwidth)
+        self._speed_prior = max(speed_noise, NOISE_FLOOR)
         self._waves = 2.0 * WAVE_SPEED**2 / wave_time * period if wave_time > 0.0 else 0.0
         self._period = period
-        self._leave = min(0.5, period / STAY_TIME) / (len(SHARES) - 1)
         self._samples = NOISE_TIME / period
         self.reset()
 
     def reset(self) -> None:
         """Restart at the next sample without a disturbance and with the prior noise."""
-        count = len(SHARES)
+        count = self._filters.walks.size
         of_mass = 0.0 if self._waves else MASS_PRIOR**2
-        prior = [POSITION_PRIOR**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2, of_mass]
-        self._states = np.zeros((1 + count, 4))
-        self._covariances = np.array([np.diag(prior), *[np.diag([*prior[:3], 0.0])] * count])
+        prior = [self._filters.position_prior**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2, of_mass]
+        self._states = np.zeros((1 + count, STATES))
+        self._covariances = np.array([np.diag([*prior, 0.0]), *[np.diag([*prior[:3], 0.0, 0.0])] * count])
         self._chances = np.full(count, 1.0 / count)
-        self._noise = np.array([POSITION_PRIOR**2, SPEED_PRIOR**2])
+        self._noise = np.array([self._filters.position_prior**2, self._speed_prior**2])
         self._count = float(PRIOR_SAMPLES)
         self._before = np.zeros(2)
         self._runs = self.stands = False
-        self._state, self._mean = [0.0] * 4, np.zeros(4)
-        drift = [self._waves, GRADE_CHANGE**2 * self._period, 0.0 if self._waves else MASS_DRIFT**2 * self._period]
-        self._drifts = np.array([drift] + [[self._waves, 0.0, 0.0]] * count)
+        self._state, self._mean = [0.0] * STATES, np.zeros(STATES)
+        drift = [self._waves, GRADE_CHANGE**2 * self._period, 0.0 if self._waves else MASS_DRIFT**2 * self._period, 0.0]
+        self._drifts = np.array([drift] + [[self._waves, 0.0, 0.0, 0.0]] * count)
         self.mass_known = 0.0
 
     @property
@@ -261,12 +283,18 @@ class MotionObserver:
         return self._state[3]
 
     @property
+    def disturbance_rate(self) -> float:
+        """Estimate of the rate of the disturbance [m/s³]; 0 for a train with couplers."""
+        return self._state[4]
+
+    @property
     def speed_noise(self) -> float:
         """Estimate of the standard deviation of the measured speed [m/s]."""
         return math.sqrt(self._noise[1])
 
     def restart(self, position: float, speed: float) -> None:
         """Take a sample as position and speed error [m, m/s]; disturbance and error of the mass are held."""
+        self._states[:, 4] = self._state[4] = 0.0
         self._states[:, 0], self._states[:, 1] = position, speed
         self._state[:2] = [position, speed]
         self._before[:] = 0.0
@@ -286,7 +314,7 @@ class MotionObserver:
         """
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         if self.stands:
-            match(self._noise, self._before, 1.0 / self._count, place, speed)
+            match(self._noise, self._before, 1.0 / self._count, place, speed, self._filters.position_floor)
         self.restart(position, (speed if abs(speed) > 3.0 * self.speed_noise else 0.0) - reference)
         self._before[:] = place, speed
         self.stands = True
@@ -319,10 +347,13 @@ class MotionObserver:
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         variance = min(float(self._noise[1]), SPEED_FLOOR**2)
         self._drifts[:, 0] = self._waves + (force_change * self._period) ** 2 / 12.0
-        self._drifts[1:, 1] = self._squares * (self._squares * (variance * self._period**2) + self._waves)
+        walks = self._filters.walks
+        self._drifts[1:, 1] = walks * (walks * (variance * self._period**2) + self._waves)
+        self._drifts[1:, 3] = self._filters.rates * (variance * self._period**2)
         filter_step(
-            self._states, self._covariances, self._chances, self._noise, self._before, self._drifts, self._leave,
-            self._period, 1.0 / self._count, position, speed, pull, regressor, self._mean,
+            self._states, self._covariances, self._chances, self._noise, self._before, self._drifts,
+            self._filters.chain, self._period, 1.0 / self._count, position, speed, pull, regressor, self._mean,
+            self._filters.position_floor,
         )  # fmt: skip
         self._state = self._mean.tolist()
         self.mass_known = max(0.0, 1.0 - float(self._covariances[0, 3, 3]) / MASS_PRIOR**2)

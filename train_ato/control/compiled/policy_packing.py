@@ -7,18 +7,20 @@ from typing import Any
 import numpy as np
 
 from train_ato.control.air_brake.policy import PlannedBrake, ReleasedBrake, TriggeredBrake
+from train_ato.control.air_brake.predictive_policy import PredictiveBrake
 from train_ato.control.air_brake.trip_policy import TripBrake
 from train_ato.control.algorithms.force_shares import PAIRWISE
 from train_ato.control.compiled import brake_policies as c
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.messages.types import Array
 
-_STEPS = {kind: kind.step for kind in (ReleasedBrake, PlannedBrake, TripBrake, TriggeredBrake)}
+_STEPS = {kind: kind.step for kind in (ReleasedBrake, PlannedBrake, TripBrake, TriggeredBrake, PredictiveBrake)}
 """Steps with a compiled form: a step that a program replaces at run time has none."""
 
 
 _STATES = (
     "_next", "_pressure", "_reduction", "_planned", "_stood", "_since", "_released_at", "_applied_at", "_release_below",
+    "_changed_at", "_due", "_before",
 )  # fmt: skip
 """Attributes of the policies that change during a run."""
 

@@ -38,12 +38,17 @@ the train without waves has the force C_j = (s_j - mu_j) F - (W_j - mu_j W) in i
 ``coupler_limit`` for all couplers is a range of F at every node, by grade and speed there (`coupler_limit.py`). Waves
 add to C_j; the shoe force and the disturbance count as proportional to the mass.
 
-**Disturbance and mass.** Three Kalman filters of e_p, e_v, d with bandwidths of ``observer_ratio`` omega and its
-fourth and sixteenth part, weighted by likelihood, and one of the error theta of the mass, with measured noise
-(`motion_observer.py`): offset-free. M/(1 + k theta) replaces M, with k = 1 - P/P_0 from the variance P of theta.
+**Disturbance and mass.** Kalman filters of e_p, e_v, d, weighted by likelihood, and one of the error theta of the
+mass, with measured noise from ``speed_noise`` on (`motion_observer.py`): offset-free. With couplers there are three,
+with bandwidths of ``observer_ratio`` omega and its fourth and sixteenth part. Without couplers there is one for a
+gust, and one for a steady rate of d, as of a grade under a train of some length: d at the time of effect is d + T_r r
+(1 - e^(-s/T_r)), and the command gives d + Ta d' there (`disturbance_filters.py`). M/(1 + k theta) replaces M, with k
+= 1 - P/P_0 from the variance P of theta.
 
-**Arrival.** With hauled vehicles there is no traction from a reference speed of .05 m/s down to the stop: the vehicles
-stop one by one, and the holding brake acts without traction only.
+**Arrival and departure** (`standstill_force.py`). The holding brake acts below its speed without traction only. A train
+within .1 m of a reference at rest has no traction, and departs with the reference; on a rise its force then reaches
+that of the grade as fast as the limits permit. The last brake force decays before the holding brake acts. With hauled
+vehicles there is no traction from a reference speed of .05 m/s down to the stop: the vehicles stop one by one.
 
 **Units on soft couplers.** If every vehicle is driven and pi/T_w < 3 omega, with the time T_w of a wave through the
 couplers, a Kalman filter estimates the deviations of the units from the mean, and a linear-quadratic regulator on their
@@ -76,11 +81,13 @@ import numpy as np
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
 from train_ato.control.algorithms.coupler_limit import CouplerLimit
+from train_ato.control.algorithms.disturbance_filters import motion_by_rate
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
-from train_ato.control.algorithms.motion_observer import MotionObserver
+from train_ato.control.algorithms.motion_observer import SPEED_PRIOR, MotionObserver
 from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion, node_values
+from train_ato.control.algorithms.standstill_force import StandstillForce
 from train_ato.control.algorithms.train_constants import default_omega, drag_slope, force_tables, wave_time
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
 from train_ato.control.contract import LawInput, parameter
@@ -103,6 +110,9 @@ SOFT_COUPLERS = 3.0
 SOFT_RATIO = 2.5
 """Bandwidth of the observer over omega for units on soft couplers: the mean of disturbances that excite the couplers
 changes within the delay, and a fast estimate of it has the wrong phase at the time of effect."""
+FREE_RATIO = 6.0
+"""The same for a train without couplers: a gust is in the estimate within the delay, and the waves of couplers, which a
+fast estimate follows, do not exist."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +123,7 @@ class MpcParameters:
         0.0, "rad/s", 0.0, 10.0, "half of the gain on the speed error; 0: from delay, lag and couplers"
     )
     observer_ratio: float = parameter(
-        0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, soft couplers 2.5, hauled vehicles .3"
+        0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, one vehicle 6, soft couplers 2.5, hauled .3"
     )
     lookahead: float = parameter(120.0, "s", 1.0, 600.0, "length of the horizon")
     nodes: int = parameter(32, "1", 4, 60, "nodes of the decision over the horizon")
@@ -124,6 +134,9 @@ class MpcParameters:
         0.0, "N", 0.0, 1e8, "largest coupler force of the plan for a train without waves; 0: no limit"
     )
     safe_share: float = parameter(0.3, "1", 0.05, 1.0, "part of omega while the model of the actuators is not safe")
+    speed_noise: float = parameter(
+        SPEED_PRIOR, "m/s", 0.0, 1.0, "standard deviation of the measured speed at which its estimate begins"
+    )
     position_share: float = parameter(0.5, "1", 0.01, 1.0, "a, gain on the position error over omega²")
 
 
@@ -147,10 +160,14 @@ class Mpc(GuardedLaw):
         self._models: dict[tuple[float, float], list[HorizonModel]] = {}
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         self._deviations = UnitDeviations.of(model, period, lag_weight(period, model.lag)) if soft else None
-        ratio = p.observer_ratio or (0.3 if self._hauls else 5.0 if self._deviations is None else SOFT_RATIO)
-        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
+        free = len(model.consist.vehicles) == 1
+        ratio = 0.3 if self._hauls else SOFT_RATIO if self._deviations else FREE_RATIO if free else 5.0
+        bandwidth = (p.observer_ratio or ratio) * self.omega
+        waves = wave_time(model) if self._hauls else 0.0
+        self._observer = MotionObserver(period, bandwidth, waves, not free, p.speed_noise)
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
+        self._standstill = StandstillForce(model, period)
         self._couplers = CouplerLimit(model, p.coupler_limit) if p.coupler_limit else None
         self._unbounded = np.array([[-np.inf], [np.inf]]).repeat(p.nodes, axis=1)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
@@ -184,6 +201,7 @@ class Mpc(GuardedLaw):
         """Clear observer, identification, plan and counts."""
         self._observer.reset()
         self._identification.reset()
+        self._standstill.reset()
         if self._deviations is not None:
             self._deviations.reset()
         self._before: tuple[float, float, float] | None = None
@@ -261,6 +279,7 @@ class Mpc(GuardedLaw):
         free_motion(
             motion, inputs.applied, gain * sent, required[:count], self._actuators, model.tick, model.lag, inertia,
         )  # fmt: skip
+        disturbance = self._add_rate(motion)
         errors = np.empty((2, self._nodes.size))
         free_errors(motion, self._nodes, model.lag, errors[0], errors[1])
         rise = (plain_sum(feedforward) - required[count - 1]) / inertia - motion[3]
@@ -273,17 +292,19 @@ class Mpc(GuardedLaw):
             between = self._deviations.forces(inputs, gain * sent, self._actuators, self._ticks)
             if not self._cautious:
                 wanted = [force + more for force, more in zip(wanted, between, strict=True)]
-        if self._hauls and self._arrives(ahead.velocity):
-            wanted = [min(force, 0.0) for force in wanted]
+        effect, later = self._ticks, self._entries - 1 + PARTS
+        places = float(ahead.velocity[effect]), float(ahead.acceleration[effect]), float(ahead.velocity[later])
+        force = float(required[effect] + inertia * (motion[3] - disturbance))
+        wanted = self._standstill.limited(wanted, motion, places, self._observer.stands, inertia, force)
         return [force / gain for force in wanted]
 
-    def _arrives(self, reference: Array) -> bool:
-        """Return True if the reference stops at the time of effect: then hauled vehicles stop one by one.
-
-        A traction force would pull the unit away from them, and the holding brake has no effect with it.
-        """
-        effect, next_node = float(reference[self._ticks]), float(reference[self._entries - 1 + PARTS])
-        return effect < STANDSTILL_SPEED and next_node <= effect
+    def _add_rate(self, motion: Array) -> float:
+        """Add the rate of the disturbance to the motion at the time of effect; return d + Ta d' there [m/s²]."""
+        rate, longest = self._observer.disturbance_rate, self._ticks * self.model.tick
+        position, speed, risen, _ = motion_by_rate(rate, longest)
+        motion += position, speed, 0.0, risen
+        _, _, risen, rate = motion_by_rate(rate, longest + 0.5 * self.period)
+        return float(motion[2]) + risen + self.model.lag * rate
 
     def _observe(self, inputs: LawInput) -> float:
         """Advance the observer and return the resistance of the model at the measured state [N]."""

@@ -1,0 +1,323 @@
+"""Predictive policy: the air brake follows the schedule with the smallest predicted cost.
+
+Every ``period`` the policy compares schedules over ``horizon``: none, an application now or after a wait, held to the
+end or released after some time; with applied brakes a release now or after a wait, with or without the next
+application after the recharge pause, a deeper reduction, or holding. A schedule is a list of pressures by time. The
+closed form of the shoe forces (wave, cylinders, reservoirs) gives its forces, a rigid train its speed
+(:mod:`train_ato.control.air_brake.schedule_cost`). The first action of the best schedule is taken if it is due now; the
+next decision compares again. The rule is not from a paper; it is a model predictive control with a finite set of
+schedules, as in move blocking.
+
+The difference between measured and predicted acceleration is an unknown force, which holds over the horizon: a heavier
+train, another resistance or weaker shoes move the decisions without a plan.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from plant_sim.units import Force, Pressure, Ratio, SiModel, Speed, Time
+from train_ato.control.air_brake import schedule_cost as s
+from train_ato.control.air_brake.shoes import ShoeForecast
+from train_ato.control.algorithms.force_shares import total_of_units
+from train_ato.control.algorithms.luenberger import LuenbergerObserver
+from train_ato.control.compiled.train_packing import train_constants
+from train_ato.control.train_model import GRID, STANDSTILL_SPEED, TrainModel
+from train_ato.messages.types import Array
+from train_ato.supervision.track_supervision import limits_under_train
+
+if TYPE_CHECKING:
+    from train_ato.control.compensation.rigid import ProfileLike
+
+STEP = 2.0
+"""Step of the prediction [s]."""
+WAITS = (0, 1, 2, 4, 8, 16, 32)
+"""Waits of the schedules before the next action, in periods."""
+HOLDS = (1.0, 2.0, 4.0)
+"""Durations of a scheduled application, in minimum durations; the present one can be of any duration."""
+BANDWIDTH = 0.05
+"""Bandwidth of the unknown force [1/s]: below the longitudinal oscillations of a long train."""
+MAX_UNKNOWN = 0.02
+"""Largest unknown force per inertia [m/s²]: twice the difference of 15 % of the shoes and 5 % of the mass."""
+GAIN = 0.1
+"""Gain of the predicted train on the speed error [1/s], about that of the laws of a long train."""
+SPEED_STEP = 0.1
+"""Spacing of the tables of the largest forces [m/s]."""
+MAX_SPEED = 140.0
+"""Last speed of these tables [m/s]."""
+TOLERANCE = 1e-6
+"""Tolerance of the time of a decision, for the rounding of times [s]."""
+
+
+class PredictiveRules(SiModel):
+    """Schedules and cost of the predictive policy."""
+
+    reductions: tuple[Pressure, ...] = Field((50e3,), min_length=1, description="reductions of the pipe, rising")
+    period: Time = Field(2.0, ge=1, le=5, description="time between two decisions")
+    horizon: Time = Field(120.0, ge=30, le=600, description="time ahead that a decision compares")
+    pause: Time = Field(60.0, ge=0, description="minimum time from a release to the next application (recharge)")
+    min_application: Time = Field(25.0, ge=0, description="minimum time from an application to its release")
+    never_below: Speed = Field(
+        35 / 3.6, ge=0, description="no release or application below this speed, except for a departure"
+    )
+    electric_use: Ratio = Field(0.9, gt=0, le=1, description="part of the electric brake that the prediction uses")
+    speed_error: Speed = Field(1 / 3.6, gt=0, description="speed error of cost 1")
+    application_cost: float = Field(
+        0.3, ge=0, description="cost of an application: mean squared speed error over the horizon, per speed_error²"
+    )
+    coupler_max: Force = Field(600e3, gt=0, description="coupler force above which a schedule has a cost")
+
+    @field_validator("reductions")
+    @classmethod
+    def _rise(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        if value[0] <= 0 or any(b <= a for a, b in pairwise(value)):
+            raise ValueError("reductions must rise from above 0; sort them and remove 0")
+        return value
+
+    @model_validator(mode="after")
+    def _sees_an_application(self) -> PredictiveRules:
+        if self.horizon < self.min_application + 2 * self.period:
+            raise ValueError(
+                f"horizon {self.horizon:g} s is shorter than an application of {self.min_application:g} s and two "
+                "periods; lengthen horizon"
+            )
+        return self
+
+
+class Action(NamedTuple):
+    """Reduction of the brake pipe [Pa] from a time after the decision on [s]; 0 releases."""
+
+    after: float
+    reduction: float
+
+
+Schedule = tuple[Action, ...]
+
+
+class PredictiveBrake:
+    """Policy that takes the schedule with the smallest predicted cost.
+
+    Parameters
+    ----------
+    charged
+        Pressure of the charged brake pipe [Pa].
+    rules
+        Schedules and cost.
+    model
+        The nominal train.
+    profile
+        Speed profile that the train follows; the place on it is the measured one, so that a late train has the speeds
+        of its place.
+    """
+
+    def __init__(self, charged: float, rules: PredictiveRules, model: TrainModel, profile: ProfileLike) -> None:
+        self._charged, self._rules, self._model, self._profile = charged, rules, model, profile
+        self._forecast = ScheduleForecast(rules, model)
+        self._shoes = ShoeForecast(model)
+        self._unknown = LuenbergerObserver(BANDWIDTH, rules.period)
+        self._reduction = 0.0
+        self._changed_at = -np.inf
+        self._stood = False
+        self._due = -np.inf
+        self._before: tuple[float, float] | None = None
+
+    @property
+    def next_event(self) -> PlannedDecision:
+        """The next decision: before it the pressure and the state of the policy do not change."""
+        return PlannedDecision(self._due, None)
+
+    def step(self, t: float, position: float, velocity: float, applied: float = 0.0) -> float:
+        """Return the pressure demanded [Pa]; ``applied`` is the measured force of all units [N], < 0 braking."""
+        if t >= self._due:
+            unknown = self._unknown_force(t, position, velocity, applied)
+            self._due = t + self._rules.period - TOLERANCE
+            if self._released_for_departure(velocity, applied):
+                self._set(t, 0.0)
+            elif abs(velocity) >= STANDSTILL_SPEED:
+                self._decide(t, np.array((position, velocity, unknown)))
+            self._shoes.demand(t, self._charged - self._reduction)
+        return self._charged - self._reduction
+
+    def _released_for_departure(self, velocity: float, applied: float) -> bool:
+        self._stood = self._reduction > 0.0 and (self._stood or abs(velocity) < STANDSTILL_SPEED)
+        return self._stood and applied > 0.0
+
+    def _unknown_force(self, t: float, position: float, velocity: float, applied: float) -> float:
+        """Return the force that the model lacks [N], > 0 forward, from the acceleration since the last decision."""
+        model = self._model
+        shoes = self._shoes.at(t, velocity).total
+        known = (applied - model.resisting_force(position, velocity, shoes)) / model.inertia
+        if self._before is None or abs(t - self._before[0] - self._rules.period) > 0.5 * self._rules.period:
+            self._unknown.restart()
+            mean = known
+        else:
+            mean = 0.5 * (self._before[1] + known)
+        self._before = (t, known)
+        rate = self._unknown.step(velocity, mean)
+        return model.inertia * min(max(rate, -MAX_UNKNOWN), MAX_UNKNOWN)
+
+    def _decide(self, t: float, now: Array) -> None:
+        """Compare the schedules and take the first action of the best one if it is due."""
+        reference = self._reference(now)
+        best: Schedule = ()
+        lowest = self._forecast.cost(t, now, reference, self._shoes, self._reduction, ())
+        for schedule in self._schedules(t, self._latest_release(reference)):
+            if lowest <= self._forecast.least_cost(schedule, self._reduction):
+                continue
+            cost = self._forecast.cost(t, now, reference, self._shoes, self._reduction, schedule)
+            if cost < lowest:
+                best, lowest = schedule, cost
+        if best and best[0].after == 0.0:
+            self._set(t, best[0].reduction)
+
+    def _set(self, t: float, reduction: float) -> None:
+        self._reduction, self._changed_at, self._stood = reduction, t, False
+        self._shoes.demand(t, self._charged - reduction)
+
+    def _reference(self, now: Array) -> Array:
+        """Return the speeds of the profile at the steps from the present place on [m/s]."""
+        profile, count = self._profile, round(self._rules.horizon / STEP) + 1
+        begin = float(np.interp(now[s.AT], profile.position, profile.time))
+        times = np.minimum(begin + STEP * np.arange(count), profile.time[-1])
+        return np.ascontiguousarray(profile.at_times(times)[1])
+
+    def _latest_release(self, reference: Array) -> float:
+        """Return the time after which the profile is too slow for a release [s]; the horizon if it never is."""
+        slow = reference < self._rules.never_below + self._rules.speed_error
+        return STEP * max(int(slow.argmax()) - 1, 0) if slow.any() else self._rules.horizon
+
+    def _schedules(self, t: float, latest: float) -> list[Schedule]:
+        """Return the schedules that obey the pause and the minimum application, the later ones first."""
+        rules = self._rules
+        rest = rules.min_application if self._reduction > 0.0 else rules.pause
+        earliest = max(self._changed_at + rest - t, 0.0)
+        waits = sorted({max(wait * rules.period, earliest) for wait in WAITS}, reverse=True)
+        if self._reduction > 0.0:
+            return [*self._releases(waits), *self._deeper(latest)]
+        return [
+            schedule
+            for wait in waits
+            for reduction in rules.reductions
+            for schedule in self._applications(wait, reduction, latest)
+        ]
+
+    def _applications(self, wait: float, reduction: float, latest: float) -> list[Schedule]:
+        """Return an application after a wait [s]: held, and released after some times or at the latest time."""
+        apply, rest = Action(wait, reduction), self._rules.min_application
+        ends = {wait + hold * rest for hold in HOLDS} | {max(latest, wait + rest)}
+        return [(apply,), *((apply, Action(end, 0.0)) for end in sorted(ends) if wait < end < self._rules.horizon)]
+
+    def _releases(self, waits: list[float]) -> list[Schedule]:
+        """Return releases after waits [s]: the last one, and one before another application."""
+        again = self._rules.reductions[0]
+        releases = [Action(wait, 0.0) for wait in waits]
+        return [
+            schedule
+            for release in releases
+            for schedule in ((release,), (release, Action(release.after + self._rules.pause, again)))
+        ]
+
+    def _deeper(self, latest: float) -> list[Schedule]:
+        """Return deeper reductions from now on: held, and released after some times."""
+        deeper = [reduction for reduction in self._rules.reductions if reduction > self._reduction]
+        return [schedule for reduction in deeper for schedule in self._applications(0.0, reduction, latest)]
+
+
+class PlannedDecision(NamedTuple):
+    """Time [s] and place [m] of the next decision, by the names of a brake event."""
+
+    time: float
+    place: float | None
+
+
+class ScheduleForecast:
+    """Predicted cost of schedules of one train.
+
+    Parameters
+    ----------
+    rules
+        Weights and horizon.
+    model
+        The nominal train.
+    """
+
+    def __init__(self, rules: PredictiveRules, model: TrainModel) -> None:
+        self._rules = rules
+        self._charged = 0.0 if model.consist.air_brake is None else model.consist.air_brake.charged
+        self._times = STEP * np.arange(1, round(rules.horizon / STEP) + 1)
+        self._track, begin = _track(model)
+        self._forces = _largest_forces(model)
+        vehicles = model.consist.vehicles
+        self._vehicles = np.zeros((2, len(vehicles)))
+        self._vehicles[s.INERTIA_SHARE] = [each.mass * each.rotating_mass_factor / model.inertia for each in vehicles]
+        self._vehicles[s.FORCE_SHARE, list(model.units)] = model.share
+        self._constant = np.array((
+            *train_constants(model)[:4], begin, STEP, GAIN, rules.electric_use, rules.never_below,
+            rules.speed_error, rules.coupler_max, SPEED_STEP,
+        ), dtype=np.float64)  # fmt: skip
+
+    def least_cost(self, schedule: Schedule, reduction: float) -> float:
+        """Return a lower bound of the cost: that of the applications alone."""
+        before = (reduction, *(action.reduction for action in schedule))
+        begun = [a == 0.0 < b for a, b in pairwise(before)]
+        return self._rules.application_cost * begun.count(True)
+
+    def cost(
+        self, t: float, now: Array, reference: Array, shoes: ShoeForecast, reduction: float, schedule: Schedule
+    ) -> float:
+        """Return the mean cost of a schedule.
+
+        Parameters
+        ----------
+        t
+            Time of the decision [s].
+        now
+            Place, speed and unknown force by the names of :mod:`train_ato.control.air_brake.schedule_cost`.
+        reference
+            Speeds of the profile at the steps [m/s].
+        shoes
+            Forecast of the shoe forces without the schedule.
+        reduction
+            Present reduction [Pa].
+        schedule
+            Actions by rising time.
+        """
+        copy, begin = shoes.copy(), self._times - STEP
+        applied = np.full(begin.size, reduction > 0.0)
+        released = np.zeros(begin.size, dtype=np.bool_)
+        for after, to in schedule:
+            copy.demand(t + after, self._charged - to)
+            first = int(np.searchsorted(begin, after))
+            applied[first:] = to > 0.0
+            released[first : first + 1] |= to == 0.0
+        slow = copy.slow_forces_at(t + self._times - 0.5 * STEP)
+        cost: float = s.schedule_cost(
+            self._constant, now, reference, self._track, self._forces, self._vehicles, slow, applied, released
+        )
+        return cost + self.least_cost(schedule, reduction)
+
+
+def _track(model: TrainModel) -> tuple[Array, float]:
+    """Return line force [N] and speed limit [m/s] by the place of vehicle 0's centre, and the first place [m]."""
+    _, begin = model.specific_line_force()
+    places = begin + GRID * np.arange(len(model._total))
+    track = np.full((2, places.size), np.inf)
+    track[s.LINE_FORCE] = model._total
+    front = 0.5 * model.consist.vehicles[0].length
+    limits = [(entry.at, entry.speed) for entry in model.line.restricted_limits]
+    for at, speed in limits_under_train(limits, model.consist.length):
+        track[s.LIMIT, places + front >= at] = speed
+    return track, begin
+
+
+def _largest_forces(model: TrainModel) -> Array:
+    """Return the largest electric brake and traction of the train over the speed [N], shape (2, speeds)."""
+    speeds = (SPEED_STEP * np.arange(round(MAX_SPEED / SPEED_STEP))).tolist()
+    return np.array([
+        [total_of_units(np.array([each.force(speed) for each in envelopes])) for speed in speeds]
+        for envelopes in (model.brake, model.traction)
+    ])  # fmt: skip

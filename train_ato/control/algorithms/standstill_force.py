@@ -1,0 +1,115 @@
+"""Range of the force of a train that stops or departs, with a holding brake that acts without traction.
+
+Below the holding speed the holding brake acts at once and fully as soon as no unit has a positive demand, and releases
+at the first positive demand. Three rules follow, with speed v and acceleration a predicted for the time of effect of
+the command, and the demand F:
+
+* **Rest.** The reference is at rest and the train within ``STOP_WINDOW`` of its place: F <= 0. A force that holds the
+  train on a rising grade, or that follows the noise, would keep the holding brake off and move the train.
+* **Roll-out.** The last brake force decays through the lag Ta while a demand of at least ``RELEASE_FORCE`` keeps the
+  holding brake off, for a < -``LAST_DECELERATION`` from ``ROLL_OUT_SPEED`` on if -a Ta > v, else from the holding
+  speed on. Without it the holding brake stops the train from the holding speed with about 1 m/s².
+* **Departure.** A train within ``STOP_WINDOW`` of its place stays in the holding brake until the reference departs at
+  the time of effect: on a grade that the model lacks, a small force before would only release the brake. If the train
+  would roll back then, the force reaches its reference within a control period, if the limits permit:
+  F = F_e - M e_a/(1 - e^(-h/Ta)), with the force F_e and the error e_a of the acceleration at the time of effect.
+
+With hauled vehicles there is no traction from a reference speed of ``STANDSTILL_SPEED`` down to the stop: the vehicles
+stop one by one. A train with a reversing drive has none of these rules, since a negative demand drives it backwards.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from train_ato.control.standstill import RELEASE_FORCE
+from train_ato.control.train_model import STANDSTILL_SPEED
+
+if TYPE_CHECKING:
+    from train_ato.control.train_model import TrainModel
+    from train_ato.messages.types import Array
+
+STOP_WINDOW = 0.1
+"""Distance from the target within which the train is not moved again [m]."""
+ROLL_OUT_SPEED = 0.08
+"""Speed below which the brake force decays [m/s]: the holding speed and an error of the prediction."""
+LAST_DECELERATION = 0.03
+"""Deceleration up to which the train rolls out [m/s²]."""
+ROLL_BACK = 0.02
+"""Backward acceleration of a train that would roll back at its departure [m/s²]."""
+FREE = (-math.inf, math.inf)
+"""Range without a limit [N]."""
+
+
+class StandstillForce:
+    """Range of the total force near standstill.
+
+    Parameters
+    ----------
+    model
+        The nominal train.
+    period
+        Control period [s].
+    """
+
+    def __init__(self, model: TrainModel, period: float) -> None:
+        self._hauls = len(model.consist.vehicles) > model.n_units
+        self._reversing = model.reversing
+        self._share: list[float] = model.share.tolist()
+        self._release = RELEASE_FORCE * model.n_units
+        self._lag = model.lag
+        self._gained = 1.0 - math.exp(-period / model.lag) if model.lag > 0.0 else 1.0
+        self.reset()
+
+    def reset(self) -> None:
+        """End a roll-out."""
+        self._rolls_out = False
+
+    def limited(
+        self, wanted: list[float], motion: Array, reference: tuple[float, float, float], stands: bool, inertia: float,
+        force: float,
+    ) -> list[float]:  # fmt: skip
+        """Return the force of every unit in the range of the total force [N]; arguments as in :meth:`range`."""
+        low, high = self.range(motion, reference, stands, inertia, force)
+        return [min(max(each, low * share), high * share) for each, share in zip(wanted, self._share, strict=True)]
+
+    def range(
+        self, motion: Array, reference: tuple[float, float, float], stands: bool, inertia: float, force: float
+    ) -> tuple[float, float]:
+        """Return the smallest and largest total force [N].
+
+        Parameters
+        ----------
+        motion : Array, shape (4,)
+            Errors of position [m] and speed [m/s], disturbance and error of the acceleration [m/s²] at the time of
+            effect.
+        reference
+            Speed [m/s] and acceleration [m/s²] of the reference at the time of effect, and its speed a node later.
+        stands
+            True if the train is at standstill now.
+        inertia
+            Mass with rotating parts [kg].
+        force
+            Total force at the time of effect [N].
+        """
+        now, _, later = reference
+        if self._hauls:
+            return (-math.inf, 0.0) if now < STANDSTILL_SPEED and later <= now else FREE
+        if self._reversing:
+            return FREE
+        speed, acceleration = now + float(motion[1]), reference[1] + float(motion[3])
+        self._rolls_out = self._rolls_out and later <= now and not stands
+        waits = now == 0.0 and abs(float(motion[0])) < STOP_WINDOW and (stands or later == 0.0)
+        if later > now:
+            if waits or not stands or acceleration > -ROLL_BACK:
+                return (-math.inf, 0.0) if waits else FREE
+            return force - inertia * float(motion[3]) / self._gained, math.inf
+        if not stands and speed > 0.0 and self._lag > 0.0:
+            enough = speed < (ROLL_OUT_SPEED if speed < -acceleration * self._lag else STANDSTILL_SPEED)
+            if enough and acceleration < -LAST_DECELERATION:
+                self._rolls_out = True
+                return self._release, (self._release if now == 0.0 else math.inf)
+            if self._rolls_out and speed < STANDSTILL_SPEED:
+                return -math.inf, 0.0
+        return (-math.inf, 0.0) if waits else FREE
