@@ -149,7 +149,7 @@ def test_gust_is_found_within_the_delay():
 
 
 def test_rate_of_a_grade_under_a_train_is_found():
-    """A filter without the rate has 0: the law then knows a grade that comes under the train only when it acts."""
+    """A filter without the rate has 0: a grade that comes under the train is then compensated only after it acts."""
     rise = np.concatenate((np.zeros(600), 0.05 * 0.05 * np.arange(80)))
     assert 0.3 * 0.05 < _estimated(rise, coupled=False)[1] < 0.05
 
