@@ -217,8 +217,8 @@ class MotionObserver:
 
     def __init__(self, period: float, bandwidth: float, wave_time: float) -> None:
         self._squares = (bandwidth * np.array(SHARES)) ** 2
+        self._wave_time, self._period = wave_time, period
         self._waves = 2.0 * WAVE_SPEED**2 / wave_time * period if wave_time > 0.0 else 0.0
-        self._period = period
         self._leave = min(0.5, period / STAY_TIME) / (len(SHARES) - 1)
         self._samples = NOISE_TIME / period
         self.reset()
@@ -239,6 +239,11 @@ class MotionObserver:
         drift = [self._waves, GRADE_CHANGE**2 * self._period, 0.0 if self._waves else MASS_DRIFT**2 * self._period]
         self._drifts = np.array([drift] + [[self._waves, 0.0, 0.0]] * count)
         self.mass_known = 0.0
+
+    def set_waves(self, speed: float) -> None:
+        """Set the standard deviation of the speed of a unit against its train with hauled vehicles [m/s]."""
+        if self._wave_time > 0.0:
+            self._waves = 2.0 * speed**2 / self._wave_time * self._period
 
     @property
     def position_error(self) -> float:

@@ -81,6 +81,7 @@ from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
 from train_ato.control.algorithms.motion_observer import MotionObserver
 from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion, node_values
+from train_ato.control.algorithms.simulated_reference import SIMULATED_WAVES, follow_simulation
 from train_ato.control.algorithms.train_constants import default_omega, drag_slope, force_tables, wave_time
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
 from train_ato.control.contract import LawInput, parameter
@@ -132,6 +133,7 @@ class Mpc(GuardedLaw):
 
     Parameters: ClassVar[type] = MpcParameters
     uses_feedforward = False
+    follows_simulation = True
     predicts_delay = True
 
     def __init__(self, parameters: MpcParameters, model: TrainModel, period: float) -> None:
@@ -250,10 +252,10 @@ class Mpc(GuardedLaw):
         model, ahead = self.model, inputs.lookahead
         resisting = self._observe(inputs)
         inertia = self._inertia = model.inertia / (1.0 + self._mass_error())
-        required = inertia * ahead.acceleration + ahead.resistance
-        feedforward = self._feedforward(required)
-        count = self._ticks + 1
-        self._beyond_reference = resisting - float(ahead.resistance[0])
+        count, simulated = self._ticks + 1, ahead.simulated_force
+        required = follow_simulation(inertia * ahead.acceleration + ahead.resistance, simulated, count)
+        feedforward = inputs.feedforward.tolist() if simulated.size else self._feedforward(required)
+        self._beyond_reference = resisting - float(simulated[0] if simulated.size else ahead.resistance[0])
         disturbance = self._unexplained - self._beyond_reference / inertia
         motion = np.array([self._observer.position_error, self._observer.speed_error, disturbance, 0.0])
         gain = self._gain()
@@ -288,9 +290,12 @@ class Mpc(GuardedLaw):
     def _observe(self, inputs: LawInput) -> float:
         """Advance the observer and return the resistance of the model at the measured state [N]."""
         model = self.model
-        speed = self.mean(inputs.velocity.tolist())
+        speed, reference = self.mean(inputs.velocity.tolist()), float(inputs.lookahead.velocity[0])
         resisting = model.resisting_force(model.front(inputs.position), speed, inputs.train_shoe_force)
-        reference = float(inputs.lookahead.velocity[0])
+        simulated = inputs.lookahead.simulated_force
+        if simulated.size:
+            resisting = float(simulated[0]) + model.running_resistance(speed) - model.running_resistance(reference)
+            self._observer.set_waves(SIMULATED_WAVES)
         place = mean_over_units(self.share, (inputs.position + model.offsets).tolist())
         position_error, speed_error = place - float(inputs.lookahead.position[0]), speed - reference
         force = mean_over_units([1.0] * self.n, inputs.applied.tolist())
@@ -303,7 +308,7 @@ class Mpc(GuardedLaw):
             drive = self._weight * force_before + (1.0 - self._weight) * force
             pull = (drive - 0.5 * (resisting_before + resisting)) / model.inertia
             regressor = pull + by_line
-            change = (reference - reference_before) / self.period
+            change = 0.0 if simulated.size else (reference - reference_before) / self.period
             force_change = (force - force_before) / model.inertia
             self._observer.step(position_error, speed_error, pull - change, regressor, force_change)
         self._before = (force, resisting, reference)
