@@ -240,10 +240,19 @@ class MotionObserver:
         self._drifts = np.array([drift] + [[self._waves, 0.0, 0.0]] * count)
         self.mass_known = 0.0
 
-    def set_waves(self, speed: float) -> None:
-        """Set the standard deviation of the speed of a unit against its train with hauled vehicles [m/s]."""
+    def set_simulated(self, waves: float) -> None:
+        """Restart without a disturbance to estimate, for the deviation of a train from its simulation.
+
+        Parameters
+        ----------
+        waves
+            Standard deviation of the speed of a unit against its train beyond the simulated waves [m/s].
+        """
+        self._squares = np.zeros(len(SHARES))
         if self._wave_time > 0.0:
-            self._waves = 2.0 * speed**2 / self._wave_time * self._period
+            self._waves = 2.0 * waves**2 / self._wave_time * self._period
+        self.reset()
+        self._covariances[:, 2, 2] = self._drifts[0, 1] = 0.0
 
     @property
     def position_error(self) -> float:

@@ -11,7 +11,9 @@ import numpy as np
 
 from train_ato.messages.types import Array
 
-SIMULATED_WAVES = 0.02
+SIMULATED_SHARE = 2.0
+"""Gain on the position error over omega²: the speed has no cost of its own, and the position error is the integral."""
+SIMULATED_WAVES = 0.01
 """Standard deviation of the speed of a unit against its train beyond the waves of the simulated train [m/s]."""
 
 

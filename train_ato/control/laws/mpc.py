@@ -81,7 +81,7 @@ from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
 from train_ato.control.algorithms.motion_observer import MotionObserver
 from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion, node_values
-from train_ato.control.algorithms.simulated_reference import SIMULATED_WAVES, follow_simulation
+from train_ato.control.algorithms.simulated_reference import SIMULATED_SHARE, SIMULATED_WAVES, follow_simulation
 from train_ato.control.algorithms.train_constants import default_omega, drag_slope, force_tables, wave_time
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
 from train_ato.control.contract import LawInput, parameter
@@ -146,7 +146,7 @@ class Mpc(GuardedLaw):
         self._times = np.interp(np.arange(PARTS * (p.nodes - 1) + 1) / PARTS, np.arange(p.nodes), self._nodes)
         self._steps = np.concatenate(([0.0 if model.lag else period], np.diff(self._nodes))) + model.lag
         self._identification = ActuatorIdentification(model, period, p.identify)
-        self._models: dict[tuple[float, float], list[HorizonModel]] = {}
+        self._models: dict[tuple[float, float, float], list[HorizonModel]] = {}
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         self._deviations = UnitDeviations.of(model, period, lag_weight(period, model.lag)) if soft else None
         ratio = p.observer_ratio or (0.3 if self._hauls else 5.0 if self._deviations is None else SOFT_RATIO)
@@ -172,15 +172,15 @@ class Mpc(GuardedLaw):
         longest = self._ticks * model.tick
         self.lookahead_times: Array = np.concatenate((model.tick * np.arange(self._entries), longest + self._times[1:]))
         omega = self.omega * (p.safe_share if self._cautious else 1.0)
-        if (factor, omega) not in self._models:
-            self._models[factor, omega] = [
+        share = SIMULATED_SHARE if self._simulated else p.position_share
+        if (factor, omega, share) not in self._models:
+            self._models[factor, omega, share] = [
                 horizon_model(
-                    self._nodes, delay + 0.5 * self.period, model.share, model.lag, longest, omega,
-                    p.position_share,
+                    self._nodes, delay + 0.5 * self.period, model.share, model.lag, longest, omega, share
                 )
                 for delay in self._actuators[:2]
             ]  # fmt: skip
-        self._sides = self._models[factor, omega]
+        self._sides = self._models[factor, omega, share]
 
     def clear_state(self) -> None:
         """Clear observer, identification, plan and counts."""
@@ -193,7 +193,7 @@ class Mpc(GuardedLaw):
         self._largest = 0.0
         self._active = np.zeros(7 * self._nodes.size, dtype=np.bool_)
         self._failures = self._limited_steps = self._most_exchanges = self._cautious_steps = 0
-        self._cautious = False
+        self._cautious = self._simulated = False
         self._set_delays(1.0)
 
     def on_missed_sample(self) -> None:
@@ -220,6 +220,8 @@ class Mpc(GuardedLaw):
 
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force demand of every unit [N]."""
+        if inputs.lookahead.simulated_force.size and not self._simulated:
+            self._begin_simulated()
         changed = self._identify(inputs)
         wanted = self._wanted(inputs)
         self._cautious_steps += self._cautious
@@ -227,6 +229,12 @@ class Mpc(GuardedLaw):
             self._cautious = self._identification.model_is_unsafe
             self._set_delays(self._identification.factor)
         return wanted
+
+    def _begin_simulated(self) -> None:
+        """Plan the deviation from a simulated train from now on."""
+        self._simulated = True
+        self._observer.set_simulated(SIMULATED_WAVES)
+        self._set_delays(self._identification.factor)
 
     def _identify(self, inputs: LawInput) -> bool:
         """Compare the measured force with the commands; return True for a new delay, for the next step on."""
@@ -294,13 +302,13 @@ class Mpc(GuardedLaw):
         resisting = model.resisting_force(model.front(inputs.position), speed, inputs.train_shoe_force)
         simulated = inputs.lookahead.simulated_force
         if simulated.size:
-            resisting = float(simulated[0]) + model.running_resistance(speed) - model.running_resistance(reference)
-            self._observer.set_waves(SIMULATED_WAVES)
+            slope = self._drag_slope[0] + self._drag_slope[1] * abs(reference)
+            resisting = float(simulated[0]) + slope * (speed - reference)
         place = mean_over_units(self.share, (inputs.position + model.offsets).tolist())
         position_error, speed_error = place - float(inputs.lookahead.position[0]), speed - reference
         force = mean_over_units([1.0] * self.n, inputs.applied.tolist())
         by_line = model.line_force(model.front(inputs.position)) / model.inertia
-        if self._before is None or self._stands(speed, reference):
+        if self._before is None or (not simulated.size and self._stands(speed, reference)):
             self._observer.stand(position_error, speed, place, reference)
             regressor = by_line
         else:
