@@ -390,8 +390,10 @@ def test_long_train_stops_at_the_target_on_a_rising_grade():
     assert abs(run.metrics["stop_error_m"]) < 0.1
 
 
-@pytest.mark.parametrize("compensation", ["twin", "predictor"])
-def test_compensations_that_do_not_fit_are_refused(compensation):
-    """A predicting compensation would count the delay twice; the feed-forward of twin is not used."""
+@pytest.mark.parametrize(
+    ("scenario", "compensation"), [("demo", "pade"), ("demo", "predictor"), ("crh380a_gpc:short", "twin")]
+)
+def test_compensations_that_do_not_fit_are_refused(scenario, compensation):
+    """A predicting compensation would count the delay twice; a feed-forward alone is not used."""
     with pytest.raises(ValueError, match="law 'mpc' with compensation"):
-        ta.run("demo", law="mpc", compensation=compensation, set={"duration": 1}, progress=False)
+        ta.run(scenario, law="mpc", compensation=compensation, set={"duration": 1}, progress=False)

@@ -36,7 +36,7 @@ BOUNDS = (0.25, 0.6, 0.5)
 """Largest relative errors."""
 NOISE_FLOOR, NOISE_PRIOR, NOISE_TIME = 0.002, 0.05, 20.0
 """Smallest and first standard deviation of the measured speed [m/s], and time over which it is averaged [s]."""
-SLOWEST = 2.0
+SLOWEST = 0.3
 """Speed of the reference from which on the errors are estimated [m/s]: before it the slack of the couplers runs out."""
 
 

@@ -14,7 +14,8 @@ def check_compatible(law_name: str, law: Any, name: str, compensation: Any) -> N
         Name and law; its attributes ``uses_feedforward``, ``follows_simulation``, ``predicts_delay`` and hints are read
         (:class:`train_ato.control.contract.Law`).
     name, compensation
-        Name and compensation, or its class; its attributes ``feedforward_only``, ``simulates_train`` and ``predicts`` are read
+        Name and compensation, or its class; its attributes ``feedforward_only``, ``simulates_train``, ``predicts``
+        are read
         (:class:`train_ato.control.compensation.contract.Compensation`).
 
     Raises

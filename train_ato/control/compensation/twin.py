@@ -63,7 +63,7 @@ class TwinParameters(PreviewParameters):
 
     period: float = parameter(0.05, "s", 0.001, 1.0, "control period of the twin")
     step: float = parameter(0.005, "s", 1e-4, 0.1, "integration step of the twin")
-    identify: bool = parameter(False, "", 0, 1, "correct mass, resistance and air brake of the twin by the measurements")
+    identify: bool = parameter(False, "", 0, 1, "estimate mass, resistance and air brake of the train")
 
 
 class Twin(PreviewFeedforward):
@@ -116,9 +116,7 @@ class Twin(PreviewFeedforward):
         force = total_of_units(inputs.measurement.applied) - total_of_units(self._forces_at(t))
         force -= model.running_resistance(speed) - running
         force += plain_dot(self._ahead.errors, known)
-        identification.step(
-            speed - now.velocity, now.velocity, force / model.inertia, np.array(known) / model.inertia
-        )
+        identification.step(speed - now.velocity, now.velocity, force / model.inertia, np.array(known) / model.inertia)
         if int(t / CORRECTION_TIME + 1e-9) != int(self._last / CORRECTION_TIME + 1e-9):
             self._ahead.correct(identification.errors)
         self._last = t

@@ -50,19 +50,24 @@ couplers, a Kalman filter estimates the deviations of the units from the mean, a
 state after the delay adds forces with the sum 0 (`unit_deviations.py`). The observer ratio is then 2.5: disturbances
 that excite the couplers change within the delay.
 
+**Simulated train.** Under `twin` a train with hauled vehicles has the force F_c of the simulated train in place of R up
+to the effect of the last command, and the feed-forward of `twin` (`simulated_reference.py`). The plan is that of the
+deviation, e_v' = (F - F_c - W(v) + W(v_d))/M, with a = 2 and no estimate of a disturbance: ``identify`` of `twin` finds
+the errors of mass, running resistance and air brake, and the position error is the integral for the rest.
+
 **Identification.** A bank of 17 factors c on the delays, .4 to 2, each with the gain g by least squares, bounded to
 .5 to 1.5, from measured force and commands (`actuator_identification.py`). If no candidate explains the force to 5 %,
 diagnostics has ``actuator_model: wrong``. Braking below 1 m/s does not count: the holding brake gives that force.
 **Safe gains:** from a misfit of 15 % until one below 5 % the plan has ``safe_share`` of omega, and the units have no
 regulator. With ``identify`` false the model itself is tested in this way.
 
-Limits: the air brake is only a known force. With hauled vehicles theta is 0. Where other laws are better: one
-locomotive with 105 wagons (`pid` with `twin`), and the stop there (`pid`). A reference with steps of the speed
+Limits: the air brake is only a known force. With hauled vehicles theta is 0. Where other laws are better: the stop of
+one locomotive with 105 wagons without `twin` (`pid`). A reference with steps of the speed
 (`freight_consensus` without `realistic`) is not tracked. Goals, misses and other solvers: `msgs_docs/mpc_goals.md`,
 made with `python bench/mpc.py`, `python bench/mpc_solvers.py` and, for soft couplers, `python bench/freight_front.py`.
 
 Needs: any train; delay, lag and envelopes of the model, the measured force, and the reference ahead. The law predicts
-over the delay and has its own feed-forward: use compensation `none` or `preview`.
+over the delay and has its own feed-forward: use compensation `none` or `preview`, with hauled vehicles `twin`.
 """
 
 from __future__ import annotations
@@ -133,13 +138,12 @@ class Mpc(GuardedLaw):
 
     Parameters: ClassVar[type] = MpcParameters
     uses_feedforward = False
-    follows_simulation = True
     predicts_delay = True
 
     def __init__(self, parameters: MpcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         p = parameters
-        self._hauls = len(model.consist.vehicles) > model.n_units
+        self._hauls = self.follows_simulation = len(model.consist.vehicles) > model.n_units
         self.omega = p.omega or default_omega(model)
         first = max(period, 0.1 / self.omega)
         self._nodes = node_times(first, max(p.lookahead, first * p.nodes), p.nodes)
@@ -150,7 +154,7 @@ class Mpc(GuardedLaw):
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         self._deviations = UnitDeviations.of(model, period, lag_weight(period, model.lag)) if soft else None
         ratio = p.observer_ratio or (0.3 if self._hauls else 5.0 if self._deviations is None else SOFT_RATIO)
-        self._observer = MotionObserver(period, ratio * self.omega, wave_time(model) if self._hauls else 0.0)
+        self._bandwidth, self._wave_time = ratio * self.omega, wave_time(model) if self._hauls else 0.0
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._couplers = CouplerLimit(model, p.coupler_limit) if p.coupler_limit else None
@@ -184,7 +188,7 @@ class Mpc(GuardedLaw):
 
     def clear_state(self) -> None:
         """Clear observer, identification, plan and counts."""
-        self._observer.reset()
+        self._observer = MotionObserver(self.period, self._bandwidth, self._wave_time)
         self._identification.reset()
         if self._deviations is not None:
             self._deviations.reset()
