@@ -40,7 +40,7 @@ def test_noise_does_not_reach_the_command():
 
 
 def test_the_twin_receives_the_errors_of_the_model():
-    """Breaks if the twin is not corrected: with 3 % mass and 15 % resistance the position error of pid stays at .8 m."""
+    """Breaks if the twin is not corrected: the position error of pid stays at .8 m."""
     errors = {}
     for name in ("twin", "twin+identified"):
         run = ta.run(f"daqin_heavy_haul:{name}+strong_mismatch", law="pid", set={"duration": 300}, progress=False)

@@ -7,7 +7,7 @@ that the copy already has, and the speed error w of the train as one mass::
     phi = (M v_d' + W_line, W(v_d), F_shoes)
 
 q is the speed of the unit against its train: the waves in the couplers, that the copy does not have. It is bounded, a
-Gauss-Markov process of standard deviation ``WAVE_SPEED`` and time ``WAVE_TIME``. With waves as a random walk of the
+Gauss-Markov process of standard deviation ``UNIT_SPEED`` and time ``UNIT_TIME``. With waves as a random walk of the
 speed the same data support much smaller errors: one brake application would not show an error of the brake of 8 %. The
 speed of a disturbance is a random walk of ``DISTURBANCE`` in a second.
 
@@ -26,7 +26,7 @@ import numpy as np
 from plant_sim.compiled import compiled
 from train_ato.messages.types import Array
 
-WAVE_SPEED, WAVE_TIME = 0.025, 5.0
+UNIT_SPEED, UNIT_TIME = 0.025, 5.0
 """Standard deviation [m/s] and time [s] of the speed of a unit against its train."""
 DISTURBANCE = 0.002
 """Standard deviation of the change of the speed by unknown forces in a second [m/s]."""
@@ -34,14 +34,14 @@ PRIOR = (0.05, 0.2, 0.1)
 """Standard deviations of the relative errors of mass, running resistance and air brake at the start."""
 BOUNDS = (0.25, 0.6, 0.5)
 """Largest relative errors."""
-NOISE_FLOOR, NOISE_PRIOR, NOISE_TIME = 0.002, 0.05, 20.0
+LEAST_NOISE, FIRST_NOISE, MEAN_TIME = 0.002, 0.05, 20.0
 """Smallest and first standard deviation of the measured speed [m/s], and time over which it is averaged [s]."""
 SLOWEST = 0.3
 """Speed of the reference from which on the errors are estimated [m/s]: before it the slack of the couplers runs out."""
 
 
 @compiled
-def filter_step(state, covariance, noise, drifts, decay, period, pull, known, error):
+def identification_step(state, covariance, noise, drifts, decay, period, pull, known, error):
     """Advance the filter by a period and correct it by the measured speed error.
 
     Parameters
@@ -95,8 +95,8 @@ def filter_step(state, covariance, noise, drifts, decay, period, pull, known, er
         for j in range(5):
             covariance[i, j] -= shared[i] * shared[j] / size
     change = miss - noise[1]
-    noise[0] += period / NOISE_TIME * (0.5 * change * change - noise[0])
-    noise[0] = max(noise[0], NOISE_FLOOR * NOISE_FLOOR)
+    noise[0] += period / MEAN_TIME * (0.5 * change * change - noise[0])
+    noise[0] = max(noise[0], LEAST_NOISE * LEAST_NOISE)
     noise[1] = miss
 
 
@@ -111,11 +111,11 @@ class TrainIdentification:
 
     def __init__(self, period: float) -> None:
         self._period = period
-        self._decay = math.exp(-period / WAVE_TIME)
-        self._drifts = np.array([DISTURBANCE**2 * period, WAVE_SPEED**2 * (1.0 - self._decay**2)])
+        self._decay = math.exp(-period / UNIT_TIME)
+        self._drifts = np.array([DISTURBANCE**2 * period, UNIT_SPEED**2 * (1.0 - self._decay**2)])
         self._state = np.zeros(5)
-        self._covariance = np.diag([1e-4, WAVE_SPEED**2, *(prior * prior for prior in PRIOR)])
-        self._noise = np.array([NOISE_PRIOR**2, 0.0])
+        self._covariance = np.diag([1e-4, UNIT_SPEED**2, *(prior * prior for prior in PRIOR)])
+        self._noise = np.array([FIRST_NOISE**2, 0.0])
         self._before: tuple[float, Array] | None = None
 
     @property
@@ -149,7 +149,7 @@ class TrainIdentification:
             self._state[0], self._state[1] = speed_error, 0.0
         else:
             pull_before, known_before = self._before
-            filter_step(
+            identification_step(
                 self._state, self._covariance, self._noise, self._drifts, self._decay, self._period,
                 0.5 * (pull_before + pull), 0.5 * (known_before + known), speed_error,
             )  # fmt: skip

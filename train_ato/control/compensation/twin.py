@@ -18,8 +18,8 @@ command, the delay for the sign of its force is used.
 
 With ``identify`` the measured force and speed of the train, compared with those of the twin, give the errors of mass,
 running resistance and air brake of the model (`train_identification.py`), and once a second the twin receives them. A
-twin with the right forces also stretches its couplers like the train; the same errors as an additional force of a rigid
-train leave half as much error again.
+twin with the right forces also stretches its couplers like the train, which an additional force on a rigid train does
+not.
 
 Needs: consist and line of the model, since all vehicles are simulated, and a law that uses the feed-forward (`pid`,
 `rbf_switching_smc`, `smc` with ``equivalent: feedforward``); others are rejected, because the compensation has no
