@@ -53,7 +53,8 @@ that excite the couplers change within the delay.
 **Simulated train.** Under `twin` a train with hauled vehicles has the force F_c of the simulated train in place of R up
 to the effect of the last command, and the feed-forward of `twin` (`simulated_reference.py`). The plan is that of the
 deviation, e_v' = (F - F_c - W(v) + W(v_d))/M, with a = 2 and no estimate of a disturbance: ``identify`` of `twin` finds
-the errors of mass, running resistance and air brake, and the position error is the integral for the rest.
+the errors of mass, running resistance and air brake, and the position error is the integral for the rest. The later
+nodes have no force limit while the air brake acts: its present force does not last.
 
 **Identification.** A bank of 17 factors c on the delays, .4 to 2, each with the gain g by least squares, bounded to
 .5 to 1.5, from measured force and commands (`actuator_identification.py`). If no candidate explains the force to 5 %,
@@ -93,7 +94,7 @@ from train_ato.control.contract import LawInput, parameter
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.messages.types import Array
-from train_ato.messages.validity import MAX_POSITION
+from train_ato.messages.validity import MAX_FORCE, MAX_POSITION
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -157,6 +158,7 @@ class Mpc(GuardedLaw):
         self._bandwidth, self._wave_time = ratio * self.omega, wave_time(model) if self._hauls else 0.0
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
+        self._no_tables = np.full_like(self._tables, MAX_FORCE)
         self._couplers = CouplerLimit(model, p.coupler_limit) if p.coupler_limit else None
         self._unbounded = np.array([[-np.inf], [np.inf]]).repeat(p.nodes, axis=1)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
@@ -362,11 +364,13 @@ class Mpc(GuardedLaw):
         now = self._gain() * np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
         side = self._sides[int(last < 0.0)]
         drag = (self._beyond_reference, *self._drag_slope)
+        # a brake that acts does not last, and the simulated train had these limits
+        tables = self._no_tables if self._simulated and inputs.train_shoe_force > 0.0 else self._tables
         self._largest = max(abs(self._observer.position_error), self._largest * self._memory)
         self._ends[3] = max(self._band, self._largest)
         bounds(
             at_nodes, reference, self._limits, self._ends, now, errors, (side.response_velocity, self._plan), drag,
-            self._tables, self._within_couplers(reference + errors), self._inertia, self.parameters.jerk, self._steps,
+            tables, self._within_couplers(reference + errors), self._inertia, self.parameters.jerk, self._steps,
             disturbance, rise, float(required[self._ticks]), allowed,
         )  # fmt: skip
         gradients = (side.gradient_position, side.gradient_velocity)
