@@ -67,15 +67,15 @@ class StandstillForce:
         self._rolls_out = False
 
     def limited(
-        self, wanted: list[float], motion: Array, reference: tuple[float, float, float], stands: bool, inertia: float,
+        self, wanted: list[float], motion: Array, reference: tuple[float, float, float], at_rest: bool, inertia: float,
         force: float,
     ) -> list[float]:  # fmt: skip
         """Return the force of every unit in the range of the total force [N]; arguments as in :meth:`range`."""
-        low, high = self.range(motion, reference, stands, inertia, force)
+        low, high = self.range(motion, reference, at_rest, inertia, force)
         return [min(max(each, low * share), high * share) for each, share in zip(wanted, self._share, strict=True)]
 
     def range(
-        self, motion: Array, reference: tuple[float, float, float], stands: bool, inertia: float, force: float
+        self, motion: Array, reference: tuple[float, float, float], at_rest: bool, inertia: float, force: float
     ) -> tuple[float, float]:
         """Return the smallest and largest total force [N].
 
@@ -86,7 +86,7 @@ class StandstillForce:
             effect.
         reference
             Speed [m/s] and acceleration [m/s²] of the reference at the time of effect, and its speed a node later.
-        stands
+        at_rest
             True if the train is at standstill now.
         inertia
             Mass with rotating parts [kg].
@@ -99,13 +99,13 @@ class StandstillForce:
         if self._reversing:
             return FREE
         speed, acceleration = now + float(motion[1]), reference[1] + float(motion[3])
-        self._rolls_out = self._rolls_out and later <= now and not stands
-        waits = now == 0.0 and abs(float(motion[0])) < STOP_WINDOW and (stands or later == 0.0)
+        self._rolls_out = self._rolls_out and later <= now and not at_rest
+        waits = now == 0.0 and abs(float(motion[0])) < STOP_WINDOW and (at_rest or later == 0.0)
         if later > now:
-            if waits or not stands or acceleration > -ROLL_BACK:
+            if waits or not at_rest or acceleration > -ROLL_BACK:
                 return (-math.inf, 0.0) if waits else FREE
             return force - inertia * float(motion[3]) / self._gained, math.inf
-        if not stands and speed > 0.0 and self._lag > 0.0:
+        if not at_rest and speed > 0.0 and self._lag > 0.0:
             enough = speed < (ROLL_OUT_SPEED if speed < -acceleration * self._lag else STANDSTILL_SPEED)
             if enough and acceleration < -LAST_DECELERATION:
                 self._rolls_out = True
