@@ -6,7 +6,7 @@ the command, and the demand F:
 
 * **Rest.** The reference is at rest and the train within ``STOP_WINDOW`` of its place: F <= 0. A force that holds the
   train on a rising grade, or that follows the noise, would keep the holding brake off and move the train.
-* **Roll-out.** The last brake force decays through the lag Ta while a demand of at least ``RELEASE_FORCE`` keeps the
+* **Roll-out.** The last brake force decays through the lag Ta while a demand of at least 1 N keeps the
   holding brake off, for a < -``LAST_DECELERATION`` from ``ROLL_OUT_SPEED`` on if -a Ta > v, else from the holding
   speed on. Without it the holding brake stops the train from the holding speed with about 1 m/s².
 * **Departure.** A train within ``STOP_WINDOW`` of its place stays in the holding brake until the reference departs at
@@ -23,13 +23,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from train_ato.control.standstill import RELEASE_FORCE
 from train_ato.control.train_model import STANDSTILL_SPEED
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
     from train_ato.messages.types import Array
 
+_RELEASE_FORCE = 1.0  # N, as at a departure in control/standstill.py, which is a layer above
 STOP_WINDOW = 0.1
 """Distance from the target within which the train is not moved again [m]."""
 ROLL_OUT_SPEED = 0.08
@@ -57,7 +57,7 @@ class StandstillForce:
         self._hauls = len(model.consist.vehicles) > model.n_units
         self._reversing = model.reversing
         self._share: list[float] = model.share.tolist()
-        self._release = RELEASE_FORCE * model.n_units
+        self._release = _RELEASE_FORCE * model.n_units
         self._lag = model.lag
         self._gained = 1.0 - math.exp(-period / model.lag) if model.lag > 0.0 else 1.0
         self.reset()
