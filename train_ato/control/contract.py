@@ -57,12 +57,16 @@ class Lookahead:
     resistance : Array, shape (h,)
         Running and line resistance of the nominal train there, and the shoe force known from the brake-pipe commands
         so far [N], > 0 retards.
+    simulated_force : Array, shape (k,), k <= h
+        Total force of a simulated train on this reference at the first of these times, up to the effect of the last
+        command [N]; empty if the compensation simulates none.
     """
 
     position: Array
     velocity: Array
     acceleration: Array
     resistance: Array
+    simulated_force: Array = field(default_factory=lambda: np.zeros(0))
 
 
 NO_LOOKAHEAD = Lookahead(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
@@ -237,6 +241,7 @@ class Law(Protocol):
     * ``diagnostics()``: counts and states of the law as text, for the topic ``/diagnostics``;
     * ``uses_feedforward`` (bool, default True): the output depends on ``LawInput.feedforward``;
     * ``feedforward_hint`` (str): setting under which the law uses it, ``parameter: value``; empty if there is none;
+    * ``follows_simulation`` (bool, default False): the output depends on ``Lookahead.simulated_force``;
     * ``predicts_delay`` (bool, default False): the law predicts its state over the delay by itself;
     * ``delay_hint`` (str): setting under which it does not, ``parameter: value``; empty if there is none.
     """
