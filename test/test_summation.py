@@ -26,9 +26,6 @@ EXACT = {
     "train_ato/loop/oscillation.py": {
         "sum((max((_correlation(part, lag) for lag in lags)) >= CORRELATION for part in parts))"
     },
-    "train_ato/loop/protection_record.py": {
-        "sum((span.state == BRAKING_LAW for span in state_spans(reports, 'controller')))"
-    },
     "train_ato/loop/recording_builder.py": {"sum((part.time.size for part in parts))"},
     "train_ato/loop/train_protection.py": {"sum((age > bound for bound in self._bounds))"},
     "train_ato/messages/codec/fixed.py": {"sum((column.shape[1] for column in columns))"},
