@@ -24,8 +24,8 @@ from plant_sim.states import frozen_for_types
 from train_ato.messages.types import Array
 
 __all__ = [
-    "NO_LOOKAHEAD", "Array", "Law", "LawInput", "LawOutput", "Lookahead", "NoParameters", "Parameter", "Preview",
-    "parameter", "parameters_of",
+    "NO_LOOKAHEAD", "Array", "Law", "LawInput", "LawOutput", "LawPlan", "Lookahead", "NoParameters", "Parameter",
+    "Preview", "parameter", "parameters_of",
 ]  # fmt: skip
 
 
@@ -138,6 +138,33 @@ class LawInput:
 
 @frozen_for_types
 @dataclass(frozen=True, slots=True)
+class LawPlan:
+    """Planned motion and force of a law that looks ahead. The log and the live page have the newest one once a second.
+
+    Attributes
+    ----------
+    times : Array, shape (k,)
+        Times after the measurement [s], rising; the first is the effect of the command.
+    position, speed : Array, shape (k,)
+        Planned motion of vehicle 0's centre [m, m/s].
+    force : Array, shape (k,)
+        Planned force demand of the train [N].
+    slack : Array, shape (k,)
+        Excess of the planned speed over the speed that the law permits [m/s], >= 0.
+    status : str
+        Result of the solver: ``solved``, or the reason for which an earlier plan goes on.
+    """
+
+    times: Array
+    position: Array
+    speed: Array
+    force: Array
+    slack: Array
+    status: str
+
+
+@frozen_for_types
+@dataclass(frozen=True, slots=True)
 class LawOutput:
     """Output of a law in one step.
 
@@ -150,11 +177,14 @@ class LawOutput:
     held : str
         Reason for which ``force`` repeats the previous demand; empty for a new demand. The loop counts such steps and
         ends the run after ``hold_limit``.
+    plan : LawPlan or None
+        Plan that the force begins; None for a law without a plan.
     """
 
     force: Array
     brake_pipe: float | None = None
     held: str = ""
+    plan: LawPlan | None = None
 
 
 @dataclass(frozen=True, slots=True)

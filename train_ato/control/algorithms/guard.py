@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from train_ato.control.algorithms.force_shares import mean_over_units
-from train_ato.control.contract import LawInput, LawOutput, Lookahead, Preview
+from train_ato.control.contract import LawInput, LawOutput, LawPlan, Lookahead, Preview
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
 
@@ -182,6 +182,10 @@ class GuardedLaw:
     def clear_state(self) -> None:
         """Clear the state of the law."""
 
+    def planned(self) -> LawPlan | None:
+        """Return the plan of the last demand; None for a law without a plan."""
+        return None
+
     def mean(self, values: list[float]) -> float:
         """Return the mean over the units, weighted by their shares."""
         return values[0] if self.n == 1 else mean_over_units(self.share, values)
@@ -210,7 +214,7 @@ class GuardedLaw:
             limited = low[unit] if force < low[unit] else high[unit] if force > high[unit] else force
             saturated[unit] = limited != force
             sent[unit] = limited
-        return LawOutput(np.array(sent))
+        return LawOutput(np.array(sent), plan=self.planned())
 
     def _hold(self, inputs: LawInput, reason: str) -> LawOutput:
         """Return the last demand, inside the limits if these are valid."""

@@ -86,11 +86,12 @@ from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
 from train_ato.control.algorithms.motion_observer import SPEED_PRIOR, MotionObserver
+from train_ato.control.algorithms.planned_motion import CONTINUED, SOLVED, planned_motion
 from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion, node_values
 from train_ato.control.algorithms.standstill_force import StandstillForce
 from train_ato.control.algorithms.train_constants import default_omega, drag_slope, force_tables, wave_time
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
-from train_ato.control.contract import LawInput, parameter
+from train_ato.control.contract import LawInput, LawPlan, parameter
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.messages.types import Array
@@ -385,7 +386,17 @@ class Mpc(GuardedLaw):
         else:
             self._most_exchanges = max(self._most_exchanges, exchanges)
             self._limited_steps += bool(self._active.any())
+        reference[:, 0] = later.position[self._ticks], later.velocity[self._ticks]
+        self._decided = (
+            self._ticks * self.model.tick + self._nodes, reference, errors, side, self._plan.copy(),
+            at_nodes + self._inertia * (self._plan - disturbance), allowed[4 * self._nodes.size : 5 * self._nodes.size],
+            SOLVED if exchanges >= 0 else CONTINUED,
+        )  # fmt: skip
         return feedforward + self._inertia * (float(self._plan[0]) - disturbance)
+
+    def planned(self) -> LawPlan | None:
+        """Return the plan of the last decision."""
+        return planned_motion(*self._decided)
 
     def _within_couplers(self, motion: Array) -> Array:
         """Return the smallest and largest total force at the nodes for the coupler forces [N], shape (2, nodes).
