@@ -57,12 +57,20 @@ class Lookahead:
     resistance : Array, shape (h,)
         Running and line resistance of the nominal train there, and the shoe force known from the brake-pipe commands
         so far [N], > 0 retards.
+    speed_limit : Array, shape (h,)
+        Lowest speed limit of the line over the whole train with vehicle 0's centre there [m/s].
+    force_min, force_max : Array, shape (h, units)
+        Limits of every unit there, at the speed of the reference, with neutral sections, power limits and adhesion of
+        the line [N].
     """
 
     position: Array
     velocity: Array
     acceleration: Array
     resistance: Array
+    speed_limit: Array = field(default_factory=lambda: np.zeros(0))
+    force_min: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    force_max: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 NO_LOOKAHEAD = Lookahead(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))

@@ -41,7 +41,7 @@ def plan_to_text(timed: TimedPlan, *, held: bool = False) -> dict[str, str]:
     held
         True while the last command is repeated, in place of the status of the plan.
     """
-    found = {STATUS: HELD if held else " ".join(timed.plan.status.split())}
+    found = {STATUS: HELD if held else " ".join(str(timed.plan.status).split())}
     for key, name in ARRAYS.items():
         values = np.asarray(getattr(timed.plan, name), dtype=np.float64).ravel()[:MOST_POINTS]
         shifted = values + timed.t if name == "times" else values

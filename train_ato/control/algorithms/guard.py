@@ -76,6 +76,9 @@ def is_valid_lookahead(lookahead: Lookahead) -> bool:
         and float(np.abs(lookahead.velocity).sum()) <= MAX_SPEED * count
         and float(np.abs(lookahead.acceleration).sum()) <= MAX_SPEED * count
         and float(np.abs(lookahead.resistance).sum()) <= MAX_FORCE * count
+        and float(np.abs(lookahead.speed_limit).sum()) <= MAX_SPEED * count
+        and float(np.abs(lookahead.force_min).sum()) <= MAX_FORCE * count
+        and float(np.abs(lookahead.force_max).sum()) <= MAX_FORCE * count
     )
 
 
