@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,9 +13,12 @@ from span_runs import setup_of
 from test_line_sections import driven, plain_line, railcar
 
 from plant_sim.library import load_consist, load_line
+from train_ato.apps.check_component.checking import check_component
 from train_ato.control.algorithms.limits_ahead import LimitsAhead
 from train_ato.control.algorithms.predictive_plan import lowest_limit
 from train_ato.control.algorithms.section_limits import limits_at_nodes, within_units
+from train_ato.control.contract import LawPlan, Lookahead
+from train_ato.control.registry import load_class
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.engine import run_engine
 from train_ato.messages.validity import MAX_SPEED
@@ -121,7 +127,47 @@ def _largest_errors(known):
 def test_mpc_gains_from_a_known_neutral_section() -> None:
     """Breaks if the plan does not use the forces ahead: it loses the force and takes its own model for wrong."""
     (speed, position, cautious), (without, far, doubted) = _largest_errors(known=True), _largest_errors(known=False)
+    print(f"mpc: {without:.2f} m/s and {far:.1f} m unknown, {speed:.2f} m/s and {position:.1f} m known")
     assert speed < 0.7 * without
     assert position < 0.5 * far
     assert cautious == 0
     assert doubted > 0
+
+
+@pytest.fixture
+def planning_law(monkeypatch):
+    """Make the template of a law that looks ahead importable; return its name."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "examples"))
+    return "my_planning_law:MyPlanningLaw"
+
+
+def test_the_template_of_a_planning_law_passes(planning_law) -> None:
+    """Breaks if the template on the page of the contract does not keep the contract."""
+    findings = check_component("law", load_class(planning_law))
+    assert not [finding for finding in findings if finding.passed is False]
+
+
+def test_the_template_gains_speed_before_a_neutral_section(planning_law) -> None:
+    """Breaks if a law of one's own does not receive the forces ahead, or its plan is not in the log."""
+    plain = setup_of("crh380a_gpc:short", {}).model.line.model_dump(mode="json", by_alias=True, exclude_unset=True)
+    errors = []
+    for gained in (0.5, 0.0):
+        changes = {
+            "plant.line": {**plain, "neutral_sections": [{"begin": 800, "end": 1000}]}, "supervision.enabled": False,
+            "law": planning_law, "compensation": "preview", "duration": 95, f"laws.{planning_law}.gained": gained,
+        }  # fmt: skip
+        recording = run_engine(setup_of("crh380a_gpc:short", changes)).recording
+        assert recording is not None
+        measured, reference = recording.topics["train/measurement"], recording.topics["ato/reference"]
+        errors.append(float(np.abs(measured["velocity"][:, 0] - reference["velocity"][:, 0]).max()))
+        assert recording.diagnostics["controller"].texts("plan.status")[10] == "solved"
+    print(f"{planning_law}: {errors[1]:.2f} m/s without, {errors[0]:.2f} m/s with speed gained")
+    assert errors[0] < 0.75 * errors[1]
+
+
+@pytest.mark.parametrize("of", [LawPlan, Lookahead])
+def test_the_page_of_the_contract_names_every_field(of) -> None:
+    """Breaks if a new field of the contract has no line in the docs."""
+    page = (Path(__file__).parents[1] / "msgs_docs" / "contract.md").read_text(encoding="utf-8")
+    missing = [entry.name for entry in dataclasses.fields(of) if not re.search(rf"`[\w.]*\b{entry.name}`", page)]
+    assert not missing
