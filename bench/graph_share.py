@@ -44,9 +44,8 @@ class Graph:
         self._watch = FirstFailure()
         domain = stack.enter_context(claim_domain())
         context, self._executor = stack.enter_context(executor_of(domain))
-        self._all_endpoints = {
-            role: NodeEndpoints(role, Wire(setup.layout), context, self._watch, roles) for role in roles
-        }
+        wire = Wire(setup.layout)
+        self._all_endpoints = {role: NodeEndpoints(role, wire, context, self._watch, roles) for role in roles}
         options: dict[str, Any] = {"compression": compression} if recorded else {}
         self._nodes = {
             role: make_node(role, setup, self._all_endpoints[role], folder, True, 60.0, recorded, **options)

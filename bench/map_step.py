@@ -1,6 +1,6 @@
-"""Difference of the plant steps of 10 ms and 5 ms in a robustness map of `daqin_heavy_haul`.
+"""Difference between a longer plant step and that of 5 ms in a robustness map of `daqin_heavy_haul`.
 
-    python bench/map_step.py [--points 5]
+    python bench/map_step.py [--step 0.00625] [--points 5]
 
 Runs of points spread over the map of :mod:`map_cost` with both steps, and with a step of 5 ms of their neighbours: the
 next delay and the next error of mass.  The table has the largest difference between the steps, and the median
@@ -14,6 +14,7 @@ import sys
 from typing import Any
 
 import numpy as np
+from figures import Figure, publish
 from map_cost import SPEC
 
 from train_ato.apps.sweep.check import sweep_base
@@ -23,10 +24,10 @@ from train_ato.apps.sweep.spec import read_sweep
 from train_ato.loop.part_cache import PartCache
 
 SIDE = 64
-METRICS = (
-    "speed_rmse_kmh", "speed_error_max_kmh", "stop_error_max_m", "coupler_draft_max_kn", "coupler_buff_max_kn",
-    "command_variation_kn_per_s", "energy_traction_kwh", "robustness_min",
-)  # fmt: skip
+METRICS = {
+    "speed_rmse_kmh": "km/h", "speed_error_max_kmh": "km/h", "stop_error_max_m": "m", "coupler_draft_max_kn": "kN",
+    "coupler_buff_max_kn": "kN", "command_variation_kn_per_s": "kN/s", "energy_traction_kwh": "kWh",
+}  # fmt: skip
 
 
 class MapRuns:
@@ -55,8 +56,10 @@ def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description="Difference of plant steps in a map.")
     parser.add_argument("--points", type=int, default=5, help="points in each direction (default: 5)")
-    places = np.linspace(0, SIDE - 2, parser.parse_args().points).round().astype(int).tolist()
-    fine, coarse = MapRuns(0.005), MapRuns(0.01)
+    parser.add_argument("--step", type=float, default=0.00625, help="plant step in s, beside 0.005 (default: 0.00625)")
+    options = parser.parse_args()
+    places = np.linspace(0, SIDE - 2, options.points).round().astype(int).tolist()
+    fine, coarse = MapRuns(0.005), MapRuns(options.step)
     steps, neighbours, values, outcomes = [], [], [], []
     for delay in places:
         for mass in places:
@@ -65,15 +68,16 @@ def main() -> int:
             neighbours += [(row, fine.at(delay + 1, mass)), (row, fine.at(delay, mass + 1))]
             values.append(row)
             outcomes.append((row["tracking"], row["verdict"], other["tracking"], other["verdict"]))
-    print(f"{'metric':30} {'median':>10} {'10 - 5 ms: largest':>19} {'median':>10} {'neighbours: median':>19}")
-    for metric in METRICS:
+    steps_text = f"{1e3 * options.step:g} - 5 ms: largest"
+    print(f"{'metric':30} {'median':>10} {steps_text:>22} {'median':>10} {'neighbours: median':>19}")
+    for metric, unit in METRICS.items():
         rows = [row["metrics"][metric] for row in values if row["metrics"].get(metric) is not None]
-        if not rows:
-            continue
         found = [change(*pair, metric) for pair in steps]
         beside = float(np.nanmedian([change(*pair, metric) for pair in neighbours]))
         size = float(np.median(np.abs(rows)))
-        print(f"{metric:30} {size:10.4g} {np.nanmax(found):19.3g} {np.nanmedian(found):10.3g} {beside:19.3g}")
+        largest = float(np.nanmax(found))
+        publish(Figure(f"largest change of {metric} with the plant step", largest, unit, "neighbouring points", beside))
+        print(f"{metric:30} {size:10.4g} {largest:22.3g} {np.nanmedian(found):10.3g} {beside:19.3g}")
     same = sum(one[:2] == one[2:] for one in outcomes)
     print(f"tracking and verdict equal in {same} of {len(outcomes)} points:", *sorted({o[:2] for o in outcomes}))
     for one in outcomes:

@@ -100,8 +100,8 @@ def row(scenario: str, changes: dict[str, Any], law: str, seeds: int) -> dict[st
 
     A scenario whose second seed gives the figures of the first has no noise: further seeds are left out.
     """
-    if law == "paper" and TWIN in scenario:
-        scenario += "+tuned"
+    if TWIN in scenario:
+        scenario += {"paper": "+tuned", "mpc": "+identified"}.get(law, "")
     found: list[dict[str, Any]] = []
     for seed in range(1, 1 + seeds):
         try:

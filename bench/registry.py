@@ -40,6 +40,7 @@ BENCHMARKS = (
     Benchmark("kernel", "plant; beside plain numpy"),
     Benchmark("kernel_cycles", "cycles and instructions of the kernel; beside bare loops"),
     Benchmark("map_cost", "map of 64 x 64 runs from single runs; beside the kernel alone", quick=None),
+    Benchmark("map_step", "longer plant step in a map; beside the difference of neighbouring points", quick=None),
     Benchmark("tick", "tick of the engine by scenario; beside its kernel", quick=("daqin_heavy_haul", "xuzhou_metro")),
     Benchmark("tick_parts", "parts of a tick in Python and in spans; beside the kernel", quick=("xuzhou_metro",)),
     Benchmark("laws", "step of every law; beside a law without computation", quick=("pid", "smc", "funnel")),

@@ -27,6 +27,7 @@ def test_default_gains_are_named_with_the_variant_that_has_others(
     notes = [line for line in capsys.readouterr().err.splitlines() if line.startswith("train-ato: ")]
     assert notes == [
         "train-ato: fixed_time_smc, smc: default gains, not chosen for this train; set laws.NAME.* before a comparison",
+        "train-ato: fixed_time_smc: gains for this train are in daqin_heavy_haul:tuned",
         "train-ato: smc: gains for this train are in daqin_heavy_haul:tuned",
     ]
     rows = {row["controller"]: row for row in json.loads((tmp_path / "compared" / "summary.json").read_text())}

@@ -149,7 +149,7 @@ def test_gust_is_found_within_the_delay():
 
 
 def test_rate_of_a_grade_under_a_train_is_found():
-    """A filter without the rate has 0: the law then knows a grade that comes under the train only when it acts."""
+    """A filter without the rate has 0: a grade that comes under the train is then compensated only after it acts."""
     rise = np.concatenate((np.zeros(600), 0.05 * 0.05 * np.arange(80)))
     assert 0.3 * 0.05 < _estimated(rise, coupled=False)[1] < 0.05
 
@@ -424,8 +424,10 @@ def test_gusts_and_unknown_grades_of_the_metro(variant, rms, largest):
     assert run.metrics["command_variation_kn_per_s"] < 30.0
 
 
-@pytest.mark.parametrize("compensation", ["twin", "predictor"])
-def test_compensations_that_do_not_fit_are_refused(compensation):
-    """A predicting compensation would count the delay twice; the feed-forward of twin is not used."""
+@pytest.mark.parametrize(
+    ("scenario", "compensation"), [("demo", "pade"), ("demo", "predictor"), ("crh380a_gpc:short", "twin")]
+)
+def test_compensations_that_do_not_fit_are_refused(scenario, compensation):
+    """A predicting compensation would count the delay twice; a feed-forward alone is not used."""
     with pytest.raises(ValueError, match="law 'mpc' with compensation"):
-        ta.run("demo", law="mpc", compensation=compensation, set={"duration": 1}, progress=False)
+        ta.run(scenario, law="mpc", compensation=compensation, set={"duration": 1}, progress=False)

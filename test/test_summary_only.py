@@ -25,6 +25,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "three units, no supervisor": ("crh380a_gpc:short", {**FREE, "duration": 60, "law": "funnel"}),
     "to the stop": ("xuzhou_metro", {"law": "pid"}),
+    "law in Python": ("daqin_heavy_haul", {"duration": 60, "law": "gpc"}),
     "requirements": (
         "daqin_heavy_haul",
         {"duration": 110, "brake.events": [{"time": 60, "reduction_kpa": 50}],

@@ -1,8 +1,9 @@
 """Seeded random runs with supervision: laws x faults x spread of mass, brake, adhesion and delay.
 
-    python -m msgs_docs.generate.random_runs [--count N] [--seed S] [--workers W]
+    python -m msgs_docs.generate.random_runs [--count N] [--seed S] [--workers W] [--law NAME] [--scenario NAME]
 
-Prints the summary of the runs; without ``--count`` and ``--seed`` these are the runs of ``msgs_docs/random_runs.md``.
+Prints the summary of the runs; without options these are the runs of ``msgs_docs/random_runs.md``. ``--law`` replaces
+the law of every run, ``--scenario`` leaves out the others of the N runs.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import os
 import sys
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -187,15 +188,21 @@ def drive_draw(draw: Draw) -> Figures:
     )
 
 
-def measure_draws(count: int, seed: int, workers: int) -> dict[str, Any]:
-    """Drive random runs in ``workers`` processes and return their summary."""
-    chosen = list(draws(count, seed))
+def with_law(draw: Draw, law: str) -> Draw:
+    """Return the random run with another law."""
+    return replace(draw, law=law, sets=tuple(f"law={law}" if text == f"law={draw.law}" else text for text in draw.sets))
+
+
+def measure_draws(count: int, seed: int, workers: int, law: str = "", scenario: str = "") -> dict[str, Any]:
+    """Drive random runs in ``workers`` processes and return their summary; all with one law or of one scenario."""
+    chosen = [draw for draw in draws(count, seed) if scenario in ("", draw.base)]
+    chosen = [with_law(draw, law) for draw in chosen] if law else chosen
     found = []
     with share_bar("random runs") as report, ProcessPoolExecutor(workers) as pool:
         for figures in pool.map(drive_draw, chosen, chunksize=4):
             found.append(figures)
-            report(len(found) / count, "")
-    return {"runs": digest(chosen), "count": count, "seed": seed, **summary(chosen, found)}
+            report(len(found) / len(chosen), "")
+    return {"runs": digest(chosen), "count": len(chosen), "seed": seed, **summary(chosen, found)}
 
 
 def digest(chosen: Iterable[Draw]) -> str:
@@ -253,8 +260,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=COUNT, help="number of runs")
     parser.add_argument("--seed", type=int, default=SEED, help="seed of the draws")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes")
+    parser.add_argument("--law", default="", choices=LAWS.names(), help="law of all runs; default: random")
+    parser.add_argument("--scenario", default="", choices=list(SCENARIOS), help="only these runs; default: all")
     options = parser.parse_args(arguments)
-    found = measure_draws(options.count, options.seed, options.workers)
+    found = measure_draws(options.count, options.seed, options.workers, options.law, options.scenario)
     sys.stdout.write(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
     return 1 if found["bad"] else 0
 

@@ -62,6 +62,9 @@ class Lookahead:
     force_min, force_max : Array, shape (h, units)
         Limits of every unit there, at the speed of the reference, with neutral sections, power limits and adhesion of
         the line [N].
+    simulated_force : Array, shape (k,), k <= h
+        Total force of a simulated train on this reference at the first of these times, up to the effect of the last
+        command [N]; empty if the compensation simulates none.
     """
 
     position: Array
@@ -71,6 +74,7 @@ class Lookahead:
     speed_limit: Array = field(default_factory=lambda: np.zeros(0))
     force_min: Array = field(default_factory=lambda: np.zeros((0, 0)))
     force_max: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    simulated_force: Array = field(default_factory=lambda: np.zeros(0))
 
 
 NO_LOOKAHEAD = Lookahead(np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0))
@@ -275,6 +279,7 @@ class Law(Protocol):
     * ``diagnostics()``: counts and states of the law as text, for the topic ``/diagnostics``;
     * ``uses_feedforward`` (bool, default True): the output depends on ``LawInput.feedforward``;
     * ``feedforward_hint`` (str): setting under which the law uses it, ``parameter: value``; empty if there is none;
+    * ``follows_simulation`` (bool, default False): the output depends on ``Lookahead.simulated_force``;
     * ``predicts_delay`` (bool, default False): the law predicts its state over the delay by itself;
     * ``delay_hint`` (str): setting under which it does not, ``parameter: value``; empty if there is none.
     """

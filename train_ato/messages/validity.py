@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 from train_ato.messages.topic import Topic
@@ -38,11 +39,13 @@ class AliveCheck:
         return ""
 
 
+@lru_cache(maxsize=64)
 def validity_check(topic: Topic) -> Callable[[Any], str]:
     """Return a function that returns the problem of a message of a topic as text, "" for a valid message.
 
     A value is valid if it is one of the permitted values of its field, or within :data:`LARGEST` of its unit.  In a
-    topic with ``finite=False`` a value without permitted ones may be NaN.
+    topic with ``finite=False`` a value without permitted ones may be NaN.  All readers of a topic have one function;
+    it checks a message once for consecutive readers, which do not change it.
     """
     fields = []
     for place in topic.places:
@@ -50,8 +53,17 @@ def validity_check(topic: Topic) -> Callable[[Any], str]:
         if description.permitted or description.unit in LARGEST:
             fields.append((place.field, description.permitted, LARGEST.get(description.unit, 0.0)))
     finite = topic.finite
+    last: tuple[Any, str] = None, ""
 
     def problem(message: Any) -> str:
+        nonlocal last
+        known, text = last  # one read: runs in other threads use the same function
+        if message is not known:
+            text = found(message)
+            last = message, text
+        return text
+
+    def found(message: Any) -> str:
         for name, permitted, bound in fields:
             value = getattr(message, name)
             for entry in (value,) if type(value) is float else value.tolist():

@@ -13,11 +13,11 @@ from pydantic import Field, model_validator
 from plant_sim.line import Line
 from plant_sim.units import Length, Pressure, SiModel, Slope, Speed, Time
 from train_ato.control.air_brake.blending import BlendedBrake, BlendRules
-from train_ato.control.air_brake.predictive_policy import PredictiveBrake, PredictiveRules
+from train_ato.control.air_brake.predictive_policy import PredictiveBrake, SpeedProfile
+from train_ato.control.air_brake.predictive_rules import PredictiveRules
 from train_ato.control.air_brake.trip_policy import PlannedApplication, TripBrake, TripRules
 
 if TYPE_CHECKING:
-    from train_ato.control.compensation.rigid import ProfileLike
     from train_ato.control.train_model import TrainModel
 
 
@@ -180,7 +180,7 @@ class TriggeredBrake:
 
 
 def make_brake_policy(
-    spec: BrakeSpec, model: TrainModel, line: Line, profile: ProfileLike | None = None
+    spec: BrakeSpec, model: TrainModel, line: Line, profile: SpeedProfile | None = None
 ) -> BrakePolicy:
     """Return a new policy; ``profile`` is that of the run, which the policy ``predictive`` needs.
 

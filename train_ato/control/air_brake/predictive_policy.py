@@ -14,27 +14,18 @@ train, another resistance or weaker shoes move the decisions without a plan.
 
 from __future__ import annotations
 
-from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
 
-from plant_sim.units import Force, Pressure, Ratio, SiModel, Speed, Time
 from train_ato.control.air_brake import schedule_cost as s
+from train_ato.control.air_brake.predictive_rules import PredictiveRules
+from train_ato.control.air_brake.schedule_forecast import STEP, PipeAction, Schedule, ScheduleForecast
 from train_ato.control.air_brake.shoes import ShoeForecast
-from train_ato.control.algorithms.force_shares import total_of_units
 from train_ato.control.algorithms.luenberger import LuenbergerObserver
-from train_ato.control.compiled.train_packing import train_constants
-from train_ato.control.train_model import GRID, STANDSTILL_SPEED, TrainModel
+from train_ato.control.train_model import STANDSTILL_SPEED, TrainModel
 from train_ato.messages.types import Array
-from train_ato.supervision.track_supervision import limits_under_train
 
-if TYPE_CHECKING:
-    from train_ato.control.compensation.rigid import ProfileLike
-
-STEP = 2.0
-"""Step of the prediction [s]."""
 WAITS = (0, 1, 2, 4, 8, 16, 32)
 """Waits of the schedules before the next action, in periods."""
 HOLDS = (1.0, 2.0, 4.0)
@@ -43,59 +34,23 @@ BANDWIDTH = 0.05
 """Bandwidth of the unknown force [1/s]: below the longitudinal oscillations of a long train."""
 MAX_UNKNOWN = 0.02
 """Largest unknown force per inertia [m/s²]: twice the difference of 15 % of the shoes and 5 % of the mass."""
-GAIN = 0.1
-"""Gain of the predicted train on the speed error [1/s], about that of the laws of a long train."""
-SPEED_STEP = 0.1
-"""Spacing of the tables of the largest forces [m/s]."""
-MAX_SPEED = 140.0
-"""Last speed of these tables [m/s]."""
 TOLERANCE = 1e-6
 """Tolerance of the time of a decision, for the rounding of times [s]."""
 
 
-class PredictiveRules(SiModel):
-    """Schedules and cost of the predictive policy."""
+class SpeedProfile(Protocol):
+    """Speed profile by time and place."""
 
-    reductions: tuple[Pressure, ...] = Field((50e3,), min_length=1, description="reductions of the pipe, rising")
-    period: Time = Field(2.0, ge=1, le=5, description="time between two decisions")
-    horizon: Time = Field(120.0, ge=30, le=600, description="time ahead that a decision compares")
-    pause: Time = Field(60.0, ge=0, description="minimum time from a release to the next application (recharge)")
-    min_application: Time = Field(25.0, ge=0, description="minimum time from an application to its release")
-    never_below: Speed = Field(
-        35 / 3.6, ge=0, description="no release or application below this speed, except for a departure"
-    )
-    electric_use: Ratio = Field(0.9, gt=0, le=1, description="part of the electric brake that the prediction uses")
-    speed_error: Speed = Field(1 / 3.6, gt=0, description="speed error of cost 1")
-    application_cost: float = Field(
-        0.3, ge=0, description="cost of an application: mean squared speed error over the horizon, per speed_error²"
-    )
-    coupler_max: Force = Field(600e3, gt=0, description="coupler force above which a schedule has a cost")
+    @property
+    def time(self) -> Array:
+        """Times of the knots [s]."""
 
-    @field_validator("reductions")
-    @classmethod
-    def _rise(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if value[0] <= 0 or any(b <= a for a, b in pairwise(value)):
-            raise ValueError("reductions must rise from above 0; sort them and remove 0")
-        return value
+    @property
+    def position(self) -> Array:
+        """Positions of vehicle 0's centre at the knots [m]."""
 
-    @model_validator(mode="after")
-    def _sees_an_application(self) -> PredictiveRules:
-        if self.horizon < self.min_application + 2 * self.period:
-            raise ValueError(
-                f"horizon {self.horizon:g} s is shorter than an application of {self.min_application:g} s and two "
-                "periods; lengthen horizon"
-            )
-        return self
-
-
-class Action(NamedTuple):
-    """Reduction of the brake pipe [Pa] from a time after the decision on [s]; 0 releases."""
-
-    after: float
-    reduction: float
-
-
-Schedule = tuple[Action, ...]
+    def at_times(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return position, speed and acceleration at many times [s], each of the shape of ``t``."""
 
 
 class PredictiveBrake:
@@ -114,7 +69,7 @@ class PredictiveBrake:
         of its place.
     """
 
-    def __init__(self, charged: float, rules: PredictiveRules, model: TrainModel, profile: ProfileLike) -> None:
+    def __init__(self, charged: float, rules: PredictiveRules, model: TrainModel, profile: SpeedProfile) -> None:
         self._charged, self._rules, self._model, self._profile = charged, rules, model, profile
         self._forecast = ScheduleForecast(rules, model)
         self._shoes = ShoeForecast(model)
@@ -207,18 +162,18 @@ class PredictiveBrake:
 
     def _applications(self, wait: float, reduction: float, latest: float) -> list[Schedule]:
         """Return an application after a wait [s]: held, and released after some times or at the latest time."""
-        apply, rest = Action(wait, reduction), self._rules.min_application
+        apply, rest = PipeAction(wait, reduction), self._rules.min_application
         ends = {wait + hold * rest for hold in HOLDS} | {max(latest, wait + rest)}
-        return [(apply,), *((apply, Action(end, 0.0)) for end in sorted(ends) if wait < end < self._rules.horizon)]
+        return [(apply,), *((apply, PipeAction(end, 0.0)) for end in sorted(ends) if wait < end < self._rules.horizon)]
 
     def _releases(self, waits: list[float]) -> list[Schedule]:
         """Return releases after waits [s]: the last one, and one before another application."""
         again = self._rules.reductions[0]
-        releases = [Action(wait, 0.0) for wait in waits]
+        releases = [PipeAction(wait, 0.0) for wait in waits]
         return [
             schedule
             for release in releases
-            for schedule in ((release,), (release, Action(release.after + self._rules.pause, again)))
+            for schedule in ((release,), (release, PipeAction(release.after + self._rules.pause, again)))
         ]
 
     def _deeper(self, latest: float) -> list[Schedule]:
@@ -232,92 +187,3 @@ class PlannedDecision(NamedTuple):
 
     time: float
     place: float | None
-
-
-class ScheduleForecast:
-    """Predicted cost of schedules of one train.
-
-    Parameters
-    ----------
-    rules
-        Weights and horizon.
-    model
-        The nominal train.
-    """
-
-    def __init__(self, rules: PredictiveRules, model: TrainModel) -> None:
-        self._rules = rules
-        self._charged = 0.0 if model.consist.air_brake is None else model.consist.air_brake.charged
-        self._times = STEP * np.arange(1, round(rules.horizon / STEP) + 1)
-        self._track, begin = _track(model)
-        self._forces = _largest_forces(model)
-        vehicles = model.consist.vehicles
-        self._vehicles = np.zeros((2, len(vehicles)))
-        self._vehicles[s.INERTIA_SHARE] = [each.mass * each.rotating_mass_factor / model.inertia for each in vehicles]
-        self._vehicles[s.FORCE_SHARE, list(model.units)] = model.share
-        self._constant = np.array((
-            *train_constants(model)[:4], begin, STEP, GAIN, rules.electric_use, rules.never_below,
-            rules.speed_error, rules.coupler_max, SPEED_STEP,
-        ), dtype=np.float64)  # fmt: skip
-
-    def least_cost(self, schedule: Schedule, reduction: float) -> float:
-        """Return a lower bound of the cost: that of the applications alone."""
-        before = (reduction, *(action.reduction for action in schedule))
-        begun = [a == 0.0 < b for a, b in pairwise(before)]
-        return self._rules.application_cost * begun.count(True)
-
-    def cost(
-        self, t: float, now: Array, reference: Array, shoes: ShoeForecast, reduction: float, schedule: Schedule
-    ) -> float:
-        """Return the mean cost of a schedule.
-
-        Parameters
-        ----------
-        t
-            Time of the decision [s].
-        now
-            Place, speed and unknown force by the names of :mod:`train_ato.control.air_brake.schedule_cost`.
-        reference
-            Speeds of the profile at the steps [m/s].
-        shoes
-            Forecast of the shoe forces without the schedule.
-        reduction
-            Present reduction [Pa].
-        schedule
-            Actions by rising time.
-        """
-        copy, begin = shoes.copy(), self._times - STEP
-        applied = np.full(begin.size, reduction > 0.0)
-        released = np.zeros(begin.size, dtype=np.bool_)
-        for after, to in schedule:
-            copy.demand(t + after, self._charged - to)
-            first = int(np.searchsorted(begin, after))
-            applied[first:] = to > 0.0
-            released[first : first + 1] |= to == 0.0
-        slow = copy.slow_forces_at(t + self._times - 0.5 * STEP)
-        cost: float = s.schedule_cost(
-            self._constant, now, reference, self._track, self._forces, self._vehicles, slow, applied, released
-        )
-        return cost + self.least_cost(schedule, reduction)
-
-
-def _track(model: TrainModel) -> tuple[Array, float]:
-    """Return line force [N] and speed limit [m/s] by the place of vehicle 0's centre, and the first place [m]."""
-    _, begin = model.specific_line_force()
-    places = begin + GRID * np.arange(len(model._total))
-    track = np.full((2, places.size), np.inf)
-    track[s.LINE_FORCE] = model._total
-    front = 0.5 * model.consist.vehicles[0].length
-    limits = [(entry.at, entry.speed) for entry in model.line.restricted_limits]
-    for at, speed in limits_under_train(limits, model.consist.length):
-        track[s.LIMIT, places + front >= at] = speed
-    return track, begin
-
-
-def _largest_forces(model: TrainModel) -> Array:
-    """Return the largest electric brake and traction of the train over the speed [N], shape (2, speeds)."""
-    speeds = (SPEED_STEP * np.arange(round(MAX_SPEED / SPEED_STEP))).tolist()
-    return np.array([
-        [total_of_units(np.array([each.force(speed) for each in envelopes])) for speed in speeds]
-        for envelopes in (model.brake, model.traction)
-    ])  # fmt: skip

@@ -79,6 +79,7 @@ def is_valid_lookahead(lookahead: Lookahead) -> bool:
         and float(np.abs(lookahead.speed_limit).sum()) <= MAX_SPEED * count
         and float(np.abs(lookahead.force_min).sum()) <= MAX_FORCE * count
         and float(np.abs(lookahead.force_max).sum()) <= MAX_FORCE * count
+        and float(np.abs(lookahead.simulated_force).sum()) <= MAX_FORCE * count
     )
 
 

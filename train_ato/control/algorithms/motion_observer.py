@@ -26,6 +26,7 @@ same journal 17).
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -241,7 +242,7 @@ class MotionObserver:
         self._filters = (DisturbanceFilters.coupled if coupled else DisturbanceFilters.free)(period, bandwidth)
         self._speed_prior = max(speed_noise, NOISE_FLOOR)
         self._waves = 2.0 * WAVE_SPEED**2 / wave_time * period if wave_time > 0.0 else 0.0
-        self._period = period
+        self._wave_time, self._period = wave_time, period
         self._samples = NOISE_TIME / period
         self.reset()
 
@@ -261,6 +262,21 @@ class MotionObserver:
         drift = [self._waves, GRADE_CHANGE**2 * self._period, 0.0 if self._waves else MASS_DRIFT**2 * self._period, 0.0]
         self._drifts = np.array([drift] + [[self._waves, 0.0, 0.0, 0.0]] * count)
         self.mass_known = 0.0
+
+    def set_simulated(self, waves: float) -> None:
+        """Restart without a disturbance to estimate, for the deviation of a train from its simulation.
+
+        Parameters
+        ----------
+        waves
+            Standard deviation of the speed of a unit against its train beyond the simulated waves [m/s].
+        """
+        still = np.zeros_like(self._filters.walks)
+        self._filters = replace(self._filters, walks=still, rates=still)
+        if self._wave_time > 0.0:
+            self._waves = 2.0 * waves**2 / self._wave_time * self._period
+        self.reset()
+        self._covariances[:, 2, 2] = self._drifts[0, 1] = 0.0
 
     @property
     def position_error(self) -> float:

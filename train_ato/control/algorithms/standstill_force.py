@@ -6,7 +6,7 @@ the command, and the demand F:
 
 * **Rest.** The reference is at rest and the train within ``STOP_WINDOW`` of its place: F <= 0. A force that holds the
   train on a rising grade, or that follows the noise, would keep the holding brake off and move the train.
-* **Roll-out.** The last brake force decays through the lag Ta while a demand of at least ``RELEASE_FORCE`` keeps the
+* **Roll-out.** The last brake force decays through the lag Ta while a demand of at least 1 N keeps the
   holding brake off, for a < -``LAST_DECELERATION`` from ``ROLL_OUT_SPEED`` on if -a Ta > v, else from the holding
   speed on. Without it the holding brake stops the train from the holding speed with about 1 m/s².
 * **Departure.** A train within ``STOP_WINDOW`` of its place stays in the holding brake until the reference departs at
@@ -23,13 +23,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from train_ato.control.standstill import RELEASE_FORCE
 from train_ato.control.train_model import STANDSTILL_SPEED
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
     from train_ato.messages.types import Array
 
+_RELEASE_FORCE = 1.0  # N, as at a departure in control/standstill.py, which is a layer above
 STOP_WINDOW = 0.1
 """Distance from the target within which the train is not moved again [m]."""
 ROLL_OUT_SPEED = 0.08
@@ -57,7 +57,7 @@ class StandstillForce:
         self._hauls = len(model.consist.vehicles) > model.n_units
         self._reversing = model.reversing
         self._share: list[float] = model.share.tolist()
-        self._release = RELEASE_FORCE * model.n_units
+        self._release = _RELEASE_FORCE * model.n_units
         self._lag = model.lag
         self._gained = 1.0 - math.exp(-period / model.lag) if model.lag > 0.0 else 1.0
         self.reset()
@@ -67,15 +67,15 @@ class StandstillForce:
         self._rolls_out = False
 
     def limited(
-        self, wanted: list[float], motion: Array, reference: tuple[float, float, float], stands: bool, inertia: float,
+        self, wanted: list[float], motion: Array, reference: tuple[float, float, float], at_rest: bool, inertia: float,
         force: float,
     ) -> list[float]:  # fmt: skip
         """Return the force of every unit in the range of the total force [N]; arguments as in :meth:`range`."""
-        low, high = self.range(motion, reference, stands, inertia, force)
+        low, high = self.range(motion, reference, at_rest, inertia, force)
         return [min(max(each, low * share), high * share) for each, share in zip(wanted, self._share, strict=True)]
 
     def range(
-        self, motion: Array, reference: tuple[float, float, float], stands: bool, inertia: float, force: float
+        self, motion: Array, reference: tuple[float, float, float], at_rest: bool, inertia: float, force: float
     ) -> tuple[float, float]:
         """Return the smallest and largest total force [N].
 
@@ -86,7 +86,7 @@ class StandstillForce:
             effect.
         reference
             Speed [m/s] and acceleration [m/s²] of the reference at the time of effect, and its speed a node later.
-        stands
+        at_rest
             True if the train is at standstill now.
         inertia
             Mass with rotating parts [kg].
@@ -99,13 +99,13 @@ class StandstillForce:
         if self._reversing:
             return FREE
         speed, acceleration = now + float(motion[1]), reference[1] + float(motion[3])
-        self._rolls_out = self._rolls_out and later <= now and not stands
-        waits = now == 0.0 and abs(float(motion[0])) < STOP_WINDOW and (stands or later == 0.0)
+        self._rolls_out = self._rolls_out and later <= now and not at_rest
+        waits = now == 0.0 and abs(float(motion[0])) < STOP_WINDOW and (at_rest or later == 0.0)
         if later > now:
-            if waits or not stands or acceleration > -ROLL_BACK:
+            if waits or not at_rest or acceleration > -ROLL_BACK:
                 return (-math.inf, 0.0) if waits else FREE
             return force - inertia * float(motion[3]) / self._gained, math.inf
-        if not stands and speed > 0.0 and self._lag > 0.0:
+        if not at_rest and speed > 0.0 and self._lag > 0.0:
             enough = speed < (ROLL_OUT_SPEED if speed < -acceleration * self._lag else STANDSTILL_SPEED)
             if enough and acceleration < -LAST_DECELERATION:
                 self._rolls_out = True

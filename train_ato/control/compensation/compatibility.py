@@ -11,10 +11,11 @@ def check_compatible(law_name: str, law: Any, name: str, compensation: Any) -> N
     Parameters
     ----------
     law_name, law
-        Name and law; its attributes ``uses_feedforward``, ``predicts_delay`` and their hints are read
+        Name and law; its attributes ``uses_feedforward``, ``follows_simulation``, ``predicts_delay`` and hints are read
         (:class:`train_ato.control.contract.Law`).
     name, compensation
-        Name and compensation, or its class; its attributes ``feedforward_only`` and ``predicts`` are read
+        Name and compensation, or its class; its attributes ``feedforward_only``, ``simulates_train``, ``predicts``
+        are read
         (:class:`train_ato.control.compensation.contract.Compensation`).
 
     Raises
@@ -24,7 +25,8 @@ def check_compatible(law_name: str, law: Any, name: str, compensation: Any) -> N
     """
     pair = f"law '{law_name}' with compensation '{name}'"
     predicting = getattr(law, "predicts_delay", False)
-    if getattr(compensation, "feedforward_only", False) and not getattr(law, "uses_feedforward", True):
+    follows = getattr(law, "follows_simulation", False) and getattr(compensation, "simulates_train", False)
+    if getattr(compensation, "feedforward_only", False) and not (getattr(law, "uses_feedforward", True) or follows):
         remedy = _remedy(law_name, getattr(law, "feedforward_hint", ""), predicting)
         raise ValueError(f"{pair}: '{name}' gives only a feed-forward, and this law does not use it; {remedy}")
     if getattr(compensation, "predicts", False) and predicting:

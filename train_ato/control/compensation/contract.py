@@ -74,9 +74,9 @@ class Compensation(Protocol):
     Two optional methods: ``set_brake_policy(policy)`` sets a copy of the brake policy, for a compensation that
     simulates a train; ``on_command_sent(force)`` is called with every command as it was sent [N], shape (units,).
 
-    Two optional attributes for :mod:`train_ato.control.compensation.compatibility`: ``feedforward_only`` (True: only
-    the feed-forward differs from that of `none` or `preview`) and ``predicts`` (True: the state is that of the time at
-    which the command takes effect).
+    Three optional attributes for :mod:`train_ato.control.compensation.compatibility`: ``feedforward_only`` (True: only
+    the feed-forward differs from that of `none` or `preview`), ``simulates_train`` (True: the lookahead has the force
+    of a simulated train) and ``predicts`` (True: the state is that of the time at which the command takes effect).
     """
 
     Parameters: ClassVar[type]

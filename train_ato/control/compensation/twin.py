@@ -16,6 +16,11 @@ and its force of that time is the feed-forward::
 The state stays as measured; the law corrects the remaining error. If the delay of a unit depends on the sign of the
 command, the delay for the sign of its force is used.
 
+With ``identify`` the measured force and speed of the train, compared with those of the twin, give the errors of mass,
+running resistance and air brake of the model (`train_identification.py`), and once a second the twin receives them. A
+twin with the right forces also stretches its couplers like the train, which an additional force on a rigid train does
+not.
+
 Needs: consist and line of the model, since all vehicles are simulated, and a law that uses the feed-forward (`pid`,
 `rbf_switching_smc`, `smc` with ``equivalent: feedforward``); others are rejected, because the compensation has no
 effect on them.
@@ -25,17 +30,20 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import add
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from train_ato.control.algorithms.force_shares import total_of_units
+from plant_sim.plant_setup import Jump
+from plant_sim.summation import plain_dot
+from train_ato.control.algorithms.force_shares import mean_over_units, total_of_units
+from train_ato.control.algorithms.train_identification import TrainIdentification
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.nominal_train import nominal_copy
 from train_ato.control.compensation.preview import PreviewFeedforward, PreviewParameters
-from train_ato.control.contract import LawInput, parameter
+from train_ato.control.contract import LawInput, Lookahead, parameter
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -45,6 +53,8 @@ if TYPE_CHECKING:
 
 L1, L2 = 1.0, 0.25
 """Gains of the twin on its speed and position error [1/s, 1/s²]."""
+CORRECTION_TIME = 1.0
+"""Time from one correction of the model of the twin to the next [s]."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +63,7 @@ class TwinParameters(PreviewParameters):
 
     period: float = parameter(0.05, "s", 0.001, 1.0, "control period of the twin")
     step: float = parameter(0.005, "s", 1e-4, 0.1, "integration step of the twin")
+    identify: bool = parameter(False, "", 0, 1, "estimate mass, resistance and air brake of the train")
 
 
 class Twin(PreviewFeedforward):
@@ -60,12 +71,15 @@ class Twin(PreviewFeedforward):
 
     Parameters: ClassVar[type] = TwinParameters
     feedforward_only: ClassVar[bool] = True
+    simulates_train: ClassVar[bool] = True
 
     def __init__(self, parameters: TwinParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         self._longest = max(*self.forward, *self.backward)
         self._policy: BrakePolicy | None = None
         self._ahead: AheadTrain | None = None
+        self._identification = TrainIdentification(period) if parameters.identify else None
+        self._last = 0.0
 
     def set_brake_policy(self, policy: BrakePolicy) -> None:
         """Set the policy for the air brake of the twin."""
@@ -75,6 +89,8 @@ class Twin(PreviewFeedforward):
         """Discard the twin; the next step starts a new one."""
         super().reset()
         self._ahead = None
+        if self._identification is not None:
+            self._identification = TrainIdentification(self.period)
 
     def step(self, inputs: CompensationInput) -> LawInput:
         """Return the measured state with the force of the twin at the time of effect."""
@@ -83,7 +99,40 @@ class Twin(PreviewFeedforward):
         if self._ahead is None:
             self._ahead = AheadTrain(self.model.without_learned, self.rigid.profile, self.parameters, self._policy, t)
         shoes = self.shoes.at(t, inputs.reference.velocity)
-        return self.law_input(inputs, t + self.mean_delay(inputs.commands_in_flight), self._read(t), shoes)
+        force = self._read(t)
+        if self._identification is not None:
+            self._identify(self._identification, inputs, shoes.total)
+        return self.law_input(inputs, t + self.mean_delay(inputs.commands_in_flight), force, shoes)
+
+    def _identify(self, identification: TrainIdentification, inputs: CompensationInput, shoes: float) -> None:
+        """Compare train and twin now, and correct the twin once a ``CORRECTION_TIME``."""
+        assert self._ahead is not None
+        model, t, now = self.model, inputs.t, inputs.reference
+        if abs(t - self._last - self.period) > 0.5 * self.period:
+            identification.miss()
+        speed = mean_over_units(self._share, inputs.measurement.velocity.tolist())
+        running = model.running_resistance(now.velocity)
+        known = [model.inertia * now.acceleration + model.line_force(now.position), running, shoes]
+        force = total_of_units(inputs.measurement.applied) - total_of_units(self._forces_at(t))
+        force -= model.running_resistance(speed) - running
+        force += plain_dot(self._ahead.errors, known)
+        identification.step(speed - now.velocity, now.velocity, force / model.inertia, np.array(known) / model.inertia)
+        if int(t / CORRECTION_TIME + 1e-9) != int(self._last / CORRECTION_TIME + 1e-9):
+            self._ahead.correct(identification.errors)
+        self._last = t
+
+    def _forces_at(self, t: float) -> Array:
+        """Return the force of every unit of the twin at a time from the last step on [N], shape (units,)."""
+        return np.array([self._force(unit, t) for unit in range(self.model.n_units)])
+
+    def _lookahead(self, inputs: CompensationInput, effect: float, later: Array | None) -> Lookahead:
+        """Return the lookahead with the force of the twin until the last command takes effect."""
+        found = super()._lookahead(inputs, effect, later)
+        if later is None:
+            return found
+        times = later[later <= self._longest + self.lag + 1e-9].tolist()
+        force = np.array([total_of_units(self._forces_at(inputs.t + time)) for time in times])
+        return replace(found, simulated_force=force)
 
     def feedforwards(self, times: Sequence[float]) -> Array:
         """Return the feed-forward at consecutive times [N], shape (times, units); :meth:`rewind` makes some unread."""
@@ -165,6 +214,23 @@ class AheadTrain:
         self._computed: deque[list[float]] = deque()
         self._made: list[list[float]] = []
         self._marks: list[tuple[int, int]] = []
+        self.errors = [0.0, 0.0, 0.0]
+
+    def correct(self, errors: list[float]) -> None:
+        """Set the relative errors of mass, running resistance and air brake of the model, from the next step on."""
+        mass, resistance, brake = (
+            (1.0 + now) / (1.0 + before) for now, before in zip(errors, self.errors, strict=True)
+        )
+        by_mass = [vehicle.resistance.n is None for vehicle in self._model.consist.vehicles]
+        weighed = tuple(i for i, scaled in enumerate(by_mass) if scaled)
+        others = tuple(i for i, scaled in enumerate(by_mass) if not scaled)
+        jumps = [("mass", mass, None), ("resistance", resistance / mass, weighed), ("resistance", resistance, others)]
+        if self._model.consist.air_brake is not None:
+            jumps.append(("brake", brake, None))
+        for what, factor, vehicles in jumps:
+            if vehicles != ():
+                self._train.add_jump(Jump(at=self._train.time, what=what, factor=factor, vehicles=vehicles))
+        self.errors = errors
 
     def begin_record(self) -> None:
         """Begin a record of reads that :meth:`rewind` can undo."""

@@ -15,7 +15,7 @@ _ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
 
 
 class LawCall(types.WrapperAddressProtocol):  # type: ignore[misc]
-    """Argument of a compiled function that calls a function in Python, in .2 us.
+    """Argument of a compiled function that calls a function in Python.
 
     Parameters
     ----------

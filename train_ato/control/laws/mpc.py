@@ -57,25 +57,32 @@ couplers, a Kalman filter estimates the deviations of the units from the mean, a
 state after the delay adds forces with the sum 0 (`unit_deviations.py`). The observer ratio is then 2.5: disturbances
 that excite the couplers change within the delay.
 
+**Simulated train.** Under `twin` a train with hauled vehicles has the force F_c of the simulated train in place of R up
+to the effect of the last command, and the feed-forward of `twin` (`simulated_reference.py`). The plan is that of the
+deviation, e_v' = (F - F_c - W(v) + W(v_d))/M, with a = 2 and no estimate of a disturbance: ``identify`` of `twin` finds
+the errors of mass, running resistance and air brake, and the position error is the integral for the rest. The later
+nodes have no force limit while the air brake acts: its present force does not last.
+
 **Identification.** A bank of 17 factors c on the delays, .4 to 2, each with the gain g by least squares, bounded to
 .5 to 1.5, from measured force and commands (`actuator_identification.py`). If no candidate explains the force to 5 %,
 diagnostics has ``actuator_model: wrong``. Braking below 1 m/s does not count: the holding brake gives that force.
 **Safe gains:** from a misfit of 15 % until one below 5 % the plan has ``safe_share`` of omega, and the units have no
 regulator. With ``identify`` false the model itself is tested in this way.
 
-Limits: the air brake is only a known force. With hauled vehicles theta is 0. Where other laws are better: one
-locomotive with 105 wagons (`pid` with `twin`), and the stop there (`pid`). A reference with steps of the speed
+Limits: the air brake is only a known force. With hauled vehicles theta is 0. Where other laws are better: the stop of
+one locomotive with 105 wagons without `twin` (`pid`). A reference with steps of the speed
 (`freight_consensus` without `realistic`) is not tracked. Goals, misses and other solvers: `msgs_docs/mpc_goals.md`,
 made with `python bench/mpc.py`, `python bench/mpc_solvers.py` and, for soft couplers, `python bench/freight_front.py`.
 
 Needs: any train; delay, lag and envelopes of the model, the measured force, and the reference ahead. The law predicts
-over the delay and has its own feed-forward: use compensation `none` or `preview`.
+over the delay and has its own feed-forward: use compensation `none` or `preview`, with hauled vehicles `twin`.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -92,6 +99,7 @@ from train_ato.control.algorithms.motion_observer import SPEED_PRIOR, MotionObse
 from train_ato.control.algorithms.planned_motion import CONTINUED, SOLVED, planned_motion
 from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion, node_values
 from train_ato.control.algorithms.section_limits import limits_at_nodes, within_units
+from train_ato.control.algorithms.simulated_reference import SIMULATED_SHARE, SIMULATED_WAVES, follow_simulation
 from train_ato.control.algorithms.standstill_force import StandstillForce
 from train_ato.control.algorithms.train_constants import default_omega, drag_slope, force_tables, wave_time
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
@@ -99,7 +107,7 @@ from train_ato.control.contract import LawInput, LawPlan, Lookahead, parameter
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.messages.types import Array
-from train_ato.messages.validity import MAX_POSITION
+from train_ato.messages.validity import MAX_FORCE, MAX_POSITION
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -155,24 +163,26 @@ class Mpc(GuardedLaw):
     def __init__(self, parameters: MpcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         p = parameters
-        self._hauls = len(model.consist.vehicles) > model.n_units
+        self._hauls = self.follows_simulation = len(model.consist.vehicles) > model.n_units
         self.omega = p.omega or default_omega(model)
         first = max(period, 0.1 / self.omega)
         self._nodes = node_times(first, max(p.lookahead, first * p.nodes), p.nodes)
         self._times = np.interp(np.arange(PARTS * (p.nodes - 1) + 1) / PARTS, np.arange(p.nodes), self._nodes)
         self._steps = np.concatenate(([0.0 if model.lag else period], np.diff(self._nodes))) + model.lag
         self._identification = ActuatorIdentification(model, period, p.identify)
-        self._models: dict[tuple[float, float], list[HorizonModel]] = {}
+        self._models: dict[tuple[float, float, float], list[HorizonModel]] = {}
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         self._deviations = UnitDeviations.of(model, period, lag_weight(period, model.lag)) if soft else None
         free = len(model.consist.vehicles) == 1
         ratio = 0.3 if self._hauls else SOFT_RATIO if self._deviations else FREE_RATIO if free else 5.0
         bandwidth = (p.observer_ratio or ratio) * self.omega
         waves = wave_time(model) if self._hauls else 0.0
-        self._observer = MotionObserver(period, bandwidth, waves, not free, p.speed_noise)
+        self._new_observer = partial(MotionObserver, period, bandwidth, waves, not free, p.speed_noise)
+        self._observer = self._new_observer()
         self._weight = lag_weight(period, model.lag)
         self._tables = force_tables(model)
         self._standstill = StandstillForce(model, period)
+        self._no_tables = np.full_like(self._tables, MAX_FORCE)
         self._couplers = CouplerLimit(model, p.coupler_limit) if p.coupler_limit else None
         self._unbounded = np.array([[-np.inf], [np.inf]]).repeat(p.nodes, axis=1)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
@@ -193,19 +203,19 @@ class Mpc(GuardedLaw):
         longest = self._ticks * model.tick
         self.lookahead_times: Array = np.concatenate((model.tick * np.arange(self._entries), longest + self._times[1:]))
         omega = self.omega * (p.safe_share if self._cautious else 1.0)
-        if (factor, omega) not in self._models:
-            self._models[factor, omega] = [
+        share = SIMULATED_SHARE if self._simulated else p.position_share
+        if (factor, omega, share) not in self._models:
+            self._models[factor, omega, share] = [
                 horizon_model(
-                    self._nodes, delay + 0.5 * self.period, model.share, model.lag, longest, omega,
-                    p.position_share,
+                    self._nodes, delay + 0.5 * self.period, model.share, model.lag, longest, omega, share
                 )
                 for delay in self._actuators[:2]
             ]  # fmt: skip
-        self._sides = self._models[factor, omega]
+        self._sides = self._models[factor, omega, share]
 
     def clear_state(self) -> None:
         """Clear observer, identification, plan and counts."""
-        self._observer.reset()
+        self._observer = self._new_observer()
         self._identification.reset()
         self._standstill.reset()
         if self._deviations is not None:
@@ -215,7 +225,7 @@ class Mpc(GuardedLaw):
         self._largest = 0.0
         self._active = np.zeros(7 * self._nodes.size, dtype=np.bool_)
         self._failures = self._limited_steps = self._most_exchanges = self._cautious_steps = 0
-        self._cautious = False
+        self._cautious = self._simulated = False
         self._set_delays(1.0)
 
     def on_missed_sample(self) -> None:
@@ -242,6 +252,8 @@ class Mpc(GuardedLaw):
 
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force demand of every unit [N]."""
+        if inputs.lookahead.simulated_force.size and not self._simulated:
+            self._begin_simulated()
         changed = self._identify(inputs)
         wanted = self._wanted(inputs)
         self._cautious_steps += self._cautious
@@ -249,6 +261,12 @@ class Mpc(GuardedLaw):
             self._cautious = self._identification.model_is_unsafe
             self._set_delays(self._identification.factor)
         return wanted
+
+    def _begin_simulated(self) -> None:
+        """Plan the deviation from a simulated train from now on."""
+        self._simulated = True
+        self._observer.set_simulated(SIMULATED_WAVES)
+        self._set_delays(self._identification.factor)
 
     def _identify(self, inputs: LawInput) -> bool:
         """Compare the measured force with the commands; return True for a new delay, for the next step on."""
@@ -274,10 +292,10 @@ class Mpc(GuardedLaw):
         model, ahead = self.model, inputs.lookahead
         resisting = self._observe(inputs)
         inertia = self._inertia = model.inertia / (1.0 + self._mass_error())
-        required = inertia * ahead.acceleration + ahead.resistance
-        feedforward = self._feedforward(required)
-        count = self._ticks + 1
-        self._beyond_reference = resisting - float(ahead.resistance[0])
+        count, simulated = self._ticks + 1, ahead.simulated_force
+        required = follow_simulation(inertia * ahead.acceleration + ahead.resistance, simulated, count)
+        feedforward = inputs.feedforward.tolist() if simulated.size else self._feedforward(required)
+        self._beyond_reference = resisting - float(simulated[0] if simulated.size else ahead.resistance[0])
         disturbance = self._unexplained - self._beyond_reference / inertia
         motion = np.array([self._observer.position_error, self._observer.speed_error, disturbance, 0.0])
         gain = self._gain()
@@ -319,14 +337,17 @@ class Mpc(GuardedLaw):
     def _observe(self, inputs: LawInput) -> float:
         """Advance the observer and return the resistance of the model at the measured state [N]."""
         model = self.model
-        speed = self.mean(inputs.velocity.tolist())
+        speed, reference = self.mean(inputs.velocity.tolist()), float(inputs.lookahead.velocity[0])
         resisting = model.resisting_force(model.front(inputs.position), speed, inputs.train_shoe_force)
-        reference = float(inputs.lookahead.velocity[0])
+        simulated = inputs.lookahead.simulated_force
+        if simulated.size:
+            slope = self._drag_slope[0] + self._drag_slope[1] * abs(reference)
+            resisting = float(simulated[0]) + slope * (speed - reference)
         place = mean_over_units(self.share, (inputs.position + model.offsets).tolist())
         position_error, speed_error = place - float(inputs.lookahead.position[0]), speed - reference
         force = mean_over_units([1.0] * self.n, inputs.applied.tolist())
         by_line = model.line_force(model.front(inputs.position)) / model.inertia
-        if self._before is None or self._stands(speed, reference):
+        if self._before is None or (not simulated.size and self._stands(speed, reference)):
             self._observer.stand(position_error, speed, place, reference)
             regressor = by_line
         else:
@@ -334,7 +355,7 @@ class Mpc(GuardedLaw):
             drive = self._weight * force_before + (1.0 - self._weight) * force
             pull = (drive - 0.5 * (resisting_before + resisting)) / model.inertia
             regressor = pull + by_line
-            change = (reference - reference_before) / self.period
+            change = 0.0 if simulated.size else (reference - reference_before) / self.period
             force_change = (force - force_before) / model.inertia
             self._observer.step(position_error, speed_error, pull - change, regressor, force_change)
         self._before = (force, resisting, reference)
@@ -376,11 +397,13 @@ class Mpc(GuardedLaw):
         now = self._gain() * np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
         side = self._sides[int(last < 0.0)]
         drag = (self._beyond_reference, *self._drag_slope)
+        # a brake that acts does not last, and the simulated train had these limits
+        tables = self._no_tables if self._simulated and inputs.train_shoe_force > 0.0 else self._tables
         self._largest = max(abs(self._observer.position_error), self._largest * self._memory)
         self._ends[3] = max(self._band, self._largest)
         bounds(
             at_nodes, reference, self._limits, self._ends, now, errors, (side.response_velocity, self._plan), drag,
-            self._tables, self._force_range(reference + errors, later), self._inertia, self.parameters.jerk,
+            tables, self._force_range(reference + errors, later), self._inertia, self.parameters.jerk,
             self._steps, disturbance, rise, float(required[self._ticks]), allowed,
         )  # fmt: skip
         gradients = (side.gradient_position, side.gradient_velocity)

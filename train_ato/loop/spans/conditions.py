@@ -52,7 +52,8 @@ def spans_possible(setup: RunSetup) -> bool:
     if compensation is PreviewFeedforward and setup.layout.air_brake:  # its shoe forces are those of one time
         known = np.array_equal(setup.model.delay, setup.model.delay_brake)
     else:
-        known = compensation in (NoCompensation, PreviewFeedforward, Predictor, Twin)
+        identifies = setup.compensation_parameters.get("identify", False)  # its twin depends on the measurements
+        known = not identifies and compensation in (NoCompensation, PreviewFeedforward, Predictor, Twin)
     return known and OBSERVERS.get(setup.observer) in (NoObserver, Eso, Ndo, Cascaded) and setup.model.n_units > 0
 
 

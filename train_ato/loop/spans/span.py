@@ -18,13 +18,13 @@ from train_ato.control.compiled.policy_packing import CompiledPolicy
 from train_ato.control.compiled.prediction_packing import PackedPrediction, packed_prediction
 from train_ato.control.compiled.train_packing import coupler_arrays
 from train_ato.control.stack import ControlStack
-from train_ato.control.train_model import DRY_FRICTION_SPEED, GRID, STANDSTILL_SPEED
+from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.loop.recording_builder import RecordingBuilder
-from train_ato.loop.setup import RunSetup
 from train_ato.loop.spans import kernel
 from train_ato.loop.spans.conditions import is_regular, ticks_to_event
 from train_ato.loop.spans.forecast import Forecast
 from train_ato.loop.spans.messages import Publish, SpanArrays, SpanMessages
+from train_ato.loop.spans.model_arrays import model_arrays
 from train_ato.loop.spans.observer_shoes import ObserverShoes
 from train_ato.loop.spans.python_law import PythonLaw
 from train_ato.loop.spans.stages import Stages
@@ -93,7 +93,7 @@ class CompiledSpans:
         self.ato: AtoReport | None = None
         self._memory: dict[str, Array] = {}
         self.supervised = SupervisedTicks(stages)
-        self.model = _model_arrays(stages.setup)
+        self.model = model_arrays(stages.setup)
         self.brief = recording.summary_only and not stages.setup.layout.disturbed
         units, vehicles = stages.plant.train.units, stages.plant.train.n
         shown = (0, *units, vehicles - 1) if self.brief else range(vehicles)
@@ -307,33 +307,3 @@ class _Span:
         sensors._last = (out.measured[done - 1, 0].copy(), out.measured[done - 1, 1].copy())
         train.stamp += done * train.tick_ns
         self._plant.tick += done
-
-
-def _model_arrays(setup: RunSetup) -> tuple[Array, tuple[Array, Array, Array], Array, Any]:
-    """Return the constants of the nominal model.
-
-    Returns
-    -------
-    own : Array, shape (units, 8)
-        Constants of every unit's vehicle and of the line, by the names in the kernel.
-    tables : tuple of Array
-        Line force per mass [N/kg], on the whole train [N], and its learned part per mass [N/kg], empty without one, on
-        the grid of the model.
-    segments : Array, shape (segments, 4)
-        Segments of all envelopes.
-    bounds : Array of int, shape (units, 4)
-        First segment and end of brake and of traction.
-    """
-    model = setup.model
-    rows = [
-        (*own, DRY_FRICTION_SPEED, model._begin, GRID, offset)
-        for own, offset in zip(model._own, model.offsets.tolist(), strict=True)
-    ]
-    segments, bounds, end = [np.zeros((0, 4))], [], 0
-    for brake, traction in zip(model.brake, model.traction, strict=True):
-        middle, last = end + len(brake.rows), end + len(brake.rows) + len(traction.rows)
-        segments += [brake.rows, traction.rows]
-        bounds.append((end, middle, middle, last))
-        end = last
-    tables = (np.array(model._specific), np.array(model._total), np.array(model._learned))
-    return np.array(rows, dtype=np.float64), tables, np.concatenate(segments), np.array(bounds, dtype=np.int64)

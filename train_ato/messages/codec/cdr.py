@@ -17,6 +17,7 @@ from train_ato.messages.topics import EPOCH_NS
 SECOND = 1_000_000_000
 TIME = struct.Struct("<iI")
 """Stamp or duration, little-endian."""
+BIG_ENDIAN_TIME = struct.Struct(">iI")
 
 
 @lru_cache(maxsize=1)
@@ -35,8 +36,8 @@ def stamp_of(data: bytes) -> int:
     """
     if len(data) < 12:
         raise ValueError(f"{len(data)} bytes hold no stamp")
-    seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
-    return int(seconds) * SECOND + int(nanoseconds) - EPOCH_NS
+    time: tuple[int, int] = (TIME if data[1] & 1 else BIG_ENDIAN_TIME).unpack_from(data, 4)
+    return time[0] * SECOND + time[1] - EPOCH_NS
 
 
 def packed_stamp(stamp: int) -> bytes:

@@ -41,6 +41,7 @@ class Wire:
         self._decoders: dict[str, Callable[[bytes], Any]] = {}
         self._longest: dict[str, int] = {}
         self._fixed: dict[str, FixedCodec] = {}
+        self._decoded: dict[str, tuple[bytes, Any]] = {}
         for topic in topics_of(layout):
             if topic.of_variable_length:
                 self._encoders[topic.name], self._decoders[topic.name] = VARIABLE[topic.message]
@@ -91,3 +92,16 @@ class Wire:
             If a run of this train has no such topic.
         """
         return self._decoders[topic](data)
+
+    def decode_shared(self, topic: str, data: bytes) -> Any:
+        """Return the message of the bytes for readers that do not change it; errors as :meth:`decode`.
+
+        Consecutive calls with equal bytes return one message, as the stages of the engine share it: three nodes read
+        every measurement.
+        """
+        last = self._decoded.get(topic)
+        if last is not None and last[0] == data:
+            return last[1]
+        message = self._decoders[topic](data)
+        self._decoded[topic] = data, message
+        return message

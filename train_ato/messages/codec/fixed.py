@@ -23,6 +23,7 @@ from train_ato.messages.codec.cdr import (
     typestore,
 )
 from train_ato.messages.codec.slots import FLOAT64, STAMP_END, TimeSlot, sample_of, slots_of
+from train_ato.messages.codec.small import MOST_BYTES, SmallMessage
 from train_ato.messages.layout import TrainLayout, present_name
 from train_ato.messages.tick_block import Values
 from train_ato.messages.topic import Topic
@@ -80,6 +81,10 @@ class FixedCodec:
         self._durations = [by_place.index(place.field) for place in places if place.path in durations]
         self._relative = counts_from_stamp(topic.frame_id(layout))
         self._other: Layout | None = None
+        self._shifted_fields = [self._order.index(place) for place in self._durations] if self._relative else []
+        self._small: SmallMessage | None = None
+        if self.length <= MOST_BYTES:
+            self._small = SmallMessage(sample, self._slots, self._order, topic.finite)
 
     def encode(self, message: Any) -> bytes:
         """Return the CDR bytes of a message.
@@ -138,9 +143,14 @@ class FixedCodec:
         ValueError
             For bytes of another type, other names or lengths, or numbers that are not finite.
         """
+        if self._small is not None and (found := self._small.read(data)) is not None:
+            stamp, values = found
+            for field in self._shifted_fields:
+                values[field] += stamp
+            return self.topic.message(stamp, *values)
         try:
             if self._fits(data):
-                values: list[Any] = []
+                values = []
                 for read in self._readers:
                     values += read(data)
                 relative = self._relative

@@ -9,19 +9,17 @@ from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
-from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.parameter_service import ParameterService
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from train_ato.errors import FirstFailure, of_own_code
+from train_ato.errors import FirstFailure
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.topics import BY_NAME, END_TOPIC, Rate, Role, Topic, published_by
+from train_ato.ros.nodes.parameter_services import ParameterServices
 from train_ato.ros.nodes.publishers import OnePublisher
 
 ROLES = (Role.PLANT, Role.SUPERVISOR, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.RECORDER)
@@ -53,33 +51,6 @@ def message_class(type_name: str) -> Any:
 
 def _never(data: bytes) -> None:
     raise AssertionError("a node that polls its messages was added to an executor")
-
-
-class _ParameterServices(ParameterService):  # type: ignore[misc]
-    """Parameter services that refuse unreadable requests with the reason.
-
-    The services of rclpy raise instead, for example for an unknown parameter type, and the
-    request of the client never times out.
-    """
-
-    def __init__(self, node: Node, watch: FirstFailure) -> None:
-        self._watch = watch
-        super().__init__(node)
-
-    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
-        for entry in request.parameters:
-            one, answer = SetParametersAtomically.Request(parameters=[entry]), SetParametersAtomically.Response()
-            response.results.append(self._set_parameters_atomically_callback(one, answer).result)
-        return response
-
-    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
-        try:
-            return super()._set_parameters_atomically_callback(request, response)
-        except Exception as error:
-            if of_own_code(error):
-                self._watch.fail(self._get_node().get_name(), error)
-            response.result = SetParametersResult(successful=False, reason=" ".join(str(error).split()))
-            return response
 
 
 class NodeEndpoints:
@@ -135,7 +106,7 @@ class NodeEndpoints:
         )
         # A refused parameter leaves the node in a reference cycle; without this it would publish into the next run.
         context.on_shutdown(self.node.destroy_node)
-        _ParameterServices(self.node, watch)
+        ParameterServices(self.node, watch)
         self._roles = [role for role in roles if role in roles_of(wire.layout)]
         self.last_stamp = -1
         self.on_second_publisher: Callable[[str, str], bool] = lambda topic, reason: False
@@ -200,7 +171,7 @@ class NodeEndpoints:
 
     def subscribe(self, handlers: Mapping[str, Callable[[Any], None]]) -> None:
         """Subscribe to topics with a handler for decoded messages each."""
-        decode = self.wire.decode
+        decode = self.wire.decode_shared
         for name, handler in handlers.items():
             topic = BY_NAME[name]
             if topic.exists(self.wire.layout):

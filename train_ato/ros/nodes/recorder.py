@@ -12,7 +12,6 @@ import time
 from bisect import bisect_right
 from collections.abc import Mapping
 from operator import itemgetter
-from typing import NamedTuple
 
 from train_ato.log.run_log import RunLog
 from train_ato.messages.codec.codec import stamp_of
@@ -29,14 +28,8 @@ HOLD_S = 0.5
 """Longest wall time for which a message waits for a topic of its tick without messages [s]."""
 
 
-class Received(NamedTuple):
-    """Message of a topic: stamp and time of receipt [ns], number of the topic, bytes, and time of reading [s]."""
-
-    stamp: int
-    received_ns: int
-    number: int
-    data: bytes
-    read_s: float
+Received = tuple[int, int, int, bytes, float]
+"""Message of a topic: stamp and time of receipt [ns], number of the topic, bytes, and time of reading [s]."""
 
 
 class RecorderNode:
@@ -78,17 +71,19 @@ class RecorderNode:
         now = time.monotonic()
         waiting: list[Received] = []
         wrong: ValueError | None = None
+        last_stamps = self._last
         for name, number, take, source in self._takers:
             source = source if self._wrong is None else None  # one failure is enough; its search takes time
             try:
+                shared = name == "/diagnostics"
                 while (found := take()) is not None:
                     data, information = found
                     if source is not None:
                         source.take(information["publication_sequence_number"])
-                    if name == "/diagnostics" and not of_a_node(data):
+                    if shared and not of_a_node(data):
                         continue
-                    self._last[name] = stamp = _stamp(name, data)
-                    waiting.append(Received(stamp, information["received_timestamp"], number, data, now))
+                    last_stamps[name] = stamp = _stamp(name, data)
+                    waiting.append((stamp, information["received_timestamp"], number, data, now))
                 if source is not None:
                     source.check()
             except ValueError as error:
@@ -102,12 +97,12 @@ class RecorderNode:
 
     def _write(self, waiting: list[Received], now: float, *, whole: bool) -> None:
         """Write the held and the waiting messages up to the last complete tick, or all of them."""
-        ordered = sorted([*self._held, *waiting], key=itemgetter(0, 1))
+        ordered = sorted([*self._held, *waiting])
         count = len(ordered)
         if not whole:
             complete = min(self._last.get(name, -1) for name in self._ticking)
             count = bisect_right(ordered, complete, key=itemgetter(0))
-            while count < len(ordered) and ordered[count].read_s < now - HOLD_S:
+            while count < len(ordered) and ordered[count][4] < now - HOLD_S:
                 count += 1
         self._held = ordered[count:]
         self.log.extend(

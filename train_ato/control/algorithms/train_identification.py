@@ -1,0 +1,156 @@
+"""Kalman filter of the errors of mass, running resistance and air brake of a train against its simulated copy.
+
+The copy follows the reference with the force F_c. With the measured force F, the errors theta of the model beyond those
+that the copy already has, and the speed error w of the train as one mass::
+
+    w' = (F - F_c)/M - (W(v) - W(v_d))/M - sum_k theta_k phi_k/M,   e_v = w + q + noise
+    phi = (M v_d' + W_line, W(v_d), F_shoes)
+
+q is the speed of the unit against its train: the waves in the couplers, that the copy does not have. It is bounded, a
+Gauss-Markov process of standard deviation ``UNIT_SPEED`` and time ``UNIT_TIME``. With waves as a random walk of the
+speed the same data support much smaller errors: one brake application would not show an error of the brake of 8 %. The
+speed of a disturbance is a random walk of ``DISTURBANCE`` in a second.
+
+The forces of the copy contain its waves, so that a train equal to its copy has theta = 0 through every stretch of the
+couplers. A rigid balance of forces takes these for errors.
+"""
+
+# mypy: allow-untyped-defs
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from plant_sim.compiled import compiled
+from train_ato.messages.types import Array
+
+UNIT_SPEED, UNIT_TIME = 0.025, 5.0
+"""Standard deviation [m/s] and time [s] of the speed of a unit against its train."""
+DISTURBANCE = 0.002
+"""Standard deviation of the change of the speed by unknown forces in a second [m/s]."""
+PRIOR = (0.05, 0.2, 0.1)
+"""Standard deviations of the relative errors of mass, running resistance and air brake at the start."""
+BOUNDS = (0.25, 0.6, 0.5)
+"""Largest relative errors."""
+LEAST_NOISE, FIRST_NOISE, MEAN_TIME = 0.002, 0.05, 20.0
+"""Smallest and first standard deviation of the measured speed [m/s], and time over which it is averaged [s]."""
+SLOWEST = 0.3
+"""Speed of the reference from which on the errors are estimated [m/s]: before it the slack of the couplers runs out."""
+
+
+@compiled
+def identification_step(state, covariance, noise, drifts, decay, period, pull, known, error):
+    """Advance the filter by a period and correct it by the measured speed error.
+
+    Parameters
+    ----------
+    state : Array, shape (5,)
+        w, q [m/s] and theta.
+    covariance : Array, shape (5, 5)
+        Its covariance.
+    noise : Array, shape (2,)
+        Variance of the measured speed [m²/s²] and last innovation [m/s].
+    drifts : Array, shape (2,)
+        Variances of the changes of w and q in a period [m²/s²].
+    decay
+        Part of q that is left after a period.
+    period
+        s.
+    pull
+        Mean modelled acceleration [m/s²].
+    known : Array, shape (3,)
+        Mean phi/M [m/s²].
+    error
+        Measured speed error [m/s].
+    """
+    rows = np.zeros((5, 5))
+    for j in range(5):
+        rows[0, j] = covariance[0, j]
+        for k in range(3):
+            rows[0, j] -= period * known[k] * covariance[2 + k, j]
+        rows[1, j] = decay * covariance[1, j]
+        for k in range(3):
+            rows[2 + k, j] = covariance[2 + k, j]
+    for i in range(5):
+        first = rows[i, 0]
+        for k in range(3):
+            first -= period * known[k] * rows[i, 2 + k]
+        covariance[i, 0] = first
+        covariance[i, 1] = decay * rows[i, 1]
+        for k in range(3):
+            covariance[i, 2 + k] = rows[i, 2 + k]
+    covariance[0, 0] += drifts[0]
+    covariance[1, 1] += drifts[1]
+    state[0] += period * pull
+    for k in range(3):
+        state[0] -= period * known[k] * state[2 + k]
+    state[1] *= decay
+    shared = covariance[0] + covariance[1]
+    size = shared[0] + shared[1] + noise[0]
+    miss = error - state[0] - state[1]
+    for i in range(5):
+        state[i] += shared[i] / size * miss
+        for j in range(5):
+            covariance[i, j] -= shared[i] * shared[j] / size
+    change = miss - noise[1]
+    noise[0] += period / MEAN_TIME * (0.5 * change * change - noise[0])
+    noise[0] = max(noise[0], LEAST_NOISE * LEAST_NOISE)
+    noise[1] = miss
+
+
+class TrainIdentification:
+    """Relative errors of mass, running resistance and air brake of the model of a train.
+
+    Parameters
+    ----------
+    period
+        Time between the measurements [s].
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        self._decay = math.exp(-period / UNIT_TIME)
+        self._drifts = np.array([DISTURBANCE**2 * period, UNIT_SPEED**2 * (1.0 - self._decay**2)])
+        self._state = np.zeros(5)
+        self._covariance = np.diag([1e-4, UNIT_SPEED**2, *(prior * prior for prior in PRIOR)])
+        self._noise = np.array([FIRST_NOISE**2, 0.0])
+        self._before: tuple[float, Array] | None = None
+
+    @property
+    def errors(self) -> list[float]:
+        """Relative errors of mass, running resistance and air brake."""
+        found = zip(self._state[2:].tolist(), BOUNDS, strict=True)
+        return [min(max(error, -bound), bound) for error, bound in found]
+
+    def miss(self) -> None:
+        """Restart the motion at the next sample; the errors are held."""
+        self._before = None
+
+    def step(self, speed_error: float, reference: float, pull: float, known: Array) -> None:
+        """Advance by a period and correct by a measurement.
+
+        Parameters
+        ----------
+        speed_error
+            Measured e_v [m/s].
+        reference
+            Speed of the reference [m/s]; the errors are held below ``SLOWEST``.
+        pull
+            Acceleration of the train against the reference for theta = 0 [m/s²].
+        known : Array, shape (3,)
+            phi/M [m/s²].
+        """
+        if reference < SLOWEST:
+            self._before = None
+            return
+        if self._before is None:
+            self._state[0], self._state[1] = speed_error, 0.0
+        else:
+            pull_before, known_before = self._before
+            identification_step(
+                self._state, self._covariance, self._noise, self._drifts, self._decay, self._period,
+                0.5 * (pull_before + pull), 0.5 * (known_before + known), speed_error,
+            )  # fmt: skip
+        self._before = (pull, known)

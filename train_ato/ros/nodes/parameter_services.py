@@ -1,0 +1,39 @@
+"""Parameter services of a node that answer unreadable requests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter_service import ParameterService
+
+from train_ato.errors import FirstFailure, of_own_code
+
+
+class ParameterServices(ParameterService):  # type: ignore[misc]
+    """Parameter services that refuse unreadable requests with the reason.
+
+    The services of rclpy raise instead, for example for an unknown parameter type, and the
+    request of the client never times out.
+    """
+
+    def __init__(self, node: Node, watch: FirstFailure) -> None:
+        self._watch = watch
+        super().__init__(node)
+
+    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
+        for entry in request.parameters:
+            one, answer = SetParametersAtomically.Request(parameters=[entry]), SetParametersAtomically.Response()
+            response.results.append(self._set_parameters_atomically_callback(one, answer).result)
+        return response
+
+    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
+        try:
+            return super()._set_parameters_atomically_callback(request, response)
+        except Exception as error:
+            if of_own_code(error):
+                self._watch.fail(self._get_node().get_name(), error)
+            response.result = SetParametersResult(successful=False, reason=" ".join(str(error).split()))
+            return response
