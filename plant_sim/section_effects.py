@@ -174,7 +174,7 @@ class SectionEffects:
         a = self._arrays
         rows: list[Row] = [(float(r[0]), float(r[1]), float(r[2]), float(r[3])) for r in a.envelope]
         open_line = [tuple(int(value) for value in a.unit_index[1:, unit]) for unit in range(a.unit.shape[1])]
-        powers = [_largest_power(rows[first:end]) for first, end, _, _ in open_line]
+        powers = [largest_power(rows[first:end]) for first, end, _, _ in open_line]
         whole = math.fsum(powers) or 1.0
         found = []
         for neutral, off, power in zip(
@@ -224,7 +224,7 @@ def _force(row: Row, speed: float) -> float:
     return row[1] + row[2] * speed + row[3] / max(speed, MIN_POWER_SPEED)
 
 
-def _largest_power(rows: Sequence[Row]) -> float:
+def largest_power(rows: Sequence[Row]) -> float:
     """Return the largest power of an envelope [W], at the ends and at the vertex of every segment."""
     largest, begin = 0.0, 0.0
     for row in rows:

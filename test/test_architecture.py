@@ -31,7 +31,7 @@ LAYERS = (
 )
 """Layers from lowest to highest; CONTRIBUTING.md describes them."""
 CONTROL_LAYERS = (
-    ("contract", "parameters", "learned_resistance", "train_model", "keyword_form", "rows_by_place"),
+    ("contract", "parameters", "learned_resistance", "train_model", "keyword_form", "plan_text", "rows_by_place"),
     ("algorithms",),
     ("air_brake",),
     ("observers", "compensation"),

@@ -24,8 +24,8 @@ from plant_sim.states import frozen_for_types
 from train_ato.messages.types import Array
 
 __all__ = [
-    "NO_LOOKAHEAD", "Array", "Law", "LawInput", "LawOutput", "Lookahead", "NoParameters", "Parameter", "Preview",
-    "parameter", "parameters_of",
+    "NO_LOOKAHEAD", "Array", "Law", "LawInput", "LawOutput", "LawPlan", "Lookahead", "NoParameters", "Parameter",
+    "Preview", "parameter", "parameters_of",
 ]  # fmt: skip
 
 
@@ -57,6 +57,11 @@ class Lookahead:
     resistance : Array, shape (h,)
         Running and line resistance of the nominal train there, and the shoe force known from the brake-pipe commands
         so far [N], > 0 retards.
+    speed_limit : Array, shape (h,)
+        Lowest speed limit of the line over the whole train with vehicle 0's centre there [m/s].
+    force_min, force_max : Array, shape (h, units)
+        Limits of every unit there, at the speed of the reference, with neutral sections, power limits and adhesion of
+        the line [N].
     simulated_force : Array, shape (k,), k <= h
         Total force of a simulated train on this reference at the first of these times, up to the effect of the last
         command [N]; empty if the compensation simulates none.
@@ -66,6 +71,9 @@ class Lookahead:
     velocity: Array
     acceleration: Array
     resistance: Array
+    speed_limit: Array = field(default_factory=lambda: np.zeros(0))
+    force_min: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    force_max: Array = field(default_factory=lambda: np.zeros((0, 0)))
     simulated_force: Array = field(default_factory=lambda: np.zeros(0))
 
 
@@ -142,6 +150,33 @@ class LawInput:
 
 @frozen_for_types
 @dataclass(frozen=True, slots=True)
+class LawPlan:
+    """Planned motion and force of a law that looks ahead. The log and the live page have the newest one once a second.
+
+    Attributes
+    ----------
+    times : Array, shape (k,)
+        Times after the measurement [s], rising; the first is the effect of the command.
+    position, speed : Array, shape (k,)
+        Planned motion of vehicle 0's centre [m, m/s].
+    force : Array, shape (k,)
+        Planned force demand of the train [N].
+    slack : Array, shape (k,)
+        Excess of the planned speed over the speed that the law permits [m/s], >= 0.
+    status : str
+        Result of the solver: ``solved``, or the reason for which an earlier plan goes on.
+    """
+
+    times: Array
+    position: Array
+    speed: Array
+    force: Array
+    slack: Array
+    status: str
+
+
+@frozen_for_types
+@dataclass(frozen=True, slots=True)
 class LawOutput:
     """Output of a law in one step.
 
@@ -154,11 +189,14 @@ class LawOutput:
     held : str
         Reason for which ``force`` repeats the previous demand; empty for a new demand. The loop counts such steps and
         ends the run after ``hold_limit``.
+    plan : LawPlan or None
+        Plan that the force begins; None for a law without a plan.
     """
 
     force: Array
     brake_pipe: float | None = None
     held: str = ""
+    plan: LawPlan | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from train_ato.control.command_hold import CommandHold
 from train_ato.control.compensation.contract import Compensation, CompensationInput
 from train_ato.control.compensation.rigid import ProfileLike, RigidForce
 from train_ato.control.contract import Law, LawInput, LawOutput
+from train_ato.control.plan_text import TimedPlan, plan_to_text
 from train_ato.control.registry import LAWS
 from train_ato.control.standstill import RELEASE_FORCE, held_by_holding_brake, needs_release
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement, Reference
@@ -65,6 +66,8 @@ class ControlStack:
         Result of a step of the law in compiled ticks, used in place of the next step.
     law_brakes : bool
         The law demanded the pressure of the last step in place of the policy.
+    plan : TimedPlan or None
+        Newest plan of the law; None for a law without.
     holding : bool
         The last step repeated the previous command, because the measurement or the output of the law was not valid.
 
@@ -118,6 +121,7 @@ class ControlStack:
         self._swaps = 0
         self._no_disturbance = np.zeros(model.n_units)
         self.answer: LawOutput | BaseException | None = None
+        self.plan: TimedPlan | None = None
         self.set_profile(profile)
         set_brake_policy = getattr(compensation, "set_brake_policy", None)
         if set_brake_policy is not None:
@@ -141,6 +145,7 @@ class ControlStack:
         """
         self._law = LAWS.make(name, parameters, self.model, self.period)
         self._name = name
+        self.plan = None
         self._offset = []
         self._blended = 0
         self._swaps += 1
@@ -164,6 +169,7 @@ class ControlStack:
             "saturated_steps": str(self._saturated_steps),
             "swaps": str(self._swaps),
             **self._law_diagnostics(),
+            **({} if self.plan is None else plan_to_text(self.plan, held=self.holding)),
         }
 
     def _law_diagnostics(self) -> dict[str, str]:
@@ -248,6 +254,8 @@ class ControlStack:
             known = self._displacement.without(measurement, self.model.front(measurement.position))
         inputs = self._law_input(known, reference, estimate, np.array(low), np.array(high))
         output = self._law.step(inputs) if self.answer is None else self._take_answer(self.answer)
+        if output.plan is not None:
+            self.plan = TimedPlan(inputs.t, output.plan)
         wanted = output.force.tolist()
         if not all(map(math.isfinite, wanted)) or len(wanted) != self.model.n_units:
             self._hold.hold(f"law '{self._name}' returned {str(wanted)[:60]} N")

@@ -347,6 +347,11 @@ DIAGNOSTIC_UNITS: dict[str, str] = {
     "front": "m",
     "position_error": "m",
     "acceleration": "m/s²",
+    "plan.times": "s",
+    "plan.position": "m",
+    "plan.speed": "m/s",
+    "plan.force": "N",
+    "plan.slack": "m/s",
 }
 """Units of the values in ``/diagnostics`` by key; counts, names and reasons have no unit."""
 

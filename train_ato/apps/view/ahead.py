@@ -11,7 +11,9 @@ from bokeh.plotting import figure
 from train_ato.apps.report.downsample import after_jump
 from train_ato.apps.view.facts import KMH, Facts, ProfileCurve
 from train_ato.apps.view.hover import add_hover
-from train_ato.apps.view.style import DOWNHILL, LIMIT, PROFILE, SOFT, STOP, TEXT, TRAIN, UPHILL
+from train_ato.apps.view.planned import is_current, plan_columns
+from train_ato.apps.view.style import DEMAND, DOWNHILL, LIMIT, PROFILE, SOFT, STOP, TEXT, TRAIN, UPHILL
+from train_ato.control.contract import LawPlan
 
 MOST_KNOTS = 4000
 FAR = 1e4
@@ -33,12 +35,16 @@ class Ahead:
         self.span = Range1d(-0.3, 2.0)
         self._profile = ColumnDataSource({"place": [], "speed": []})
         self._limit = ColumnDataSource({"place": [], "speed": []})
+        self._plan = ColumnDataSource({"place": [], "speed": []}, name="plan")
+        self._planned: LawPlan | None = None
         self.heights = Range1d(0.0, 100.0)
         speed = figure(x_range=self.span, y_range=self.heights, y_axis_label="km/h", name="ahead", **tools)
         speed.varea(x="place", y1=0, y2="speed", source=self._profile, fill_color=PROFILE, fill_alpha=0.10)
         profile = speed.line("place", "speed", source=self._profile, line_color=PROFILE, line_width=2.4)
         add_hover(speed, profile, [("front", "@place{0.000} km"), ("profile", "@speed{0.0} km/h")])
         speed.step("place", "speed", source=self._limit, mode="after", line_color=LIMIT, line_width=2.2)
+        plan = speed.line("place", "speed", source=self._plan, line_color=DEMAND, line_width=2, line_dash=[5, 3])
+        add_hover(speed, plan, [("plan of the law", "@speed{0.0} km/h")])
         speed.line("place", "speed", source=strip, line_color=TRAIN, line_width=1.6)
         speed.vspan(x="stop", source=now, line_color=STOP, line_width=3)
         speed.text(
@@ -58,6 +64,13 @@ class Ahead:
             places = np.concatenate((facts.limit_places / 1e3, [FAR]))
             speeds = np.concatenate((facts.limit_speeds, facts.limit_speeds[-1:])) * KMH
             self._limit.data = {"place": places, "speed": speeds}
+
+    def show_plan(self, plan: LawPlan | None, time: float, facts: Facts) -> None:
+        """Draw the planned speed of the law at a simulated time [s]; one that does not hold any more disappears."""
+        shown = plan if plan is not None and is_current(plan, time) else None
+        if shown is not self._planned:
+            self._planned = shown
+            self._plan.data = plan_columns(shown, time, facts)
 
     def show_profile(self, profile: ProfileCurve, facts: Facts, scale: float) -> None:
         """Draw a profile over the place of the front of the train, downsampled; the last knot is kept."""

@@ -17,9 +17,11 @@ from train_ato.apps.view.ending import FINISHED, RUN_ENDED, ending_of
 from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed, Mark
 from train_ato.apps.view.live_requirements import LiveRequirements
+from train_ato.apps.view.planned import reported_plan
 from train_ato.apps.view.presence import Presence
 from train_ato.apps.view.protection import ProtectionTracker
 from train_ato.apps.view.reader import DEPTH, Copied, Copier, GraphReader, taker, train_layout
+from train_ato.control.contract import LawPlan
 from train_ato.loop.recording import SUPERVISED_SPEEDS
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.types import Diagnostic, Trajectory
@@ -77,6 +79,7 @@ class LiveFeed(Feed):
         self.controls = Controls(self._asking, self._executor.wake)
         self._state, self._law = "running", ""
         self._tracker = ProtectionTracker()
+        self._plan: LawPlan | None = None
         self._rates: deque[tuple[float, float]] = deque()
         self._stopping = threading.Event()
         try:
@@ -224,7 +227,8 @@ class LiveFeed(Feed):
             factor, state = self._rate(now, moment.time), self._plant_state(now)
             if self.requirements is not None:
                 self.requirements.add(moment)
-            self.show(replace(moment, law=self.law, state=state, factor=factor, states=self._tracker.states))
+            states = self._tracker.states
+            self.show(replace(moment, law=self.law, state=state, factor=factor, states=states, plan=self._plan))
         elif self.frame is not None:
             shown = self.frame.moment
             factor = shown.factor if self._rates and now - self._rates[-1][0] < STANDING_S else math.nan
@@ -270,6 +274,8 @@ class LiveFeed(Feed):
         for message in reader.diagnostics:
             if message.node == "plant":
                 self._state = message.message
+            elif message.node == "controller":
+                self._plan = reported_plan(message.values)
             self.marks = [*self.marks, *marks_of(message), *self._tracker.take(message)]
         reader.clear()
 

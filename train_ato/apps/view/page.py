@@ -234,6 +234,7 @@ class ViewPage:
             self._along.show(frame.along)
             self._show_strip(frame.moment.time)
             self._show_messages(frame.moment.time)
+            self._ahead.show_plan(frame.moment.plan, frame.moment.time, feed.facts)
             self._where.data = frame.where
 
     def _message_rows(self, time: float) -> dict[str, list[Any]]:

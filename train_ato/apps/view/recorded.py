@@ -16,8 +16,10 @@ from train_ato.apps.report.events import detect_events
 from train_ato.apps.view.ending import REPORT_PAGE, Ending
 from train_ato.apps.view.facts import KMH, Facts, ProfileCurve, facts_of
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed, Mark
+from train_ato.apps.view.planned import plan_of_row
 from train_ato.apps.view.protection import protection_history
 from train_ato.apps.view.snapshot import STRIP, Snapshot
+from train_ato.control.contract import LawPlan
 from train_ato.log.recorded import open_recording
 from train_ato.loop.recording import (
     BRAKE_PIPE,
@@ -86,6 +88,7 @@ class RecordedFeed(Feed):
         self._turn = threading.RLock()
         self._looked = time.monotonic()
         self._row = -1
+        self._plan: tuple[int, LawPlan | None] = (-1, None)
         self._profiles = [
             ProfileCurve(seconds(found.time), found.position, found.velocity) for found in recording.profiles
         ]
@@ -172,7 +175,18 @@ class RecordedFeed(Feed):
             factor=self.speed if self.playing else math.nan,
             limits=None if speeds is None else speeds[1:],
             states=self._states[max(0, bisect_right(self._changed, at + 1e-9) - 1)],
+            plan=self._plan_at(at),
         )
+
+    def _plan_at(self, at: float) -> LawPlan | None:
+        """Return the newest plan of the law at a time [s]."""
+        series = self.recording.diagnostics.get("controller")
+        if series is None:
+            return None
+        row = _before(series.time, at)
+        if row != self._plan[0]:
+            self._plan = row, plan_of_row(series, row)
+        return self._plan[1]
 
     def _at(self, topic: str, name: str, at: float) -> Array | None:
         found = self.recording.of(topic, name)

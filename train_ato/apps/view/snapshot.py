@@ -10,7 +10,9 @@ import numpy as np
 
 from train_ato.apps.view.facts import KMH, Facts, ProfileCurve
 from train_ato.apps.view.guidance import delay_at, guidance
+from train_ato.apps.view.planned import plan_words
 from train_ato.apps.view.style import GAUGE_COLOURS, NEEDLE
+from train_ato.control.contract import LawPlan
 from train_ato.loop.train_protection import SUPERVISOR
 from train_ato.messages.types import Array
 from train_ato.supervision.supervisor import STANDSTILL_SPEED, SupervisionState
@@ -67,6 +69,8 @@ class Snapshot:
         States of supervision, train protection and ATO.
     factor
         Simulated seconds per second of wall time.
+    plan : LawPlan or None
+        Newest plan of the law, with simulation times [s].
     """
 
     time: float
@@ -86,6 +90,7 @@ class Snapshot:
     notes: dict[str, str] = field(default_factory=dict)
     limits: Array | None = None
     states: ProtectionStates = ProtectionStates()
+    plan: LawPlan | None = None
 
     @property
     def speed(self) -> float:
@@ -151,7 +156,7 @@ def now(moment: Snapshot, facts: Facts, profile: ProfileCurve | None, scale: flo
         "most": most / 1e3,
         "least": least / 1e3,
         "state": moment.state,
-        "law": moment.law,
+        "law": ", ".join(filter(None, (moment.law, plan_words(moment.plan, moment.time)))),
         "speed_text": f"{moment.speed:.0f}"
         if abs(moment.speed) >= 9.95
         else f"{moment.speed:.1f}".replace("-0.0", "0.0"),

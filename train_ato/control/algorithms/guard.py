@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from train_ato.control.algorithms.force_shares import mean_over_units
-from train_ato.control.contract import LawInput, LawOutput, Lookahead, Preview
+from train_ato.control.contract import LawInput, LawOutput, LawPlan, Lookahead, Preview
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_FORCE, MAX_POSITION, MAX_SPEED
 
@@ -76,6 +76,9 @@ def is_valid_lookahead(lookahead: Lookahead) -> bool:
         and float(np.abs(lookahead.velocity).sum()) <= MAX_SPEED * count
         and float(np.abs(lookahead.acceleration).sum()) <= MAX_SPEED * count
         and float(np.abs(lookahead.resistance).sum()) <= MAX_FORCE * count
+        and float(np.abs(lookahead.speed_limit).sum()) <= MAX_SPEED * count
+        and float(np.abs(lookahead.force_min).sum()) <= MAX_FORCE * count
+        and float(np.abs(lookahead.force_max).sum()) <= MAX_FORCE * count
         and float(np.abs(lookahead.simulated_force).sum()) <= MAX_FORCE * count
     )
 
@@ -183,6 +186,10 @@ class GuardedLaw:
     def clear_state(self) -> None:
         """Clear the state of the law."""
 
+    def planned(self) -> LawPlan | None:
+        """Return the plan of the last demand; None for a law without a plan."""
+        return None
+
     def mean(self, values: list[float]) -> float:
         """Return the mean over the units, weighted by their shares."""
         return values[0] if self.n == 1 else mean_over_units(self.share, values)
@@ -211,7 +218,7 @@ class GuardedLaw:
             limited = low[unit] if force < low[unit] else high[unit] if force > high[unit] else force
             saturated[unit] = limited != force
             sent[unit] = limited
-        return LawOutput(np.array(sent))
+        return LawOutput(np.array(sent), plan=self.planned())
 
     def _hold(self, inputs: LawInput, reason: str) -> LawOutput:
         """Return the last demand, inside the limits if these are valid."""

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from train_ato.control.air_brake.shoes import ShoeForces, ShoeForecast
+from train_ato.control.algorithms.limits_ahead import LimitsAhead
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.contract import NO_LOOKAHEAD, LawInput, Lookahead, Preview
 from train_ato.messages.types import Array
@@ -50,6 +51,7 @@ class CompensationBase:
         self.period = period
         self._share = model.share.tolist()
         self._rigid: RigidForce | None = None
+        self._limits: LimitsAhead | None = None
         self.shoes = ShoeForecast(model)
 
     @property
@@ -146,4 +148,6 @@ class CompensationBase:
             now = self.shoes.at(inputs.t, inputs.reference.velocity).total
             change = self.shoes_along(effect).total - now
             resistance = resistance + now + change * np.clip(later / max(effect - inputs.t, 1e-9), 0.0, 1.0)
-        return Lookahead(position, velocity, acceleration, resistance)
+        self._limits = self._limits or LimitsAhead(self.model)
+        limit = self._limits.speed_limit(position)
+        return Lookahead(position, velocity, acceleration, resistance, limit, *self._limits.force(position, velocity))

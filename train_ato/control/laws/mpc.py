@@ -27,7 +27,9 @@ limit of the line over the whole train plus ``overspeed``; coupler forces; |e_p|
 of the horizon and B = 2 m or, if that is more, the largest |e_p| of about the last T. An error that a force limit
 makes unavoidable is divided over the horizon in this way. R between the nodes has its part in the
 limits: the nodes have the nearest function that is linear between them. With an air brake there is no B, and the brake
-force ahead has no limit: its later applications are not in the input of the law.
+force ahead has no limit: its later applications are not in the input of the law. On a line with neutral sections,
+power limits or adhesion sections the force of the units there is a limit as well (`section_limits.py`): the train gains
+speed before a neutral section. Other units take over the force that a unit in it cannot give.
 
 The dual is a linear complementarity problem with a constant matrix, solved by block principal pivoting from the last
 active rows and, if that makes no progress, one row at a time (`quadratic_program.py`), at most 200 exchanges. If they
@@ -92,13 +94,16 @@ from train_ato.control.algorithms.disturbance_filters import motion_by_rate
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
+from train_ato.control.algorithms.limits_ahead import limits_force
 from train_ato.control.algorithms.motion_observer import SPEED_PRIOR, MotionObserver
+from train_ato.control.algorithms.planned_motion import CONTINUED, SOLVED, planned_motion
 from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion, node_values
+from train_ato.control.algorithms.section_limits import limits_at_nodes, within_units
 from train_ato.control.algorithms.simulated_reference import SIMULATED_SHARE, SIMULATED_WAVES, follow_simulation
 from train_ato.control.algorithms.standstill_force import StandstillForce
 from train_ato.control.algorithms.train_constants import default_omega, drag_slope, force_tables, wave_time
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
-from train_ato.control.contract import LawInput, parameter
+from train_ato.control.contract import LawInput, LawPlan, Lookahead, parameter
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.messages.types import Array
@@ -181,6 +186,7 @@ class Mpc(GuardedLaw):
         self._couplers = CouplerLimit(model, p.coupler_limit) if p.coupler_limit else None
         self._unbounded = np.array([[-np.inf], [np.inf]]).repeat(p.nodes, axis=1)
         self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
+        self._sections = limits_force(model.line)
         self._drag_slope = drag_slope(model)
         half = model.consist.vehicles[0].length / 2.0
         self._ends = np.array([half, half - model.consist.length, p.overspeed, POSITION_BAND])
@@ -314,6 +320,10 @@ class Mpc(GuardedLaw):
         places = float(ahead.velocity[effect]), float(ahead.acceleration[effect]), float(ahead.velocity[later])
         force = float(required[effect] + inertia * (motion[3] - disturbance))
         wanted = self._standstill.limited(wanted, motion, places, self._observer.stands, inertia, force)
+        if self._sections and ahead.force_max.size:
+            wanted = within_units(
+                wanted, self.share, ahead.force_min[effect].tolist(), ahead.force_max[effect].tolist()
+            )
         return [force / gain for force in wanted]
 
     def _add_rate(self, motion: Array) -> float:
@@ -393,8 +403,8 @@ class Mpc(GuardedLaw):
         self._ends[3] = max(self._band, self._largest)
         bounds(
             at_nodes, reference, self._limits, self._ends, now, errors, (side.response_velocity, self._plan), drag,
-            tables, self._within_couplers(reference + errors), self._inertia, self.parameters.jerk, self._steps,
-            disturbance, rise, float(required[self._ticks]), allowed,
+            tables, self._force_range(reference + errors, later), self._inertia, self.parameters.jerk,
+            self._steps, disturbance, rise, float(required[self._ticks]), allowed,
         )  # fmt: skip
         gradients = (side.gradient_position, side.gradient_velocity)
         exchanges = decide(
@@ -408,7 +418,24 @@ class Mpc(GuardedLaw):
         else:
             self._most_exchanges = max(self._most_exchanges, exchanges)
             self._limited_steps += bool(self._active.any())
+        reference[:, 0] = later.position[self._ticks], later.velocity[self._ticks]
+        self._decided = (
+            self._ticks * self.model.tick + self._nodes, reference, errors, side, self._plan.copy(),
+            at_nodes + self._inertia * (self._plan - disturbance), allowed[4 * self._nodes.size : 5 * self._nodes.size],
+            SOLVED if exchanges >= 0 else CONTINUED,
+        )  # fmt: skip
         return feedforward + self._inertia * (float(self._plan[0]) - disturbance)
+
+    def planned(self) -> LawPlan | None:
+        """Return the plan of the last decision."""
+        return planned_motion(*self._decided)
+
+    def _force_range(self, motion: Array, ahead: Lookahead) -> Array:
+        """Return the range of the total force at the nodes for couplers and sections of the line [N]."""
+        within = self._within_couplers(motion)
+        if not self._sections or not ahead.force_max.size:
+            return within
+        return limits_at_nodes(ahead.force_min, ahead.force_max, self._nodes, PARTS, self._ticks, within)
 
     def _within_couplers(self, motion: Array) -> Array:
         """Return the smallest and largest total force at the nodes for the coupler forces [N], shape (2, nodes).

@@ -12,6 +12,7 @@ from train_ato.control.compiled import entries as c
 from train_ato.control.compiled.law_call import LEFT, LawCall
 from train_ato.control.compiled.laws import PYTHON
 from train_ato.control.contract import Law, LawInput, LawOutput, Preview
+from train_ato.control.plan_text import TimedPlan
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.spans.forecast import SpanForecast
 from train_ato.loop.spans.kernel import AT_LIMIT
@@ -59,7 +60,8 @@ class PythonLaw:
     @property
     def is_usable(self) -> bool:
         """True if the compiled ticks make all inputs of the law, and its diagnostics are those of its last step."""
-        return getattr(self._law, "lookahead_times", None) is None and not (self._reported and self._stack._every > 1)
+        reported = self._reported or self._stack.plan is not None
+        return getattr(self._law, "lookahead_times", None) is None and not (reported and self._stack._every > 1)
 
     def state(self) -> Array:
         """Return an empty array: the state stays in the law."""
@@ -121,8 +123,12 @@ class PythonLaw:
             return False
         if force.dtype != np.float64 or force.shape != self._wanted.shape:
             return False
+        if output.plan is not None:
+            if self._stack._every > 1 or (self._stack.plan is None and not self._reported):
+                return False  # from the first plan on, every report of a span is that of its tick
+            self._stack.plan = TimedPlan(inputs.t, output.plan)
         self._wanted[:] = force
-        if self._reported:
+        if self._reported or self._stack.plan is not None:
             self._report(tick)
         return True
 
