@@ -90,6 +90,7 @@ def test_the_line_has_stop_overspeed_couplers_and_every_failed_criterion() -> No
     assert verdict_line({**METRICS, **judged}) == (
         "failed (2 of 4 criteria): stopped 0.23 m short of the target; overspeed 0.4 km/h; "
         "couplers -400 ... +500 kN (limits -450 ... +450 kN); speed error 0.1 km/h rms; "
+        "1 brake intervention; "
         "coupler draft 500 kN (limit 450); jerk over 1 s 0.2 m/s³ (limit 0.1)"
     )
     assert verdict_line({}) == ""

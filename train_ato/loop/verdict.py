@@ -199,10 +199,14 @@ def _stopped(beyond: float) -> str:
 def _protection_texts(summary: Metrics) -> list[str]:
     """Return the numbers of brake interventions and takeovers with the time of the first, [] without any."""
     counts = (
-        ("brake_interventions", "brake interventions", "first_intervention_s"),
-        ("takeovers", "takeovers of the braking law", "first_takeover_s"),
+        ("brake_interventions", "brake intervention{}", "first_intervention_s"),
+        ("takeovers", "takeover{} of the braking law", "first_takeover_s"),
     )
-    found = [(f"{summary[key]} {name}", summary.get(at)) for key, name, at in counts if summary.get(key)]
+    found = [
+        (f"{summary[key]} {name.format('s' * (summary[key] != 1))}", summary.get(at))
+        for key, name, at in counts
+        if summary.get(key)
+    ]
     return [text if begin is None else f"{text} from {begin:.1f} s on" for text, begin in found]
 
 
