@@ -39,6 +39,8 @@ SPEED_FLOOR = 0.01
 """Standard deviation of the speed up to which the bandwidth is that at the smallest noise [m/s]."""
 NOISE_FLOOR = 0.002
 """Smallest standard deviation of the speed [m/s]."""
+POSITION_FLOOR = 0.0005
+"""Smallest standard deviation of the position [m]: the force changes at an unknown time of a tick."""
 NOISE_TIME = 20.0
 """Time over which the noise is averaged [s]."""
 SPEED_PRIOR, PRIOR_SAMPLES = 0.05, 2
@@ -209,7 +211,7 @@ def match(noise, before, weight, miss_position, miss_speed, floor_ratio):
         place = 1 - i
         change = miss - before[place]
         found = noise[place] + weight * (0.5 * change * change - noise[place])
-        floor = NOISE_FLOOR if i == 0 else floor_ratio * min(math.sqrt(noise[1]), SPEED_FLOOR)
+        floor = NOISE_FLOOR if i == 0 else max(floor_ratio * min(math.sqrt(noise[1]), SPEED_FLOOR), POSITION_FLOOR)
         noise[place] = min(max(found, floor * floor), MAX_NOISE * MAX_NOISE)
         before[place] = miss
 
