@@ -39,7 +39,7 @@ SPEED_FLOOR = 0.01
 """Standard deviation of the speed up to which the bandwidth is that at the smallest noise [m/s]."""
 NOISE_FLOOR = 0.002
 """Smallest standard deviation of the speed [m/s]."""
-POSITION_FLOOR = 0.0005
+POSITION_FLOOR = 0.0002
 """Smallest standard deviation of the position [m]: the force changes at an unknown time of a tick."""
 NOISE_TIME = 20.0
 """Time over which the noise is averaged [s]."""
