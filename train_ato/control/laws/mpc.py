@@ -82,42 +82,34 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
-from train_ato.control.algorithms.coupler_limit import CouplerLimit
 from train_ato.control.algorithms.disturbance_filters import motion_by_rate
+from train_ato.control.algorithms.force_plan import PARTS, ForcePlan, PlanStart
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
-from train_ato.control.algorithms.horizon_model import HorizonModel, horizon_model, node_times
 from train_ato.control.algorithms.limits_ahead import limits_force
-from train_ato.control.algorithms.motion_observer import SPEED_PRIOR, MotionObserver
-from train_ato.control.algorithms.planned_motion import CONTINUED, SOLVED, planned_motion
-from train_ato.control.algorithms.predictive_plan import bounds, decide, free_errors, free_motion, node_values
-from train_ato.control.algorithms.section_limits import limits_at_nodes, within_units
-from train_ato.control.algorithms.simulated_reference import SIMULATED_SHARE, SIMULATED_WAVES, follow_simulation
+from train_ato.control.algorithms.measured_motion import MeasuredMotion
+from train_ato.control.algorithms.motion_observer import SPEED_PRIOR
+from train_ato.control.algorithms.predictive_plan import free_errors, free_motion
+from train_ato.control.algorithms.section_limits import within_units
+from train_ato.control.algorithms.simulated_reference import SIMULATED_SHARE, follow_simulation
 from train_ato.control.algorithms.standstill_force import StandstillForce
-from train_ato.control.algorithms.train_constants import default_omega, drag_slope, force_tables, wave_time
+from train_ato.control.algorithms.train_constants import default_omega, wave_time
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
-from train_ato.control.contract import LawInput, LawPlan, Lookahead, parameter
+from train_ato.control.contract import LawInput, LawPlan, parameter
 from train_ato.control.observers.force_balance import lag_weight
-from train_ato.control.train_model import STANDSTILL_SPEED
 from train_ato.messages.types import Array
-from train_ato.messages.validity import MAX_FORCE, MAX_POSITION
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
 
 IDENTIFICATION_SPEED = 1.0
 """Speed below which the electric brake fades and the commands do not explain the force [m/s]."""
-PARTS = 4
-"""Steps from node to node of the force that keeps the train on the reference."""
-POSITION_BAND = 2.0
-"""Position error up to which the largest one has no cost of its own [m]."""
 SOFT_COUPLERS = 3.0
 """Frequency pi/T_w of the slowest wave in the couplers over omega, below which the units have a regulator."""
 SOFT_RATIO = 2.5
@@ -163,35 +155,21 @@ class Mpc(GuardedLaw):
     def __init__(self, parameters: MpcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         p = parameters
-        self._hauls = self.follows_simulation = len(model.consist.vehicles) > model.n_units
+        hauls = self.follows_simulation = len(model.consist.vehicles) > model.n_units
         self.omega = p.omega or default_omega(model)
-        first = max(period, 0.1 / self.omega)
-        self._nodes = node_times(first, max(p.lookahead, first * p.nodes), p.nodes)
-        self._times = np.interp(np.arange(PARTS * (p.nodes - 1) + 1) / PARTS, np.arange(p.nodes), self._nodes)
-        self._steps = np.concatenate(([0.0 if model.lag else period], np.diff(self._nodes))) + model.lag
+        self._force_plan = ForcePlan(
+            model, period, self.omega, p.lookahead, p.nodes, p.jerk, p.overspeed, p.coupler_limit
+        )  # fmt: skip
         self._identification = ActuatorIdentification(model, period, p.identify)
-        self._models: dict[tuple[float, float, float], list[HorizonModel]] = {}
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
-        self._deviations = UnitDeviations.of(model, period, lag_weight(period, model.lag)) if soft else None
+        weight = lag_weight(period, model.lag)
+        self._deviations = UnitDeviations.of(model, period, weight) if soft else None
         free = len(model.consist.vehicles) == 1
-        ratio = 0.3 if self._hauls else SOFT_RATIO if self._deviations else FREE_RATIO if free else 5.0
+        ratio = 0.3 if hauls else SOFT_RATIO if self._deviations else FREE_RATIO if free else 5.0
         bandwidth = (p.observer_ratio or ratio) * self.omega
-        waves = wave_time(model) if self._hauls else 0.0
-        self._new_observer = partial(MotionObserver, period, bandwidth, waves, not free, p.speed_noise)
-        self._observer = self._new_observer()
-        self._weight = lag_weight(period, model.lag)
-        self._tables = force_tables(model)
+        self._motion = MeasuredMotion(model, period, bandwidth, weight, p.speed_noise, p.identify)
         self._standstill = StandstillForce(model, period)
-        self._no_tables = np.full_like(self._tables, MAX_FORCE)
-        self._couplers = CouplerLimit(model, p.coupler_limit) if p.coupler_limit else None
-        self._unbounded = np.array([[-np.inf], [np.inf]]).repeat(p.nodes, axis=1)
-        self._limits = np.array([[limit.at, limit.speed] for limit in model.line.restricted_limits]).reshape(-1, 2)
         self._sections = limits_force(model.line)
-        self._drag_slope = drag_slope(model)
-        half = model.consist.vehicles[0].length / 2.0
-        self._ends = np.array([half, half - model.consist.length, p.overspeed, POSITION_BAND])
-        self._band = POSITION_BAND if model.air_brake is None else MAX_POSITION
-        self._memory = math.exp(-period / p.lookahead)
         self.clear_state()
 
     def _set_delays(self, factor: float) -> None:
@@ -200,60 +178,56 @@ class Mpc(GuardedLaw):
         self._actuators = np.array([factor * model.delay, factor * model.delay_brake, model.share])
         self._ticks = math.ceil(float(self._actuators[:2].max()) / model.tick - 1e-9)
         self._entries = self._ticks + 2 + math.ceil(0.5 * self.period / model.tick)
-        longest = self._ticks * model.tick
-        self.lookahead_times: Array = np.concatenate((model.tick * np.arange(self._entries), longest + self._times[1:]))
+        after = self._ticks * model.tick + self._force_plan.times[1:]
+        self.lookahead_times: Array = np.concatenate((model.tick * np.arange(self._entries), after))
         omega = self.omega * (p.safe_share if self._cautious else 1.0)
         share = SIMULATED_SHARE if self._simulated else p.position_share
-        if (factor, omega, share) not in self._models:
-            self._models[factor, omega, share] = [
-                horizon_model(
-                    self._nodes, delay + 0.5 * self.period, model.share, model.lag, longest, omega, share
-                )
-                for delay in self._actuators[:2]
-            ]  # fmt: skip
-        self._sides = self._models[factor, omega, share]
+        self._force_plan.set_delays(self._actuators[:2], self._ticks, self._entries, omega, share)
 
     def clear_state(self) -> None:
         """Clear observer, identification, plan and counts."""
-        self._observer = self._new_observer()
+        self._motion.reset()
         self._identification.reset()
         self._standstill.reset()
+        self._force_plan.reset()
         if self._deviations is not None:
             self._deviations.reset()
-        self._before: tuple[float, float, float] | None = None
-        self._plan = np.zeros(self._nodes.size)
-        self._largest = 0.0
-        self._active = np.zeros(7 * self._nodes.size, dtype=np.bool_)
-        self._failures = self._limited_steps = self._most_exchanges = self._cautious_steps = 0
+        self._cautious_steps = 0
         self._cautious = self._simulated = False
         self._set_delays(1.0)
 
     def on_missed_sample(self) -> None:
         """Handle a missed sample: the observer restarts at the next one with the present disturbance."""
-        self._observer.miss()
-        self._before = None
+        self._motion.miss()
         if self._deviations is not None:
             self._deviations.reset()
 
     def diagnostics(self) -> dict[str, str]:
         """Return the counts of the solver and the disturbance as text."""
+        observer, plan = self._motion.observer, self._force_plan
         return {
-            "limited_steps": str(self._limited_steps),
-            "most_exchanges": str(self._most_exchanges),
-            "solver_failures": str(self._failures),
-            "disturbance": repr(self._observer.disturbance),
+            "limited_steps": str(plan.limited_steps),
+            "most_exchanges": str(plan.most_exchanges),
+            "solver_failures": str(plan.failures),
+            "disturbance": repr(observer.disturbance),
             "delay_factor": repr(self._identification.factor),
             "actuator_gain": repr(self._identification.gain),
             "actuator_model": "wrong" if self._identification.model_is_wrong else "right",
             "cautious_steps": str(self._cautious_steps),
-            "mass_error": repr(self._observer.mass_error),
-            "speed_noise": repr(self._observer.speed_noise),
+            "mass_error": repr(observer.mass_error),
+            "speed_noise": repr(observer.speed_noise),
         }
+
+    def planned(self) -> LawPlan | None:
+        """Return the plan of the last decision."""
+        return self._force_plan.planned()
 
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force demand of every unit [N]."""
         if inputs.lookahead.simulated_force.size and not self._simulated:
-            self._begin_simulated()
+            self._simulated = True
+            self._motion.begin_simulated()
+            self._set_delays(self._identification.factor)
         changed = self._identify(inputs)
         wanted = self._wanted(inputs)
         self._cautious_steps += self._cautious
@@ -262,115 +236,75 @@ class Mpc(GuardedLaw):
             self._set_delays(self._identification.factor)
         return wanted
 
-    def _begin_simulated(self) -> None:
-        """Plan the deviation from a simulated train from now on."""
-        self._simulated = True
-        self._observer.set_simulated(SIMULATED_WAVES)
-        self._set_delays(self._identification.factor)
-
     def _identify(self, inputs: LawInput) -> bool:
         """Compare the measured force with the commands; return True for a new delay, for the next step on."""
         in_flight = inputs.commands_in_flight
         last = in_flight[-1] if in_flight.size else np.array(self._last_force)
         pulls = float(self._identification.sent.min()) >= 0.0
-        moves = pulls or abs(self.mean(inputs.velocity.tolist())) > self._rest_speed(IDENTIFICATION_SPEED)
+        moves = pulls or abs(self.mean(inputs.velocity.tolist())) > self._motion.rest_speed(IDENTIFICATION_SPEED)
         return self._identification.step(last, mean_over_units([1.0] * self.n, inputs.applied.tolist()), moves)
-
-    def _stands(self, speed: float, reference: float) -> bool:
-        """Return True at standstill by measured and estimated speed [m/s]."""
-        estimated = speed if self._observer.stands else reference + self._observer.speed_error
-        return abs(speed) < self._rest_speed(STANDSTILL_SPEED) and abs(estimated) < STANDSTILL_SPEED + 3.0 * (
-            self._observer.speed_noise if self._observer.stands else 0.0
-        )
-
-    def _rest_speed(self, smallest: float) -> float:
-        """Return the measured speed below which the train can be at standstill [m/s]."""
-        return smallest + 3.0 * self._observer.speed_noise
 
     def _wanted(self, inputs: LawInput) -> list[float]:
         """Return the force of the plan for every unit [N]."""
-        model, ahead = self.model, inputs.lookahead
-        resisting = self._observe(inputs)
-        inertia = self._inertia = model.inertia / (1.0 + self._mass_error())
+        self._motion.step(inputs)
+        ahead, inertia = inputs.lookahead, self._motion.inertia
         count, simulated = self._ticks + 1, ahead.simulated_force
         required = follow_simulation(inertia * ahead.acceleration + ahead.resistance, simulated, count)
         feedforward = inputs.feedforward.tolist() if simulated.size else self._feedforward(required)
-        self._beyond_reference = resisting - float(simulated[0] if simulated.size else ahead.resistance[0])
-        disturbance = self._unexplained - self._beyond_reference / inertia
-        motion = np.array([self._observer.position_error, self._observer.speed_error, disturbance, 0.0])
-        gain = self._gain()
-        sent = self._identification.sent if self.parameters.identify else inputs.commands_in_flight
-        free_motion(
-            motion, inputs.applied, gain * sent, required[:count], self._actuators, model.tick, model.lag, inertia,
-        )  # fmt: skip
+        gain = self._identification.gain if self.parameters.identify else 1.0
+        sent = gain * (self._identification.sent if self.parameters.identify else inputs.commands_in_flight)
+        motion = self._motion_at_effect(inputs, sent, required[:count])
         disturbance = self._add_rate(motion)
-        errors = np.empty((2, self._nodes.size))
-        free_errors(motion, self._nodes, model.lag, errors[0], errors[1])
-        rise = (plain_sum(feedforward) - required[count - 1]) / inertia - motion[3]
-        if model.lag == 0.0:
-            rise = (plain_sum(feedforward) - gain * plain_sum(self._last_force)) / inertia - disturbance
-        total = self._decide(inputs, required, errors, disturbance, rise, plain_sum(feedforward))
+        total = self._total_force(inputs, required, motion, disturbance, plain_sum(feedforward), gain)
         added = total - plain_sum(feedforward)
         wanted = [force + added * share for force, share in zip(feedforward, self.share, strict=True)]
         if self._deviations is not None:
-            between = self._deviations.forces(inputs, gain * sent, self._actuators, self._ticks)
+            between = self._deviations.forces(inputs, sent, self._actuators, self._ticks)
             if not self._cautious:
                 wanted = [force + more for force, more in zip(wanted, between, strict=True)]
         effect, later = self._ticks, self._entries - 1 + PARTS
         places = float(ahead.velocity[effect]), float(ahead.acceleration[effect]), float(ahead.velocity[later])
         force = float(required[effect] + inertia * (motion[3] - disturbance))
-        wanted = self._standstill.limited(wanted, motion, places, self._observer.stands, inertia, force)
+        wanted = self._standstill.limited(wanted, motion, places, self._motion.observer.stands, inertia, force)
         if self._sections and ahead.force_max.size:
-            wanted = within_units(
-                wanted, self.share, ahead.force_min[effect].tolist(), ahead.force_max[effect].tolist()
-            )
+            low, high = ahead.force_min[effect].tolist(), ahead.force_max[effect].tolist()
+            wanted = within_units(wanted, self.share, low, high)
         return [force / gain for force in wanted]
+
+    def _motion_at_effect(self, inputs: LawInput, sent: Array, required: Array) -> Array:
+        """Return errors of position and speed, disturbance and relative acceleration at the time of effect."""
+        model, measured = self.model, self._motion
+        disturbance = measured.unexplained - measured.beyond_reference / measured.inertia
+        motion = np.array([measured.observer.position_error, measured.observer.speed_error, disturbance, 0.0])
+        free_motion(
+            motion, inputs.applied, sent, required, self._actuators, model.tick, model.lag, measured.inertia
+        )  # fmt: skip
+        return motion
 
     def _add_rate(self, motion: Array) -> float:
         """Add the rate of the disturbance to the motion at the time of effect; return d + Ta d' there [m/s²]."""
-        rate, longest = self._observer.disturbance_rate, self._ticks * self.model.tick
+        rate, longest = self._motion.observer.disturbance_rate, self._ticks * self.model.tick
         position, speed, risen, _ = motion_by_rate(rate, longest)
         motion += position, speed, 0.0, risen
         _, _, risen, rate = motion_by_rate(rate, longest + 0.5 * self.period)
         return float(motion[2]) + risen + self.model.lag * rate
 
-    def _observe(self, inputs: LawInput) -> float:
-        """Advance the observer and return the resistance of the model at the measured state [N]."""
-        model = self.model
-        speed, reference = self.mean(inputs.velocity.tolist()), float(inputs.lookahead.velocity[0])
-        resisting = model.resisting_force(model.front(inputs.position), speed, inputs.train_shoe_force)
-        simulated = inputs.lookahead.simulated_force
-        if simulated.size:
-            slope = self._drag_slope[0] + self._drag_slope[1] * abs(reference)
-            resisting = float(simulated[0]) + slope * (speed - reference)
-        place = mean_over_units(self.share, (inputs.position + model.offsets).tolist())
-        position_error, speed_error = place - float(inputs.lookahead.position[0]), speed - reference
-        force = mean_over_units([1.0] * self.n, inputs.applied.tolist())
-        by_line = model.line_force(model.front(inputs.position)) / model.inertia
-        if self._before is None or (not simulated.size and self._stands(speed, reference)):
-            self._observer.stand(position_error, speed, place, reference)
-            regressor = by_line
-        else:
-            force_before, resisting_before, reference_before = self._before
-            drive = self._weight * force_before + (1.0 - self._weight) * force
-            pull = (drive - 0.5 * (resisting_before + resisting)) / model.inertia
-            regressor = pull + by_line
-            change = 0.0 if simulated.size else (reference - reference_before) / self.period
-            force_change = (force - force_before) / model.inertia
-            self._observer.step(position_error, speed_error, pull - change, regressor, force_change)
-        self._before = (force, resisting, reference)
-        mass_error = self._mass_error()
-        rest = (self._observer.mass_error - mass_error) * regressor
-        self._unexplained = self._observer.disturbance + mass_error * by_line + rest
-        return resisting
-
-    def _mass_error(self) -> float:
-        """Return the part of the estimated error of the mass that the measurements support."""
-        return self._observer.mass_error * self._observer.mass_known if self.parameters.identify else 0.0
-
-    def _gain(self) -> float:
-        """Return the gain of the actuators that the law uses."""
-        return self._identification.gain if self.parameters.identify else 1.0
+    def _total_force(
+        self, inputs: LawInput, required: Array, motion: Array, disturbance: float, feedforward: float, gain: float
+    ) -> float:
+        """Return the total force of the plan for now [N]."""
+        lag, inertia, last = self.model.lag, self._motion.inertia, plain_sum(self._last_force)
+        errors = np.empty((2, self._force_plan.nodes.size))
+        free_errors(motion, self._force_plan.nodes, lag, errors[0], errors[1])
+        rise = (feedforward - required[self._ticks]) / inertia - motion[3]
+        if lag == 0.0:
+            rise = (feedforward - gain * last) / inertia - disturbance
+        limits = gain * np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
+        start = PlanStart(
+            required, errors, disturbance, rise, feedforward, last, limits, self._motion.observer.position_error,
+            self._motion.beyond_reference, inertia, inputs.train_shoe_force > 0.0,
+        )  # fmt: skip
+        return self._force_plan.decide(start, inputs.lookahead, self._simulated)
 
     def _feedforward(self, required: Array) -> list[float]:
         """Return the force of every unit that gives the required force at the time of its effect [N]."""
@@ -382,71 +316,6 @@ class Mpc(GuardedLaw):
             if force < 0.0 and backward != forward:
                 force = min(0.0, _through_lag(table, (backward + half) / tick, model.lag / tick))
             found.append(force * share)
-        return found
-
-    def _decide(
-        self, inputs: LawInput, required: Array, errors: Array, disturbance: float, rise: float, feedforward: float
-    ) -> float:
-        """Return the total force of the plan for now [N]."""
-        last = plain_sum(self._last_force)
-        at_nodes = node_values(required[self._entries - 1 :], self._nodes, PARTS)
-        at_nodes[0] = feedforward
-        later = inputs.lookahead
-        reference = np.array([later.position[self._entries - 1 :: PARTS], later.velocity[self._entries - 1 :: PARTS]])
-        allowed = np.empty(7 * self._nodes.size)
-        now = self._gain() * np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
-        side = self._sides[int(last < 0.0)]
-        drag = (self._beyond_reference, *self._drag_slope)
-        # a brake that acts does not last, and the simulated train had these limits
-        tables = self._no_tables if self._simulated and inputs.train_shoe_force > 0.0 else self._tables
-        self._largest = max(abs(self._observer.position_error), self._largest * self._memory)
-        self._ends[3] = max(self._band, self._largest)
-        bounds(
-            at_nodes, reference, self._limits, self._ends, now, errors, (side.response_velocity, self._plan), drag,
-            tables, self._force_range(reference + errors, later), self._inertia, self.parameters.jerk,
-            self._steps, disturbance, rise, float(required[self._ticks]), allowed,
-        )  # fmt: skip
-        gradients = (side.gradient_position, side.gradient_velocity)
-        exchanges = decide(
-            gradients, side.inverse, side.limited, side.dual, side.constraints, errors, allowed, self._active,
-            self._plan,
-        )  # fmt: skip
-        if exchanges < 0:
-            self._failures += 1
-            self._active[:] = False
-            self._plan = np.interp(self._nodes + self.period, self._nodes, self._plan)
-        else:
-            self._most_exchanges = max(self._most_exchanges, exchanges)
-            self._limited_steps += bool(self._active.any())
-        reference[:, 0] = later.position[self._ticks], later.velocity[self._ticks]
-        self._decided = (
-            self._ticks * self.model.tick + self._nodes, reference, errors, side, self._plan.copy(),
-            at_nodes + self._inertia * (self._plan - disturbance), allowed[4 * self._nodes.size : 5 * self._nodes.size],
-            SOLVED if exchanges >= 0 else CONTINUED,
-        )  # fmt: skip
-        return feedforward + self._inertia * (float(self._plan[0]) - disturbance)
-
-    def planned(self) -> LawPlan | None:
-        """Return the plan of the last decision."""
-        return planned_motion(*self._decided)
-
-    def _force_range(self, motion: Array, ahead: Lookahead) -> Array:
-        """Return the range of the total force at the nodes for couplers and sections of the line [N]."""
-        within = self._within_couplers(motion)
-        if not self._sections or not ahead.force_max.size:
-            return within
-        return limits_at_nodes(ahead.force_min, ahead.force_max, self._nodes, PARTS, self._ticks, within)
-
-    def _within_couplers(self, motion: Array) -> Array:
-        """Return the smallest and largest total force at the nodes for the coupler forces [N], shape (2, nodes).
-
-        The couplers do not limit later brake forces of a train with an air brake, as the envelopes do not.
-        """
-        if self._couplers is None:
-            return self._unbounded
-        found = self._couplers.force_range(motion[0], motion[1])
-        if self.model.air_brake is not None:
-            found[0, 1:] = -np.inf
         return found
 
 
