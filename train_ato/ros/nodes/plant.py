@@ -20,6 +20,7 @@ from train_ato.ros.nodes.answer_watch import AnswerWatch
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.outage import OUTAGE_RATE, Outage
 from train_ato.ros.nodes.plant_requests import NO_RATE, PlantRequests
+from train_ato.ros.nodes.tick_answers import TickAnswers
 
 LEAD = 400
 """Maximum lead of the plant over the recorder [ticks]: less than half of the recorder's queues."""
@@ -27,8 +28,6 @@ SHORTEST_WAIT_S = 0.0005
 """Minimum wait before a tick [s]; shorter waits are omitted."""
 STOPPING_RATE = 10.0
 """Simulated seconds per wall second after the loss of a node in lockstep, until standstill."""
-ANSWERS = {"controller": ("command", "pipe"), "supervisor": ("release",)}
-"""Answers to the plant by node."""
 STANDING_S = 2.0
 """Simulated time at standstill after which a run with a lost node ends [s]."""
 
@@ -63,8 +62,10 @@ class PlantNode:
         Time without an answer.
     outage : Outage
         Nodes whose process is started again.
-    ignored, late, held : int
-        Numbers of duplicate or unexpected answers, of commands after their tick, and of ticks without a command.
+    answers : TickAnswers
+        Answers of the other nodes to the ticks.
+    late, held : int
+        Numbers of commands after their tick, and of ticks without a command.
     """
 
     def __init__(
@@ -81,16 +82,13 @@ class PlantNode:
         self.stage = stage
         self.endpoints = endpoints
         self.finished = False
-        self.ignored = self.late = self.held = 0
+        self.late = self.held = 0
+        self.answers = TickAnswers(stage.setup)
         self.sent_stamp = -1
         self.blocked = False
         self.paused = False
         self._recorded = recorded
         self._begun = self._waiting = self._stopping = self._single = False
-        self._command: Command | None = None
-        self._pipe: Pipe | None = None
-        self._release: BrakeRelease | None = None
-        self._answered = {"command": -1, "pipe": -1, "release": -1}
         self._acknowledged = 0
         self.answer_watch = AnswerWatch()
         self._lost: tuple[str, str] | None = None
@@ -118,7 +116,12 @@ class PlantNode:
     @property
     def answered(self) -> bool:
         """True if the command for the last measurement has arrived; a run without lockstep ends before it."""
-        return self._answered["command"] >= self.sent_stamp
+        return self.answers.commanded >= self.sent_stamp
+
+    @property
+    def ignored(self) -> int:
+        """Number of duplicate or unexpected answers."""
+        return self.answers.ignored
 
     @property
     def supervised_stamp(self) -> int:
@@ -177,6 +180,7 @@ class PlantNode:
             self.endpoints.watch.fail(role.value, reason)
         elif self._lost is None:
             self._lost = (role.value, reason)
+            self.answers.lose(role)
             self._recorded = self.blocked = False  # the recorder acknowledges complete ticks only
             self.stage.report_outage(f"node {role.value}: {reason}")
             self.stage.protection.lose(self.stage.lost)
@@ -209,20 +213,14 @@ class PlantNode:
             self._conclude()
             role, reason = next(iter(self.outage.away.items()))
             self.endpoints.watch.fail(role.value, f"{reason}; it did not return before the end of the run")
-        elif self.outage.step(self._all_answered(stamp)):
+        elif self.outage.step(self.answers.all_arrived(stamp)):
             returned = {role.value: count for role, count in self.outage.returned.items()}
             self.stage.report_outage("", returned)
             self._return_tick = self.stage.tick
             if self._lockstep_rate is not None:
                 self._rate.change(self._lockstep_rate)
-                self._period = self._lockstep_rate = self._pipe = None
+                self._period = self._lockstep_rate = self.answers.pipe = None
                 self._timer.cancel()
-
-    def _all_answered(self, stamp: int) -> bool:
-        """Return True if every answer to a stamp [ns] has arrived."""
-        setup, due = self.stage.setup, ["command"]
-        due += ["pipe"] * setup.layout.air_brake + ["release"] * setup.supervised_at(stamp)
-        return all(self._answered[kind] == stamp for kind in due)
 
     def _on_second_publisher(self, topic: str, reason: str) -> bool:
         """Lose the node whose topic has a second publisher, in a supervised run; return False in another one."""
@@ -232,51 +230,31 @@ class PlantNode:
         return True
 
     def _on_command(self, command: Command) -> None:
-        if self._due("command", command.stamp):
+        if self._take(command):
             self.answer_watch.hear()
-            self._command = command
-            if self._period is None:
-                self._act_if_complete()
+            self._act_if_complete()
 
     def _on_brake_pipe_command(self, pipe: Pipe) -> None:
-        if self._due("pipe", pipe.stamp):
-            self._pipe = pipe
-            if self._period is None:
-                self._act_if_complete()
+        if self._take(pipe):
+            self._act_if_complete()
 
     def _on_brake_release(self, release: BrakeRelease) -> None:
-        if self._due("release", release.stamp):
+        if self._take(release):
             self.answer_watch.hear_release()
-            self._release = release
-            if self._period is None:
-                self._act_if_complete()
+            self._act_if_complete()
 
-    def _due(self, kind: str, stamp: int) -> bool:
-        """Return True for a due answer: to the current tick, without lockstep also to an earlier one; count others.
-
-        The answers of a lost node are not used any more.
-        """
-        if self._lost is not None and kind in ANSWERS.get(self._lost[0], ()):
-            self.ignored += 1
-            return False
-        waited = stamp <= self.sent_stamp if self._period is not None else self._waiting and stamp == self.stage.stamp
-        if not waited or stamp <= self._answered[kind]:
-            self.ignored += 1
-            return False
-        self._answered[kind] = stamp
-        return True
+    def _take(self, answer: Command | Pipe | BrakeRelease) -> bool:
+        """Take an answer to the current tick, without lockstep also to an earlier one; return True if it is new."""
+        if self._period is not None:
+            return self.answers.take(answer, answer.stamp <= self.sent_stamp)
+        return self.answers.take(answer, self._waiting and answer.stamp == self.stage.stamp)
 
     def _act_if_complete(self) -> None:
-        command, pipe = self._command, self._pipe
-        release, setup = self._release, self.stage.setup
-        if command is None or (pipe is None and setup.layout.air_brake):
-            return
-        if release is None and setup.supervised_at(self.stage.stamp):
-            return
-        self._command = self._pipe = self._release = None
-        self._waiting = False
-        self.stage.act(command, pipe, release)
-        self._next()
+        """Run the tick with its last answer in lockstep."""
+        if self._period is None and (answers := self.answers.use(self.stage.stamp)) is not None:
+            self._waiting = False
+            self.stage.act(*answers)
+            self._next()
 
     def _next(self) -> None:
         """Begin the next tick, unless the run is finished, paused or too early, or the recorder is behind."""
@@ -336,17 +314,16 @@ class PlantNode:
             self.endpoints.guard(self._free_tick)
 
     def _free_tick(self) -> None:
-        command, stamp = self._command, self.stage.stamp
-        release, self._release = self._release, None
+        stamp = self.stage.stamp
+        command, last_pipe, release = self.answers.use_newest()
         self._waiting = False
         if command is None:
             self.held += 1
             self.stage.hold(release)
         else:
             self.late += command.stamp != stamp
-            pipe = None if self._pipe is None else Pipe(stamp, self._pipe.pressure)
+            pipe = None if last_pipe is None else Pipe(stamp, last_pipe.pressure)
             self.stage.act(Command(stamp, command.force), pipe, release)
-            self._command = None
         if self._lost is not None:
             self._standing = self._standing + 1 if self.stage.standstill else 0
             if self._standing * self.stage.setup.tick >= STANDING_S or self.stage.finished:
@@ -360,7 +337,7 @@ class PlantNode:
     def _on_recorder_progress(self, tick: Tick) -> None:
         acknowledged = tick.stamp // self.stage.setup.tick_ns
         if not self._acknowledged < acknowledged <= self.stage.tick:
-            self.ignored += 1
+            self.answers.ignored += 1
             return
         self._acknowledged = acknowledged
         if self.blocked:
