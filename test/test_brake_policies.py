@@ -10,9 +10,13 @@ import pytest
 import yaml
 
 from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
+from train_ato.control.compensation.contract import CompensationInput
+from train_ato.control.compensation.rigid import RigidForce
+from train_ato.control.registry import COMPENSATIONS
 from train_ato.loop.engine import run_engine
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import prepare
+from train_ato.messages.types import Measurement, Reference
 from train_ato.scenario.scenario import load_scenario
 
 
@@ -26,17 +30,20 @@ def long_fall(tmp_path: Path) -> Path:
     return path
 
 
-def run(line: Path, policy: str) -> RunResult:
-    """Start at 50 km/h before the fall and hold it."""
+def at_50_kmh(line: Path, policy: str) -> dict[str, Any]:
+    """Return the changes for a start at 50 km/h before the fall, and a reference that holds it."""
     points = [{"time": 0, "speed_kmh": 50}, {"time": 760, "speed_kmh": 50}]
-    changes = {
+    return {
         "duration": 700,
         "plant": {"line": str(line), "start": {"position": 1500, "speed_kmh": 50}},
         "profile": {"phases": None, "points": points, "start": 1500, "allow_rolling_end": True},
         "brake": {"policy": policy},
     }
-    setup = prepare(*load_scenario("demo", (), changes))
-    return run_engine(setup)
+
+
+def run(line: Path, policy: str) -> RunResult:
+    """Start at 50 km/h before the fall and hold it."""
+    return run_engine(prepare(*load_scenario("demo", (), at_50_kmh(line, policy))))
 
 
 def test_electric_brake_alone_runs_away(long_fall: Path) -> None:
@@ -74,6 +81,27 @@ def test_blending_rules_on_the_share_of_the_electric_brake() -> None:
     assert pressures(25, 31, 0.2)[-2:] == [550e3, 600e3]
     assert set(pressures(31, 90, 0.95)) == {600e3}
     assert pressures(90, 97, 0.95)[-1] == 550e3
+
+
+def test_blending_in_the_simulated_copy_has_the_force_of_its_units(long_fall: Path) -> None:
+    """Without that force `train_predictor` never applies the air brake of its copy."""
+    setup = prepare(*load_scenario("demo", (), at_50_kmh(long_fall, "blend")))
+    model = setup.model
+    layer = COMPENSATIONS.make("train_predictor", {}, model, model.tick)
+    layer.set_profile(RigidForce(model, setup.profile))
+    layer.set_brake_policy(make_brake_policy(BrakeSpec.model_validate({"policy": "blend"}), model, model.line))
+    speed, none = np.array([50 / 3.6]), np.zeros(0)
+    low, high = model.force_limits(speed)
+    shoes = []
+    for k in range(300):
+        t, stamp = k * model.tick, round(k * model.tick * 1e9)
+        measured = Measurement(stamp, np.array([1500.0 + speed[0] * t]), speed, low, none, none, none)
+        reference = Reference(stamp, *setup.profile.at(t)[:3])
+        seen = CompensationInput(measured, reference, np.zeros(1), np.array([low] * 5), 600e3, low, high)
+        shoes.append(layer.step(seen).train_shoe_force)
+        layer.on_command_sent(low)
+    assert shoes[0] == 0.0
+    assert shoes[-1] > 50e3
 
 
 def test_air_is_not_released_below_the_limit() -> None:

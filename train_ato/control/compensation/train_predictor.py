@@ -25,6 +25,7 @@ import numpy as np
 
 from plant_sim.train import Train
 from train_ato.control.air_brake.shoes import ShoeForces
+from train_ato.control.algorithms.force_shares import total_of_units
 from train_ato.control.compensation.base import CompensationBase, UnitState
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.nominal_train import nominal_copy
@@ -119,7 +120,8 @@ class TrainPredictor(CompensationBase):
         assert self._sent is not None
         pressure = None
         if self._policy is not None:
-            front = float(self._copy.position[0])
-            pressure = self._policy.step(self._start + self._copy.time, front, float(self._copy.velocity[0]))
+            copy, time = self._copy, self._start + self._copy.time
+            force = total_of_units(copy.applied)
+            pressure = self._policy.step(time, float(copy.position[0]), float(copy.velocity[0]), force)
         self._demand[:] = self._sent
         self._copy.advance(self._demand, pressure)
