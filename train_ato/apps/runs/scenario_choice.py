@@ -158,7 +158,7 @@ def choose_scenario(name: str | Path | ScenarioChoice) -> ScenarioChoice:
     if isinstance(name, ScenarioChoice):
         return name
     if not isinstance(name, (str, Path)):
-        raise ValueError(f"scenario {name!r}: give a name, a file or train_ato.scenario(...)")
+        raise ValueError(f"scenario of type {type(name).__name__}: give a name, a file or train_ato.scenario(...)")
     path, data = raw_scenario(str(name))
     return ScenarioChoice(str(name), path, data)
 
