@@ -431,3 +431,11 @@ def test_compensations_that_do_not_fit_are_refused(scenario, compensation):
     """A predicting compensation would count the delay twice; a feed-forward alone is not used."""
     with pytest.raises(ValueError, match="law 'mpc' with compensation"):
         ta.run(scenario, law="mpc", compensation=compensation, set={"duration": 1}, progress=False)
+
+
+@pytest.mark.slow
+def test_force_of_a_long_train_does_not_follow_the_steps_of_its_line_force():
+    """Wagon by wagon the line force changes by 3 kN; with its derivative through the lag the variation is 12.6 kN/s."""
+    changes = {"duration": 550}
+    run = ta.run("daqin_heavy_haul", law="mpc", compensation="none", set=changes, progress=False)
+    assert run.metrics["command_variation_kn_per_s"] < 7.0

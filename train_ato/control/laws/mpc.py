@@ -12,7 +12,8 @@ disturbance d::
 F_i begins at the measured force; u_i are the commands in flight, each with the delay of its sign.
 
 **Plan.** The command is u_i = share_i [R + Ta R' + M (z - d)]/g with R at the time of effect plus half of a control
-period (the command is held). z(s) is linear between 32 nodes s_j at geometrically growing distances. Responses of e_p
+period (the command is held); with hauled vehicles R at the time Ta later in place of Ta R', because their line force
+is a staircase. z(s) is linear between 32 nodes s_j at geometrically growing distances. Responses of e_p
 and e_v to z through delay and lag are closed forms (`horizon_model.py`)::
 
     J = sum_k W_k [(a omega²)² e_p² + (4 - 2a) omega² e_v²] + sum_j w_j z_j² + T (a omega²)² b²
@@ -155,7 +156,7 @@ class Mpc(GuardedLaw):
     def __init__(self, parameters: MpcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         p = parameters
-        hauls = self.follows_simulation = len(model.consist.vehicles) > model.n_units
+        hauls = self._hauls = self.follows_simulation = len(model.consist.vehicles) > model.n_units
         self.omega = p.omega or default_omega(model)
         self._force_plan = ForcePlan(
             model, period, self.omega, p.lookahead, p.nodes, p.jerk, p.overspeed, p.coupler_limit
@@ -180,6 +181,7 @@ class Mpc(GuardedLaw):
         self._entries = self._ticks + 2 + math.ceil(0.5 * self.period / model.tick)
         after = self._ticks * model.tick + self._force_plan.times[1:]
         self.lookahead_times: Array = np.concatenate((model.tick * np.arange(self._entries), after))
+        self._rising = np.argsort(self.lookahead_times, kind="stable")
         omega = self.omega * (p.safe_share if self._cautious else 1.0)
         share = SIMULATED_SHARE if self._simulated else p.position_share
         self._force_plan.set_delays(self._actuators[:2], self._ticks, self._entries, omega, share)
@@ -307,14 +309,33 @@ class Mpc(GuardedLaw):
         return self._force_plan.decide(start, inputs.lookahead, self._simulated)
 
     def _feedforward(self, required: Array) -> list[float]:
-        """Return the force of every unit that gives the required force at the time of its effect [N]."""
+        """Return the force of every unit that gives the required force at the time of its effect [N].
+
+        Through the lag Ta the command is F + Ta F'. The line force of a train of wagons is a staircase, one step for
+        every wagon at a change of the grade, and F' of a step is an impulse. With hauled vehicles the command is
+        therefore F at the time Ta later, equal to F + Ta F' for a steady slope.
+        """
         model, tick, half = self.model, self.model.tick, 0.5 * self.period
+        if self._hauls:
+            return self._feedforward_hauled(required)
         table = required[: self._entries].tolist()
         found = []
         for share, forward, backward in zip(*self._actuators[[2, 0, 1]].tolist(), strict=True):
             force = _through_lag(table, (forward + half) / tick, model.lag / tick)
             if force < 0.0 and backward != forward:
                 force = min(0.0, _through_lag(table, (backward + half) / tick, model.lag / tick))
+            found.append(force * share)
+        return found
+
+    def _feedforward_hauled(self, required: Array) -> list[float]:
+        """Return the required force of every unit at the time of its effect and the lag later [N]."""
+        times, forces = self.lookahead_times[self._rising], required[self._rising]
+        later = 0.5 * self.period + self.model.lag
+        found = []
+        for share, forward, backward in zip(*self._actuators[[2, 0, 1]].tolist(), strict=True):
+            force = float(np.interp(forward + later, times, forces))
+            if force < 0.0 and backward != forward:
+                force = min(0.0, float(np.interp(backward + later, times, forces)))
             found.append(force * share)
         return found
 
