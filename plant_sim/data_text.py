@@ -14,6 +14,9 @@ import yaml
 
 MAX_NESTING = 100
 """Largest depth of nested values."""
+_TOO_DEEP = f"nested deeper than {MAX_NESTING} levels"
+_PARSER_TOO_DEEP = "exceeded maximum nesting depth"
+"""Problem of the parser in C of PyYAML 6.0.4, which reads ahead of the composer and has a limit of its own."""
 MAX_ALIASES = 50
 """Largest number of aliases in a text; many aliases expand to a size far beyond that of the text."""
 
@@ -38,7 +41,7 @@ class _LimitedComposer(yaml.composer.Composer):
                 )
         self._depth += 1
         if self._depth > MAX_NESTING:
-            raise yaml.constructor.ConstructorError(None, None, f"nested deeper than {MAX_NESTING} levels", None)
+            raise yaml.constructor.ConstructorError(None, None, _TOO_DEEP, None)
         node = super().compose_node(parent, index)
         self._depth -= 1
         return node
@@ -94,7 +97,7 @@ def parse_yaml(text: str | bytes) -> Any:
         last = len(text.splitlines()) - 1  # the parser in C counts one line more at the end
         place = f"line {min(mark.line, last) + 1}: " if mark is not None else ""
         problem = getattr(error, "problem", None) or "not YAML"
-        raise ValueError(f"{place}{problem}") from None
+        raise ValueError(f"{place}{_TOO_DEEP if problem == _PARSER_TOO_DEEP else problem}") from None
     except (ValueError, ArithmeticError) as error:  # a date or a number that does not exist
         raise ValueError(f"{' '.join(str(error).split())[:200]}") from None
 
