@@ -78,14 +78,15 @@ def test_range_of_the_force():
     force, count = _force("xuzhou_metro_3")
     mass = 1e5
     at_place, far = np.array([0.05, 0.0, 0.0, 0.0]), np.array([-0.5, 0.0, 0.0, 0.0])
-    assert force.range(at_place, REST, True, mass, 0.0) == (-math.inf, 0.0)
+    assert force.range(at_place, REST, True, mass, 0.0) == (0.0, 0.0)
+    assert force.range(at_place, REST, False, mass, 0.0) == (-math.inf, 0.0)
     assert force.range(far, REST, True, mass, 0.0) == FREE
     slow = np.array([0.0, 0.04, 0.0, -0.3])
     assert force.range(slow, REST, False, mass, -3e4) == (count * RELEASE_FORCE,) * 2
     assert force.range(np.array([0.0, 0.04, 0.0, 0.0]), REST, False, mass, 0.0) == (-math.inf, 0.0)
     assert force.range(np.array([0.0, 1.0, 0.0, -0.3]), (2.0, -0.5, 1.5), False, mass, -3e4) == FREE
     rolls = np.array([0.0, 0.0, 0.0, -0.3])
-    assert force.range(rolls, (0.0, 0.0, 0.1), True, mass, 0.0) == (-math.inf, 0.0)
+    assert force.range(rolls, (0.0, 0.0, 0.1), True, mass, 0.0) == (0.0, 0.0)
     low, high = force.range(rolls, (0.01, 0.1, 0.1), True, mass, 0.0)
     assert low == pytest.approx(0.3 * mass / (1.0 - math.exp(-0.25)))
     assert high == math.inf
@@ -96,5 +97,7 @@ def test_hauled_vehicles_and_reversing_drives():
     hauls, _ = _force("hxd1_c80_105")
     assert hauls.range(np.zeros(4), (0.04, -0.1, 0.0), False, 1e7, 0.0) == (-math.inf, 0.0)
     assert hauls.range(np.zeros(4), (0.06, -0.1, 0.0), False, 1e7, 0.0) == FREE
+    assert hauls.range(np.zeros(4), REST, True, 1e7, 0.0) == (0.0, 0.0)
+    assert hauls.range(np.zeros(4), (0.0, 0.0, 0.1), True, 1e7, 0.0) == FREE
     reverses, _ = _force("xuzhou_metro_3", reversing=True)
     assert reverses.range(np.zeros(4), REST, True, 1e5, 0.0) == FREE

@@ -6,13 +6,16 @@ that of a simulated train with the difference of the running resistance.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
+from train_ato.control.algorithms.coupler_modes import CouplerModes
 from train_ato.control.algorithms.force_shares import mean_over_units
+from train_ato.control.algorithms.modal_observer import ModalObserver
 from train_ato.control.algorithms.motion_observer import MotionObserver
 from train_ato.control.algorithms.simulated_reference import SIMULATED_WAVES
-from train_ato.control.algorithms.train_constants import drag_slope, wave_time
+from train_ato.control.algorithms.train_constants import dead_time, drag_slope, wave_time
 from train_ato.control.train_model import STANDSTILL_SPEED
 
 if TYPE_CHECKING:
@@ -55,7 +58,13 @@ class MeasuredMotion:
         waves = wave_time(model) if vehicles > model.n_units else 0.0
         self._model, self._period, self._use_mass = model, period, use_mass
         self._share: list[float] = model.share.tolist()
-        self._new_observer = partial(MotionObserver, period, bandwidth, waves, vehicles > 1, speed_noise)
+        self._new_observer: Callable[[], MotionObserver] = partial(MotionObserver, period, bandwidth, waves, vehicles > 1, speed_noise)
+        self._new_simulated = self._new_observer
+        if waves > 0.0:
+            modes = CouplerModes.of(model)
+            self._new_observer = partial(
+                ModalObserver, period, bandwidth, waves, speed_noise, modes, dead_time(model)
+            )
         self._weight = weight
         self.drag_slope = drag_slope(model)
         self.reset()
@@ -72,7 +81,8 @@ class MeasuredMotion:
         self._before = None
 
     def begin_simulated(self) -> None:
-        """Estimate the deviation from a simulated train from now on."""
+        """Estimate the deviation from a simulated train, which has the waves of the couplers, from now on."""
+        self.observer = self._new_simulated()
         self.observer.set_simulated(SIMULATED_WAVES)
 
     @property
@@ -119,7 +129,7 @@ class MeasuredMotion:
             regressor = pull + by_line
             change = 0.0 if simulated.size else (reference - reference_before) / self._period
             force_change = (force - force_before) / model.inertia
-            observer.step(position_error, speed_error, pull - change, regressor, force_change)
+            observer.step(position_error, speed_error, pull - change, regressor, force_change, drive)
         self._before = (force, resisting, reference)
         mass_error = self.mass_error
         rest = (observer.mass_error - mass_error) * regressor

@@ -33,23 +33,24 @@ def mix(states, covariances, chances, chain):
 
     Parameters
     ----------
-    states : Array, shape (filters, 5)
-        Position error [m], speed error [m/s], disturbance [m/s²], error of the mass, rate of the disturbance [m/s³].
-    covariances : Array, shape (filters, 5, 5)
+    states : Array, shape (filters, states)
+        Position error [m], speed error [m/s], disturbance [m/s²], and others; here error of the mass and rate of the
+        disturbance [m/s³].
+    covariances : Array, shape (filters, states, states)
         Their covariances.
     chances : Array, shape (filters,)
         Probability of every filter; receives that before the next measurement.
     chain : Array, shape (filters, filters)
         Probability of a change in a period, from filter to filter.
     """
-    count = chances.size
+    count, size = states.shape
     former_states, former, before = states.copy(), covariances.copy(), chances.copy()
     for j in range(count):
         total = 0.0
         for i in range(count):
             total += before[i] * chain[i, j]
         chances[j] = total
-        for a in range(STATES):
+        for a in range(size):
             states[j, a] = 0.0
             for i in range(count):
                 weight = before[i] * chain[i, j] / total
@@ -57,8 +58,8 @@ def mix(states, covariances, chances, chain):
         covariances[j] = 0.0
         for i in range(count):
             weight = before[i] * chain[i, j] / total
-            for a in range(STATES):
-                for b in range(STATES):
+            for a in range(size):
+                for b in range(size):
                     spread = (former_states[i, a] - states[j, a]) * (former_states[i, b] - states[j, b])
                     covariances[j, a, b] += weight * (former[i, a, b] + spread)
 
@@ -99,17 +100,34 @@ def correct(state, p, noise, miss_position, miss_speed):
     a, b, c = p[0, 0] + noise[0], p[0, 1], p[1, 1] + noise[1]
     size = a * c - b * b
     row0, row1 = p[0].copy(), p[1].copy()
-    for i in range(STATES):
+    for i in range(state.size):
         first = (row0[i] * c - row1[i] * b) / size
         second = (row1[i] * a - row0[i] * b) / size
         state[i] += first * miss_position + second * miss_speed
-        for j in range(STATES):
+        for j in range(state.size):
             p[i, j] -= first * row0[j] + second * row1[j]
-    for i in range(STATES):
+    for i in range(state.size):
         for j in range(i):
             p[i, j] = p[j, i]
     squared = (c * miss_position - 2.0 * b * miss_speed) * miss_position + a * miss_speed * miss_speed
     return 0.5 * squared / size, math.sqrt(size)
+
+
+@compiled
+def weigh(states, chances, exponents, roots, mean):
+    """Multiply the probabilities by the likelihoods of the innovations; ``mean`` receives the mean of the states."""
+    least = 1e300
+    for j in range(chances.size):
+        least = min(least, exponents[j])
+    total = 0.0
+    for j in range(chances.size):
+        chances[j] *= libm_exp(max(least - exponents[j], -100.0)) / roots[j]
+        total += chances[j]
+    mean[:] = 0.0
+    for j in range(chances.size):
+        chances[j] /= total
+        for a in range(mean.size):
+            mean[a] += chances[j] * states[j, a]
 
 
 @compiled(uses=(disturbance_filters,))
@@ -148,7 +166,6 @@ def filter_step(
     states[1:, 3] = states[0, 3]
     exponents, roots = np.empty(count), np.empty(count)
     mean_position, mean_speed = 0.0, 0.0
-    least = 1e300
     for j in range(count):
         state, covariance = states[1 + j], covariances[1 + j]
         predict_motion(state, covariance, drifts[1 + j], period, pull, regressor)
@@ -156,16 +173,7 @@ def filter_step(
         mean_position += chances[j] * miss_position
         mean_speed += chances[j] * miss_speed
         exponents[j], roots[j] = correct(state, covariance, noise, miss_position, miss_speed)
-        least = min(least, exponents[j])
-    total = 0.0
-    for j in range(count):
-        chances[j] *= libm_exp(max(least - exponents[j], -100.0)) / roots[j]
-        total += chances[j]
-    mean[:] = 0.0
-    for j in range(count):
-        chances[j] /= total
-        for a in range(STATES):
-            mean[a] += chances[j] * states[1 + j, a]
+    weigh(states[1:], chances, exponents, roots, mean)
     match(noise, before, weight, mean_position, mean_speed, floor_ratio)
 
 

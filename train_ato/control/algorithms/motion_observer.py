@@ -176,8 +176,24 @@ class MotionObserver:
         """Restart at the next sample with the present disturbance."""
         self._runs = False
 
+    def _begin_step(self, position: float, speed: float) -> bool:
+        """Count the sample; return False if the filters restart with it."""
+        if not self._runs:
+            self.restart(position, speed)
+            return False
+        if self.stands:
+            self._before[:], self.stands = 0.0, False
+        self._count = min(self._count + 1.0, max(self._samples, 1.0))
+        return True
+
     def step(
-        self, position: float, speed: float, pull: float, regressor: float = 0.0, force_change: float = 0.0
+        self,
+        position: float,
+        speed: float,
+        pull: float,
+        regressor: float = 0.0,
+        force_change: float = 0.0,
+        force: float = 0.0,
     ) -> None:
         """Advance by a period and correct by a measurement.
 
@@ -191,13 +207,11 @@ class MotionObserver:
             x, mean acceleration that grows with 1/mass [m/s²].
         force_change
             Change of the measured force over the mass in the period [m/s²]. Its time in the period is not known.
+        force
+            Mean total force of the units in the period [N]; used with modes of the couplers (`modal_observer.py`).
         """
-        if not self._runs:
-            self.restart(position, speed)
+        if not self._begin_step(position, speed):
             return
-        if self.stands:
-            self._before[:], self.stands = 0.0, False
-        self._count = min(self._count + 1.0, max(self._samples, 1.0))
         variance = min(float(self._noise[1]), SPEED_FLOOR**2)
         self._drifts[:, 0] = self._waves + (force_change * self._period) ** 2 / 12.0
         walks = self._filters.walks

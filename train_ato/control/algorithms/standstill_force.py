@@ -4,8 +4,9 @@ Below the holding speed the holding brake acts at once and fully as soon as no u
 at the first positive demand. Three rules follow, with speed v and acceleration a predicted for the time of effect of
 the command, and the demand F:
 
-* **Rest.** The reference is at rest and the train within ``STOP_WINDOW`` of its place: F <= 0. A force that holds the
-  train on a rising grade, or that follows the noise, would keep the holding brake off and move the train.
+* **Rest.** The reference is at rest and the train within ``STOP_WINDOW`` of its place: F <= 0, and F = 0 for a train at
+  rest. A force that holds the train on a rising grade, or that follows the noise, would keep the holding brake off and
+  move the train.
 * **Roll-out.** The last brake force decays through the lag Ta while a demand of at least 1 N keeps the
   holding brake off, for a < -``LAST_DECELERATION`` from ``ROLL_OUT_SPEED`` on if -a Ta > v, else from the holding
   speed on. Without it the holding brake stops the train from the holding speed with about 1 m/s².
@@ -15,7 +16,7 @@ the command, and the demand F:
   F = F_e - M e_a/(1 - e^(-h/Ta)), with the force F_e and the error e_a of the acceleration at the time of effect.
 
 With hauled vehicles there is no traction from a reference speed of ``STANDSTILL_SPEED`` down to the stop: the vehicles
-stop one by one. A train with a reversing drive has none of these rules, since a negative demand drives it backwards.
+stop one by one; with train and reference at rest F = 0. A train with a reversing drive has none of these rules, since a negative demand drives it backwards.
 """
 
 from __future__ import annotations
@@ -95,15 +96,19 @@ class StandstillForce:
         """
         now, _, later = reference
         if self._hauls:
+            if at_rest and now == 0.0 == later:
+                return 0.0, 0.0
             return (-math.inf, 0.0) if now < STANDSTILL_SPEED and later <= now else FREE
         if self._reversing:
             return FREE
         speed, acceleration = now + float(motion[1]), reference[1] + float(motion[3])
         self._rolls_out = self._rolls_out and later <= now and not at_rest
         waits = now == 0.0 and abs(float(motion[0])) < STOP_WINDOW and (at_rest or later == 0.0)
+        if waits and at_rest:
+            return 0.0, 0.0
         if later > now:
-            if waits or not at_rest or acceleration > -ROLL_BACK:
-                return (-math.inf, 0.0) if waits else FREE
+            if not at_rest or acceleration > -ROLL_BACK:
+                return FREE
             return force - inertia * float(motion[3]) / self._gained, math.inf
         if not at_rest and speed > 0.0 and self._lag > 0.0:
             enough = speed < (ROLL_OUT_SPEED if speed < -acceleration * self._lag else STANDSTILL_SPEED)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from plant_sim.gears import LinearGear
+from plant_sim.gears import LinearGear, RigidGear, TableGear
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.predictive_plan import SPEED_STEP
 from train_ato.messages.types import Array
@@ -24,23 +24,56 @@ MAX_OMEGA = 1.5
 
 def default_omega(model: TrainModel) -> float:
     """Return the pole of the closed loop from delay, lag and the wave impedance of the couplers [rad/s]."""
-    dead = max(float(model.delay.max()), float(model.delay_brake.max())) + model.lag
+    dead = dead_time(model)
     omega = min(MAX_OMEGA, 0.9 / dead if dead > 0.0 else MAX_OMEGA)
-    if len(model.consist.vehicles) > model.n_units:
-        omega = min(omega, model.n_units * model.mass / (3.0 * model.inertia * wave_time(model)))
+    longest = wave_time(model)
+    if longest > 0.0:
+        for share, sides in hauling_groups(model):
+            omega = min(omega, sides * model.mass / (3.0 * share * model.inertia * longest))
     return omega
 
 
+def dead_time(model: TrainModel) -> float:
+    """Return the time from a measurement to the effect of its command, largest delay and lag [s]."""
+    return max(float(model.delay.max()), float(model.delay_brake.max())) + model.lag
+
+
+def hauling_groups(model: TrainModel) -> list[tuple[float, int]]:
+    """Return share of the force and number of hauled neighbours of each group of adjacent power units.
+
+    The groups without a hauled neighbour have no entry.
+    """
+    shares = dict(zip(model.units, model.share.tolist(), strict=True))
+    found, share, before = [], 0.0, 0
+    for number in range(len(model.consist.vehicles) + 1):
+        if number in shares:
+            share += shares[number]
+            continue
+        after = int(number < len(model.consist.vehicles))
+        if share > 0.0 and before + after > 0:
+            found.append((share, before + after))
+        share, before = 0.0, 1
+    return found
+
+
 def wave_time(model: TrainModel) -> float:
-    """Return the time of a wave through all couplers of a train [s]; mass over it is the wave impedance."""
+    """Return the time of a wave through all couplers of a train [s]; mass over it is the wave impedance.
+
+    It is 0 for a train with rigid couplers only.
+    """
     count = len(model.consist.vehicles)
-    return math.sqrt(model.mass * count / min(map(mean_stiffness, model.consist.gears)))
+    softest = min(map(mean_stiffness, model.consist.gears), default=math.inf)
+    return math.sqrt(model.mass * count / softest)
 
 
 def mean_stiffness(gear: Any) -> float:
-    """Return the mean stiffness of a draft gear up to its stroke [N/m]."""
+    """Return the mean stiffness of a draft gear up to its stroke [N/m]; infinite for a rigid coupler."""
+    if isinstance(gear, RigidGear):
+        return math.inf
     if isinstance(gear, LinearGear):
         return gear.stiffness
+    if isinstance(gear, TableGear):
+        return float(gear.loading[-1] / gear.deflection[-1])
     return float(gear.force_at_stroke / gear.stroke)
 
 

@@ -116,6 +116,8 @@ SOFT_COUPLERS = 3.0
 SOFT_RATIO = 2.5
 """Bandwidth of the observer over omega for units on soft couplers: the mean of disturbances that excite the couplers
 changes within the delay, and a fast estimate of it has the wrong phase at the time of effect."""
+HAULED_RATIO = 1.0
+"""The same for a train with hauled vehicles, whose couplers have modes up to the slowest wave."""
 FREE_RATIO = 6.0
 """The same for a train without couplers: a gust is in the estimate within the delay, and the waves of couplers, which a
 fast estimate follows, do not exist."""
@@ -129,7 +131,7 @@ class MpcParameters:
         0.0, "rad/s", 0.0, 10.0, "half of the gain on the speed error; 0: from delay, lag and couplers"
     )
     observer_ratio: float = parameter(
-        0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, one vehicle 6, soft couplers 2.5, hauled .3"
+        0.0, "1", 0.0, 100.0, "bandwidth of the observer over omega; 0: 5, one vehicle 6, soft couplers 2.5, hauled 1"
     )
     lookahead: float = parameter(120.0, "s", 1.0, 600.0, "length of the horizon")
     nodes: int = parameter(32, "1", 4, 60, "nodes of the decision over the horizon")
@@ -143,7 +145,9 @@ class MpcParameters:
     speed_noise: float = parameter(
         SPEED_PRIOR, "m/s", 0.0, 1.0, "standard deviation of the measured speed at which its estimate begins"
     )
-    position_share: float = parameter(0.5, "1", 0.01, 1.0, "a, gain on the position error over omega²")
+    position_share: float = parameter(
+        0.0, "1", 0.0, 1.0, "a, gain on the position error over omega²; 0: .5, with hauled vehicles 1"
+    )
 
 
 class Mpc(GuardedLaw):
@@ -166,7 +170,7 @@ class Mpc(GuardedLaw):
         weight = lag_weight(period, model.lag)
         self._deviations = UnitDeviations.of(model, period, weight) if soft else None
         free = len(model.consist.vehicles) == 1
-        ratio = 0.3 if hauls else SOFT_RATIO if self._deviations else FREE_RATIO if free else 5.0
+        ratio = HAULED_RATIO if hauls else SOFT_RATIO if self._deviations else FREE_RATIO if free else 5.0
         bandwidth = (p.observer_ratio or ratio) * self.omega
         self._motion = MeasuredMotion(model, period, bandwidth, weight, p.speed_noise, p.identify)
         self._standstill = StandstillForce(model, period)
@@ -183,7 +187,7 @@ class Mpc(GuardedLaw):
         self.lookahead_times: Array = np.concatenate((model.tick * np.arange(self._entries), after))
         self._rising = np.argsort(self.lookahead_times, kind="stable")
         omega = self.omega * (p.safe_share if self._cautious else 1.0)
-        share = SIMULATED_SHARE if self._simulated else p.position_share
+        share = SIMULATED_SHARE if self._simulated else p.position_share or (1.0 if self._hauls else 0.5)
         self._force_plan.set_delays(self._actuators[:2], self._ticks, self._entries, omega, share)
 
     def clear_state(self) -> None:

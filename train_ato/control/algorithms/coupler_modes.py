@@ -1,0 +1,166 @@
+"""Modes of the couplers of a train that change the speed of its power units.
+
+The bodies are the vehicles, those with a rigid coupler between them as one. With masses m and the mean stiffness of the
+draft gears, phi_r are the modes of M x'' + K x = 0 with phi_r' M phi_r = 1 and the frequency omega_r. The units have
+the shares s_i of the force F, and their mean speed has the same weights. With b_r = sum_i s_i phi_r(i)::
+
+    u_r'' + 2 zeta_r omega_r u_r' + omega_r² u_r = b_r² F
+
+u_r is the displacement of the units in mode r. The transfer function from F to u_r' has the Hankel singular values
+b_r²/(4 zeta_r omega_r), both nearly equal. For weak damping the modes are nearly a balanced realisation, so that the
+modes with the largest values are those of balanced truncation (Gregory 1984, Journal of Guidance, Control, and Dynamics
+7, 725-732).
+
+Damping: the part of the viscous dampers in the mode, and for a gear with the unloading ratio r the loss of a cycle: the
+force is k (1 + r)/2 times the deflection with a loss of k (1 - r) X² in a cycle of amplitude X between draft and buff,
+which is zeta = (1 - r)/(pi (1 + r)). Slack and preload are not in the modes.
+"""
+
+# mypy: allow-untyped-defs
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plant_sim.compiled import compiled
+from train_ato.control.algorithms.train_constants import mean_stiffness
+from train_ato.messages.types import Array
+
+if TYPE_CHECKING:
+    from train_ato.control.train_model import TrainModel
+
+MOST_MODES = 4
+"""Largest number of modes."""
+LEAST_SHARE = 0.05
+"""Smallest Hankel singular value of a mode over the largest one."""
+DAMPING = (0.02, 0.5)
+"""Smallest and largest damping ratio."""
+SWEEPS = 60
+"""Largest number of sweeps of the Jacobi method; about ten are enough."""
+
+
+@dataclass(frozen=True)
+class CouplerModes:
+    """Modes with the largest effect on the speed of the units.
+
+    Attributes
+    ----------
+    omega : Array, shape (modes,)
+        Frequencies [rad/s].
+    damping : Array, shape (modes,)
+        Damping ratios.
+    mobility : Array, shape (modes,)
+        b², acceleration of the units in the mode by a force [1/kg].
+    compliance : float
+        Displacement of the units against the centre of mass by a steady force, with all modes [m/N].
+    """
+
+    omega: Array
+    damping: Array
+    mobility: Array
+    compliance: float
+
+    @classmethod
+    def of(cls, model: TrainModel) -> CouplerModes:
+        """Return the modes of a train; none if all couplers are rigid."""
+        mass, stiffness, viscous, friction, share = _bodies(model)
+        root = 1.0 / np.sqrt(mass)
+        squared, vectors = eigenvalues(_chain(stiffness) * np.outer(root, root))
+        order = np.argsort(squared, kind="stable")[1:]
+        omega, shapes = np.sqrt(squared[order]), vectors[:, order] * root[:, np.newaxis]
+        mobility = _ordered_product(share, shapes) ** 2
+        stretch = np.diff(shapes, axis=0) ** 2
+        losses = _ordered_product(viscous, stretch) / (2.0 * omega)
+        losses += _ordered_product(friction * stiffness, stretch) / omega**2
+        damping = np.clip(losses, *DAMPING)
+        compliance = float(_ordered_product(np.ones(omega.size), (mobility / omega**2)[:, np.newaxis])[0])
+        size = mobility / (4.0 * damping * omega)
+        chosen = np.argsort(-size, kind="stable")[:MOST_MODES]
+        chosen = np.sort(chosen[size[chosen] >= LEAST_SHARE * size[chosen[:1]].sum()])
+        return cls(omega[chosen], damping[chosen], mobility[chosen], compliance)
+
+
+def _bodies(model: TrainModel) -> tuple[Array, Array, Array, Array, Array]:
+    """Return mass [kg], stiffness [N/m], damping [N s/m], friction damping ratio, and share of the force of bodies."""
+    mass, share, gears = [0.0], [0.0], []
+    shares = dict(zip(model.units, model.share.tolist(), strict=True))
+    for number, vehicle in enumerate(model.consist.vehicles):
+        if number:
+            gear = model.consist.gears[number - 1]
+            if math.isfinite(mean_stiffness(gear)):
+                gears.append(gear)
+                mass.append(0.0)
+                share.append(0.0)
+        mass[-1] += vehicle.mass * vehicle.rotating_mass_factor
+        share[-1] += shares.get(number, 0.0)
+    stiffness = np.array([mean_stiffness(gear) for gear in gears])
+    viscous = np.array([gear.damping if gear.kind == "linear" else 0.0 for gear in gears])
+    friction = np.array([_friction_damping(gear) for gear in gears])
+    return np.array(mass), stiffness, viscous, friction, np.array(share)
+
+
+def _friction_damping(gear) -> float:
+    """Return the damping ratio by the difference of loading and unloading force."""
+    if gear.kind == "linear":
+        return 0.0
+    ratio = float(gear.unloading[-1] / gear.loading[-1] if gear.kind == "table" else gear.unloading_ratio)
+    return (1.0 - ratio) / (math.pi * (1.0 + ratio))
+
+
+def _chain(stiffness: Array) -> Array:
+    """Return the stiffness matrix of a chain of bodies [N/m], shape (bodies, bodies)."""
+    ends = np.concatenate(([0.0], stiffness, [0.0]))
+    return np.diag(ends[:-1] + ends[1:]) - np.diag(stiffness, 1) - np.diag(stiffness, -1)
+
+
+def _ordered_product(row: Array, matrix: Array) -> Array:
+    """Return row times matrix, added in order, with the same bits everywhere."""
+    total = np.zeros(matrix.shape[1])
+    for factor, each in zip(row.tolist(), matrix, strict=True):
+        total = total + factor * each
+    return total
+
+
+@compiled
+def eigenvalues(symmetric):
+    """Return eigenvalues and eigenvectors (columns) of a symmetric matrix by cyclic Jacobi rotations.
+
+    The rotations have one order, so that the bits are the same everywhere; those of LAPACK depend on the machine
+    (Golub and Van Loan 2013, Matrix Computations, section 8.5).
+    """
+    a = symmetric.copy()
+    size = a.shape[0]
+    vectors = np.eye(size)
+    total = 0.0
+    for i in range(size):
+        for j in range(size):
+            total += a[i, j] * a[i, j]
+    for _ in range(SWEEPS):
+        rest = 0.0
+        for i in range(size):
+            for j in range(i):
+                rest += a[i, j] * a[i, j]
+        if rest <= 1e-28 * total:
+            break
+        for p in range(size - 1):
+            for q in range(p + 1, size):
+                if a[p, q] * a[p, q] <= 1e-36 * total:
+                    continue
+                half = 0.5 * (a[q, q] - a[p, p]) / a[p, q]
+                tangent = (1.0 if half >= 0.0 else -1.0) / (abs(half) + math.sqrt(half * half + 1.0))
+                cosine = 1.0 / math.sqrt(tangent * tangent + 1.0)
+                sine = tangent * cosine
+                for k in range(size):
+                    first, second = a[k, p], a[k, q]
+                    a[k, p], a[k, q] = cosine * first - sine * second, sine * first + cosine * second
+                for k in range(size):
+                    first, second = a[p, k], a[q, k]
+                    a[p, k], a[q, k] = cosine * first - sine * second, sine * first + cosine * second
+                for k in range(size):
+                    first, second = vectors[k, p], vectors[k, q]
+                    vectors[k, p], vectors[k, q] = cosine * first - sine * second, sine * first + cosine * second
+    return np.diag(a).copy(), vectors
