@@ -11,9 +11,8 @@ b_r²/(4 zeta_r omega_r), both nearly equal. For weak damping the modes are near
 modes with the largest values are those of balanced truncation (Gregory 1984, Journal of Guidance, Control, and Dynamics
 7, 725-732).
 
-Damping: the part of the viscous dampers in the mode, and for a gear with the unloading ratio r the loss of a cycle: the
-force is k (1 + r)/2 times the deflection with a loss of k (1 - r) X² in a cycle of amplitude X between draft and buff,
-which is zeta = (1 - r)/(pi (1 + r)). Slack and preload are not in the modes.
+Damping: the part of the viscous dampers in the mode, and that of the friction in the gears (`friction_damping`). Slack
+and preload are not in the modes.
 """
 
 # mypy: allow-untyped-defs
@@ -27,7 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim.compiled import compiled
-from train_ato.control.algorithms.train_constants import mean_stiffness
+from train_ato.control.algorithms.train_constants import friction_damping, mean_stiffness
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -99,16 +98,8 @@ def _bodies(model: TrainModel) -> tuple[Array, Array, Array, Array, Array]:
         share[-1] += shares.get(number, 0.0)
     stiffness = np.array([mean_stiffness(gear) for gear in gears])
     viscous = np.array([gear.damping if gear.kind == "linear" else 0.0 for gear in gears])
-    friction = np.array([_friction_damping(gear) for gear in gears])
+    friction = np.array([friction_damping(gear) for gear in gears])
     return np.array(mass), stiffness, viscous, friction, np.array(share)
-
-
-def _friction_damping(gear) -> float:
-    """Return the damping ratio by the difference of loading and unloading force."""
-    if gear.kind == "linear":
-        return 0.0
-    ratio = float(gear.unloading[-1] / gear.loading[-1] if gear.kind == "table" else gear.unloading_ratio)
-    return (1.0 - ratio) / (math.pi * (1.0 + ratio))
 
 
 def _chain(stiffness: Array) -> Array:

@@ -18,19 +18,38 @@ if TYPE_CHECKING:
 
 MAX_TABLE_SPEED = 140.0
 """Last speed of the tables of force limits [m/s]."""
+MATCHED_SHARE = 2.0 / 3.0
+"""Largest gain on the speed over the wave impedance of the couplers."""
 MAX_OMEGA = 1.5
 """Largest default pole of the closed loop [rad/s]."""
 
 
 def default_omega(model: TrainModel) -> float:
-    """Return the pole of the closed loop from delay, lag and the wave impedance of the couplers [rad/s]."""
+    """Return the pole of the closed loop from delay, lag and couplers [rad/s].
+
+    A group of power units with the gain g = 2 omega s M on its speed and hauled vehicles on one side reflects a wave
+    with (Z - G)/(Z + G), G = g e^(-j w d), with the wave impedance Z and the dead time d. Two thirds of the matched
+    gain Z are permitted. At w d = pi the reflection (1 + x)/(1 - x), x = g/Z, amplifies the wave, and on its way of 2 T
+    the wave loses the factor exp(-2 zeta w T). With slack or friction in the gears the observer does not know the
+    wave, and x is at most that for which the reflection has half of this loss: x = tanh(pi zeta T/(2 d)).
+    """
     dead = dead_time(model)
     omega = min(MAX_OMEGA, 0.9 / dead if dead > 0.0 else MAX_OMEGA)
-    longest = wave_time(model)
-    if longest > 0.0:
-        for share, sides in hauling_groups(model):
-            omega = min(omega, sides * model.mass / (3.0 * share * model.inertia * longest))
+    longest, groups = wave_time(model), hauling_groups(model)
+    if longest > 0.0 and groups:
+        kept = MATCHED_SHARE
+        if (damping := _damping_in_slack(model)) is not None and dead > 0.0:
+            path = longest / sum(sides for _, sides in groups)
+            kept = min(kept, math.tanh(0.5 * math.pi * damping * path / dead))
+        for share, sides in groups:
+            omega = min(omega, 0.5 * kept * sides * model.mass / (share * model.inertia * longest))
     return omega
+
+
+def _damping_in_slack(model: TrainModel) -> float | None:
+    """Return the smallest damping ratio of gears with slack or friction, in a cycle from draft to buff; or None."""
+    gears = [gear for gear in model.consist.gears if not isinstance(gear, RigidGear)]
+    return min((0.5 * friction_damping(gear) for gear in gears if gear.slack > 0.0 or gear.kind != "linear"), default=None)
 
 
 def dead_time(model: TrainModel) -> float:
@@ -64,6 +83,18 @@ def wave_time(model: TrainModel) -> float:
     count = len(model.consist.vehicles)
     softest = min(map(mean_stiffness, model.consist.gears), default=math.inf)
     return math.sqrt(model.mass * count / softest)
+
+
+def friction_damping(gear: Any) -> float:
+    """Return the damping ratio by the friction of a draft gear, for a train in draft or in buff.
+
+    With the unloading ratio r the mean stiffness is k (1 + r)/2. In a cycle from no force to twice the mean deflection
+    X the gear loses 2 k (1 - r) X²: zeta = 2 (1 - r)/(pi (1 + r)). From draft to buff it is half of it.
+    """
+    if isinstance(gear, LinearGear | RigidGear):
+        return 0.0
+    ratio = float(gear.unloading[-1] / gear.loading[-1] if isinstance(gear, TableGear) else gear.unloading_ratio)
+    return 2.0 * (1.0 - ratio) / (math.pi * (1.0 + ratio))
 
 
 def mean_stiffness(gear: Any) -> float:
