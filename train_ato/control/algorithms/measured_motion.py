@@ -58,13 +58,13 @@ class MeasuredMotion:
         waves = wave_time(model) if vehicles > model.n_units else 0.0
         self._model, self._period, self._use_mass = model, period, use_mass
         self._share: list[float] = model.share.tolist()
-        self._new_observer: Callable[[], MotionObserver] = partial(MotionObserver, period, bandwidth, waves, vehicles > 1, speed_noise)
+        self._new_observer: Callable[[], MotionObserver] = partial(
+            MotionObserver, period, bandwidth, waves, vehicles > 1, speed_noise
+        )
         self._new_simulated = self._new_observer
         if waves > 0.0:
             modes = CouplerModes.of(model)
-            self._new_observer = partial(
-                ModalObserver, period, bandwidth, waves, speed_noise, modes, dead_time(model)
-            )
+            self._new_observer = partial(ModalObserver, period, bandwidth, waves, speed_noise, modes, dead_time(model))
         self._weight = weight
         self.drag_slope = drag_slope(model)
         self.reset()

@@ -5,16 +5,16 @@
     w_r' = -2 zeta_r omega_r w_r - omega_r² u_r + b_r² (F - F_s) + white noise
 
 y is the motion of the units, measured, and e their motion without waves. A draft gear is not linear, so that the
-stretch by a steady force F_s has no value in the modes (`coupler_modes.py`): C F_s is a part of e_p, with the compliance
-C, and the modes receive F - F_s. F_s is F through two lags of 2 periods of 1 rad/omega of the slowest mode.
+modes (`coupler_modes.py`) do not have the stretch by a steady force F_s: C F_s is a part of e_p, with the compliance C,
+and the modes receive F - F_s. F_s is F through two lags, each of the time 2/omega of the slowest mode.
 
-With a random speed in place of the modes, the speed error by a wave is fed back a delay later. For a wave the delay is
-a quarter of a period or more, so that the loop excites it, up to a limit cycle in the slack. Therefore the error that
-is fed back has e and only those modes that the loop damps: with omega_r (tau + Ta) < pi/2.
+With a random speed in place of the modes, the speed error by a wave is fed back a delay later. If the delay is a
+quarter of the period of the wave or more, the loop excites it, up to a limit cycle in the slack. Therefore the error
+that is fed back has e and only those modes that the loop damps: with omega_r (tau + Ta) < pi/2.
 
 The noise of the modes gives them a standard deviation of together ``WAVE_SPEED`` in a train without a change of the
-force, divided in proportion to b_r². ``OTHER_WAVES`` is that of the speed by the other modes, for which e_v has a random
-part. The rest, as the bank of random walks of d and the measured noise, is that of `motion_observer.py`.
+force, divided in proportion to b_r². ``OTHER_WAVES`` is that of the speed by the other modes, for which e_v has a
+random part. The rest, as the bank of random walks of d and the measured noise, is that of `motion_observer.py`.
 """
 
 # mypy: allow-untyped-defs
@@ -113,13 +113,13 @@ class SteadyForce:
     """
 
     def __init__(self, time: float, period: float) -> None:
-        self._time = time
+        self._period = period
         self._gained = 1.0 - math.exp(-period / time)
         self.reset()
 
     def reset(self) -> None:
         """Begin at the next force."""
-        self.force = self._first = 0.0
+        self.force = self._first = self._rate = 0.0
         self._begins = True
 
     def step(self, force: float) -> float:
@@ -127,10 +127,12 @@ class SteadyForce:
         if self._begins:
             self.force = self._first = force
             self._begins = False
-        before = (self._first - self.force) / self._time
+        before = self._rate
         self._first += self._gained * (force - self._first)
-        self.force += self._gained * (self._first - self.force)
-        return (self._first - self.force) / self._time - before
+        risen = self._gained * (self._first - self.force)
+        self.force += risen
+        self._rate = risen / self._period
+        return self._rate - before
 
 
 class ModalObserver(MotionObserver):

@@ -16,7 +16,8 @@ the command, and the demand F:
   F = F_e - M e_a/(1 - e^(-h/Ta)), with the force F_e and the error e_a of the acceleration at the time of effect.
 
 With hauled vehicles there is no traction from a reference speed of ``STANDSTILL_SPEED`` down to the stop: the vehicles
-stop one by one; with train and reference at rest F = 0. A train with a reversing drive has none of these rules, since a negative demand drives it backwards.
+stop one by one. With train and reference at rest F = 0. A train with a reversing drive has none of these rules, since a
+negative demand drives it backwards.
 """
 
 from __future__ import annotations

@@ -30,8 +30,9 @@ def default_omega(model: TrainModel) -> float:
     A group of power units with the gain g = 2 omega s M on its speed and hauled vehicles on one side reflects a wave
     with (Z - G)/(Z + G), G = g e^(-j w d), with the wave impedance Z and the dead time d. Two thirds of the matched
     gain Z are permitted. At w d = pi the reflection (1 + x)/(1 - x), x = g/Z, amplifies the wave, and on its way of 2 T
-    the wave loses the factor exp(-2 zeta w T). With slack or friction in the gears the observer does not know the
-    wave, and x is at most that for which the reflection has half of this loss: x = tanh(pi zeta T/(2 d)).
+    the wave loses the factor exp(-2 zeta w T). With slack or friction in the gears the linear modes of the observer are
+    not those of the wave, and x is at most that for which the reflection has half of this loss:
+    x = tanh(pi zeta T/(2 d)).
     """
     dead = dead_time(model)
     omega = min(MAX_OMEGA, 0.9 / dead if dead > 0.0 else MAX_OMEGA)
@@ -49,7 +50,9 @@ def default_omega(model: TrainModel) -> float:
 def _damping_in_slack(model: TrainModel) -> float | None:
     """Return the smallest damping ratio of gears with slack or friction, in a cycle from draft to buff; or None."""
     gears = [gear for gear in model.consist.gears if not isinstance(gear, RigidGear)]
-    return min((0.5 * friction_damping(gear) for gear in gears if gear.slack > 0.0 or gear.kind != "linear"), default=None)
+    return min(
+        (0.5 * friction_damping(gear) for gear in gears if gear.slack > 0.0 or gear.kind != "linear"), default=None
+    )
 
 
 def dead_time(model: TrainModel) -> float:

@@ -20,7 +20,8 @@ and e_v to z through delay and lag are closed forms (`horizon_model.py`)::
 
 Without constraints this is z = -2 omega e_v - a omega² e_p on the state at the time of effect: the gain k_v of the
 linear-quadratic regulator of a double integrator is sqrt(q_v + 2 sqrt(q_p)). Default omega = .9/(tau + Ta), at most
-1.5; for hauled vehicles at most a third of the wave impedance sqrt(k m) of the couplers over the mass of the train.
+1.5; with hauled vehicles at most a gain of two thirds of the wave impedance of the couplers, and less if waves lose
+little in gears with slack or friction over the dead time (`train_constants.py`).
 
 **Constraints**, all soft, so that the programme always has a solution: force of the envelopes at the speed of the last
 plan at every node, with the running resistance of that speed; |jerk| of the train at most ``jerk``; speed at most the
@@ -43,15 +44,18 @@ add to C_j; the shoe force and the disturbance count as proportional to the mass
 
 **Disturbance and mass.** Kalman filters of e_p, e_v, d, weighted by likelihood, and one of the error theta of the
 mass, with measured noise from ``speed_noise`` on (`motion_observer.py`): offset-free. With couplers there are three,
-with bandwidths of ``observer_ratio`` omega and its fourth and sixteenth part. Without couplers there is one for a
+with bandwidths of ``observer_ratio`` omega and its fourth and sixteenth part. With hauled vehicles up to four modes of
+the couplers (`coupler_modes.py`, by Hankel singular values) are in these filters, and only the modes that the loop
+damps after its delay are fed back (`modal_observer.py`). Without couplers there is one for a
 gust, and one for a steady rate of d, as of a grade under a train of some length: d at the time of effect is d + T_r r
 (1 - e^(-s/T_r)), and the command gives d + Ta d' there (`disturbance_filters.py`). M/(1 + k theta) replaces M, with k
 = 1 - P/P_0 from the variance P of theta.
 
 **Arrival and departure** (`standstill_force.py`). The holding brake acts below its speed without traction only. A train
-within .1 m of a reference at rest has no traction, and departs with the reference; on a rise its force then reaches
-that of the grade as fast as the limits permit. The last brake force decays before the holding brake acts. With hauled
-vehicles there is no traction from a reference speed of .05 m/s down to the stop: the vehicles stop one by one.
+within .1 m of a reference at rest has no traction, at rest no force, and departs with the reference; on a rise its
+force then reaches that of the grade as fast as the limits permit. The last brake force decays before the holding brake
+acts. With hauled vehicles there is no traction from a reference speed of .05 m/s down to the stop: the vehicles stop
+one by one.
 
 **Units on soft couplers.** If every vehicle is driven and pi/T_w < 3 omega, with the time T_w of a wave through the
 couplers, a Kalman filter estimates the deviations of the units from the mean, and a linear-quadratic regulator on their
@@ -70,8 +74,8 @@ diagnostics has ``actuator_model: wrong``. Braking below 1 m/s does not count: t
 **Safe gains:** from a misfit of 15 % until one below 5 % the plan has ``safe_share`` of omega, and the units have no
 regulator. With ``identify`` false the model itself is tested in this way.
 
-Limits: the air brake is only a known force. With hauled vehicles theta is 0. Where other laws are better: the stop of
-one locomotive with 105 wagons without `twin` (`pid`). A reference with steps of the speed
+Limits: the air brake is only a known force. With hauled vehicles theta is 0. Where other laws are better: two
+locomotives with 210 wagons without `twin` (`pid`). A reference with steps of the speed
 (`freight_consensus` without `realistic`) is not tracked. Goals, misses and other solvers: `msgs_docs/mpc_goals.md`,
 made with `python bench/mpc.py`, `python bench/mpc_solvers.py` and, for soft couplers, `python bench/freight_front.py`.
 

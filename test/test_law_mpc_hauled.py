@@ -1,0 +1,159 @@
+"""Law mpc for trains with hauled vehicles: modes of the couplers, their observer, gain, and runs of own trains."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from law_trains import LEVEL, LOCOMOTIVE, WAGON, consist
+
+import train_ato as ta
+from train_ato.control.algorithms.coupler_modes import CouplerModes, eigenvalues
+from train_ato.control.algorithms.modal_observer import MOTION, ModalObserver, SteadyForce
+from train_ato.control.algorithms.train_constants import (
+    MATCHED_SHARE,
+    dead_time,
+    default_omega,
+    hauling_groups,
+    wave_time,
+)
+from train_ato.control.train_model import TrainModel
+
+SPRING = {"kind": "linear", "stiffness": 10e6, "damping": 2e5}
+RIGID = {"kind": "rigid"}
+TABLE = {
+    "kind": "table", "deflection": [0.0, 0.05, 0.1], "loading": [0.0, 2e5, 8e5], "unloading": [0.0, 1e5, 4e5],
+    "slack": 0.01,
+}  # fmt: skip
+TYPES = {"engine": LOCOMOTIVE, "wagon": WAGON}
+HILL = {
+    "schema": "train_ato/line/1", "name": "hill", "summary": "rise and fall", "end_km": 5,
+    "grades": [{"at": 0, "grade_permille": 0}, {"at": 700, "grade_permille": 4}, {"at": 1200, "grade_permille": -3}],
+    "speed_limits": [{"at": 0, "speed_kmh": 80}],
+}  # fmt: skip
+
+
+def _model(train, gear, delay=0.6):
+    whole = consist(TYPES, train, gear)
+    delays = np.full(len(whole.power_units), delay)
+    return TrainModel(whole, LEVEL, delays, delays, 0.4, 0.1)
+
+
+def test_eigenvalues_of_a_chain():
+    """A wrong rotation changes the eigenvalues, 2 - 2 cos(pi k/n) for a free chain of n bodies, or their vectors."""
+    size = 40
+    matrix = 2.0 * np.eye(size) - np.eye(size, k=1) - np.eye(size, k=-1)
+    matrix[0, 0] = matrix[-1, -1] = 1.0
+    values, vectors = eigenvalues(matrix)
+    assert np.sort(values) == pytest.approx(2.0 - 2.0 * np.cos(math.pi * np.arange(size) / size), abs=1e-12)
+    assert np.abs(matrix @ vectors - vectors * values).max() < 1e-12
+    assert np.abs(vectors.T @ vectors - np.eye(size)).max() < 1e-12
+
+
+def test_mode_of_two_bodies():
+    """Two masses have one mode: omega² = k (1/m + 1/n), b² = 1/m - 1/(m + n), zeta = c omega/(2 k)."""
+    modes = CouplerModes.of(_model([("engine", 1), ("wagon", 1)], SPRING))
+    first, second = LOCOMOTIVE["mass"], WAGON["mass"]
+    assert modes.omega == pytest.approx([math.sqrt(10e6 * (1 / first + 1 / second))])
+    assert modes.mobility == pytest.approx([1 / first - 1 / (first + second)])
+    assert modes.damping == pytest.approx(2e5 * modes.omega / (2 * 10e6))
+    assert modes.compliance == pytest.approx(float(modes.mobility[0] / modes.omega[0] ** 2))
+
+
+def test_modes_have_the_response_of_the_whole_train():
+    """Without the modes with the largest Hankel values the speed of a unit differs from that of the simulated chain."""
+    count, period, steps = 30, 0.01, 1500
+    modes = CouplerModes.of(_model([("engine", 1), ("wagon", count)], SPRING))
+    mass = np.array([LOCOMOTIVE["mass"], *[WAGON["mass"]] * count])
+    place, speed = np.zeros(count + 1), np.zeros(count + 1)
+    u, w = np.zeros(modes.omega.size), np.zeros(modes.omega.size)
+    inner, chain, found = period / 20, [], []
+    for step in range(steps):
+        force = 1e5 * min(1.0, step * period / 4.0)
+        for _ in range(20):
+            pull = SPRING["stiffness"] * np.diff(place) + SPRING["damping"] * np.diff(speed)
+            speed += (
+                inner * (np.append(pull, 0.0) - np.insert(pull, 0, 0.0) + np.insert(np.zeros(count), 0, force)) / mass
+            )
+            place += inner * speed
+            w += inner * (modes.mobility * force - 2 * modes.damping * modes.omega * w - modes.omega**2 * u)
+            u += inner * w
+        chain.append(speed[0] - mass @ speed / mass.sum())
+        found.append(w.sum())
+    assert np.abs(np.array(found) - chain).max() < 0.15 * np.abs(chain).max()
+
+
+def test_rigid_couplers_have_no_modes():
+    """Bodies joined by rigid couplers are one: without the merger the stiffness is infinite."""
+    rigid = _model([("engine", 1), ("wagon", 5)], RIGID)
+    assert wave_time(rigid) == 0.0
+    assert CouplerModes.of(rigid).omega.size == 0
+    table = CouplerModes.of(_model([("engine", 1), ("wagon", 5)], TABLE))
+    assert 1 <= table.omega.size <= 4
+    assert np.all(table.damping > 0.02)
+
+
+def test_steady_force_follows_a_ramp_without_a_change_of_its_rate():
+    """A wrong order of the lags leaves a second derivative on a steady ramp."""
+    steady = SteadyForce(2.0, 0.1)
+    steady.step(0.0)
+    changes = [steady.step(1e3 * step) for step in range(1, 600)]
+    assert sum(changes) == pytest.approx(1e4, rel=1e-6)
+    assert abs(changes[-1]) < 1e-6 * max(changes)
+
+
+def test_observer_separates_a_wave_from_the_speed_of_the_train():
+    """A wave in the speed of the unit that the loop cannot damp is not fed back as a speed error."""
+    model = _model([("engine", 1), ("wagon", 14)], SPRING, delay=1.0)
+    modes = CouplerModes.of(model)
+    observer = ModalObserver(0.1, 0.3, wave_time(model), 0.02, modes, dead_time(model))
+    fast = float(modes.omega[-1])
+    assert fast * dead_time(model) > 0.5 * math.pi
+    seen = []
+    for step in range(600):
+        wave = 0.05 * math.sin(fast * 0.1 * step)
+        observer.step(-0.05 / fast * math.cos(fast * 0.1 * step), wave, 0.0)
+        seen.append(observer.speed_error)
+    assert np.abs(seen[300:]).max() < 0.2 * 0.05
+    assert len(observer._mean) == MOTION + 2 * modes.omega.size
+
+
+def test_gain_is_a_part_of_the_wave_impedance():
+    """The two locomotives at the front act on one side; at both ends each has its own half of the train."""
+    front = _model([("engine", 2), ("wagon", 100)], SPRING)
+    both = _model([("engine", 1), ("wagon", 100), ("engine", 1)], SPRING)
+    assert hauling_groups(front) == [(1.0, 1)]
+    assert hauling_groups(both) == [(0.5, 1), (0.5, 1)]
+    impedance = front.mass / wave_time(front)
+    assert 2.0 * default_omega(front) * front.inertia == pytest.approx(MATCHED_SHARE * impedance, rel=0.1)
+    assert default_omega(both) == pytest.approx(2.0 * default_omega(front), rel=0.01)
+    short = _model([("engine", 1), ("wagon", 20)], TABLE, delay=1.5)
+    assert 2.0 * default_omega(short) * short.inertia < 0.8 * MATCHED_SHARE * short.mass / wave_time(short)
+
+
+@pytest.mark.parametrize("gear", [SPRING, RIGID, TABLE], ids=["linear", "rigid", "table"])
+@pytest.mark.parametrize("train", [[("engine", 1), ("wagon", 12)], [("engine", 1), ("wagon", 12), ("engine", 1)]])
+def test_own_train_stops_at_its_target_without_a_limit_cycle(gear, train):
+    """A unit speed that is fed back as the speed of the train excites the couplers later: 150 to 250 kN/s.
+
+    The noise of the speed has up to 47 kN/s here.
+    """
+    whole = {
+        "schema": "train_ato/consist/1", "name": "own", "vehicle_types": TYPES,
+        "train": [{"type": name, "count": count} for name, count in train],
+        "draft_gears": {"gear": gear}, "default_gear": "gear",
+    }  # fmt: skip
+    changes = {
+        "duration": 170, "plant.consist": whole, "plant.line": HILL, "model.consist": whole, "model.line": HILL,
+        "plant.lag": 0.4, "links.command.delay": 0.8, "model.delay": 0.8, "plant.sensors.velocity_noise": 0.01,
+        "profile.start": 500.0, "plant.disturbances": [],
+        "profile.limits": {"jerk": 0.1, "acceleration": 0.2, "deceleration": 0.2},
+        "profile.phases": [
+            {"cruise_for": 3}, {"accelerate_to_kmh": 40}, {"cruise_for": 30}, {"brake_to": 0}, {"cruise_for": 10},
+        ],
+    }  # fmt: skip
+    run = ta.run("demo", law="mpc", compensation="none", seed=5, set=changes, progress=False)
+    assert run.metrics["tracking"] == "tracked"
+    assert abs(run.metrics["stop_error_m"]) < 0.1
+    assert run.metrics["command_variation_kn_per_s"] < 80.0
