@@ -90,6 +90,7 @@ import numpy as np
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
 from train_ato.control.algorithms.disturbance_filters import motion_by_rate
+from train_ato.control.algorithms.disturbance_lines import DisturbanceLines
 from train_ato.control.algorithms.force_plan import PARTS, ForcePlan, PlanStart
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
@@ -165,6 +166,7 @@ class Mpc(GuardedLaw):
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         weight = lag_weight(period, model.lag)
         self._deviations = UnitDeviations.of(model, period, weight) if soft else None
+        self._lines = DisturbanceLines(self._deviations._units, model, period) if self._deviations else None
         free = len(model.consist.vehicles) == 1
         ratio = 0.3 if hauls else SOFT_RATIO if self._deviations else FREE_RATIO if free else 5.0
         bandwidth = (p.observer_ratio or ratio) * self.omega
@@ -194,6 +196,7 @@ class Mpc(GuardedLaw):
         self._force_plan.reset()
         if self._deviations is not None:
             self._deviations.reset()
+            self._lines.reset()
         self._cautious_steps = 0
         self._cautious = self._simulated = False
         self._set_delays(1.0)
@@ -248,13 +251,15 @@ class Mpc(GuardedLaw):
 
     def _wanted(self, inputs: LawInput) -> list[float]:
         """Return the force of the plan for every unit [N]."""
+        gain = self._identification.gain if self.parameters.identify else 1.0
+        sent = gain * (self._identification.sent if self.parameters.identify else inputs.commands_in_flight)
+        if self._lines is not None:
+            inputs, sent = self._lines.step(inputs, sent, self._actuators)
         self._motion.step(inputs)
         ahead, inertia = inputs.lookahead, self._motion.inertia
         count, simulated = self._ticks + 1, ahead.simulated_force
         required = follow_simulation(inertia * ahead.acceleration + ahead.resistance, simulated, count)
         feedforward = inputs.feedforward.tolist() if simulated.size else self._feedforward(required)
-        gain = self._identification.gain if self.parameters.identify else 1.0
-        sent = gain * (self._identification.sent if self.parameters.identify else inputs.commands_in_flight)
         motion = self._motion_at_effect(inputs, sent, required[:count])
         disturbance = self._add_rate(motion)
         total = self._total_force(inputs, required, motion, disturbance, plain_sum(feedforward), gain)
@@ -264,6 +269,7 @@ class Mpc(GuardedLaw):
             between = self._deviations.forces(inputs, sent, self._actuators, self._ticks)
             if not self._cautious:
                 wanted = [force + more for force, more in zip(wanted, between, strict=True)]
+            wanted = [force + more for force, more in zip(wanted, self._lines.command.tolist(), strict=True)]
         effect, later = self._ticks, self._entries - 1 + PARTS
         places = float(ahead.velocity[effect]), float(ahead.acceleration[effect]), float(ahead.velocity[later])
         force = float(required[effect] + inertia * (motion[3] - disturbance))
