@@ -1,20 +1,23 @@
 """Spectrum of the disturbances of coupled units, for persistent sines ("lines") of unknown frequency.
 
-A bank of demodulators, one per frequency w of a grid, has measured position errors y, speed errors and forces beyond
-the reference f of all units as inputs. A demodulator is a low-pass of second order of the signal turned back by w::
+A bank of demodulators, one per frequency w of a grid, has measured position errors y, speed errors and forces f beyond
+those of the reference as inputs, for every unit. A demodulator is a low-pass of second order with the time constant
+1/r around its frequency::
 
     y1' = (i w - r) y1 + r y,   y2' = (i w - r) y2 + r y1
 
-with the gain 1 at w and 1/(1 + i (v - w)/r)² at v. The derivatives of y2 follow from the states, so that the motion of
-the units gives the disturbance b that passed the same filter, without a model of the disturbance and independent of
-the commands::
+with the gain 1 at w and 1/(1 + i (v - w)/r)² at v. The derivatives of y2 follow from the states, so that the motion
+gives the disturbance b [m/s²] through the same filter, without a model of b and for any command::
 
     b2 = y2'' - S y2 - D y2' - f2/m
 
-A unit may have a drift between speed and position (wheels). Its part of the line is p2 = y2' - v2 with the measured
-speed v. A line turns b2 by its frequency times the period from sample to sample. The sum c of b2(k) conj(b2(k - 1)) over
-the units, averaged over ``MEMORY_TIME``, has the frequency in its angle and the coherent power in its magnitude (pulse
-pair: Miller and Rochwarger 1972, IEEE Transactions on Information Theory 18).
+with the springs S and dampers D of the couplers. A unit may have a drift between its speed and the change of its
+position (wheels): p2 = y2' - v2 with the measured speed v.
+
+From sample to sample a line turns b2 by its frequency times the period h. c = b2(k) conj(b2(k - 1)), averaged over
+``MEMORY_TIME``, has the frequency in its angle and the power in its magnitude (pulse pair: Miller and Rochwarger 1972,
+IEEE Transactions on Information Theory 18). |c|/w⁴ is a power of displacement, in which the noise of the positions is
+the same at all frequencies: its median over the grid is the noise floor of a unit.
 """
 
 # mypy: allow-untyped-defs
@@ -35,15 +38,24 @@ if TYPE_CHECKING:
 LOWEST, HIGHEST, SPACING = 0.4, 5.0, 0.1
 """Grid of the frequencies [rad/s]."""
 FILTER_TIME = 6.0
-"""1/r, time constant of a demodulator [s]."""
-MEMORY_TIME = 10.0
+"""1/r, time constant of a demodulator [s]: lines .5 rad/s apart are separate."""
+MEMORY_TIME = 20.0
 """Time constant of the mean of c [s]."""
-SIGNIFICANT = 5.0
-"""Power of a line over the median of the grid, in displacement."""
+SIGNIFICANT = 6.0
+"""Power of a line over the noise floor."""
+MAX_GAP = 5.0
+"""Time without a sample after which the spectrum begins again [s]."""
 
 
 @compiled
-def spectrum_step(first, second, forced, pairs, turn, gain, keep, period, spring, damper, frequencies, sample):
+def turned(states, turn):
+    """Turn the states of every demodulator, shape (frequencies, ...), by a period without a sample."""
+    for j in range(turn.size):
+        states[j] *= turn[j]
+
+
+@compiled
+def spectrum_step(first, second, forced, pairs, turn, gain, new, period, spring, damper, frequencies, sample):
     """Advance all demodulators by a sample.
 
     Parameters
@@ -52,12 +64,12 @@ def spectrum_step(first, second, forced, pairs, turn, gain, keep, period, spring
         y1 and y2 of position error [m], speed error [m/s] and force over the mass [m/s²].
     forced : complex Array, shape (frequencies, units)
         b2 [m/s²].
-    pairs : complex Array, shape (frequencies,)
+    pairs : complex Array, shape (frequencies, units)
         Mean of c [m²/s⁴].
     turn : complex Array, shape (frequencies,)
         Turn in a period.
-    gain, keep
-        Part of a new sample in a stage, and of the former mean in c.
+    gain, new
+        Part of a new sample in a stage and in the mean of c.
     period
         Control period [s].
     spring, damper : Array, shape (units, units)
@@ -87,8 +99,20 @@ def spectrum_step(first, second, forced, pairs, turn, gain, keep, period, spring
             value = change[i]
             for k in range(units):
                 value -= spring[i, k] * second[j, 0, k] + damper[i, k] * speed[k]
-            pairs[j, i] += (1.0 - keep) * (value * forced[j, i].conjugate() - pairs[j, i])
+            pairs[j, i] += new * (value * forced[j, i].conjugate() - pairs[j, i])
             forced[j, i] = value
+
+
+@compiled
+def displacement_power(pairs, frequencies):
+    """Return |c|/w⁴ [m²], shape (frequencies, units)."""
+    power = np.empty(pairs.shape)
+    for j in range(pairs.shape[0]):
+        scale = 1.0 / (frequencies[j] * frequencies[j]) ** 2
+        for i in range(pairs.shape[1]):
+            pair = pairs[j, i]
+            power[j, i] = scale * math.sqrt(pair.real * pair.real + pair.imag * pair.imag)
+    return power
 
 
 class LineSpectrum:
@@ -100,57 +124,82 @@ class LineSpectrum:
         The coupled units.
     period
         Control period [s].
-
-    Attributes
-    ----------
-    frequencies : Array, shape (frequencies,)
-        The grid [rad/s].
     """
 
     def __init__(self, units: CoupledUnits, period: float) -> None:
-        self.frequencies = np.arange(LOWEST, HIGHEST + 0.5 * SPACING, SPACING)
+        self._grid = LOWEST + SPACING * np.arange(round((HIGHEST - LOWEST) / SPACING) + 1)
         self._units, self._period = units, period
-        angles = (self.frequencies * period).tolist()
+        angles = (self._grid * period).tolist()
         self._turn = np.array([complex(math.cos(angle), math.sin(angle)) for angle in angles])
         self._gain = 1.0 - math.exp(-period / FILTER_TIME)
-        self._keep = math.exp(-period / MEMORY_TIME)
+        self._memory = MEMORY_TIME / period
         self.reset()
 
     def reset(self) -> None:
         """Forget all samples."""
-        count, n = self.frequencies.size, self._units.n
+        count, n = self._grid.size, self._units.n
         self._first = np.zeros((count, 3, n), np.complex128)
         self._second = np.zeros((count, 3, n), np.complex128)
-        self.forced = np.zeros((count, n), np.complex128)
-        self.pairs = np.zeros((count, n), np.complex128)
+        self._forced = np.zeros((count, n), np.complex128)
+        self._pairs = np.zeros((count, n), np.complex128)
+        self._samples = 0
+        self._time = -math.inf
 
-    def step(self, position: Array, speed: Array, force: Array) -> None:
-        """Take a sample of position error [m], speed error [m/s] and force over the mass [m/s²] of every unit."""
-        spectrum_step(
-            self._first, self._second, self.forced, self.pairs, self._turn, self._gain, self._keep, self._period,
-            self._units.spring, self._units.damper, self.frequencies, np.array([position, speed, force]),
-        )  # fmt: skip
+    def step(self, t: float, sample: Array | None) -> None:
+        """Take a sample; missed ones only turn the states.
 
-    def amplitude(self, place: int, frequency: float) -> tuple[Array, Array]:
-        """Return disturbance [m/s²] and drift [m/s] of a line now, complex, shape (units,)."""
-        rate = self._gain / ((1.0 - self._gain) * self._period)
-        one, two = self._first[place], self._second[place]
-        drift = 1j * self.frequencies[place] * two[0] + rate * (one[0] - two[0]) - two[1]
-        angle = (frequency - float(self.frequencies[place])) * self._period
-        passed = self._gain / (1.0 - (1.0 - self._gain) * complex(math.cos(angle), -math.sin(angle)))
-        scale = 2.0 / passed**2
-        return scale * self.forced[place], scale * drift
+        Parameters
+        ----------
+        t
+            Time of the sample [s].
+        sample : Array, shape (3, units), or None
+            Position error [m], speed error [m/s] and force over the mass [m/s²] of every unit; None counts as missed.
+        """
+        if t - self._time > MAX_GAP:
+            self.reset()
+            self._time = t - self._period
+        missed = max(round((t - self._time) / self._period) - 1, 0) + (sample is None)
+        self._time = t
+        for _ in range(missed):
+            for states in (self._first, self._second, self._forced):
+                turned(states, self._turn)
+        if sample is not None:
+            self._samples += 1
+            spectrum_step(
+                self._first, self._second, self._forced, self._pairs, self._turn, self._gain,
+                1.0 / min(self._samples, self._memory), self._period, self._units.spring, self._units.damper,
+                self._grid, sample,
+            )  # fmt: skip
 
     def peaks(self) -> list[tuple[int, float]]:
         """Return place in the grid and frequency [rad/s] of every significant line, the strongest first."""
-        power = np.abs(self.pairs) / self.frequencies[:, None] ** 4
-        over = power / (np.median(power, axis=0) + 1e-30)
+        power = displacement_power(self._pairs, self._grid)
+        over = power / np.maximum(np.median(power, axis=0), 1e-30)
         values, units = over.max(axis=1).tolist(), over.argmax(axis=1).tolist()
         found = []
         for j in range(1, len(values) - 1):
             if values[j] > SIGNIFICANT and values[j - 1] < values[j] >= values[j + 1]:
-                pair = complex(self.pairs[j, units[j]])
+                pair = complex(self._pairs[j, units[j]])
                 frequency = math.atan2(pair.imag, pair.real) / self._period
-                if abs(frequency - self.frequencies[j]) < SPACING:
+                if abs(frequency - float(self._grid[j])) < SPACING:
                     found.append((values[j], j, frequency))
         return [(j, frequency) for _, j, frequency in sorted(found, reverse=True)]
+
+    def amplitudes(self, place: int, frequency: float) -> tuple[Array, Array]:
+        """Return disturbance [m/s²] and drift [m/s] of a line now, complex, shape (units,).
+
+        Parameters
+        ----------
+        place
+            Place of its demodulator in the grid.
+        frequency
+            Its frequency [rad/s]: the gain of the demodulator there is taken out.
+        """
+        gain, grid = self._gain, float(self._grid[place])
+        rate = gain / ((1.0 - gain) * self._period)
+        angle = (frequency - grid) * self._period
+        passed = gain / (1.0 - (1.0 - gain) * complex(math.cos(angle), -math.sin(angle)))
+        scale = 2.0 / (passed * passed)
+        one, two = self._first[place, 0], self._second[place, 0]
+        drift = 1j * grid * two + rate * (one - two) - self._second[place, 1]
+        return scale * self._forced[place], scale * drift

@@ -39,8 +39,8 @@ RATE = 0.25
 """Rate of the command over the mass with the weight 1 [m/s³]."""
 
 
-def periodic_response(units: CoupledUnits, lag: float, frequency: float) -> tuple[Array, Array]:
-    """Return the motion x and the command over the mass u for unit disturbances, complex, shape (units, units).
+def periodic_response(units: CoupledUnits, lag: float, frequency: float) -> Array:
+    """Return motion x and command over the mass u for unit disturbances, complex, shape (2, units, units).
 
     Parameters
     ----------
@@ -62,5 +62,6 @@ def periodic_response(units: CoupledUnits, lag: float, frequency: float) -> tupl
     both[:n, :n], both[n:, n:] = cost, cost
     motion = matrix_product(inverse(both + matrix_product(turned, stiff)), turned)
     force = matrix_product(stiff, motion) - np.eye(2 * n)
-    x, acting = motion[:n, :n] + 1j * motion[n:, :n], force[:n, :n] + 1j * force[n:, :n]
-    return x, (1.0 + 1j * w * lag) * acting
+    found = np.array([motion[:n, :n] + 1j * motion[n:, :n], force[:n, :n] + 1j * force[n:, :n]])
+    found[1] *= 1.0 + 1j * w * lag
+    return found

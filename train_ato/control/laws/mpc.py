@@ -90,7 +90,6 @@ import numpy as np
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.actuator_identification import ActuatorIdentification
 from train_ato.control.algorithms.disturbance_filters import motion_by_rate
-from train_ato.control.algorithms.disturbance_lines import DisturbanceLines
 from train_ato.control.algorithms.force_plan import PARTS, ForcePlan, PlanStart
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
@@ -166,7 +165,6 @@ class Mpc(GuardedLaw):
         soft = model.n_units > 1 and math.pi < SOFT_COUPLERS * self.omega * wave_time(model)
         weight = lag_weight(period, model.lag)
         self._deviations = UnitDeviations.of(model, period, weight) if soft else None
-        self._lines = DisturbanceLines(self._deviations._units, model, period) if self._deviations else None
         free = len(model.consist.vehicles) == 1
         ratio = 0.3 if hauls else SOFT_RATIO if self._deviations else FREE_RATIO if free else 5.0
         bandwidth = (p.observer_ratio or ratio) * self.omega
@@ -196,7 +194,7 @@ class Mpc(GuardedLaw):
         self._force_plan.reset()
         if self._deviations is not None:
             self._deviations.reset()
-            self._lines.reset()
+            self._deviations.lines.reset()
         self._cautious_steps = 0
         self._cautious = self._simulated = False
         self._set_delays(1.0)
@@ -253,8 +251,8 @@ class Mpc(GuardedLaw):
         """Return the force of the plan for every unit [N]."""
         gain = self._identification.gain if self.parameters.identify else 1.0
         sent = gain * (self._identification.sent if self.parameters.identify else inputs.commands_in_flight)
-        if self._lines is not None:
-            inputs, sent = self._lines.step(inputs, sent, self._actuators)
+        if self._deviations is not None:
+            inputs, sent = self._deviations.lines.step(inputs, sent, self._actuators, not self._cautious)
         self._motion.step(inputs)
         ahead, inertia = inputs.lookahead, self._motion.inertia
         count, simulated = self._ticks + 1, ahead.simulated_force
@@ -267,9 +265,8 @@ class Mpc(GuardedLaw):
         wanted = [force + added * share for force, share in zip(feedforward, self.share, strict=True)]
         if self._deviations is not None:
             between = self._deviations.forces(inputs, sent, self._actuators, self._ticks)
-            if not self._cautious:
-                wanted = [force + more for force, more in zip(wanted, between, strict=True)]
-            wanted = [force + more for force, more in zip(wanted, self._lines.command.tolist(), strict=True)]
+            added = self._deviations.lines.command + (0.0 if self._cautious else np.array(between))
+            wanted = [force + more for force, more in zip(wanted, added.tolist(), strict=True)]
         effect, later = self._ticks, self._entries - 1 + PARTS
         places = float(ahead.velocity[effect]), float(ahead.acceleration[effect]), float(ahead.velocity[later])
         force = float(required[effect] + inertia * (motion[3] - disturbance))
