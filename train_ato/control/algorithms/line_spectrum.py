@@ -6,18 +6,19 @@ those of the reference as inputs, for every unit. A demodulator is a low-pass of
 
     y1' = (i w - r) y1 + r y,   y2' = (i w - r) y2 + r y1
 
-with the gain 1 at w and 1/(1 + i (v - w)/r)² at v. The derivatives of y2 follow from the states, so that the motion
-gives the disturbance b [m/s²] through the same filter, without a model of b and for any command::
+with the gain 1 at w and 1/(1 + i (v - w)/r)² at v. The derivatives of y2 and of the measured speed v2 follow from the
+states, so that the motion gives the disturbances through the same filter, without a model of them and for any command::
 
-    b2 = y2'' - S y2 - D y2' - f2/m
+    q2 = v2' - S y2 - D y2' - f2/m,   p2 = y2' - v2
 
-with the springs S and dampers D of the couplers. A unit may have a drift between its speed and the change of its
-position (wheels): p2 = y2' - v2 with the measured speed v.
+the outside force over the mass q [m/s²] and the drift p between the speed and the change of the position (wheels)
+[m/s], with the springs S and dampers D of the couplers. Both need the derivative of one measurement only.
 
-From sample to sample a line turns b2 by its frequency times the period h. c = b2(k) conj(b2(k - 1)), averaged over
+From sample to sample a line turns q2 by its frequency times the period h. c = q2(k) conj(q2(k - 1)), averaged over
 ``MEMORY_TIME``, has the frequency in its angle and the power in its magnitude (pulse pair: Miller and Rochwarger 1972,
-IEEE Transactions on Information Theory 18). |c|/w⁴ is a power of displacement, in which the noise of the positions is
-the same at all frequencies: its median over the grid is the noise floor of a unit.
+IEEE Transactions on Information Theory 18). The noise of the positions has the same part in q2 at all frequencies,
+and in p2 a part in proportion to w: the median of |c| and of |c|/w² over the grid is the noise floor of a unit. The
+part (1 - floor/power) of an amplitude is used, 0 for noise.
 """
 
 # mypy: allow-untyped-defs
@@ -25,6 +26,7 @@ the same at all frequencies: its median over the grid is the noise floor of a un
 from __future__ import annotations
 
 import math
+from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +43,7 @@ FILTER_TIME = 6.0
 """1/r, time constant of a demodulator [s]: lines .5 rad/s apart are separate."""
 MEMORY_TIME = 20.0
 """Time constant of the mean of c [s]."""
+FLOOR_SHARE = 2.0
 SIGNIFICANT = 6.0
 """Power of a line over the noise floor."""
 MAX_GAP = 5.0
@@ -55,17 +58,17 @@ def turned(states, turn):
 
 
 @compiled
-def spectrum_step(first, second, forced, pairs, turn, gain, new, period, spring, damper, frequencies, sample):
+def spectrum_step(first, second, found, pairs, turn, gain, new, period, spring, damper, frequencies, sample):
     """Advance all demodulators by a sample.
 
     Parameters
     ----------
     first, second : complex Array, shape (frequencies, 3, units)
         y1 and y2 of position error [m], speed error [m/s] and force over the mass [m/s²].
-    forced : complex Array, shape (frequencies, units)
-        b2 [m/s²].
-    pairs : complex Array, shape (frequencies, units)
-        Mean of c [m²/s⁴].
+    found : complex Array, shape (frequencies, 2, units)
+        q2 [m/s²] and p2 [m/s].
+    pairs : complex Array, shape (frequencies, 2, units)
+        Mean of c.
     turn : complex Array, shape (frequencies,)
         Turn in a period.
     gain, new
@@ -79,39 +82,39 @@ def spectrum_step(first, second, forced, pairs, turn, gain, new, period, spring,
     sample : Array, shape (3, units)
         Position error, speed error and force over the mass.
     """
-    count, units = forced.shape
+    count, _, units = found.shape
     rate = gain / ((1.0 - gain) * period)
-    speed, change = np.empty(units, np.complex128), np.empty(units, np.complex128)
+    rates, both = np.empty((2, units), np.complex128), np.empty(2, np.complex128)
     for j in range(count):
-        for q in range(3):
-            for i in range(units):
+        for i in range(units):
+            for q in range(3):
                 one = first[j, q, i] * turn[j]
                 one += gain * (sample[q, i] - one)
                 two = second[j, q, i] * turn[j]
-                first[j, q, i], second[j, q, i] = one, two + gain * (one - two)
-        spin = 1j * frequencies[j]
+                two += gain * (one - two)
+                first[j, q, i], second[j, q, i] = one, two
+                if q < 2:
+                    rates[q, i] = 1j * frequencies[j] * two + rate * (one - two)
         for i in range(units):
-            one, two = first[j, 0, i], second[j, 0, i]
-            speed[i] = spin * two + rate * (one - two)
-            one_rate = spin * one + rate * (sample[0, i] - one)
-            change[i] = spin * speed[i] + rate * (one_rate - speed[i]) - second[j, 2, i]
-        for i in range(units):
-            value = change[i]
+            both[0] = rates[1, i] - second[j, 2, i]
             for k in range(units):
-                value -= spring[i, k] * second[j, 0, k] + damper[i, k] * speed[k]
-            pairs[j, i] += new * (value * forced[j, i].conjugate() - pairs[j, i])
-            forced[j, i] = value
+                both[0] -= spring[i, k] * second[j, 0, k] + damper[i, k] * rates[0, k]
+            both[1] = rates[0, i] - second[j, 1, i]
+            for q in range(2):
+                pairs[j, q, i] += new * (both[q] * found[j, q, i].conjugate() - pairs[j, q, i])
+                found[j, q, i] = both[q]
 
 
 @compiled
-def displacement_power(pairs, frequencies):
-    """Return |c|/w⁴ [m²], shape (frequencies, units)."""
+def line_power(pairs, frequencies):
+    """Return |c| of q2 [m²/s⁴] and |c|/w² of p2 [m²], shape (frequencies, 2, units)."""
     power = np.empty(pairs.shape)
     for j in range(pairs.shape[0]):
-        scale = 1.0 / (frequencies[j] * frequencies[j]) ** 2
-        for i in range(pairs.shape[1]):
-            pair = pairs[j, i]
-            power[j, i] = scale * math.sqrt(pair.real * pair.real + pair.imag * pair.imag)
+        for q in range(2):
+            scale = 1.0 / frequencies[j] ** 2 if q else 1.0
+            for i in range(pairs.shape[2]):
+                pair = pairs[j, q, i]
+                power[j, q, i] = scale * sqrt(pair.real * pair.real + pair.imag * pair.imag)
     return power
 
 
@@ -140,8 +143,9 @@ class LineSpectrum:
         count, n = self._grid.size, self._units.n
         self._first = np.zeros((count, 3, n), np.complex128)
         self._second = np.zeros((count, 3, n), np.complex128)
-        self._forced = np.zeros((count, n), np.complex128)
-        self._pairs = np.zeros((count, n), np.complex128)
+        self._found = np.zeros((count, 2, n), np.complex128)
+        self._pairs = np.zeros((count, 2, n), np.complex128)
+        self._over = np.zeros((count, 2 * n))
         self._samples = 0
         self._time = -math.inf
 
@@ -161,25 +165,26 @@ class LineSpectrum:
         missed = max(round((t - self._time) / self._period) - 1, 0) + (sample is None)
         self._time = t
         for _ in range(missed):
-            for states in (self._first, self._second, self._forced):
+            for states in (self._first, self._second, self._found):
                 turned(states, self._turn)
         if sample is not None:
             self._samples += 1
             spectrum_step(
-                self._first, self._second, self._forced, self._pairs, self._turn, self._gain,
+                self._first, self._second, self._found, self._pairs, self._turn, self._gain,
                 1.0 / min(self._samples, self._memory), self._period, self._units.spring, self._units.damper,
                 self._grid, sample,
             )  # fmt: skip
 
     def peaks(self) -> list[tuple[int, float]]:
         """Return place in the grid and frequency [rad/s] of every significant line, the strongest first."""
-        power = displacement_power(self._pairs, self._grid)
-        over = power / np.maximum(np.median(power, axis=0), 1e-30)
-        values, units = over.max(axis=1).tolist(), over.argmax(axis=1).tolist()
+        power = line_power(self._pairs, self._grid).reshape(self._over.shape)
+        self._over = power / np.maximum(np.median(power, axis=0), 1e-30)
+        values, columns = self._over.max(axis=1).tolist(), self._over.argmax(axis=1).tolist()
+        pairs = self._pairs.reshape(self._over.shape)
         found = []
         for j in range(1, len(values) - 1):
             if values[j] > SIGNIFICANT and values[j - 1] < values[j] >= values[j + 1]:
-                pair = complex(self._pairs[j, units[j]])
+                pair = complex(pairs[j, columns[j]])
                 frequency = math.atan2(pair.imag, pair.real) / self._period
                 if abs(frequency - float(self._grid[j])) < SPACING:
                     found.append((values[j], j, frequency))
@@ -195,11 +200,8 @@ class LineSpectrum:
         frequency
             Its frequency [rad/s]: the gain of the demodulator there is taken out.
         """
-        gain, grid = self._gain, float(self._grid[place])
-        rate = gain / ((1.0 - gain) * self._period)
-        angle = (frequency - grid) * self._period
-        passed = gain / (1.0 - (1.0 - gain) * complex(math.cos(angle), -math.sin(angle)))
-        scale = 2.0 / (passed * passed)
-        one, two = self._first[place, 0], self._second[place, 0]
-        drift = 1j * grid * two + rate * (one - two) - self._second[place, 1]
-        return scale * self._forced[place], scale * drift
+        angle = (frequency - float(self._grid[place])) * self._period
+        passed = self._gain / (1.0 - (1.0 - self._gain) * complex(math.cos(angle), -math.sin(angle)))
+        part = np.maximum(1.0 - FLOOR_SHARE / np.maximum(self._over[place], FLOOR_SHARE), 0.0).reshape(2, -1)
+        force, drift = 2.0 / (passed * passed) * part * self._found[place]
+        return force + 1j * frequency * drift, drift
