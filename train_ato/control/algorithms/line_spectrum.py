@@ -44,7 +44,7 @@ FILTER_TIME = 6.0
 MEMORY_TIME = 20.0
 """Time constant of the mean of c [s]."""
 FLOOR_SHARE = 2.0
-SIGNIFICANT = 6.0
+SIGNIFICANT = 8.0
 """Power of a line over the noise floor."""
 MAX_GAP = 5.0
 """Time without a sample after which the spectrum begins again [s]."""

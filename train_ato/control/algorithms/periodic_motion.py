@@ -35,7 +35,7 @@ POSITION = 0.1
 """Deviation of a position with the weight 1 [m]."""
 COUPLER = 1e5
 """Coupler force with the weight 1 [N]."""
-RATE = 0.25
+RATE = 0.2
 """Rate of the command over the mass with the weight 1 [m/s³]."""
 
 
