@@ -43,6 +43,8 @@ FILTER_TIME = 6.0
 """1/r, time constant of a demodulator [s]: lines .5 rad/s apart are separate."""
 MEMORY_TIME = 20.0
 """Time constant of the mean of c [s]."""
+BESIDE = (-8, -5, 5, 8)
+"""Places beside a line with a part of less than 1 % of its power."""
 FLOOR_SHARE = 2.0
 SIGNIFICANT = 8.0
 """Power of a line over the noise floor."""
@@ -131,6 +133,8 @@ class LineSpectrum:
 
     def __init__(self, units: CoupledUnits, period: float) -> None:
         self._grid = LOWEST + SPACING * np.arange(round((HIGHEST - LOWEST) / SPACING) + 1)
+        places = np.arange(self._grid.size)
+        self._beside = np.array([np.clip(places + shift, 0, self._grid.size - 1) for shift in BESIDE])
         self._units, self._period = units, period
         angles = (self._grid * period).tolist()
         self._turn = np.array([complex(math.cos(angle), math.sin(angle)) for angle in angles])
@@ -178,7 +182,9 @@ class LineSpectrum:
     def peaks(self) -> list[tuple[int, float]]:
         """Return place in the grid and frequency [rad/s] of every significant line, the strongest first."""
         power = line_power(self._pairs, self._grid).reshape(self._over.shape)
-        self._over = power / np.maximum(np.median(power, axis=0), 1e-30)
+        beside = np.sort(power[self._beside], axis=0)
+        floor = np.maximum(np.median(power, axis=0), 0.5 * (beside[1] + beside[2]))
+        self._over = power / np.maximum(floor, 1e-30)
         values, columns = self._over.max(axis=1).tolist(), self._over.argmax(axis=1).tolist()
         pairs = self._pairs.reshape(self._over.shape)
         found = []
