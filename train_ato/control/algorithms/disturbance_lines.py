@@ -5,8 +5,8 @@ them. The law has the measurements and the commands in flight without this motio
 parts the train has no lines. A line is used after ``PERSISTENCE`` searches in turn have found it, with a weight that
 rises in ``RISE_TIME``. Without a line nothing changes.
 
-The command depends on the disturbance alone. It is no feedback, so that a wrong line adds a bounded force and cannot
-make the loop unstable.
+The disturbance follows from motion and force, so that with the model of the train the command does not depend on
+itself: it is no feedback, and a wrong line adds a bounded force.
 """
 
 # mypy: allow-untyped-defs
@@ -211,7 +211,7 @@ class DisturbanceLines:
                 line.count = min(line.count + 1, PERSISTENCE)
                 line.used = line.used or line.count == PERSISTENCE
             else:
-                line.count -= 1
+                line.count = max(line.count - 1, 0)
                 line.used = line.used and line.count > 0
         self._lines = [line for line in self._lines if line.count > 0 or line.weight > 0.01]
         self._lines += [Line(*peak) for peak in found[: MAX_LINES - len(self._lines)]]

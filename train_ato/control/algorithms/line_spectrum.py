@@ -16,9 +16,11 @@ the outside force over the mass q [m/s²] and the drift p between the speed and 
 
 From sample to sample a line turns q2 by its frequency times the period h. c = q2(k) conj(q2(k - 1)), averaged over
 ``MEMORY_TIME``, has the frequency in its angle and the power in its magnitude (pulse pair: Miller and Rochwarger 1972,
-IEEE Transactions on Information Theory 18). The noise of the positions has the same part in q2 at all frequencies,
-and in p2 a part in proportion to w: the median of |c| and of |c|/w² over the grid is the noise floor of a unit. The
-part (1 - floor/power) of an amplitude is used, 0 for noise.
+IEEE Transactions on Information Theory 18), and the same for p2. The noise of the positions is in q2 at all
+frequencies alike, and in p2 in proportion to w. The powers |c| and |c|/w² of noise are therefore level, and their
+median over the grid is the noise floor of a unit. Disturbances with a smooth spectrum are higher at some frequencies:
+the floor there is the power ``BESIDE`` a frequency, if that is more. A line has a peak of at least ``SIGNIFICANT``
+times the floor in one of the powers.
 """
 
 # mypy: allow-untyped-defs
@@ -44,10 +46,12 @@ FILTER_TIME = 6.0
 MEMORY_TIME = 20.0
 """Time constant of the mean of c [s]."""
 BESIDE = (-8, -5, 5, 8)
-"""Places beside a line with a part of less than 1 % of its power."""
+"""Places beside a line in the grid, with at most 1 % of its power; the two middle ones of the four powers count, so
+that two lines .5 rad/s apart do not hide each other."""
 FLOOR_SHARE = 2.0
+"""Power over the floor up to which an amplitude counts as noise: the part 1 - 2 floor/power of it is used."""
 SIGNIFICANT = 8.0
-"""Power of a line over the noise floor."""
+"""Smallest power of a line over the floor."""
 MAX_GAP = 5.0
 """Time without a sample after which the spectrum begins again [s]."""
 

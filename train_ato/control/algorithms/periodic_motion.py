@@ -1,20 +1,22 @@
 """Periodic motion of coupled units under a line of the disturbance, with the smallest weighted motion and force rate.
 
-A disturbance b e^(i w t) [m/s²] on every unit, a command u and a motion x e^(i w t), all complex amplitudes::
+A disturbance b e^(i w t) [m/s²] on every unit, a command u e^(i w t) over the mass and the motion x e^(i w t), all with
+complex amplitudes::
 
     Z x = b + u/(1 + i w Ta),   Z = -w² - S - i w D
 
-with the springs S and dampers D between the units over their mass, and u over the mass as well. The motion is exact for
-a steady line, for any delay: the command is sent earlier by the delay. The smallest value of the cost of
-`unit_deviations.py` in the mean over a period::
+with the springs S and dampers D of the couplers over the masses. The delay is no part of it: the command is sent
+earlier by the delay, exactly for a steady line. The cost in the mean over a period is that of `unit_deviations.py`::
 
-    |x|²/POSITION² + |C x|²/COUPLER² + |w u|²/RATE²
+    |x|²/POSITION² + |F_c|²/COUPLER² + |w u|²/RATE²
 
-C x the coupler forces, is a least-squares problem in x alone with u = (1 + i w Ta) (Z x - b)::
+with the coupler forces F_c. With u = (1 + i w Ta) (Z x - b) it is a least-squares problem in x::
 
     (Q + g Z*Z) x = g Z* b,   g = w² (1 + w² Ta²)/RATE²
 
-Z has no inverse at an undamped mode of the couplers; the matrix of this equation always has one.
+Z has no inverse at an undamped mode of the couplers; the matrix of this equation always has one. A motion x that is
+large beside b is not robust: with another mass of the train it appears in the estimate of b. The weights of couplers
+and rate are therefore higher than those of the regulator.
 """
 
 # mypy: allow-untyped-defs
@@ -33,9 +35,9 @@ if TYPE_CHECKING:
 
 POSITION = 0.1
 """Deviation of a position with the weight 1 [m]."""
-COUPLER = 1e5
+COUPLER = 3e4
 """Coupler force with the weight 1 [N]."""
-RATE = 0.2
+RATE = 0.3
 """Rate of the command over the mass with the weight 1 [m/s³]."""
 
 
