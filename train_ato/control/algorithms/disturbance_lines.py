@@ -44,7 +44,7 @@ CHANGE = 0.01
 
 
 @compiled
-def add_line(motion, sent, command, response, disturbance, drift, mass, frequency, lag, actuators, tick, half):
+def add_line(motion, sent, command, response, line, mass, frequency, lag, actuators, tick, half):
     """Take the periodic motion of a line out of the measurements and add its command.
 
     Parameters
@@ -56,9 +56,9 @@ def add_line(motion, sent, command, response, disturbance, drift, mass, frequenc
     command : Array, shape (units,)
         Commands of the lines [N], with this line after the call.
     response : complex Array, shape (2, units, units)
-        Motion and command over the mass for unit disturbances.
-    disturbance, drift : complex Array, shape (units,)
-        Of the line now [m/s², m/s].
+        Motion and acting force over the mass for unit disturbances.
+    line : complex Array, shape (2, units)
+        Disturbance and drift of the line now [m/s², m/s].
     mass : Array, shape (units,)
         Mass with rotating parts [kg].
     frequency, lag, tick, half
@@ -68,14 +68,15 @@ def add_line(motion, sent, command, response, disturbance, drift, mass, frequenc
     """
     count, units = sent.shape
     for i in range(units):
-        place, demand = 0j, 0j
+        place, acting = 0j, 0j
         for k in range(units):
-            place += response[0, i, k] * disturbance[k]
-            demand += response[1, i, k] * disturbance[k]
-        demand *= mass[i]
+            place += response[0, i, k] * line[0, k]
+            acting += response[1, i, k] * line[0, k]
+        acting *= mass[i]
         motion[0, i] -= place.real
-        motion[1, i] -= (1j * frequency * place - drift[i]).real
-        motion[2, i] -= (demand / (1.0 + 1j * frequency * lag)).real
+        motion[1, i] -= (1j * frequency * place - line[1, i]).real
+        motion[2, i] -= acting.real
+        demand = (1.0 + 1j * frequency * lag) * acting
         for row in range(count + 1):
             former = sent[min(row, count - 1), i] if count else 0.0
             delay = actuators[1, i] if former < 0.0 else actuators[0, i]
@@ -104,7 +105,7 @@ class Line:
     weight
         Part of the motion and of the command that is used.
     response : complex Array, shape (2, units, units), or None
-        Motion and command over the mass for unit disturbances.
+        Motion and acting force over the mass for unit disturbances.
     """
 
     place: int
@@ -178,10 +179,10 @@ class DisturbanceLines:
             return inputs, sent
         motion, sent = np.array([inputs.position, inputs.velocity, inputs.applied]), sent.copy()
         for line in used:
-            disturbance, drift = self._spectrum.amplitudes(line.place, line.frequency)
+            amplitudes = self._spectrum.amplitudes(line.place, line.frequency, line.weight)
             add_line(
-                motion, sent, self.command, line.response, line.weight * disturbance, line.weight * drift,
-                self._units.mass, line.frequency, self._model.lag, actuators, self._model.tick, 0.5 * self._period,
+                motion, sent, self.command, line.response, amplitudes, self._units.mass, line.frequency,
+                self._model.lag, actuators, self._model.tick, 0.5 * self._period,
             )  # fmt: skip
         position, velocity, applied = motion
         low, high = inputs.force_min - self.command, inputs.force_max - self.command

@@ -124,6 +124,29 @@ def line_power(pairs, frequencies):
     return power
 
 
+@compiled
+def line_amplitudes(found, over, scale, frequency):
+    """Return disturbance q + i w p [m/s²] and drift p [m/s] of a line, complex, shape (2, units).
+
+    Parameters
+    ----------
+    found : complex Array, shape (2, units)
+        q2 and p2 of its demodulator.
+    over : Array, shape (2, units)
+        Power over the floor.
+    scale
+        Complex amplitude of the line for an output of 1.
+    frequency
+        w [rad/s].
+    """
+    line = np.empty(found.shape, np.complex128)
+    for i in range(found.shape[1]):
+        for q in range(2):
+            line[q, i] = scale * max(1.0 - FLOOR_SHARE / max(over[q, i], FLOOR_SHARE), 0.0) * found[q, i]
+        line[0, i] += 1j * frequency * line[1, i]
+    return line
+
+
 class LineSpectrum:
     """Frequencies and amplitudes of the lines in the disturbances of coupled units.
 
@@ -200,8 +223,8 @@ class LineSpectrum:
                     found.append((values[j], j, frequency))
         return [(j, frequency) for _, j, frequency in sorted(found, reverse=True)]
 
-    def amplitudes(self, place: int, frequency: float) -> tuple[Array, Array]:
-        """Return disturbance [m/s²] and drift [m/s] of a line now, complex, shape (units,).
+    def amplitudes(self, place: int, frequency: float, weight: float = 1.0) -> Array:
+        """Return disturbance [m/s²] and drift [m/s] of a line now, complex, shape (2, units).
 
         Parameters
         ----------
@@ -209,9 +232,11 @@ class LineSpectrum:
             Place of its demodulator in the grid.
         frequency
             Its frequency [rad/s]: the gain of the demodulator there is taken out.
+        weight
+            Factor on the result.
         """
         angle = (frequency - float(self._grid[place])) * self._period
         passed = self._gain / (1.0 - (1.0 - self._gain) * complex(math.cos(angle), -math.sin(angle)))
-        part = np.maximum(1.0 - FLOOR_SHARE / np.maximum(self._over[place], FLOOR_SHARE), 0.0).reshape(2, -1)
-        force, drift = 2.0 / (passed * passed) * part * self._found[place]
-        return force + 1j * frequency * drift, drift
+        part = self._over[place].reshape(2, -1)
+        found: Array = line_amplitudes(self._found[place], part, 2.0 * weight / (passed * passed), frequency)
+        return found

@@ -42,7 +42,9 @@ RATE = 0.3
 
 
 def periodic_response(units: CoupledUnits, lag: float, frequency: float) -> Array:
-    """Return motion x and command over the mass u for unit disturbances, complex, shape (2, units, units).
+    """Return motion x and acting force over the mass for unit disturbances, complex, shape (2, units, units).
+
+    The command u is (1 + i w Ta) times the acting force.
 
     Parameters
     ----------
@@ -64,6 +66,4 @@ def periodic_response(units: CoupledUnits, lag: float, frequency: float) -> Arra
     both[:n, :n], both[n:, n:] = cost, cost
     motion = matrix_product(inverse(both + matrix_product(turned, stiff)), turned)
     force = matrix_product(stiff, motion) - np.eye(2 * n)
-    found = np.array([motion[:n, :n] + 1j * motion[n:, :n], force[:n, :n] + 1j * force[n:, :n]])
-    found[1] *= 1.0 + 1j * w * lag
-    return found
+    return np.array([motion[:n, :n] + 1j * motion[n:, :n], force[:n, :n] + 1j * force[n:, :n]])
