@@ -89,7 +89,7 @@ def add_line(motion, sent, command, response, line, mass, frequency, lag, actuat
 
 
 @dataclass
-class Line:
+class SpectralLine:
     """A line of the disturbance.
 
     Attributes
@@ -145,7 +145,7 @@ class DisturbanceLines:
     def reset(self) -> None:
         """Forget spectrum and lines."""
         self._spectrum.reset()
-        self._lines: list[Line] = []
+        self._lines: list[SpectralLine] = []
         self._steps = 0
         self.command = np.zeros(self._units.n)
 
@@ -215,7 +215,7 @@ class DisturbanceLines:
                 line.count = max(line.count - 1, 0)
                 line.used = line.used and line.count > 0
         self._lines = [line for line in self._lines if line.count > 0 or line.weight > 0.01]
-        self._lines += [Line(*peak) for peak in found[: MAX_LINES - len(self._lines)]]
+        self._lines += [SpectralLine(*peak) for peak in found[: MAX_LINES - len(self._lines)]]
 
     def _weigh(self, usable: bool) -> None:
         """Compute the response of a line that is new or has changed, at most one, and advance the weights."""
