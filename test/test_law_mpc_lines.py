@@ -112,7 +112,7 @@ def test_the_command_of_a_line_acts_a_delay_later():
     line[0] = [0.1, -0.05j, 0.0, 0.0, 0.02]
     actuators = np.array([np.full(5, 1.0), np.full(5, 1.0), np.full(5, 0.2)])
     motion, sent, command = np.zeros((3, 5)), np.zeros((200, 5)), np.zeros(5)
-    add_line(motion, sent, command, response, line, units.mass, w, LAG, actuators, tick, 0.5 * tick)
+    add_line(motion, sent, command, response, line, units.mass, w, LAG, actuators, tick, 1)
     force = np.zeros(5)
     for row in -sent[:-10]:
         force += (row - force) * (1.0 - np.exp(-tick / LAG))

@@ -44,7 +44,7 @@ CHANGE = 0.01
 
 
 @compiled
-def add_line(motion, sent, command, response, line, mass, frequency, lag, actuators, tick, half):
+def add_line(motion, sent, command, response, line, mass, frequency, lag, actuators, tick, ticks):
     """Take the periodic motion of a line out of the measurements and add its command.
 
     Parameters
@@ -61,8 +61,10 @@ def add_line(motion, sent, command, response, line, mass, frequency, lag, actuat
         Disturbance and drift of the line now [m/s², m/s].
     mass : Array, shape (units,)
         Mass with rotating parts [kg].
-    frequency, lag, tick, half
-        rad/s, s, s, half of a control period [s].
+    frequency, lag, tick
+        rad/s, s, s.
+    ticks : int
+        Ticks of a control period; a command is held for them.
     actuators : Array, shape (3, units)
         Delay in traction and braking [s], share of the force.
     """
@@ -80,7 +82,8 @@ def add_line(motion, sent, command, response, line, mass, frequency, lag, actuat
         for row in range(count + 1):
             former = sent[min(row, count - 1), i] if count else 0.0
             delay = actuators[1, i] if former < 0.0 else actuators[0, i]
-            angle = frequency * (delay + half - (count - row) * tick)
+            periods = (count - row + ticks - 1) // ticks
+            angle = frequency * (delay + (0.5 - periods) * ticks * tick)
             part = demand.real * libm_cos(angle) - demand.imag * libm_sin(angle)
             if row < count:
                 sent[row, i] -= part
@@ -136,8 +139,9 @@ class DisturbanceLines:
     """
 
     def __init__(self, units: CoupledUnits, model: TrainModel, period: float) -> None:
-        self._units, self._model, self._period = units, model, period
+        self._units, self._model = units, model
         self._spectrum = LineSpectrum(units, period)
+        self._ticks = max(1, round(period / model.tick))
         self._every = max(1, round(SEARCH_TIME / period))
         self._rise = 1.0 - math.exp(-period / RISE_TIME)
         self.reset()
@@ -182,7 +186,7 @@ class DisturbanceLines:
             amplitudes = self._spectrum.amplitudes(line.place, line.frequency, line.weight)
             add_line(
                 motion, sent, self.command, line.response, amplitudes, self._units.mass, line.frequency,
-                self._model.lag, actuators, self._model.tick, 0.5 * self._period,
+                self._model.lag, actuators, self._model.tick, self._ticks,
             )  # fmt: skip
         position, velocity, applied = motion
         low, high = inputs.force_min - self.command, inputs.force_max - self.command
