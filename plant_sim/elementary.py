@@ -26,8 +26,8 @@ def _of_library(name: str, arguments: int = 1) -> Any:
 
 
 libm_exp, libm_tanh, libm_pow = _of_library("exp"), _of_library("tanh"), _of_library("pow", 2)
+libm_sin, libm_cos = _of_library("sin"), _of_library("cos")
 """Functions of the C library for compiled code: ``math.exp``, ``math.tanh`` and ``**`` of Python call the same ones."""
-_sin, _cos = _of_library("sin"), _of_library("cos")
 
 
 @compiled
@@ -44,7 +44,7 @@ def sin_each(values: Array) -> Array:
     """Return the sine of every entry [rad] of a one-dimensional array."""
     found = np.empty(values.size)
     for i in range(values.size):
-        found[i] = _sin(values[i])
+        found[i] = libm_sin(values[i])
     return found
 
 
@@ -53,5 +53,5 @@ def cos_each(values: Array) -> Array:
     """Return the cosine of every entry [rad] of a one-dimensional array."""
     found = np.empty(values.size)
     for i in range(values.size):
-        found[i] = _cos(values[i])
+        found[i] = libm_cos(values[i])
     return found

@@ -67,6 +67,8 @@ class CoupledUnits:
         self._rates[n : 2 * n, :n] = stiffness / self.mass[:, None]
         self._rates[n : 2 * n, n : 2 * n] = damping / self.mass[:, None]
         self._rates[n : 2 * n, 2 * n :] = np.diag(1.0 / self.mass)
+        self.spring: Array = np.ascontiguousarray(self._rates[n : 2 * n, :n])
+        self.damper: Array = np.ascontiguousarray(self._rates[n : 2 * n, n : 2 * n])
         self._steps: dict[float, Array] = {}
 
     def step_matrix(self, h: float) -> Array:

@@ -31,6 +31,7 @@ from plant_sim.compiled import compiled
 from plant_sim.summation import plain_dot, plain_sum
 from train_ato.control.algorithms import predictive_plan
 from train_ato.control.algorithms.coupled_units import CoupledUnits
+from train_ato.control.algorithms.disturbance_lines import DisturbanceLines
 from train_ato.control.algorithms.predictive_plan import newest_arrived
 from train_ato.control.algorithms.riccati import filter_gain, regulator_gain
 from train_ato.control.parameters import RefusedParameter
@@ -84,6 +85,11 @@ class UnitDeviations:
     first_weight
         Weight of the first force of a period in its mean.
 
+    Attributes
+    ----------
+    lines : DisturbanceLines
+        Persistent sines in the disturbances of the units; :meth:`reset` does not change them.
+
     Raises
     ------
     RefusedParameter
@@ -99,6 +105,7 @@ class UnitDeviations:
         self._gain = deviation_regulator(self._units, model.lag, period)
         self._correction = deviation_filter(self._units, period)
         self._mean_weight = first_weight
+        self.lines = DisturbanceLines(self._units, model, period)
         self.reset()
 
     def reset(self) -> None:

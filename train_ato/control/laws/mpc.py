@@ -60,7 +60,9 @@ one by one.
 **Units on soft couplers.** If every vehicle is driven and pi/T_w < 3 omega, with the time T_w of a wave through the
 couplers, a Kalman filter estimates the deviations of the units from the mean, and a linear-quadratic regulator on their
 state after the delay adds forces with the sum 0 (`unit_deviations.py`). The observer ratio is then 2.5: disturbances
-that excite the couplers change within the delay.
+that excite the couplers change within the delay. Persistent sines in the disturbances of the units are found in their
+spectrum, frequencies included (`line_spectrum.py`), and the command of the periodic motion that belongs to them is
+added (`disturbance_lines.py`, `periodic_motion.py`). The other parts have the measurements without this motion.
 
 **Simulated train.** Under `twin` a train with hauled vehicles has the force F_c of the simulated train in place of R up
 to the effect of the last command, and the feed-forward of `twin` (`simulated_reference.py`). The plan is that of the
@@ -77,7 +79,8 @@ regulator. With ``identify`` false the model itself is tested in this way.
 Limits: the air brake is only a known force. With hauled vehicles theta is 0. Where other laws are better: two
 locomotives with 210 wagons without `twin` (`pid`). A reference with steps of the speed
 (`freight_consensus` without `realistic`) is not tracked. Goals, misses and other solvers: `msgs_docs/mpc_goals.md`,
-made with `python bench/mpc.py`, `python bench/mpc_solvers.py` and, for soft couplers, `python bench/freight_front.py`.
+made with `python bench/mpc.py`, `python bench/mpc_solvers.py` and, for soft couplers, `python bench/freight_front.py`
+and `bench/freight_lines.py`.
 
 Needs: any train; delay, lag and envelopes of the model, the measured force, and the reference ahead. The law predicts
 over the delay and has its own feed-forward: use compensation `none` or `preview`, with hauled vehicles `twin`.
@@ -97,6 +100,7 @@ from train_ato.control.algorithms.disturbance_filters import motion_by_rate
 from train_ato.control.algorithms.force_plan import PARTS, ForcePlan, PlanStart
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.lag_feedforward import feedforward, hauled_feedforward
 from train_ato.control.algorithms.limits_ahead import limits_force
 from train_ato.control.algorithms.measured_motion import MeasuredMotion
 from train_ato.control.algorithms.motion_observer import SPEED_PRIOR
@@ -202,6 +206,7 @@ class Mpc(GuardedLaw):
         self._force_plan.reset()
         if self._deviations is not None:
             self._deviations.reset()
+            self._deviations.lines.reset()
         self._cautious_steps = 0
         self._cautious = self._simulated = False
         self._set_delays(1.0)
@@ -215,6 +220,7 @@ class Mpc(GuardedLaw):
     def diagnostics(self) -> dict[str, str]:
         """Return the counts of the solver and the disturbance as text."""
         observer, plan = self._motion.observer, self._force_plan
+        lines = {} if self._deviations is None else {"disturbance_lines": self._deviations.lines.text()}
         return {
             "limited_steps": str(plan.limited_steps),
             "most_exchanges": str(plan.most_exchanges),
@@ -226,6 +232,7 @@ class Mpc(GuardedLaw):
             "cautious_steps": str(self._cautious_steps),
             "mass_error": repr(observer.mass_error),
             "speed_noise": repr(observer.speed_noise),
+            **lines,
         }
 
     def planned(self) -> LawPlan | None:
@@ -256,22 +263,24 @@ class Mpc(GuardedLaw):
 
     def _wanted(self, inputs: LawInput) -> list[float]:
         """Return the force of the plan for every unit [N]."""
+        gain = self._identification.gain if self.parameters.identify else 1.0
+        sent = gain * (self._identification.sent if self.parameters.identify else inputs.commands_in_flight)
+        if self._deviations is not None:
+            inputs, sent = self._deviations.lines.step(inputs, sent, self._actuators, not self._cautious)
         self._motion.step(inputs)
         ahead, inertia = inputs.lookahead, self._motion.inertia
         count, simulated = self._ticks + 1, ahead.simulated_force
         required = follow_simulation(inertia * ahead.acceleration + ahead.resistance, simulated, count)
-        feedforward = inputs.feedforward.tolist() if simulated.size else self._feedforward(required)
-        gain = self._identification.gain if self.parameters.identify else 1.0
-        sent = gain * (self._identification.sent if self.parameters.identify else inputs.commands_in_flight)
+        forward = inputs.feedforward.tolist() if simulated.size else self._feedforward(required)
         motion = self._motion_at_effect(inputs, sent, required[:count])
         disturbance = self._add_rate(motion)
-        total = self._total_force(inputs, required, motion, disturbance, plain_sum(feedforward), gain)
-        added = total - plain_sum(feedforward)
-        wanted = [force + added * share for force, share in zip(feedforward, self.share, strict=True)]
+        total = self._total_force(inputs, required, motion, disturbance, plain_sum(forward), gain)
+        added = total - plain_sum(forward)
+        wanted = [force + added * share for force, share in zip(forward, self.share, strict=True)]
         if self._deviations is not None:
             between = self._deviations.forces(inputs, sent, self._actuators, self._ticks)
-            if not self._cautious:
-                wanted = [force + more for force, more in zip(wanted, between, strict=True)]
+            more = self._deviations.lines.command + (0.0 if self._cautious else np.array(between))
+            wanted = [force + each for force, each in zip(wanted, more.tolist(), strict=True)]
         effect, later = self._ticks, self._entries - 1 + PARTS
         places = float(ahead.velocity[effect]), float(ahead.acceleration[effect]), float(ahead.velocity[later])
         force = float(required[effect] + inertia * (motion[3] - disturbance))
@@ -317,39 +326,9 @@ class Mpc(GuardedLaw):
         return self._force_plan.decide(start, inputs.lookahead, self._simulated)
 
     def _feedforward(self, required: Array) -> list[float]:
-        """Return the force of every unit that gives the required force at the time of its effect [N].
-
-        Through the lag Ta the command is F + Ta F'. The line force of a train of wagons is a staircase, one step for
-        every wagon at a change of the grade, and F' of a step is an impulse. With hauled vehicles the command is
-        therefore F at the time Ta later, equal to F + Ta F' for a steady slope.
-        """
-        model, tick, half = self.model, self.model.tick, 0.5 * self.period
+        """Return the force of every unit that gives the required force at the time of its effect [N]."""
+        model, half = self.model, 0.5 * self.period
         if self._hauls:
-            return self._feedforward_hauled(required)
-        table = required[: self._entries].tolist()
-        found = []
-        for share, forward, backward in zip(*self._actuators[[2, 0, 1]].tolist(), strict=True):
-            force = _through_lag(table, (forward + half) / tick, model.lag / tick)
-            if force < 0.0 and backward != forward:
-                force = min(0.0, _through_lag(table, (backward + half) / tick, model.lag / tick))
-            found.append(force * share)
-        return found
-
-    def _feedforward_hauled(self, required: Array) -> list[float]:
-        """Return the required force of every unit at the time of its effect and the lag later [N]."""
-        times, forces = self.lookahead_times[self._rising], required[self._rising]
-        later = 0.5 * self.period + self.model.lag
-        found = []
-        for share, forward, backward in zip(*self._actuators[[2, 0, 1]].tolist(), strict=True):
-            force = float(np.interp(forward + later, times, forces))
-            if force < 0.0 and backward != forward:
-                force = min(0.0, float(np.interp(backward + later, times, forces)))
-            found.append(force * share)
-        return found
-
-
-def _through_lag(table: list[float], place: float, lag: float) -> float:
-    """Return F + Ta F' at a place of a table, with the lag in entries."""
-    index = min(int(place + 1e-9), len(table) - 2)
-    rise = table[index + 1] - table[index]
-    return table[index] + (place - index) * rise + lag * rise
+            times, forces = self.lookahead_times[self._rising], required[self._rising]
+            return hauled_feedforward(times, forces, self._actuators, half + model.lag)
+        return feedforward(required[: self._entries], self._actuators, model.tick, model.lag, half)
