@@ -6,13 +6,14 @@ that of a simulated train with the difference of the running resistance.
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import TYPE_CHECKING
 
 from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.motion_observer import MotionObserver
 from train_ato.control.algorithms.simulated_reference import SIMULATED_WAVES
-from train_ato.control.algorithms.train_constants import drag_slope, wave_time
+from train_ato.control.algorithms.train_constants import drag_slope, starting_resistance, wave_time
 from train_ato.control.train_model import STANDSTILL_SPEED
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ class MeasuredMotion:
         self._new_observer = partial(MotionObserver, period, bandwidth, waves, vehicles > 1, speed_noise)
         self._weight = weight
         self.drag_slope = drag_slope(model)
+        self._starting = starting_resistance(model) if vehicles == model.n_units else math.inf
         self.reset()
 
     def reset(self) -> None:
@@ -89,6 +91,14 @@ class MeasuredMotion:
         """Return the measured speed below which the train can be at standstill [m/s]."""
         return smallest + 3.0 * self.observer.speed_noise
 
+    def _starts(self, inputs: LawInput, force: float) -> bool:
+        """Return True if the traction [N] exceeds the resistance, so that no noise of the speed hides a departure.
+
+        A falling grade does not count: the holding brake can hold the train there without traction.
+        """
+        grade = max(self._model.line_force(self._model.front(inputs.position)), 0.0)
+        return force > self._starting + grade + inputs.train_shoe_force
+
     def _at_rest(self, speed: float, reference: float) -> bool:
         """Return True at standstill by measured and estimated speed [m/s]."""
         estimated = speed if self.observer.stands else reference + self.observer.speed_error
@@ -109,7 +119,9 @@ class MeasuredMotion:
         position_error, speed_error = place - float(ahead.position[0]), speed - reference
         force = mean_over_units([1.0] * model.n_units, inputs.applied.tolist())
         by_line = model.line_force(model.front(inputs.position)) / model.inertia
-        if self._before is None or (not simulated.size and self._at_rest(speed, reference)):
+        if self._before is None or (
+            not simulated.size and not self._starts(inputs, force) and self._at_rest(speed, reference)
+        ):
             observer.stand(position_error, speed, place, reference)
             regressor = by_line
         else:

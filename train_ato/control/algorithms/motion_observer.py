@@ -168,7 +168,11 @@ class MotionObserver:
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         if self.stands:
             match(self._noise, self._before, 1.0 / self._count, place, speed, self._filters.position_floor)
-        self.restart(position, (speed if abs(speed) > 3.0 * self.speed_noise else 0.0) - reference)
+        still = abs(speed) <= 3.0 * self.speed_noise
+        self.restart(position, (0.0 if still else speed) - reference)
+        self._covariances[:, :2] = self._covariances[:, :, :2] = 0.0
+        self._covariances[:, 0, 0] = self._noise[0]
+        self._covariances[:, 1, 1] = 0.0 if still else self._noise[1]
         self._before[:] = place, speed
         self.stands = True
 
