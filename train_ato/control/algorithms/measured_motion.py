@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from train_ato.control.contract import LawInput
     from train_ato.control.train_model import TrainModel
 
+DEPARTURE = 0.02
+"""Acceleration by traction from which a train is in motion [m/s²]: a force of some N may only release its brake."""
+
 
 class MeasuredMotion:
     """Estimate of the motion of a train as one mass, once per control period.
@@ -59,7 +62,7 @@ class MeasuredMotion:
         self._new_observer = partial(MotionObserver, period, bandwidth, waves, vehicles > 1, speed_noise)
         self._weight = weight
         self.drag_slope = drag_slope(model)
-        self._starting = starting_resistance(model) if vehicles == model.n_units else math.inf
+        self._starting = starting_resistance(model) + DEPARTURE * model.inertia if vehicles == model.n_units else math.inf
         self.reset()
 
     def reset(self) -> None:
@@ -92,7 +95,7 @@ class MeasuredMotion:
         return smallest + 3.0 * self.observer.speed_noise
 
     def _starts(self, inputs: LawInput, force: float) -> bool:
-        """Return True if the traction [N] exceeds the resistance, so that no noise of the speed hides a departure.
+        """Return True if the traction [N] accelerates the train, so that no noise of the speed hides a departure.
 
         A falling grade does not count: the holding brake can hold the train there without traction.
         """
