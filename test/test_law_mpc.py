@@ -206,6 +206,17 @@ def test_standstill_shows_the_noise_and_no_speed():
     assert observer.disturbance == 0.0
 
 
+def test_motion_begins_with_the_speed_0_of_standstill():
+    """With the variance of the prior the first samples, .05 m/s of noise, are taken for motion."""
+    random = np.random.default_rng(4)
+    observer = MotionObserver(0.1, 1.0, 0.0)
+    for _ in range(100):
+        observer.stand(0.0, 0.05 * random.normal(), 3.0, 0.0)
+    for k in range(1, 4):
+        observer.step(0.5 * 0.2 * (0.1 * k) ** 2, 0.02 * k + 0.1, 0.2)
+        assert observer.speed_error == pytest.approx(0.02 * k, abs=0.003)
+
+
 def test_force_at_standstill_does_not_change_the_identification():
     """The holding brake, not a wrong gain, gives the force of a train at standstill."""
     identification = ActuatorIdentification(_model(), 0.1)
@@ -374,6 +385,16 @@ def test_noise_of_the_speed_does_not_shake_the_command():
     assert forces.size > 250
     assert np.abs(np.diff(forces)).mean() / 100.0 < 15.0  # N in 0.1 s as kN/s
     assert run.metrics["speed_error_max_kmh"] / 3.6 < 0.045
+
+
+@pytest.mark.parametrize(
+    ("scenario", "seed", "largest"), [("crh380a_gpc:short", 2, 0.037), ("crh380a_funnel:short+noise", 1, 0.048)]
+)
+def test_noise_of_the_speed_does_not_hide_a_departure(scenario, seed, largest):
+    """A slow train that counts as one at standstill: .044 and .057 m/s in the first seconds."""
+    noise = {"plant.sensors.velocity_noise": 0.05, "duration": 40}
+    run = ta.run(scenario, law="mpc", compensation="none", set=noise, seed=seed, progress=False)
+    assert run.metrics["speed_error_max_kmh"] / 3.6 < largest
 
 
 def test_values_at_the_nodes_keep_integral_and_moment():

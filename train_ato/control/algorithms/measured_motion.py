@@ -62,7 +62,8 @@ class MeasuredMotion:
         self._new_observer = partial(MotionObserver, period, bandwidth, waves, vehicles > 1, speed_noise)
         self._weight = weight
         self.drag_slope = drag_slope(model)
-        self._starting = starting_resistance(model) + DEPARTURE * model.inertia if vehicles == model.n_units else math.inf
+        starting = starting_resistance(model) + DEPARTURE * model.inertia
+        self._starting = starting if vehicles == model.n_units else math.inf  # hauled vehicles depart one by one
         self.reset()
 
     def reset(self) -> None:
@@ -94,11 +95,14 @@ class MeasuredMotion:
         """Return the measured speed below which the train can be at standstill [m/s]."""
         return smallest + 3.0 * self.observer.speed_noise
 
-    def _starts(self, inputs: LawInput, force: float) -> bool:
-        """Return True if the traction [N] accelerates the train, so that no noise of the speed hides a departure.
+    def _departs(self, inputs: LawInput, force: float) -> bool:
+        """Return True if the traction [N] accelerates the train at a departure, whatever the noise of the speed.
 
-        A falling grade does not count: the holding brake can hold the train there without traction.
+        A falling grade does not count: the holding brake can hold the train there without traction. Nor does an
+        arrival: the holding brake acts while the last traction decays.
         """
+        if float(inputs.lookahead.acceleration[0]) <= 0.0:
+            return False
         grade = max(self._model.line_force(self._model.front(inputs.position)), 0.0)
         return force > self._starting + grade + inputs.train_shoe_force
 
@@ -122,9 +126,8 @@ class MeasuredMotion:
         position_error, speed_error = place - float(ahead.position[0]), speed - reference
         force = mean_over_units([1.0] * model.n_units, inputs.applied.tolist())
         by_line = model.line_force(model.front(inputs.position)) / model.inertia
-        if self._before is None or (
-            not simulated.size and not self._starts(inputs, force) and self._at_rest(speed, reference)
-        ):
+        stands = not simulated.size and self._at_rest(speed, reference) and not self._departs(inputs, force)
+        if self._before is None or stands:
             observer.stand(position_error, speed, place, reference)
             regressor = by_line
         else:

@@ -156,6 +156,8 @@ class MotionObserver:
     def stand(self, position: float, speed: float, place: float, reference: float) -> None:
         """Take a sample at standstill; a speed inside the noise is 0, and changes of the measurements are noise.
 
+        The speed is then exact, and the position has the noise of its sample: a motion begins with these variances.
+
         Parameters
         ----------
         position
@@ -170,9 +172,10 @@ class MotionObserver:
             match(self._noise, self._before, 1.0 / self._count, place, speed, self._filters.position_floor)
         still = abs(speed) <= 3.0 * self.speed_noise
         self.restart(position, (0.0 if still else speed) - reference)
-        self._covariances[:, :2] = self._covariances[:, :, :2] = 0.0
-        self._covariances[:, 0, 0] = self._noise[0]
-        self._covariances[:, 1, 1] = 0.0 if still else self._noise[1]
+        if not self._waves:  # hauled vehicles do not depart with the unit
+            self._covariances[:, :2] = self._covariances[:, :, :2] = 0.0
+            self._covariances[:, 0, 0] = self._noise[0]
+            self._covariances[:, 1, 1] = 0.0 if still else self._noise[1]
         self._before[:] = place, speed
         self.stands = True
 
