@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from train_ato.control.contract import LawInput
     from train_ato.control.train_model import TrainModel
 
+MEAN_TIME = 10.0
+"""Time over which the unexplained acceleration is averaged for the limits far ahead [s]."""
 DEPARTURE = 0.02
 """Acceleration by traction from which a train is in motion [m/s²]: a force of some N may only release its brake."""
 
@@ -50,6 +52,9 @@ class MeasuredMotion:
         Resistance at the measured state beyond that on the reference [N].
     unexplained : float
         Acceleration that model and error of the mass do not explain [m/s²].
+    passing : float
+        Unexplained acceleration, with that of the error of the mass, beyond its mean over ``MEAN_TIME`` [m/s²]; 0 with
+        hauled vehicles.
     """
 
     def __init__(
@@ -61,6 +66,7 @@ class MeasuredMotion:
         self._share: list[float] = model.share.tolist()
         self._new_observer = partial(MotionObserver, period, bandwidth, waves, vehicles > 1, speed_noise)
         self._weight = weight
+        self._fade = 1.0 - math.exp(-period / MEAN_TIME)
         self.drag_slope = drag_slope(model)
         starting = starting_resistance(model) + DEPARTURE * model.inertia
         self._starting = starting if vehicles == model.n_units else math.inf  # hauled vehicles depart one by one
@@ -70,7 +76,8 @@ class MeasuredMotion:
         """Restart at the next sample, without any estimate."""
         self.observer = self._new_observer()
         self._before: tuple[float, float, float] | None = None
-        self.beyond_reference = self.unexplained = 0.0
+        self.beyond_reference = self.unexplained = self.passing = 0.0
+        self._mean = 0.0
 
     def miss(self) -> None:
         """Restart at the next sample with the present disturbance."""
@@ -142,4 +149,7 @@ class MeasuredMotion:
         mass_error = self.mass_error
         rest = (observer.mass_error - mass_error) * regressor
         self.unexplained = observer.disturbance + mass_error * by_line + rest
+        whole = self.unexplained + mass_error * (regressor - by_line)
+        self._mean += self._fade * (whole - self._mean)
+        self.passing = 0.0 if math.isinf(self._starting) else whole - self._mean
         self.beyond_reference = resisting - float(simulated[0] if simulated.size else ahead.resistance[0])

@@ -303,7 +303,7 @@ class Mpc(GuardedLaw):
             rise = (feedforward - gain * last) / inertia - disturbance
         limits = gain * np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
         start = PlanStart(
-            required, errors, disturbance, rise, feedforward, last, limits, self._motion.observer.position_error,
+            required, errors, disturbance, self._motion.passing, rise, feedforward, last, limits, self._motion.observer.position_error,
             self._motion.beyond_reference, inertia, inputs.train_shoe_force > 0.0,
         )  # fmt: skip
         return self._force_plan.decide(start, inputs.lookahead, self._simulated)
