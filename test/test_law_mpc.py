@@ -429,6 +429,14 @@ def test_force_limit_ahead_divides_the_error_over_the_horizon():
     assert run.metrics["speed_error_max_kmh"] / 3.6 <= 0.75
 
 
+@pytest.mark.parametrize("mismatch", [{}, {"plant.mismatch.resistance_scale": 1.01}])
+def test_an_estimate_of_a_moment_does_not_last_in_the_limits(mismatch):
+    """With the disturbance of now over 120 s the error is 12.3 and 10.7 m after a change of the delay."""
+    scenario = "crh380a_funnel:short+saturated"
+    run = ta.run(scenario, law="mpc", compensation="none", set=mismatch, progress=False)
+    assert run.metrics["position_error_max_m"] <= 9.2
+
+
 def test_long_train_stops_at_the_target_on_a_rising_grade():
     """A force that holds the train on the grade pulls the locomotive on after the stop of its wagons: 1.1 m."""
     run = ta.run("demo", law="mpc", compensation="none", progress=False)

@@ -27,7 +27,8 @@ plan at every node, with the running resistance of that speed; |jerk| of the tra
 limit of the line over the whole train plus ``overspeed``; coupler forces; |e_p| at most B + b, with the length T
 of the horizon and B = 2 m or, if that is more, the largest |e_p| of about the last T. An error that a force limit
 makes unavoidable is divided over the horizon in this way. R between the nodes has its part in the
-limits: the nodes have the nearest function that is linear between them. With an air brake there is no B, and the brake
+limits: the nodes have the nearest function that is linear between them. Far ahead the limits have the mean of the
+unexplained acceleration over 10 s, since an estimate of a moment does not last. With an air brake there is no B, and the brake
 force ahead has no limit: its later applications are not in the input of the law. On a line with neutral sections,
 power limits or adhesion sections the force of the units there is a limit as well (`section_limits.py`): the train gains
 speed before a neutral section. Other units take over the force that a unit in it cannot give.
@@ -49,7 +50,8 @@ gust, and one for a steady rate of d, as of a grade under a train of some length
 = 1 - P/P_0 from the variance P of theta.
 
 **Arrival and departure** (`standstill_force.py`). The holding brake acts below its speed without traction only. A train
-within .1 m of a reference at rest has no traction, and departs with the reference; on a rise its force then reaches
+within .1 m of a reference at rest has no traction, and departs with the reference, in motion from an acceleration by
+traction of .02 m/s² on, whatever the noise of the speed; on a rise its force then reaches
 that of the grade as fast as the limits permit. The last brake force decays before the holding brake acts. With hauled
 vehicles there is no traction from a reference speed of .05 m/s down to the stop: the vehicles stop one by one.
 
