@@ -28,8 +28,8 @@ limit of the line over the whole train plus ``overspeed``; coupler forces; |e_p|
 of the horizon and B = 2 m or, if that is more, the largest |e_p| of about the last T. An error that a force limit
 makes unavoidable is divided over the horizon in this way. R between the nodes has its part in the
 limits: the nodes have the nearest function that is linear between them. Far ahead the limits have the mean of the
-unexplained acceleration over 10 s, since an estimate of a moment does not last. With an air brake there is no B, and the brake
-force ahead has no limit: its later applications are not in the input of the law. On a line with neutral sections,
+unexplained acceleration over 10 s, since an estimate of a moment does not last. With an air brake there is no B, and
+the brake force ahead has no limit: its later applications are not in the input of the law. On a line with neutral sections,
 power limits or adhesion sections the force of the units there is a limit as well (`section_limits.py`): the train gains
 speed before a neutral section. Other units take over the force that a unit in it cannot give.
 
@@ -305,8 +305,8 @@ class Mpc(GuardedLaw):
             rise = (feedforward - gain * last) / inertia - disturbance
         limits = gain * np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
         start = PlanStart(
-            required, errors, disturbance, self._motion.passing, rise, feedforward, last, limits, self._motion.observer.position_error,
-            self._motion.beyond_reference, inertia, inputs.train_shoe_force > 0.0,
+            required, errors, disturbance, self._motion.passing, rise, feedforward, last, limits,
+            self._motion.observer.position_error, self._motion.beyond_reference, inertia, inputs.train_shoe_force > 0.0,
         )  # fmt: skip
         return self._force_plan.decide(start, inputs.lookahead, self._simulated)
 
