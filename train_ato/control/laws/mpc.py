@@ -29,9 +29,9 @@ of the horizon and B = 2 m or, if that is more, the largest |e_p| of about the l
 makes unavoidable is divided over the horizon in this way. R between the nodes has its part in the
 limits: the nodes have the nearest function that is linear between them. Far ahead the limits have the mean of the
 unexplained acceleration over 10 s, since an estimate of a moment does not last. With an air brake there is no B, and
-the brake force ahead has no limit: its later applications are not in the input of the law. On a line with neutral sections,
-power limits or adhesion sections the force of the units there is a limit as well (`section_limits.py`): the train gains
-speed before a neutral section. Other units take over the force that a unit in it cannot give.
+the brake force ahead has no limit: its later applications are not in the input of the law. On a line with neutral
+sections, power limits or adhesion sections the force of the units there is a limit as well (`section_limits.py`): the
+train gains speed before a neutral section. Other units take over the force that a unit in it cannot give.
 
 The dual is a linear complementarity problem with a constant matrix, solved by block principal pivoting from the last
 active rows and, if that makes no progress, one row at a time (`quadratic_program.py`), at most 200 exchanges. If they
