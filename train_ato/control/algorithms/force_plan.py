@@ -27,6 +27,9 @@ PARTS = 4
 POSITION_BAND = 2.0
 """Position error up to which the largest one has no cost of its own [m]."""
 
+PASSING_TIME = 5.0
+"""Time constant with which a passing disturbance decays in the limits ahead [s]."""
+
 
 @dataclass
 class PlanStart:
@@ -40,6 +43,8 @@ class PlanStart:
         Errors of position [m] and speed [m/s] of the free motion at the nodes.
     disturbance : float
         Acceleration that the force must compensate [m/s²].
+    passing : float
+        Part of it that does not last [m/s²].
     rise : float
         Demanded acceleration for z = 0 minus that which acts at the time of effect [m/s²].
     feedforward, last_force : float
@@ -59,6 +64,7 @@ class PlanStart:
     required: Array
     errors: Array
     disturbance: float
+    passing: float
     rise: float
     feedforward: float
     last_force: float
@@ -117,6 +123,7 @@ class ForcePlan:
         half = model.consist.vehicles[0].length / 2.0
         self._ends = np.array([half, half - model.consist.length, overspeed, POSITION_BAND])
         self._band = POSITION_BAND if model.air_brake is None else MAX_POSITION
+        self._passed = 1.0 - np.exp(-self.nodes / PASSING_TIME)
         self._memory = math.exp(-period / lookahead)
         self.reset()
 
@@ -165,12 +172,13 @@ class ForcePlan:
         at_nodes[0] = start.feedforward
         reference = np.array([ahead.position[self._entries - 1 :: PARTS], ahead.velocity[self._entries - 1 :: PARTS]])
         side = self._sides[int(start.last_force < 0.0)]
-        allowed = self._bounds(start, ahead, at_nodes, reference, side, simulated)
+        disturbance = start.disturbance - start.passing * self._passed
+        allowed = self._bounds(start, ahead, at_nodes, reference, side, simulated, disturbance)
         status = self._solve(start.errors, side, allowed)
         reference[:, 0] = ahead.position[self._ticks], ahead.velocity[self._ticks]
         self._decided = (
             self._ticks * self._model.tick + self.nodes, reference, start.errors, side, self._plan.copy(),
-            at_nodes + start.inertia * (self._plan - start.disturbance),
+            at_nodes + start.inertia * (self._plan - disturbance),
             allowed[4 * self.nodes.size : 5 * self.nodes.size], status,
         )  # fmt: skip
         return start.feedforward + start.inertia * (float(self._plan[0]) - start.disturbance)
@@ -180,8 +188,9 @@ class ForcePlan:
         return planned_motion(*self._decided)
 
     def _bounds(
-        self, start: PlanStart, ahead: Lookahead, at_nodes: Array, reference: Array, side: HorizonModel, simulated: bool
-    ) -> Array:
+        self, start: PlanStart, ahead: Lookahead, at_nodes: Array, reference: Array, side: HorizonModel,
+        simulated: bool, disturbance: Array,
+    ) -> Array:  # fmt: skip
         """Return the right-hand sides of the constraints; the force at the nodes receives the running resistance."""
         allowed = np.empty(7 * self.nodes.size)
         drag = (start.beyond_reference, *self._drag_slope)
@@ -192,7 +201,7 @@ class ForcePlan:
         bounds(
             at_nodes, reference, self._limits, self._ends, start.force_limits, start.errors,
             (side.response_velocity, self._plan), drag, tables, self._force_range(reference + start.errors, ahead),
-            start.inertia, self._jerk, self._steps, start.disturbance, start.rise, float(start.required[self._ticks]),
+            start.inertia, self._jerk, self._steps, disturbance, start.rise, float(start.required[self._ticks]),
             allowed,
         )  # fmt: skip
         return allowed

@@ -6,6 +6,7 @@ that of a simulated train with the difference of the running resistance.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
@@ -15,12 +16,17 @@ from train_ato.control.algorithms.force_shares import mean_over_units
 from train_ato.control.algorithms.modal_observer import ModalObserver
 from train_ato.control.algorithms.motion_observer import MotionObserver
 from train_ato.control.algorithms.simulated_reference import SIMULATED_WAVES
-from train_ato.control.algorithms.train_constants import dead_time, drag_slope, wave_time
+from train_ato.control.algorithms.train_constants import dead_time, drag_slope, starting_resistance, wave_time
 from train_ato.control.train_model import STANDSTILL_SPEED
 
 if TYPE_CHECKING:
     from train_ato.control.contract import LawInput
     from train_ato.control.train_model import TrainModel
+
+MEAN_TIME = 10.0
+"""Time over which the unexplained acceleration is averaged for the limits far ahead [s]."""
+DEPARTURE = 0.02
+"""Acceleration by traction from which a train is in motion [m/s²]: a force of some N may only release its brake."""
 
 
 class MeasuredMotion:
@@ -49,6 +55,9 @@ class MeasuredMotion:
         Resistance at the measured state beyond that on the reference [N].
     unexplained : float
         Acceleration that model and error of the mass do not explain [m/s²].
+    passing : float
+        Unexplained acceleration, with that of the error of the mass, beyond its mean over ``MEAN_TIME`` [m/s²]; 0 with
+        hauled vehicles.
     """
 
     def __init__(
@@ -66,14 +75,18 @@ class MeasuredMotion:
             modes = CouplerModes.of(model)
             self._new_observer = partial(ModalObserver, period, bandwidth, waves, speed_noise, modes, dead_time(model))
         self._weight = weight
+        self._fade = 1.0 - math.exp(-period / MEAN_TIME)
         self.drag_slope = drag_slope(model)
+        starting = starting_resistance(model) + DEPARTURE * model.inertia
+        self._starting = starting if vehicles == model.n_units else math.inf  # hauled vehicles depart one by one
         self.reset()
 
     def reset(self) -> None:
         """Restart at the next sample, without any estimate."""
         self.observer = self._new_observer()
         self._before: tuple[float, float, float] | None = None
-        self.beyond_reference = self.unexplained = 0.0
+        self.beyond_reference = self.unexplained = self.passing = 0.0
+        self._mean = 0.0
 
     def miss(self) -> None:
         """Restart at the next sample with the present disturbance."""
@@ -99,6 +112,17 @@ class MeasuredMotion:
         """Return the measured speed below which the train can be at standstill [m/s]."""
         return smallest + 3.0 * self.observer.speed_noise
 
+    def _departs(self, inputs: LawInput, force: float) -> bool:
+        """Return True if the traction [N] accelerates the train at a departure, whatever the noise of the speed.
+
+        A falling grade does not count: the holding brake can hold the train there without traction. Nor does an
+        arrival: the holding brake acts while the last traction decays.
+        """
+        if float(inputs.lookahead.acceleration[0]) <= 0.0:
+            return False
+        grade = max(self._model.line_force(self._model.front(inputs.position)), 0.0)
+        return force > self._starting + grade + inputs.train_shoe_force
+
     def _at_rest(self, speed: float, reference: float) -> bool:
         """Return True at standstill by measured and estimated speed [m/s]."""
         estimated = speed if self.observer.stands else reference + self.observer.speed_error
@@ -119,7 +143,8 @@ class MeasuredMotion:
         position_error, speed_error = place - float(ahead.position[0]), speed - reference
         force = mean_over_units([1.0] * model.n_units, inputs.applied.tolist())
         by_line = model.line_force(model.front(inputs.position)) / model.inertia
-        if self._before is None or (not simulated.size and self._at_rest(speed, reference)):
+        stands = not simulated.size and self._at_rest(speed, reference) and not self._departs(inputs, force)
+        if self._before is None or stands:
             observer.stand(position_error, speed, place, reference)
             regressor = by_line
         else:
@@ -134,4 +159,7 @@ class MeasuredMotion:
         mass_error = self.mass_error
         rest = (observer.mass_error - mass_error) * regressor
         self.unexplained = observer.disturbance + mass_error * by_line + rest
+        whole = self.unexplained + mass_error * (regressor - by_line)
+        self._mean += self._fade * (whole - self._mean)
+        self.passing = 0.0 if math.isinf(self._starting) else whole - self._mean
         self.beyond_reference = resisting - float(simulated[0] if simulated.size else ahead.resistance[0])

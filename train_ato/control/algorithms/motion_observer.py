@@ -156,6 +156,8 @@ class MotionObserver:
     def stand(self, position: float, speed: float, place: float, reference: float) -> None:
         """Take a sample at standstill; a speed inside the noise is 0, and changes of the measurements are noise.
 
+        The speed is then exact, and the position has the noise of its sample: a motion begins with these variances.
+
         Parameters
         ----------
         position
@@ -168,7 +170,12 @@ class MotionObserver:
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         if self.stands:
             match(self._noise, self._before, 1.0 / self._count, place, speed, self._filters.position_floor)
-        self.restart(position, (speed if abs(speed) > 3.0 * self.speed_noise else 0.0) - reference)
+        still = abs(speed) <= 3.0 * self.speed_noise
+        self.restart(position, (0.0 if still else speed) - reference)
+        if not self._waves:  # hauled vehicles do not depart with the unit
+            self._covariances[:, :2] = self._covariances[:, :, :2] = 0.0
+            self._covariances[:, 0, 0] = self._noise[0]
+            self._covariances[:, 1, 1] = 0.0 if still else self._noise[1]
         self._before[:] = place, speed
         self.stands = True
 

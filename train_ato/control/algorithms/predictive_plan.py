@@ -181,8 +181,10 @@ def bounds(
         Largest brake and traction force over the speed [N].
     couplers : Array, shape (2, nodes)
         Smallest and largest total force for the coupler forces [N].
-    mass, jerk, disturbance
-        kg, m/s³, m/s².
+    mass, jerk
+        kg, m/s³.
+    disturbance : Array, shape (nodes,)
+        Acceleration that the force must compensate [m/s²].
     steps : Array, shape (nodes,)
         Time from the former node plus the lag, through which a command changes the force [s].
     rise
@@ -205,8 +207,8 @@ def bounds(
             low, high = -table_value(tables[0], beyond), table_value(tables[1], beyond)
             required[j] += (drag[1] + drag[2] * abs(reference[1, j])) * planned - drag[0]
         low, high = max(low, couplers[0, j]), min(high, couplers[1, j])
-        allowed[j] = (high - required[j]) / mass + disturbance
-        allowed[n + j] = (required[j] - low) / mass - disturbance
+        allowed[j] = (high - required[j]) / mass + disturbance[j]
+        allowed[n + j] = (required[j] - low) / mass - disturbance[j]
         change = (required[j] - (required[j - 1] if j > 1 else effect)) / mass if j > 0 else rise
         allowed[2 * n + j] = jerk * steps[j] - change
         allowed[3 * n + j] = jerk * steps[j] + change

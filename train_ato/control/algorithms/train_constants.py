@@ -132,3 +132,9 @@ def drag_slope(model: TrainModel) -> tuple[float, float]:
     low, middle, high = map(model.running_resistance, (10.0, 20.0, 30.0))
     curvature = (high - 2.0 * middle + low) / 100.0
     return (high - low) / 20.0 - 20.0 * curvature, curvature
+
+
+def starting_resistance(model: TrainModel) -> float:
+    """Return the running resistance at the begin of a motion on a level line [N], before it fades out at standstill."""
+    slope, curvature = drag_slope(model)
+    return model.running_resistance(10.0) - 10.0 * slope - 100.0 * curvature

@@ -28,10 +28,11 @@ plan at every node, with the running resistance of that speed; |jerk| of the tra
 limit of the line over the whole train plus ``overspeed``; coupler forces; |e_p| at most B + b, with the length T
 of the horizon and B = 2 m or, if that is more, the largest |e_p| of about the last T. An error that a force limit
 makes unavoidable is divided over the horizon in this way. R between the nodes has its part in the
-limits: the nodes have the nearest function that is linear between them. With an air brake there is no B, and the brake
-force ahead has no limit: its later applications are not in the input of the law. On a line with neutral sections,
-power limits or adhesion sections the force of the units there is a limit as well (`section_limits.py`): the train gains
-speed before a neutral section. Other units take over the force that a unit in it cannot give.
+limits: the nodes have the nearest function that is linear between them. Far ahead the limits have the mean of the
+unexplained acceleration over 10 s, since an estimate of a moment does not last. With an air brake there is no B, and
+the brake force ahead has no limit: its later applications are not in the input of the law. On a line with neutral
+sections, power limits or adhesion sections the force of the units there is a limit as well (`section_limits.py`): the
+train gains speed before a neutral section. Other units take over the force that a unit in it cannot give.
 
 The dual is a linear complementarity problem with a constant matrix, solved by block principal pivoting from the last
 active rows and, if that makes no progress, one row at a time (`quadratic_program.py`), at most 200 exchanges. If they
@@ -52,10 +53,10 @@ gust, and one for a steady rate of d, as of a grade under a train of some length
 = 1 - P/P_0 from the variance P of theta.
 
 **Arrival and departure** (`standstill_force.py`). The holding brake acts below its speed without traction only. A train
-within .1 m of a reference at rest has no traction, at rest no force, and departs with the reference; on a rise its
-force then reaches that of the grade as fast as the limits permit. The last brake force decays before the holding brake
-acts. With hauled vehicles there is no traction from a reference speed of .05 m/s down to the stop: the vehicles stop
-one by one.
+within .1 m of a reference at rest has no traction, at rest no force, and departs with the reference, in motion from an
+acceleration by traction of .02 m/s² on, whatever the noise of the speed; on a rise its force then reaches that of the
+grade as fast as the limits permit. The last brake force decays before the holding brake acts. With hauled vehicles
+there is no traction from a reference speed of .05 m/s down to the stop: the vehicles stop one by one.
 
 **Units on soft couplers.** If every vehicle is driven and pi/T_w < 3 omega, with the time T_w of a wave through the
 couplers, a Kalman filter estimates the deviations of the units from the mean, and a linear-quadratic regulator on their
@@ -320,8 +321,8 @@ class Mpc(GuardedLaw):
             rise = (feedforward - gain * last) / inertia - disturbance
         limits = gain * np.array([float(inputs.force_min.sum()), float(inputs.force_max.sum())])
         start = PlanStart(
-            required, errors, disturbance, rise, feedforward, last, limits, self._motion.observer.position_error,
-            self._motion.beyond_reference, inertia, inputs.train_shoe_force > 0.0,
+            required, errors, disturbance, self._motion.passing, rise, feedforward, last, limits,
+            self._motion.observer.position_error, self._motion.beyond_reference, inertia, inputs.train_shoe_force > 0.0,
         )  # fmt: skip
         return self._force_plan.decide(start, inputs.lookahead, self._simulated)
 
