@@ -17,9 +17,9 @@ The state stays as measured; the law corrects the remaining error. If the delay 
 command, the delay for the sign of its force is used.
 
 With ``identify`` the measured force and speed of the train, compared with those of the twin, give the errors of mass,
-running resistance and air brake of the model (`train_identification.py`), and once a second the twin receives them. A
-twin with the right forces also stretches its couplers like the train, which an additional force on a rigid train does
-not.
+running resistance and air brake of the model and the wear of its draft gears (`train_identification.py`), and once a
+second the twin receives them. A twin with the right forces also stretches its couplers like the train, which an
+additional force on a rigid train does not. A second copy with worn gears (`worn_copy.py`) gives the effect of wear.
 
 Needs: consist and line of the model, since all vehicles are simulated, and a law that uses the feed-forward (`pid`,
 `rbf_switching_smc`, `smc` with ``equivalent: feedforward``); others are rejected, because the compensation has no
@@ -39,10 +39,11 @@ import numpy as np
 from plant_sim.plant_setup import Jump
 from plant_sim.summation import plain_dot
 from train_ato.control.algorithms.force_shares import mean_over_units, total_of_units
-from train_ato.control.algorithms.train_identification import TrainIdentification
+from train_ato.control.algorithms.train_identification import WEAR, TrainIdentification
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.nominal_train import nominal_copy
 from train_ato.control.compensation.preview import PreviewFeedforward, PreviewParameters
+from train_ato.control.compensation.worn_copy import WornCopy, set_wear
 from train_ato.control.contract import LawInput, Lookahead, parameter
 from train_ato.messages.types import Array
 
@@ -63,7 +64,7 @@ class TwinParameters(PreviewParameters):
 
     period: float = parameter(0.05, "s", 0.001, 1.0, "control period of the twin")
     step: float = parameter(0.005, "s", 1e-4, 0.1, "integration step of the twin")
-    identify: bool = parameter(False, "", 0, 1, "estimate mass, resistance and air brake of the train")
+    identify: bool = parameter(False, "", 0, 1, "estimate mass, resistance, air brake and draft gears")
 
 
 class Twin(PreviewFeedforward):
@@ -112,11 +113,13 @@ class Twin(PreviewFeedforward):
             identification.miss()
         speed = mean_over_units(self._share, inputs.measurement.velocity.tolist())
         running = model.running_resistance(now.velocity)
-        known = [model.inertia * now.acceleration + model.line_force(now.position), running, shoes]
+        change, wave = self._ahead.by_wear(t)
+        known = [model.inertia * now.acceleration + model.line_force(now.position), running, shoes, change]
         force = total_of_units(inputs.measurement.applied) - total_of_units(self._forces_at(t))
         force -= model.running_resistance(speed) - running
         force += plain_dot(self._ahead.errors, known)
-        identification.step(speed - now.velocity, now.velocity, force / model.inertia, np.array(known) / model.inertia)
+        error = speed - now.velocity + self._ahead.errors[WEAR] * wave
+        identification.step(error, now.velocity, force / model.inertia, np.array(known) / model.inertia, wave)
         if int(t / CORRECTION_TIME + 1e-9) != int(self._last / CORRECTION_TIME + 1e-9):
             self._ahead.correct(identification.errors)
         self._last = t
@@ -214,12 +217,15 @@ class AheadTrain:
         self._computed: deque[list[float]] = deque()
         self._made: list[list[float]] = []
         self._marks: list[tuple[int, int]] = []
-        self.errors = [0.0, 0.0, 0.0]
+        self.errors = [0.0, 0.0, 0.0, 0.0]
+        self._worn: WornCopy | None = None
+        if parameters.identify:
+            self._worn = WornCopy(model, profile, start, parameters.period, parameters.step)
 
     def correct(self, errors: list[float]) -> None:
-        """Set the relative errors of mass, running resistance and air brake of the model, from the next step on."""
+        """Set the relative errors of mass, resistance and air brake of the model and the wear, from the next step on."""
         mass, resistance, brake = (
-            (1.0 + now) / (1.0 + before) for now, before in zip(errors, self.errors, strict=True)
+            (1.0 + now) / (1.0 + before) for now, before in zip(errors[:WEAR], self.errors[:WEAR], strict=True)
         )
         by_mass = [vehicle.resistance.n is None for vehicle in self._model.consist.vehicles]
         weighed = tuple(i for i, scaled in enumerate(by_mass) if scaled)
@@ -227,10 +233,20 @@ class AheadTrain:
         jumps = [("mass", mass, None), ("resistance", resistance / mass, weighed), ("resistance", resistance, others)]
         if self._model.consist.air_brake is not None:
             jumps.append(("brake", brake, None))
+        trains = [self._train] if self._worn is None else [self._train, self._worn.train]
         for what, factor, vehicles in jumps:
             if vehicles != ():
-                self._train.add_jump(Jump(at=self._train.time, what=what, factor=factor, vehicles=vehicles))
+                for train in trains:
+                    train.add_jump(Jump(at=train.time, what=what, factor=factor, vehicles=vehicles))
+        set_wear(self._train, errors[WEAR])
+        if self._worn is not None:
+            self._worn.set_wear(errors[WEAR])
         self.errors = errors
+
+    def by_wear(self, t: float) -> tuple[float, float]:
+        """Return the changes of total force [N] and mean speed of the units [m/s] by a wear of 1, at a time [s]."""
+        n_units = self._model.n_units
+        return self.force(n_units, t), self.force(n_units + 1, t)
 
     def begin_record(self) -> None:
         """Begin a record of reads that :meth:`rewind` can undo."""
@@ -285,7 +301,7 @@ class AheadTrain:
             sent.append(low[unit] if wanted < low[unit] else high[unit] if wanted > high[unit] else wanted)
         self._demand[:] = sent
         train.advance(self._demand, pressure)
-        return sent
+        return sent if self._worn is None else sent + self._worn.step(train, places, speeds, pressure)
 
     def _opposing(self, places: list[float], speeds: list[float]) -> list[float]:
         """Return coupler forces, shoe force and resistance against the motion of every unit's vehicle [N]."""
