@@ -56,6 +56,9 @@ L1, L2 = 1.0, 0.25
 """Gains of the twin on its speed and position error [1/s, 1/s²]."""
 CORRECTION_TIME = 1.0
 """Time from one correction of the model of the twin to the next [s]."""
+WEAR_TIME = 60.0
+"""Time constant with which the twin receives the wear [s]: three of the loop that holds the copy with worn gears, since
+the speeds of train and copy at a time contain the wear of the twin over the time before."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +124,9 @@ class Twin(PreviewFeedforward):
         error = speed - now.velocity + self._ahead.errors[WEAR] * wave
         identification.step(error, now.velocity, force / model.inertia, np.array(known) / model.inertia, wave)
         if int(t / CORRECTION_TIME + 1e-9) != int(self._last / CORRECTION_TIME + 1e-9):
-            self._ahead.correct(identification.errors)
+            errors, wear = identification.errors, self._ahead.errors[WEAR]
+            errors[WEAR] = wear + CORRECTION_TIME / WEAR_TIME * (errors[WEAR] - wear)
+            self._ahead.correct(errors)
         self._last = t
 
     def _forces_at(self, t: float) -> Array:
@@ -223,7 +228,7 @@ class AheadTrain:
             self._worn = WornCopy(model, profile, start, parameters.period, parameters.step)
 
     def correct(self, errors: list[float]) -> None:
-        """Set the relative errors of mass, resistance and air brake of the model and the wear, from the next step on."""
+        """Set the relative errors of mass, resistance and air brake of the model and the wear from now on."""
         mass, resistance, brake = (
             (1.0 + now) / (1.0 + before) for now, before in zip(errors[:WEAR], self.errors[:WEAR], strict=True)
         )
