@@ -9,7 +9,8 @@ import train_ato as ta
 from plant_sim import kernel as k
 from train_ato.control.algorithms.simulated_reference import follow_simulation
 from train_ato.control.algorithms.train_identification import SLOWEST, TrainIdentification
-from train_ato.control.compensation.twin import AheadTrain, TwinParameters
+from train_ato.control.compensation.ahead_train import AheadTrain
+from train_ato.control.compensation.twin import Twin, TwinParameters
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 
