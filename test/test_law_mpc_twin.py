@@ -79,7 +79,7 @@ def _filtered(errors, waves=0.0, noise=0.0):
     found, speed, wave = TrainIdentification(0.1), 0.0, 0.0
     for i in range(6000):
         t = 0.1 * i
-        by_wear = 0.05 * np.sin(t / 10.0)
+        by_wear = 0.5 * np.sin(t / 10.0)
         phases = [0.05 * np.sin(t / 40.0), 0.01 + 0.005 * np.cos(t / 70.0), 0.06 * (t % 200.0 > 150.0)]
         known = np.array([*phases, -0.1 * by_wear])
         pull = 0.3 * np.array(errors) @ known - 0.05 * speed
