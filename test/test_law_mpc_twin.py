@@ -10,8 +10,7 @@ from plant_sim import kernel as k
 from train_ato.control.algorithms.simulated_reference import follow_simulation
 from train_ato.control.algorithms.train_identification import SLOWEST, WEAR, TrainIdentification
 from train_ato.control.algorithms.worn_gears import worn
-from train_ato.control.compensation.ahead_train import AheadTrain
-from train_ato.control.compensation.twin import TwinParameters
+from train_ato.control.compensation.ahead_train import AheadTrain, TwinParameters
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 

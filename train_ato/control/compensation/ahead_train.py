@@ -6,6 +6,7 @@ Its force is the feed-forward of `twin.py`, which has the equations. The twin co
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 from operator import add
 from typing import TYPE_CHECKING
 
@@ -15,16 +16,26 @@ from plant_sim.plant_setup import Jump
 from train_ato.control.algorithms.force_shares import total_of_units
 from train_ato.control.algorithms.train_identification import WEAR
 from train_ato.control.compensation.nominal_train import nominal_copy
+from train_ato.control.compensation.preview import PreviewParameters
 from train_ato.control.compensation.worn_copy import WornCopy, set_wear
+from train_ato.control.contract import parameter
 
 if TYPE_CHECKING:
     from train_ato.control.air_brake.policy import BrakePolicy
     from train_ato.control.compensation.rigid import ProfileLike
-    from train_ato.control.compensation.twin import TwinParameters
     from train_ato.control.train_model import TrainModel
 
 L1, L2 = 1.0, 0.25
 """Gains of the twin on its speed and position error [1/s, 1/s²]."""
+
+
+@dataclass(frozen=True)
+class TwinParameters(PreviewParameters):
+    """Parameters of the compensation `twin`."""
+
+    period: float = parameter(0.05, "s", 0.001, 1.0, "control period of the twin")
+    step: float = parameter(0.005, "s", 1e-4, 0.1, "integration step of the twin")
+    identify: bool = parameter(False, "", 0, 1, "estimate mass, resistance, air brake and draft gears")
 
 
 class AheadTrain:

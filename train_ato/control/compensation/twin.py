@@ -29,7 +29,7 @@ effect on them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -37,10 +37,10 @@ import numpy as np
 from plant_sim.summation import plain_dot
 from train_ato.control.algorithms.force_shares import mean_over_units, total_of_units
 from train_ato.control.algorithms.train_identification import WEAR, TrainIdentification
-from train_ato.control.compensation.ahead_train import AheadTrain
+from train_ato.control.compensation.ahead_train import AheadTrain, TwinParameters
 from train_ato.control.compensation.contract import CompensationInput
-from train_ato.control.compensation.preview import PreviewFeedforward, PreviewParameters
-from train_ato.control.contract import LawInput, Lookahead, parameter
+from train_ato.control.compensation.preview import PreviewFeedforward
+from train_ato.control.contract import LawInput, Lookahead
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -52,15 +52,6 @@ CORRECTION_TIME = 1.0
 WEAR_TIME = 60.0
 """Time constant with which the twin receives the wear [s]: three of the loop that holds the copy with worn gears, since
 the speeds of train and copy at a time contain the wear of the twin over the time before."""
-
-
-@dataclass(frozen=True)
-class TwinParameters(PreviewParameters):
-    """Parameters of :class:`Twin`."""
-
-    period: float = parameter(0.05, "s", 0.001, 1.0, "control period of the twin")
-    step: float = parameter(0.005, "s", 1e-4, 0.1, "integration step of the twin")
-    identify: bool = parameter(False, "", 0, 1, "estimate mass, resistance, air brake and draft gears")
 
 
 class Twin(PreviewFeedforward):
