@@ -14,7 +14,7 @@ speed of a disturbance is a random walk of ``DISTURBANCE`` in a second.
 theta_4 is the wear of the draft gears (`worn_gears.py`). A second copy with more wear, held to the first one by a slow
 force dF, has the speed s against it; both are per unit of wear. Its waves are in s, where w is hardly changed: with dF
 alone, from a copy that follows the reference exactly, the filter takes the answer of the unit for that of the whole
-mass and finds less than half of the wear. Shocks, where the slack of couplers runs out, come at other times in the
+mass and finds about half of the wear. Shocks, where the slack of couplers runs out, come at other times in the
 copy. An error of ``SHOCK_TIME`` of their time is noise of ``SHOCK_TIME`` s' times the prior wear: without it the filter
 follows the fast changes of s and finds two thirds of the wear.
 
