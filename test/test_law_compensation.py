@@ -12,10 +12,10 @@ from law_trains import FIVE, HAULED, HILLY, LEVEL, SINGLE, SPRING, asked, consis
 
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train
+from train_ato.control.compensation.ahead_train import AheadTrain, TwinParameters
 from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.delay_estimate import DelayEstimate
 from train_ato.control.compensation.rigid import RigidForce
-from train_ato.control.compensation.twin import AheadTrain, TwinParameters
 from train_ato.control.registry import COMPENSATIONS
 from train_ato.messages.types import Measurement, Reference
 

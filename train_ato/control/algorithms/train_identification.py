@@ -1,15 +1,22 @@
-"""Kalman filter of the errors of mass, running resistance and air brake of a train against its simulated copy.
+"""Kalman filter of the errors of a train against its simulated copy: mass, running resistance, air brake, draft gears.
 
 The copy follows the reference with the force F_c. With the measured force F, the errors theta of the model beyond those
 that the copy already has, and the speed error w of the train as one mass::
 
-    w' = (F - F_c)/M - (W(v) - W(v_d))/M - sum_k theta_k phi_k/M,   e_v = w + q + noise
-    phi = (M v_d' + W_line, W(v_d), F_shoes)
+    w' = (F - F_c)/M - (W(v) - W(v_d))/M - sum_k theta_k phi_k/M,   e_v = w + q + s theta_4 + noise
+    phi = (M v_d' + W_line, W(v_d), F_shoes, dF)
 
 q is the speed of the unit against its train: the waves in the couplers, that the copy does not have. It is bounded, a
 Gauss-Markov process of standard deviation ``UNIT_SPEED`` and time ``UNIT_TIME``. With waves as a random walk of the
 speed the same data support much smaller errors: one brake application would not show an error of the brake of 8 %. The
 speed of a disturbance is a random walk of ``DISTURBANCE`` in a second.
+
+theta_4 is the wear of the draft gears (`worn_gears.py`). A second copy with more wear, held to the first one by a slow
+force dF, has the speed s against it; both are per unit of wear. Its waves are in s, where w is hardly changed: with dF
+alone, from a copy that follows the reference exactly, the filter takes the answer of the unit for that of the whole
+mass and finds about half of the wear. Shocks, where the slack of couplers runs out, come at other times in the
+copy. An error of ``SHOCK_TIME`` of their time is noise of ``SHOCK_TIME`` s' times the prior wear: without it the filter
+follows the fast changes of s and finds two thirds of the wear.
 
 The forces of the copy contain its waves, so that a train equal to its copy has theta = 0 through every stretch of the
 couplers. A rigid balance of forces takes these for errors.
@@ -30,10 +37,14 @@ UNIT_SPEED, UNIT_TIME = 0.025, 5.0
 """Standard deviation [m/s] and time [s] of the speed of a unit against its train."""
 DISTURBANCE = 0.002
 """Standard deviation of the change of the speed by unknown forces in a second [m/s]."""
-PRIOR = (0.05, 0.2, 0.1)
-"""Standard deviations of the relative errors of mass, running resistance and air brake at the start."""
-BOUNDS = (0.25, 0.6, 0.5)
-"""Largest relative errors."""
+PRIOR = (0.05, 0.2, 0.1, 0.2)
+"""Standard deviations at the start: relative errors of mass, running resistance, air brake; wear of the draft gears."""
+BOUNDS = (0.25, 0.6, 0.5, 0.5)
+"""Largest relative errors, and largest wear."""
+SHOCK_TIME = 1.0
+"""Standard deviation of the time at which the slack of a coupler runs out, train against copy [s]."""
+WEAR = 3
+"""Place of the wear of the draft gears among the errors."""
 LEAST_NOISE, FIRST_NOISE, MEAN_TIME = 0.002, 0.05, 20.0
 """Smallest and first standard deviation of the measured speed [m/s], and time over which it is averaged [s]."""
 SLOWEST = 0.3
@@ -41,14 +52,14 @@ SLOWEST = 0.3
 
 
 @compiled
-def identification_step(state, covariance, noise, drifts, decay, period, pull, known, error):
+def identification_step(state, covariance, noise, drifts, decay, period, pull, known, wave, shock, error):
     """Advance the filter by a period and correct it by the measured speed error.
 
     Parameters
     ----------
-    state : Array, shape (5,)
+    state : Array, shape (6,)
         w, q [m/s] and theta.
-    covariance : Array, shape (5, 5)
+    covariance : Array, shape (6, 6)
         Its covariance.
     noise : Array, shape (2,)
         Variance of the measured speed [m²/s²] and last innovation [m/s].
@@ -60,40 +71,42 @@ def identification_step(state, covariance, noise, drifts, decay, period, pull, k
         s.
     pull
         Mean modelled acceleration [m/s²].
-    known : Array, shape (3,)
+    known : Array, shape (4,)
         Mean phi/M [m/s²].
+    wave
+        Change of the speed of the unit by wear [m/s].
+    shock
+        Variance of the measured speed by the unknown time of a shock [m²/s²].
     error
         Measured speed error [m/s].
     """
-    rows = np.zeros((5, 5))
-    for j in range(5):
-        rows[0, j] = covariance[0, j]
-        for k in range(3):
+    size, errors = state.size, known.size
+    rows = covariance.copy()
+    for j in range(size):
+        for k in range(errors):
             rows[0, j] -= period * known[k] * covariance[2 + k, j]
         rows[1, j] = decay * covariance[1, j]
-        for k in range(3):
-            rows[2 + k, j] = covariance[2 + k, j]
-    for i in range(5):
+    for i in range(size):
         first = rows[i, 0]
-        for k in range(3):
+        for k in range(errors):
             first -= period * known[k] * rows[i, 2 + k]
         covariance[i, 0] = first
         covariance[i, 1] = decay * rows[i, 1]
-        for k in range(3):
+        for k in range(errors):
             covariance[i, 2 + k] = rows[i, 2 + k]
     covariance[0, 0] += drifts[0]
     covariance[1, 1] += drifts[1]
     state[0] += period * pull
-    for k in range(3):
+    for k in range(errors):
         state[0] -= period * known[k] * state[2 + k]
     state[1] *= decay
-    shared = covariance[0] + covariance[1]
-    size = shared[0] + shared[1] + noise[0]
-    miss = error - state[0] - state[1]
-    for i in range(5):
-        state[i] += shared[i] / size * miss
-        for j in range(5):
-            covariance[i, j] -= shared[i] * shared[j] / size
+    shared = covariance[0] + covariance[1] + wave * covariance[size - 1]
+    spread = shared[0] + shared[1] + wave * shared[size - 1] + noise[0] + shock
+    miss = error - state[0] - state[1] - wave * state[size - 1]
+    for i in range(size):
+        state[i] += shared[i] / spread * miss
+        for j in range(size):
+            covariance[i, j] -= shared[i] * shared[j] / spread
     change = miss - noise[1]
     noise[0] += period / MEAN_TIME * (0.5 * change * change - noise[0])
     noise[0] = max(noise[0], LEAST_NOISE * LEAST_NOISE)
@@ -101,7 +114,7 @@ def identification_step(state, covariance, noise, drifts, decay, period, pull, k
 
 
 class TrainIdentification:
-    """Relative errors of mass, running resistance and air brake of the model of a train.
+    """Relative errors of mass, running resistance and air brake of the model of a train, and wear of its gears.
 
     Parameters
     ----------
@@ -113,34 +126,41 @@ class TrainIdentification:
         self._period = period
         self._decay = math.exp(-period / UNIT_TIME)
         self._drifts = np.array([DISTURBANCE**2 * period, UNIT_SPEED**2 * (1.0 - self._decay**2)])
-        self._state = np.zeros(5)
+        self._state = np.zeros(6)
         self._covariance = np.diag([1e-4, UNIT_SPEED**2, *(prior * prior for prior in PRIOR)])
         self._noise = np.array([FIRST_NOISE**2, 0.0])
-        self._before: tuple[float, Array] | None = None
+        self._before: tuple[float, Array, float] | None = None
 
     @property
     def errors(self) -> list[float]:
-        """Relative errors of mass, running resistance and air brake."""
+        """Relative errors of mass, running resistance and air brake, and wear of the draft gears."""
         found = zip(self._state[2:].tolist(), BOUNDS, strict=True)
         return [min(max(error, -bound), bound) for error, bound in found]
+
+    @property
+    def deviations(self) -> list[float]:
+        """Standard deviations of the errors."""
+        return [math.sqrt(variance) for variance in np.diag(self._covariance)[2:].tolist()]
 
     def miss(self) -> None:
         """Restart the motion at the next sample; the errors are held."""
         self._before = None
 
-    def step(self, speed_error: float, reference: float, pull: float, known: Array) -> None:
+    def step(self, speed_error: float, reference: float, pull: float, known: Array, wave: float) -> None:
         """Advance by a period and correct by a measurement.
 
         Parameters
         ----------
         speed_error
-            Measured e_v [m/s].
+            Measured e_v plus the effect s of the wear that the copy has [m/s].
         reference
             Speed of the reference [m/s]; the errors are held below ``SLOWEST``.
         pull
             Acceleration of the train against the reference for theta = 0 [m/s²].
-        known : Array, shape (3,)
+        known : Array, shape (4,)
             phi/M [m/s²].
+        wave
+            Change of the speed of the unit by wear s [m/s].
         """
         if reference < SLOWEST:
             self._before = None
@@ -148,9 +168,10 @@ class TrainIdentification:
         if self._before is None:
             self._state[0], self._state[1] = speed_error, 0.0
         else:
-            pull_before, known_before = self._before
+            pull_before, known_before, wave_before = self._before
+            shock = SHOCK_TIME * PRIOR[WEAR] * (wave - wave_before) / self._period
             identification_step(
                 self._state, self._covariance, self._noise, self._drifts, self._decay, self._period,
-                0.5 * (pull_before + pull), 0.5 * (known_before + known), speed_error,
+                0.5 * (pull_before + pull), 0.5 * (known_before + known), wave, shock * shock, speed_error,
             )  # fmt: skip
-        self._before = (pull, known)
+        self._before = (pull, known, wave)

@@ -17,9 +17,9 @@ The state stays as measured; the law corrects the remaining error. If the delay 
 command, the delay for the sign of its force is used.
 
 With ``identify`` the measured force and speed of the train, compared with those of the twin, give the errors of mass,
-running resistance and air brake of the model (`train_identification.py`), and once a second the twin receives them. A
-twin with the right forces also stretches its couplers like the train, which an additional force on a rigid train does
-not.
+running resistance and air brake of the model and the wear of its draft gears (`train_identification.py`), and once a
+second the twin receives them. A twin with the right forces also stretches its couplers like the train, which an
+additional force on a rigid train does not. A second copy with worn gears (`worn_copy.py`) gives the effect of wear.
 
 Needs: consist and line of the model, since all vehicles are simulated, and a law that uses the feed-forward (`pid`,
 `rbf_switching_smc`, `smc` with ``equivalent: feedforward``); others are rejected, because the compensation has no
@@ -28,42 +28,30 @@ effect on them.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from operator import add
+from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from plant_sim.plant_setup import Jump
 from plant_sim.summation import plain_dot
 from train_ato.control.algorithms.force_shares import mean_over_units, total_of_units
-from train_ato.control.algorithms.train_identification import TrainIdentification
+from train_ato.control.algorithms.train_identification import WEAR, TrainIdentification
+from train_ato.control.compensation.ahead_train import AheadTrain, TwinParameters
 from train_ato.control.compensation.contract import CompensationInput
-from train_ato.control.compensation.nominal_train import nominal_copy
-from train_ato.control.compensation.preview import PreviewFeedforward, PreviewParameters
-from train_ato.control.contract import LawInput, Lookahead, parameter
+from train_ato.control.compensation.preview import PreviewFeedforward
+from train_ato.control.contract import LawInput, Lookahead
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     from train_ato.control.air_brake.policy import BrakePolicy
-    from train_ato.control.compensation.rigid import ProfileLike
     from train_ato.control.train_model import TrainModel
 
-L1, L2 = 1.0, 0.25
-"""Gains of the twin on its speed and position error [1/s, 1/s²]."""
 CORRECTION_TIME = 1.0
 """Time from one correction of the model of the twin to the next [s]."""
-
-
-@dataclass(frozen=True)
-class TwinParameters(PreviewParameters):
-    """Parameters of :class:`Twin`."""
-
-    period: float = parameter(0.05, "s", 0.001, 1.0, "control period of the twin")
-    step: float = parameter(0.005, "s", 1e-4, 0.1, "integration step of the twin")
-    identify: bool = parameter(False, "", 0, 1, "estimate mass, resistance and air brake of the train")
+WEAR_TIME = 60.0
+"""Time constant with which the twin receives the wear [s]: three of the loop that holds the copy with worn gears, since
+the speeds of train and copy at a time contain the wear of the twin over the time before."""
 
 
 class Twin(PreviewFeedforward):
@@ -112,13 +100,17 @@ class Twin(PreviewFeedforward):
             identification.miss()
         speed = mean_over_units(self._share, inputs.measurement.velocity.tolist())
         running = model.running_resistance(now.velocity)
-        known = [model.inertia * now.acceleration + model.line_force(now.position), running, shoes]
+        change, wave = self._ahead.by_wear(t)
+        known = [model.inertia * now.acceleration + model.line_force(now.position), running, shoes, change]
         force = total_of_units(inputs.measurement.applied) - total_of_units(self._forces_at(t))
         force -= model.running_resistance(speed) - running
         force += plain_dot(self._ahead.errors, known)
-        identification.step(speed - now.velocity, now.velocity, force / model.inertia, np.array(known) / model.inertia)
+        error = speed - now.velocity + self._ahead.errors[WEAR] * wave
+        identification.step(error, now.velocity, force / model.inertia, np.array(known) / model.inertia, wave)
         if int(t / CORRECTION_TIME + 1e-9) != int(self._last / CORRECTION_TIME + 1e-9):
-            self._ahead.correct(identification.errors)
+            errors, wear = identification.errors, self._ahead.errors[WEAR]
+            errors[WEAR] = wear + CORRECTION_TIME / WEAR_TIME * (errors[WEAR] - wear)
+            self._ahead.correct(errors)
         self._last = t
 
     def _forces_at(self, t: float) -> Array:
@@ -174,121 +166,3 @@ class Twin(PreviewFeedforward):
             return force
         share: float = self._share[unit]
         return force + share * self.model.learned_force(self.rigid.profile.at(t)[0])
-
-
-class AheadTrain:
-    """Nominal train that follows the profile on its own clock.
-
-    Parameters
-    ----------
-    model
-        The nominal train.
-    profile
-        Profile to follow.
-    parameters
-        Control period and integration step.
-    policy
-        Policy of the air brake, not shared; None without one.
-    start
-        Time of the initial state [s].
-    """
-
-    def __init__(
-        self,
-        model: TrainModel,
-        profile: ProfileLike,
-        parameters: TwinParameters,
-        policy: BrakePolicy | None,
-        start: float,
-    ) -> None:
-        self.profile = profile
-        self._model = model
-        self._policy = policy if model.consist.air_brake is not None else None
-        self._train = nominal_copy(model, profile, start, parameters.period, parameters.step)
-        self._period = round(parameters.period * 1e9) * 1e-9
-        self._start = start
-        self._inertia, self._offsets = model.unit_inertia.tolist(), model.offsets.tolist()
-        self._demand = np.zeros((self._train.substeps, model.n_units))
-        self._forces: deque[list[float]] = deque()
-        self._first = 0
-        self._computed: deque[list[float]] = deque()
-        self._made: list[list[float]] = []
-        self._marks: list[tuple[int, int]] = []
-        self.errors = [0.0, 0.0, 0.0]
-
-    def correct(self, errors: list[float]) -> None:
-        """Set the relative errors of mass, running resistance and air brake of the model, from the next step on."""
-        mass, resistance, brake = (
-            (1.0 + now) / (1.0 + before) for now, before in zip(errors, self.errors, strict=True)
-        )
-        by_mass = [vehicle.resistance.n is None for vehicle in self._model.consist.vehicles]
-        weighed = tuple(i for i, scaled in enumerate(by_mass) if scaled)
-        others = tuple(i for i, scaled in enumerate(by_mass) if not scaled)
-        jumps = [("mass", mass, None), ("resistance", resistance / mass, weighed), ("resistance", resistance, others)]
-        if self._model.consist.air_brake is not None:
-            jumps.append(("brake", brake, None))
-        for what, factor, vehicles in jumps:
-            if vehicles != ():
-                self._train.add_jump(Jump(at=self._train.time, what=what, factor=factor, vehicles=vehicles))
-        self.errors = errors
-
-    def begin_record(self) -> None:
-        """Begin a record of reads that :meth:`rewind` can undo."""
-        self._made, self._marks = list(self._forces), []
-
-    def mark(self) -> None:
-        """Mark the state before a read."""
-        self._marks.append((self._first, len(self._made)))
-
-    def rewind(self, read: int) -> None:
-        """Return to the state after a number of recorded reads; forces computed since then are used again."""
-        marks, self._marks = self._marks, []
-        if read < len(marks):
-            first, made = marks[read]
-            self._computed.extendleft(reversed(self._made[made:]))
-            self._forces = deque(self._made[first - marks[0][0] : made])
-            self._first = first
-
-    def run(self, until: float, keep_from: float) -> None:
-        """Advance the train until the forces up to ``until`` exist; drop those before ``keep_from`` [s]."""
-        while self._start + (self._first + len(self._forces) - 1) * self._period < until:
-            force = self._computed.popleft() if self._computed else self._step()
-            self._forces.append(force)
-            if self._marks:
-                self._made.append(force)
-        while len(self._forces) > 2 and self._start + (self._first + 1) * self._period < keep_from:
-            self._forces.popleft()
-            self._first += 1
-
-    def force(self, unit: int, t: float) -> float:
-        """Return the force of a unit at a simulated time [N], linear between the control steps."""
-        place = (t - self._start) / self._period - self._first
-        index = min(max(int(place), 0), len(self._forces) - 2)
-        low = self._forces[index][unit]
-        return low + (place - index) * (self._forces[index + 1][unit] - low)
-
-    def _step(self) -> list[float]:
-        train, model = self._train, self._model
-        t = self._start + train.time
-        pressure = None
-        position, velocity = train.position, train.velocity
-        if self._policy is not None:
-            pressure = self._policy.step(t, float(position[0]), float(velocity[0]), total_of_units(train.applied))
-        place, speed, _, _ = self.profile.at(t)
-        _, _, pull, _ = self.profile.at(t + 0.5 * self._period)
-        places, speeds = [position.item(i) for i in model.units], [velocity.item(i) for i in model.units]
-        low, high = model.limits_of_units(speeds)
-        sent = []
-        for unit, against in enumerate(self._opposing(places, speeds)):
-            error = places[unit] + self._offsets[unit] - place
-            wanted = against + self._inertia[unit] * (pull - L1 * (speeds[unit] - speed) - L2 * error)
-            sent.append(low[unit] if wanted < low[unit] else high[unit] if wanted > high[unit] else wanted)
-        self._demand[:] = sent
-        train.advance(self._demand, pressure)
-        return sent
-
-    def _opposing(self, places: list[float], speeds: list[float]) -> list[float]:
-        """Return coupler forces, shoe force and resistance against the motion of every unit's vehicle [N]."""
-        force, shoes = self._train.coupler_force, self._train.shoe_force
-        outside = [force.item(i) - force.item(i - 1) + shoes.item(i) for i in self._model.units]  # item -1 is 0 N
-        return list(map(add, outside, self._model.own_resistances(speeds, places)))

@@ -68,8 +68,8 @@ added (`disturbance_lines.py`, `periodic_motion.py`). The other parts have the m
 **Simulated train.** Under `twin` a train with hauled vehicles has the force F_c of the simulated train in place of R up
 to the effect of the last command, and the feed-forward of `twin` (`simulated_reference.py`). The plan is that of the
 deviation, e_v' = (F - F_c - W(v) + W(v_d))/M, with a = 2 and no estimate of a disturbance: ``identify`` of `twin` finds
-the errors of mass, running resistance and air brake, and the position error is the integral for the rest. The later
-nodes have no force limit while the air brake acts: its present force does not last.
+the errors of mass, running resistance, air brake and draft gears, and the position error is the integral for the rest.
+The later nodes have no force limit while the air brake acts: its present force does not last.
 
 **Identification.** A bank of 17 factors c on the delays, .4 to 2, each with the gain g by least squares, bounded to
 .5 to 1.5, from measured force and commands (`actuator_identification.py`). If no candidate explains the force to 5 %,
