@@ -95,9 +95,10 @@ def test_range_of_the_force():
 def test_hauled_vehicles_and_reversing_drives():
     """Hauled vehicles stop one by one, without traction; a reversing drive would move back with a negative force."""
     hauls, _ = _force("hxd1_c80_105")
-    assert hauls.range(np.zeros(4), (0.04, -0.1, 0.0), False, 1e7, 0.0) == (-math.inf, 0.0)
-    assert hauls.range(np.zeros(4), (0.06, -0.1, 0.0), False, 1e7, 0.0) == FREE
+    assert hauls.range(np.zeros(4), REST, False, 1e7, 0.0) == (-math.inf, 0.0)
+    assert hauls.range(np.zeros(4), (0.01, -0.1, 0.0), False, 1e7, 0.0) == FREE
     assert hauls.range(np.zeros(4), REST, True, 1e7, 0.0) == (0.0, 0.0)
-    assert hauls.range(np.zeros(4), (0.0, 0.0, 0.1), True, 1e7, 0.0) == FREE
+    assert hauls.range(np.zeros(4), (0.0, 0.0, 0.1), True, 1e7, 0.0) == (0.0, 0.0)
+    assert hauls.range(np.zeros(4), (0.01, 0.1, 0.1), True, 1e7, 0.0) == FREE
     reverses, _ = _force("xuzhou_metro_3", reversing=True)
     assert reverses.range(np.zeros(4), REST, True, 1e5, 0.0) == FREE
