@@ -23,6 +23,7 @@ EXACT = {
     "plant_sim/formats/railtoolkit.py": {"sum((vehicle.powered for vehicle in vehicles))"},
     "plant_sim/warm_up.py": {"sum(stats.cache_misses.values())"},
     "train_ato/control/air_brake/policy.py": {"sum((length > self._rules.min_length for length in inside))"},
+    "train_ato/control/algorithms/train_constants.py": {"sum((sides for _, sides in groups))"},
     "train_ato/loop/oscillation.py": {
         "sum((max((_correlation(part, lag) for lag in lags)) >= CORRELATION for part in parts))"
     },
