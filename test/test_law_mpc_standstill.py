@@ -96,7 +96,9 @@ def test_hauled_vehicles_and_reversing_drives():
     """Hauled vehicles stop one by one, without traction; a reversing drive would move back with a negative force."""
     hauls, _ = _force("hxd1_c80_105")
     assert hauls.range(np.zeros(4), REST, False, 1e7, 0.0) == (-math.inf, 0.0)
-    assert hauls.range(np.zeros(4), (0.01, -0.1, 0.0), False, 1e7, 0.0) == FREE
+    assert hauls.range(np.zeros(4), (0.04, -0.1, 0.0), False, 1e7, 0.0) == (-math.inf, 0.0)
+    assert hauls.range(np.array([-0.01, 0.0, 0.0, 0.0]), (0.04, -0.1, 0.0), False, 1e7, 0.0) == FREE
+    assert hauls.range(np.zeros(4), (0.06, -0.1, 0.0), False, 1e7, 0.0) == FREE
     assert hauls.range(np.zeros(4), REST, True, 1e7, 0.0) == (0.0, 0.0)
     assert hauls.range(np.zeros(4), (0.0, 0.0, 0.1), True, 1e7, 0.0) == (0.0, 0.0)
     assert hauls.range(np.zeros(4), (0.01, 0.1, 0.1), True, 1e7, 0.0) == FREE

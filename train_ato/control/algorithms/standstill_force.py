@@ -15,10 +15,11 @@ the command, and the demand F:
   would roll back then, the force reaches its reference within a control period, if the limits permit:
   F = F_e - M e_a/(1 - e^(-h/Ta)), with the force F_e and the error e_a of the acceleration at the time of effect.
 
-With hauled vehicles there is no traction while the reference is at rest: the vehicles stop one by one, and the force
-against a grade would pull the units on. A train at rest has no force until the reference departs at the time of effect:
-the force of the grade on the whole train would move the units in their slack. A train with a reversing drive has none
-of these rules, since a negative demand drives it backwards.
+With hauled vehicles there is no traction while the reference is at rest, and from its speed of ``STANDSTILL_SPEED`` on
+at or beyond its place: the vehicles stop one by one, and the force against a grade would pull the units on. Behind its
+place the train rolls on, since the holding brake would stop it v²/(2 a) short. A train at rest has no force until the
+reference departs at the time of effect: the force of the grade on the whole train would move the units in their slack.
+A train with a reversing drive has none of these rules, since a negative demand drives it backwards.
 """
 
 from __future__ import annotations
@@ -100,7 +101,8 @@ class StandstillForce:
         if self._hauls:
             if at_rest and now == 0.0:
                 return 0.0, 0.0
-            return (-math.inf, 0.0) if now == 0.0 and later <= now else FREE
+            ends = now == 0.0 or (now < STANDSTILL_SPEED and float(motion[0]) >= 0.0)
+            return (-math.inf, 0.0) if ends and later <= now else FREE
         if self._reversing:
             return FREE
         speed, acceleration = now + float(motion[1]), reference[1] + float(motion[3])

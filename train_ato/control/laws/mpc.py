@@ -56,7 +56,8 @@ gust, and one for a steady rate of d, as of a grade under a train of some length
 within .1 m of a reference at rest has no traction, at rest no force, and departs with the reference, in motion from an
 acceleration by traction of .02 m/s² on, whatever the noise of the speed; on a rise its force then reaches that of the
 grade as fast as the limits permit. The last brake force decays before the holding brake acts. With hauled vehicles
-there is no traction while the reference is at rest: the vehicles stop one by one.
+there is no traction while the reference is at rest, and below .05 m/s at or beyond its place: the vehicles stop one by
+one.
 
 **Units on soft couplers.** If every vehicle is driven and pi/T_w < 3 omega, with the time T_w of a wave through the
 couplers, a Kalman filter estimates the deviations of the units from the mean, and a linear-quadratic regulator on their
