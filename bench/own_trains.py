@@ -26,6 +26,7 @@ import numpy as np
 import yaml
 
 import train_ato as ta
+from train_ato.control.registry import LAWS
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 
@@ -180,12 +181,16 @@ def main() -> None:
     parser.add_argument("--laws", default="mpc,pid", metavar="NAMES")
     parser.add_argument("--every", action="store_true")
     options = parser.parse_args()
+    kinds, laws = options.kinds.split(","), options.laws.split(",")
+    for name, given, known in (("kinds", kinds, KINDS), ("laws", laws, LAWS.names())):
+        if unknown := sorted(set(given) - set(known)):
+            parser.error(f"--{name} {','.join(unknown)}: unknown; known: {', '.join(known)}")
     heads = (
         "kind | law | runs | refused | interventions, takeovers | not tracked | stop m | rms m/s | kN/s | coupler kN"
     )
     print(f"| {heads} |\n" + "|---" * 10 + "|")
-    for kind in options.kinds.split(","):
-        for law in options.laws.split(","):
+    for kind in kinds:
+        for law in laws:
             runs = []
             for number in range(options.first, options.first + max(1, options.trains)):
                 runs.append(drive(number, kind, law))

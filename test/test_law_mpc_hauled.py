@@ -94,6 +94,13 @@ def test_rigid_couplers_have_no_modes():
     assert np.all(table.damping > 0.02)
 
 
+def test_modes_with_a_node_at_the_units_are_left_out():
+    """Two equal units at the ends of a symmetric train do not excite its odd modes: without modes 0/0 in the noise."""
+    assert CouplerModes.of(_model([("engine", 2)], SPRING)).omega.size == 0
+    whole = _model([("engine", 1), ("wagon", 1), ("engine", 1)], SPRING)
+    assert CouplerModes.of(whole).omega == pytest.approx([math.sqrt(10e6 * (1 / 184e3 + 2 / 100e3))])
+
+
 def test_steady_force_follows_a_ramp_without_a_change_of_its_rate():
     """A wrong order of the lags leaves a second derivative on a steady ramp."""
     steady = SteadyForce(2.0, 0.1)

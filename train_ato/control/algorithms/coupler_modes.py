@@ -36,6 +36,8 @@ MOST_MODES = 4
 """Largest number of modes."""
 LEAST_SHARE = 0.05
 """Smallest Hankel singular value of a mode over the largest one."""
+LEAST_MOBILITY = 1e-9
+"""Mobility over that of the whole train below which a mode has a node at the units, but for rounding."""
 DAMPING = (0.02, 0.5)
 """Smallest and largest damping ratio."""
 SWEEPS = 60
@@ -65,7 +67,7 @@ class CouplerModes:
 
     @classmethod
     def of(cls, model: TrainModel) -> CouplerModes:
-        """Return the modes of a train; none if all couplers are rigid."""
+        """Return the modes of a train; none if all couplers are rigid, or if no mode moves the units."""
         mass, stiffness, viscous, friction, share = _bodies(model)
         root = 1.0 / np.sqrt(mass)
         squared, vectors = eigenvalues(_chain(stiffness) * np.outer(root, root))
@@ -78,8 +80,10 @@ class CouplerModes:
         damping = np.clip(losses, *DAMPING)
         compliance = float(_ordered_product(np.ones(omega.size), (mobility / omega**2)[:, np.newaxis])[0])
         size = mobility / (4.0 * damping * omega)
+        size[mobility < LEAST_MOBILITY / model.inertia] = 0.0
         chosen = np.argsort(-size, kind="stable")[:MOST_MODES]
-        chosen = np.sort(chosen[size[chosen] >= LEAST_SHARE * size[chosen[:1]].sum()])
+        least = LEAST_SHARE * size.max(initial=0.0)
+        chosen = np.sort(chosen[(size[chosen] > 0.0) & (size[chosen] >= least)])
         return cls(omega[chosen], damping[chosen], mobility[chosen], compliance)
 
 

@@ -71,8 +71,7 @@ class MeasuredMotion:
             MotionObserver, period, bandwidth, waves, vehicles > 1, speed_noise
         )
         self._new_simulated = self._new_observer
-        if waves > 0.0:
-            modes = CouplerModes.of(model)
+        if waves > 0.0 and (modes := CouplerModes.of(model)).omega.size:
             self._new_observer = partial(ModalObserver, period, bandwidth, waves, speed_noise, modes, dead_time(model))
         self._weight = weight
         self._fade = 1.0 - math.exp(-period / MEAN_TIME)

@@ -28,7 +28,7 @@ import numpy as np
 from plant_sim.compiled import compiled
 from train_ato.control.algorithms import motion_filters
 from train_ato.control.algorithms.coupler_modes import CouplerModes
-from train_ato.control.algorithms.motion_filters import SPEED_FLOOR, correct, match, mix, weigh
+from train_ato.control.algorithms.motion_filters import correct, match, mix, weigh
 from train_ato.control.algorithms.motion_observer import DISTURBANCE_PRIOR, SPEED_PRIOR, MotionObserver
 from train_ato.messages.types import Array
 
@@ -159,7 +159,7 @@ class ModalObserver(MotionObserver):
         dead_time: float,
     ) -> None:  # fmt: skip
         self._modes = modes
-        self._damped = [
+        self._not_fed_back = [
             MOTION + 2 * number
             for number, omega in enumerate(modes.omega.tolist())
             if omega * dead_time >= 0.5 * math.pi
@@ -177,9 +177,8 @@ class ModalObserver(MotionObserver):
         self._random = wave - _sandwich(self._transition, wave)
         prior = np.zeros((size, size))
         prior[:MOTION, :MOTION] = np.diag([self._filters.position_prior**2, SPEED_PRIOR**2, DISTURBANCE_PRIOR**2])
-        self._prior = prior + wave
         self._states, self._mean = np.zeros((count, size)), np.zeros(size)
-        self._covariances = np.array([self._prior] * count)
+        self._covariances = np.array([prior + wave] * count)
         self._steady.reset()
 
     def restart(self, position: float, speed: float) -> None:
@@ -188,38 +187,30 @@ class ModalObserver(MotionObserver):
         self._steady.reset()
         super().restart(position, speed)
 
-    def step(
+    def _filter(
         self,
         position: float,
         speed: float,
         pull: float,
-        regressor: float = 0.0,
-        force_change: float = 0.0,
-        force: float = 0.0,
+        regressor: float,
+        force: float,
+        jolt: float,
+        walks: Array,
+        variance: float,
     ) -> None:
-        """Advance by a period and correct by a measurement; arguments as in the base class.
-
-        Parameters
-        ----------
-        force
-            Mean total force of the units in the period [N].
-        """
-        if not self._begin_step(position, speed):
-            return
-        variance = min(float(self._noise[1]), SPEED_FLOOR**2)
+        """Advance and correct the filters; arguments as in the base class."""
         bent = self._modes.compliance * self._steady.step(force) / self._period
         driven = self._gains[0] * (pull + bent) + self._gains[1] * (force - self._steady.force)
         drift = self._random.copy()
-        drift[1, 1] += self._waves + (force_change * self._period) ** 2 / 12.0
-        walks = self._filters.walks
+        drift[1, 1] += jolt
         modal_step(
             self._states, self._covariances, self._chances, self._noise, self._before, self._transition, driven,
-            drift, walks * (walks * (variance * self._period**2) + self._waves), self._filters.chain,
+            drift, walks, self._filters.chain,
             1.0 / self._count, position, speed, self._mean, self._filters.position_floor,
         )  # fmt: skip
         found = self._mean.tolist()
         kept = [found[0], found[1]]
-        for place in self._damped:
+        for place in self._not_fed_back:
             kept = [kept[0] - found[place], kept[1] - found[place + 1]]
         self._state = [*kept, found[2], 0.0, 0.0]
 

@@ -36,6 +36,7 @@ from train_ato.control.algorithms.motion_filters import (
     filter_step,
     match,
 )
+from train_ato.messages.types import Array
 
 NOISE_TIME = 20.0
 """Time over which the noise is averaged [s]."""
@@ -183,16 +184,6 @@ class MotionObserver:
         """Restart at the next sample with the present disturbance."""
         self._runs = False
 
-    def _begin_step(self, position: float, speed: float) -> bool:
-        """Count the sample; return False if the filters restart with it."""
-        if not self._runs:
-            self.restart(position, speed)
-            return False
-        if self.stands:
-            self._before[:], self.stands = 0.0, False
-        self._count = min(self._count + 1.0, max(self._samples, 1.0))
-        return True
-
     def step(
         self,
         position: float,
@@ -217,13 +208,42 @@ class MotionObserver:
         force
             Mean total force of the units in the period [N]; used with modes of the couplers (`modal_observer.py`).
         """
-        if not self._begin_step(position, speed):
+        if not self._runs:
+            self.restart(position, speed)
             return
-        variance = min(float(self._noise[1]), SPEED_FLOOR**2)
-        self._drifts[:, 0] = self._waves + (force_change * self._period) ** 2 / 12.0
+        if self.stands:
+            self._before[:], self.stands = 0.0, False
+        self._count = min(self._count + 1.0, max(self._samples, 1.0))
+        variance = min(float(self._noise[1]), SPEED_FLOOR**2) * self._period**2
         walks = self._filters.walks
-        self._drifts[1:, 1] = walks * (walks * (variance * self._period**2) + self._waves)
-        self._drifts[1:, 3] = self._filters.rates * (variance * self._period**2)
+        jolt = self._waves + (force_change * self._period) ** 2 / 12.0
+        self._filter(position, speed, pull, regressor, force, jolt, walks * (walks * variance + self._waves), variance)
+
+    def _filter(
+        self,
+        position: float,
+        speed: float,
+        pull: float,
+        regressor: float,
+        force: float,
+        jolt: float,
+        walks: Array,
+        variance: float,
+    ) -> None:
+        """Advance and correct the filters; the first arguments as in :meth:`step`.
+
+        Parameters
+        ----------
+        jolt
+            Variance of the change of the speed in a period [m²/s²].
+        walks : Array, shape (filters,)
+            Variance of the change of the disturbance in a period [m²/s⁴].
+        variance
+            Variance of the measured speed, up to that of ``SPEED_FLOOR``, times the square of the period [m²].
+        """
+        self._drifts[:, 0] = jolt
+        self._drifts[1:, 1] = walks
+        self._drifts[1:, 3] = self._filters.rates * variance
         filter_step(
             self._states, self._covariances, self._chances, self._noise, self._before, self._drifts,
             self._filters.chain, self._period, 1.0 / self._count, position, speed, pull, regressor, self._mean,
