@@ -5,35 +5,30 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from pathlib import Path
-from types import ModuleType
 from typing import Any
 
-from numba import njit
+from numba import config, njit
 from numba.core.event import Listener, install_listener
 
-_uncached: list[str] = []
+from plant_sim.kernel_cache import KernelCache
 
 
 def compiled(
     function: Any = None,
     *,
-    uses: tuple[ModuleType, ...] = (),
     into_caller: bool = False,
     allocates: bool = True,
     alone: bool = True,
 ) -> Any:
     """Compile a function without fast-math, so that every run on one machine gives the same bits.
 
-    The cache is beside the source or, if that is not writable, in the cache folder of the user (``NUMBA_CACHE_DIR``
-    sets another). If neither is writable, every process compiles again.
+    The compiled form is kept in the cache folder of the user (``NUMBA_CACHE_DIR`` sets another), see
+    :mod:`plant_sim.kernel_cache`. If that is not writable, every process compiles again.
 
     Parameters
     ----------
     function
         The function; without one, a decorator is returned.
-    uses
-        Other modules whose compiled functions it calls: a change of their files also makes its cache invalid.
     into_caller
         True for a part of a loop: the compiler puts its code into every caller, which saves the calls and lets it move
         work out of the loop.
@@ -48,33 +43,14 @@ def compiled(
     A compiled function releases the lock of the interpreter, so that a pool of threads runs several at the same time.
     """
     if function is None:
-        return partial(compiled, uses=uses, into_caller=into_caller, allocates=allocates, alone=alone)
+        return partial(compiled, into_caller=into_caller, allocates=allocates, alone=alone)
     options: dict[str, Any] = {"error_model": "numpy", "nogil": True, "forceinline": into_caller, "_nrt": allocates}
     if not alone:
         options["inline"] = "always"
-    try:
-        dispatcher = njit(cache=True, **options)(function)
-    except RuntimeError as error:
-        if "cannot cache" not in str(error):
-            raise
-        _uncached.append(function.__name__)
-        return njit(**options)(function)
-    if uses:
-        _stamp_with(dispatcher, uses)
+    dispatcher: Any = njit(**options)(function)
+    if not config.DISABLE_JIT:  # with NUMBA_DISABLE_JIT it is the function itself
+        dispatcher._cache = KernelCache(dispatcher)
     return dispatcher
-
-
-def _stamp_with(dispatcher: Any, modules: tuple[ModuleType, ...]) -> None:
-    """Add the source files of other modules to the stamp of a cached function; numba compares its own file only."""
-    file = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)  # missing with NUMBA_DISABLE_JIT
-    if file is not None:
-        stamps = [Path(str(module.__file__)).stat() for module in modules]
-        file._source_stamp = (file._source_stamp, *((stamp.st_mtime, stamp.st_size) for stamp in stamps))
-
-
-def results_are_kept() -> bool:
-    """Return True if the compiled functions are cached for later processes."""
-    return not _uncached
 
 
 class _FirstCompilation(Listener):  # type: ignore[misc]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from plant_sim import kernel as k
-from plant_sim.compiled import results_are_kept
 from plant_sim.consist import Consist
+from plant_sim.kernel_cache import kernels_are_kept
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train
@@ -30,4 +30,4 @@ def compile_kernel() -> bool:
     line = Line.model_validate({"schema": "train_ato/line/1", "name": "level", "end": 1000.0})
     Train(consist, line, PlantSetup(), 1_000_000, 1_000_000).advance(np.zeros((1, 0)))
     stats = getattr(k.advance, "stats", None)  # missing with NUMBA_DISABLE_JIT
-    return stats is not None and (not results_are_kept() or bool(sum(stats.cache_misses.values())))
+    return stats is not None and (not kernels_are_kept() or bool(sum(stats.cache_misses.values())))

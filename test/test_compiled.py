@@ -1,36 +1,41 @@
-"""Compiled kernels without a writable cache, and without compilation."""
+"""Compiled kernels on disk, without a writable cache, and without compilation."""
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import json
 import os
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 
+import numba
 import pytest
+from numba.core.codegen import CPUCodegen
+from numba.core.dispatcher import Dispatcher
 from waiting import LIMIT_S
 
 import plant_sim
+from plant_sim import kernel_cache
+from plant_sim.compiled import on_compilation
 from train_ato.apps.runs import progress
 from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
 
-KERNEL = """
+PACKAGE = {
+    "constants": "FACTOR = 2.0\n",
+    "callee": "from plant_sim.compiled import compiled\n\n\n@compiled\ndef plus(value):\n    return value + 1\n",
+    "caller": """
+from kernel_package import callee
+from kernel_package.constants import FACTOR
 from plant_sim.compiled import compiled
 
+
 @compiled
-def twice(value):
-    return 2 * value
-"""
-PROGRAM = """
-import sys
-sys.dont_write_bytecode = True
-import numba.core.caching as caching
-caching.CacheImpl._locator_classes = []                        # as where neither package nor home can be written
-from train_ato.cli.main import main
-sys.exit(main(sys.argv[1:]))
-"""
+def law(value):
+    return FACTOR * callee.plus(value)
+""",
+}
 
 
 def run(arguments: list[str], **environment: str) -> subprocess.CompletedProcess[str]:
@@ -45,26 +50,131 @@ def run(arguments: list[str], **environment: str) -> subprocess.CompletedProcess
     )
 
 
+def law_of(folder: Path, value: float = 1.5, **changed: str) -> tuple[float, bool]:
+    """Write the package into a folder, import it anew and call its law; return the result, and True if compiled."""
+    (folder / "kernel_package").mkdir(parents=True, exist_ok=True)
+    for name, text in (PACKAGE | {"__init__": ""} | changed).items():
+        (folder / "kernel_package" / f"{name}.py").write_text(text, encoding="utf-8")
+        sys.modules.pop(f"kernel_package.{name}", None)
+    sys.modules.pop("kernel_package", None)
+    begun: list[bool] = []
+    with pytest.MonkeyPatch.context() as patch, on_compilation(lambda: begun.append(True)):
+        patch.setattr(sys, "path", [str(folder), *sys.path])
+        patch.setattr(sys, "dont_write_bytecode", True)  # its bytecode has whole seconds: an old one could be taken
+        importlib.invalidate_caches()
+        result = importlib.import_module("kernel_package.caller").law(value)
+    return float(result), bool(begun)
+
+
+@pytest.fixture
+def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Set a folder for kernels."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kernels"))
+    return tmp_path / "kernels"
+
+
+def test_a_kernel_is_found_by_its_content(tmp_path: Path, kernels: Path) -> None:
+    """Breaks if a copy of the source compiles again, or if an old kernel is used after a change of its parts.
+
+    numba takes the path of the file, and the content of that file only.
+    """
+    assert law_of(tmp_path / "a") == (5.0, True)
+    assert law_of(tmp_path / "a") == (5.0, False)
+    assert law_of(tmp_path / "copy") == (5.0, False)
+    assert law_of(tmp_path / "a", caller="# a comment\n" + PACKAGE["caller"]) == (5.0, False)
+    assert law_of(tmp_path / "a", callee=PACKAGE["callee"].replace("+ 1", "+ 2")) == (7.0, True)
+    assert law_of(tmp_path / "a", constants="FACTOR = 3.0\n") == (7.5, True)
+    assert law_of(tmp_path / "a", caller=PACKAGE["caller"].replace("FACTOR *", "FACTOR +")) == (4.5, True)
+    assert law_of(tmp_path / "a") == (5.0, False)  # the first one is still there
+    assert law_of(tmp_path / "a", 1) == (4.0, True)  # other types
+
+
+def test_a_kernel_of_another_processor_or_version_is_not_used(
+    tmp_path: Path, kernels: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if a folder shared by two machines gives one the machine code of the other."""
+    assert law_of(tmp_path) == (5.0, True)
+    with monkeypatch.context() as patch:
+        patch.setattr(numba, "__version__", "0.1")
+        assert law_of(tmp_path) == (5.0, True)
+    monkeypatch.setattr(CPUCodegen, "magic_tuple", lambda self: ("another",))
+    assert law_of(tmp_path) == (5.0, True)
+
+
+def test_a_damaged_kernel_is_compiled_again(tmp_path: Path, kernels: Path) -> None:
+    """Breaks if a file that a full disk has cut, or one without content, ends the run or stays."""
+    assert law_of(tmp_path) == (5.0, True)
+    for content in (b"", b"cut", lambda whole: whole[:-1], lambda whole: whole[:40] + b"?" + whole[41:]):
+        for file in kernels.iterdir():
+            file.write_bytes(content(file.read_bytes()) if callable(content) else content)
+        assert law_of(tmp_path) == (5.0, True)
+        assert law_of(tmp_path) == (5.0, False)
+
+
+def test_a_folder_that_cannot_be_written_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the users of an installation by another user compile the kernels it has, or if that fails."""
+    shared = tmp_path / "shared"
+    monkeypatch.setattr(kernel_cache, "SHARED", shared)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file" / "cache"))
+    (tmp_path / "file").write_text("not a folder", encoding="utf-8")
+    assert not kernel_cache.kernels_are_kept()
+    assert law_of(tmp_path) == (5.0, True)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(shared))
+    assert law_of(tmp_path) == (5.0, True)
+    before = {file: file.read_bytes() for file in shared.iterdir()}
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    assert law_of(tmp_path) == (5.0, False)
+    assert law_of(tmp_path, 1) == (4.0, True)  # not among the shared ones
+    assert {file: file.read_bytes() for file in shared.iterdir()} == before
+
+
+def test_no_kernel_is_beside_the_package() -> None:
+    """Breaks if a removed package leaves kernels in its folder, so that its import succeeds without content."""
+    package = Path(plant_sim.__file__).parent
+    for folder in (*kernel_cache.cache_folders(), kernel_cache.SHARED):
+        assert not folder.is_relative_to(package.parent / "plant_sim")
+        assert not folder.is_relative_to(package.parent / "train_ato")
+    assert not kernel_cache.SHARED.is_relative_to(sysconfig.get_path("purelib"))
+
+
+def test_every_kernel_of_the_program_can_be_kept() -> None:
+    """Breaks if a compiled function reads a value without a stamp: every process would compile it again."""
+    root = Path(plant_sim.__file__).parents[1]
+    for file in (path for package in ("plant_sim", "train_ato") for path in (root / package).rglob("*.py")):
+        if "import compiled\n" in file.read_text(encoding="utf-8"):
+            importlib.import_module(".".join(file.relative_to(root).with_suffix("").parts))
+    modules = [module for name, module in sys.modules.items() if name.startswith(("plant_sim", "train_ato"))]
+    kernels = {value for module in modules for value in vars(module).values() if isinstance(value, Dispatcher)}
+    assert len(kernels) > 200
+    assert [kernel for kernel in kernels if kernel._cache._stamp is None] == []
+    assert len({kernel._cache._stamp for kernel in kernels}) == len(kernels)
+
+
+def test_an_unused_kernel_of_an_earlier_source_is_removed(tmp_path: Path, kernels: Path) -> None:
+    """Breaks if the folder of kernels grows with every change of the source, or if used ones are removed."""
+    law_of(tmp_path)
+    law_of(tmp_path, constants="FACTOR = 3.0\n")
+    files = sorted(kernels.glob("kernel_package.caller.law-*.nbc"))
+    for file in files:
+        os.utime(file, (0.0, 0.0))
+    assert law_of(tmp_path) == (5.0, False)  # a use
+    assert law_of(tmp_path, constants="FACTOR = 4.0\n") == (10.0, True)
+    assert len([file for file in files if file.exists()]) == 1
+
+
 def test_a_line_is_printed_if_a_kernel_is_compiled_and_none_if_it_is_loaded(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, kernels: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Breaks if a slow load counts as a compilation, as it did on a busy machine, or a compilation is silent."""
-    (tmp_path / "kernel.py").write_text(KERNEL, encoding="utf-8")
     monkeypatch.setattr(progress, "_printed", set())  # the note is printed once in a process; another test may have
     printed = []
-    for _ in range(2):  # two modules of one file: the second finds on disk what the first compiled
-        spec = importlib.util.spec_from_file_location("kernel", tmp_path / "kernel.py")
-        assert spec is not None and spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
+    for _ in range(2):
         with compilation_noted(COMPILE_NOTE):
-            spec.loader.exec_module(module)
-            assert module.twice(1.5) == 3.0
-            assert module.twice(2) == 4
+            law_of(tmp_path)
         printed.append(capsys.readouterr().err)
     assert printed == [COMPILE_NOTE + "\n", ""]
 
 
-@pytest.mark.slow
 def test_compiled_kernels_of_an_earlier_installation_do_not_hide_the_package(tmp_path: Path) -> None:
     """Breaks if an editable installation comes on the path after the folder that an upgrade by pip leaves."""
     command = [sys.executable, "-c", "import plant_sim; print(plant_sim.__file__)"]
@@ -76,10 +186,12 @@ def test_compiled_kernels_of_an_earlier_installation_do_not_hide_the_package(tmp
     assert found.stdout.strip() == plant_sim.__file__
 
 
+@pytest.mark.slow
 def test_a_run_needs_no_folder_for_what_it_compiles(tmp_path: Path) -> None:
-    """Numba rejects a cache without a writable folder; the command must compile without one."""
+    """Breaks if a run without a writable folder ends, or says that later ones start at once."""
     out = tmp_path / "out"
-    done = run(["-c", PROGRAM, "run", "demo", "--engine", "--json", "--set", "duration=5", "--out", str(out)])
+    command = ["-m", "train_ato", "run", "demo", "--engine", "--json", "--set", "duration=5", "--out", str(out)]
+    done = run(command, NUMBA_CACHE_DIR="/dev/null/kernels")
     assert done.returncode == 0, done.stderr
     assert "NUMBA_CACHE_DIR" in done.stderr and "once on this machine" not in done.stderr
     assert json.loads(done.stdout)["ticks"] == 50

@@ -17,10 +17,7 @@ from train_ato.loop.result import Progress
 
 COMPILE_NOTE = "Compiling the train's kernel, once on this machine; later runs start at once."
 PLANNER_NOTE = "Compiling the planner's kernels, once on this machine; later plans start at once."
-UNKEPT_NOTE = (
-    "Compiling, as in every run: neither the folder of the package nor the cache folder is writable; set "
-    "NUMBA_CACHE_DIR to a writable folder."
-)
+UNKEPT_NOTE = "Compiling, as in every run: the cache folder is not writable; set NUMBA_CACHE_DIR to a writable folder."
 Report = Callable[[float, str], None]
 """Function of the finished fraction, 0 to 1, and a text."""
 
@@ -50,10 +47,11 @@ def activity(text: str) -> Iterator[Callable[[str], None]]:
 @contextmanager
 def compilation_noted(text: str) -> Iterator[None]:
     """Print a line, once in a process, if kernels are compiled inside the block, as on the first run on a machine."""
-    from plant_sim.compiled import on_compilation, results_are_kept
+    from plant_sim.compiled import on_compilation
+    from plant_sim.kernel_cache import kernels_are_kept
 
     def note() -> None:
-        line = text if results_are_kept() else UNKEPT_NOTE
+        line = text if kernels_are_kept() else UNKEPT_NOTE
         if line not in _printed:
             _printed.add(line)
             console().print(line, soft_wrap=True)

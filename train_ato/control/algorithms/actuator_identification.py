@@ -20,7 +20,6 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
-from train_ato.control.algorithms import predictive_plan
 from train_ato.control.algorithms.predictive_plan import newest_arrived
 
 if TYPE_CHECKING:
@@ -43,7 +42,7 @@ UNSAFE_MISFIT = 0.15
 """The same above which full gains are not safe; they are safe again below :data:`WRONG_MISFIT`."""
 
 
-@compiled(uses=(predictive_plan,))
+@compiled
 def bank_step(modelled, sums, sent, applied, delays, factors, tick, lag, keep, pairs):
     """Advance all candidates by a tick and add the measured force to the sums.
 

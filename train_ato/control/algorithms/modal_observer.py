@@ -26,7 +26,6 @@ import math
 import numpy as np
 
 from plant_sim.compiled import compiled
-from train_ato.control.algorithms import motion_filters
 from train_ato.control.algorithms.coupler_modes import CouplerModes
 from train_ato.control.algorithms.motion_filters import correct, match, mix, weigh
 from train_ato.control.algorithms.motion_observer import DISTURBANCE_PRIOR, SPEED_PRIOR, MotionObserver
@@ -42,7 +41,7 @@ MOTION = 3
 """States y_p, y_v and d, before those of the modes."""
 
 
-@compiled(uses=(motion_filters,))
+@compiled
 def modal_step(
     states, covariances, chances, noise, before, transition, driven, drift, walks, chain, weight, position, speed, mean,
     floor_ratio,

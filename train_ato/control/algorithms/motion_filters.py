@@ -10,7 +10,6 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
-from train_ato.control.algorithms import disturbance_filters
 from train_ato.control.algorithms.disturbance_filters import RAMP_TIME
 
 SPEED_FLOOR = 0.01
@@ -64,7 +63,7 @@ def mix(states, covariances, chances, chain):
                     covariances[j, a, b] += weight * (former[i, a, b] + spread)
 
 
-@compiled(uses=(disturbance_filters,))
+@compiled
 def predict_motion(state, p, drifts, period, pull, regressor):
     """Advance state and covariance of one filter by a period; arguments as in :func:`filter_step`."""
     h = period
@@ -130,7 +129,7 @@ def weigh(states, chances, exponents, roots, mean):
             mean[a] += chances[j] * states[j, a]
 
 
-@compiled(uses=(disturbance_filters,))
+@compiled
 def filter_step(
     states, covariances, chances, noise, before, drifts, chain, period, weight, position, speed, pull, regressor, mean,
     floor_ratio,

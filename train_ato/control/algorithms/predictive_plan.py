@@ -12,7 +12,6 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
-from train_ato.control.algorithms import quadratic_program
 from train_ato.control.algorithms.quadratic_program import multipliers
 
 SPEED_STEP = 0.05
@@ -219,7 +218,7 @@ def bounds(
         allowed[6 * n + j] = min(ends[3] + errors[0, j], FAR)
 
 
-@compiled(uses=(quadratic_program,))
+@compiled
 def decide(gradients, inverted, limited, dual, rows, errors, allowed, active, z):
     """Compute the decision with the smallest cost under the constraints.
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 import numpy as np
 
 from plant_sim.compiled import compiled
-from train_ato.control.algorithms import quadratic_program
 from train_ato.control.algorithms.quadratic_program import inverse, matrix_product
 from train_ato.messages.types import Array
 
@@ -24,7 +23,7 @@ CHANGE = 1e-11
 """Change of a gain in one step, over the largest one, below which the gains are final."""
 
 
-@compiled(uses=(quadratic_program,))
+@compiled
 def difference_equation(a, a_transposed, b, b_transposed, cost, weight):
     """Return the gain K, shape (inputs, states), and S, shape (states, states), of the steady state."""
     final = cost.copy()

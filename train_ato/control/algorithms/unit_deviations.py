@@ -29,7 +29,6 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.summation import plain_dot, plain_sum
-from train_ato.control.algorithms import predictive_plan
 from train_ato.control.algorithms.coupled_units import CoupledUnits
 from train_ato.control.algorithms.disturbance_lines import DisturbanceLines
 from train_ato.control.algorithms.predictive_plan import newest_arrived
@@ -53,7 +52,7 @@ POSITION_NOISE, SPEED_NOISE = 0.02, 0.005
 """Standard deviations of the measurements [m, m/s]."""
 
 
-@compiled(uses=(predictive_plan,))
+@compiled
 def commands_due(sent, actuators, tick, due):
     """Compute the command of every unit that is due in the middle of every tick of the delay [N].
 

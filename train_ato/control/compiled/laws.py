@@ -12,7 +12,6 @@ from math import copysign, sqrt
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp, libm_pow, libm_tanh
-from train_ato.control.compiled import entries as entries_code
 from train_ato.control.compiled.entries import (
     APPLIED,
     DISTURBANCE,
@@ -59,7 +58,7 @@ FUNNEL_CONSTANTS = 37
 ) = range(13)  # fmt: skip
 
 
-@compiled(uses=(entries_code,))
+@compiled
 def pid_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.pid.Pid` [N]."""
     n, limit, decay = inputs.shape[1], constant[INTEGRAL_LIMIT], constant[FILTER_DECAY]
@@ -203,7 +202,7 @@ def _widen(constant, state, inputs, wanted, error):
     state[H_PHI1] = clamped(state[H_PHI1] + h * slope, constant[F_BETA1] / constant[F_A1], most)
 
 
-@compiled(uses=(entries_code,))
+@compiled
 def funnel_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.funnel.Funnel` [N]."""
     n = inputs.shape[1]

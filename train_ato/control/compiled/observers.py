@@ -12,8 +12,6 @@ from math import sqrt
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_pow
-from train_ato.control.compiled import entries as entries_code
-from train_ato.control.compiled import sliding as sliding_code
 from train_ato.control.compiled.entries import (
     APPLIED,
     COUPLERS,
@@ -134,7 +132,7 @@ def _cascade(observer, constant, own, x, v, acceleration):
     return own[C_D2] + constant[C_UNMATCHED] * own[C_D1_RATE]
 
 
-@compiled(uses=(entries_code, sliding_code))
+@compiled
 def estimate(observer, constant, state, inputs, now, found):
     """Compute the estimate of an observer by its number [N], shape (units,), from measured values.
 

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from plant_sim.compiled import compiled
-from train_ato.control.compiled import entries as entries_code
 from train_ato.control.compiled.entries import (
     APPLIED,
     DISTURBANCE,
@@ -33,7 +32,7 @@ def _along_profile(constant, table, t):
     return between_entries(table, (t - constant[P_BEGIN]) / constant[P_SPACING])
 
 
-@compiled(uses=(entries_code,))
+@compiled
 def predict(t, constant, rows, table, history, line_force, shoes, inputs):
     """Replace measured position, speed and force of the units by those at the effect of the command.
 

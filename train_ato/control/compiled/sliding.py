@@ -8,7 +8,6 @@ from math import copysign
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp, libm_pow, libm_tanh
-from train_ato.control.compiled import entries as entries_code
 from train_ato.control.compiled.entries import (
     ACCELERATION_AT_EFFECT,
     APPLIED,
@@ -100,7 +99,7 @@ def _learnt(constant, network, held, error, rate, surface):
     return found - filtered
 
 
-@compiled(uses=(entries_code,))
+@compiled
 def smc_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.smc.Smc` or of its form with a network [N]."""
     n, limit = inputs.shape[1], constant[S_INTEGRAL_LIMIT]
@@ -141,7 +140,7 @@ def _alternating(constant, error):
     return gain * (error + _power(error, constant[T_SMALL])), slope
 
 
-@compiled(uses=(entries_code,))
+@compiled
 def fixed_time_smc_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.fixed_time_smc.FixedTimeSmc` with measured states [N]."""
     for unit in range(inputs.shape[1]):
@@ -173,7 +172,7 @@ def _actuator_jerk(constant, now, error, rate, net):
     return pull - switching - constant[L_KI] * surface
 
 
-@compiled(uses=(entries_code,))
+@compiled
 def lag_smc_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.lag_smc.LagSmc` [N]."""
     n, lag = inputs.shape[1], constant[L_LAG]

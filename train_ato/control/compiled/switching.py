@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp, libm_tanh
-from train_ato.control.compiled import entries as entries_code
 from train_ato.control.compiled.entries import (
     DISTURBANCE,
     FEEDFORWARD,
@@ -112,7 +111,7 @@ def _switching(constant, own, hidden, held, surface, command, acceleration):
     return _output(weights, hidden)
 
 
-@compiled(uses=(entries_code,))
+@compiled
 def rbf_switching_smc_step(constant, state, inputs, now, force):
     """Compute the demand of :class:`train_ato.control.laws.rbf_switching_smc.RbfSwitchingSmc` [N]."""
     hidden = constant[R_CENTRES:R_MASS].copy()

@@ -6,18 +6,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from plant_sim import compiled as compilation
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
-from train_ato.control.compiled import brake_policies as policies_code
 from train_ato.control.compiled import entries as c
-from train_ato.control.compiled import laws as laws_code
-from train_ato.control.compiled import observers as observers_code
-from train_ato.control.compiled import prediction as prediction_code
-from train_ato.control.compiled import sliding as sliding_code
-from train_ato.control.compiled import switching as switching_code
-from train_ato.loop.spans import control_kernel as control_code
-from train_ato.loop.spans import limits_kernel as limits_code
 from train_ato.loop.spans import supervision_kernel as supervision_code
 from train_ato.loop.spans.control_kernel import changes_brake, law_step, observe, set_inputs
 
@@ -33,7 +24,7 @@ MAX_POSITION, MAX_SPEED, MAX_FORCE, STANDSTILL_SPEED, NEXT_PLACE, NEXT_TIME, NEX
 FIRST_TICK, EVERY, AT_LIMIT, REPORTS = range(4)
 
 
-@compiled(uses=(k, compilation))
+@compiled
 def _measure(tick, arrays, noise, sensor, units, sensors, gaps, measured, couplers):
     """Write the measurement of a tick."""
     state, unit = arrays
@@ -119,12 +110,7 @@ def _arrived(newest, due, value, bounds, held, window):
             bounds[0, u] += 1
 
 
-@compiled(
-    uses=(
-        k, c, laws_code, sliding_code, switching_code, observers_code, prediction_code, policies_code, compilation,
-        control_code, limits_code, supervision_code,
-    )
-)  # fmt: skip
+@compiled
 def run_span(
     stamp, tick_ns, dt, train, event, events, forces, vehicles, setting, noise, sensor, units, sensors, gaps,
     law, observing, predicting, braking, inputs, reference, feedforward, shoes, own, tables, limits, segments,
