@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from recordings import recording_of, with_final
+from recordings import recording_of, with_final, with_series
 
 from train_ato.cli import main
 from train_ato.loop.metrics import mean_jerk_1s, summarise
@@ -15,6 +15,7 @@ from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.loop.stops import planned_stops, stops_of_run
 from train_ato.loop.verdict import CRITERIA, judge_run, verdict_line
+from train_ato.loop.worst_values import worst_places
 from train_ato.scenario.criteria import Criteria
 from train_ato.scenario.scenario import load_scenario, shipped_scenarios
 
@@ -88,10 +89,18 @@ def test_the_line_has_stop_overspeed_couplers_and_every_failed_criterion() -> No
     """Breaks if the first line of a report leaves out an answer."""
     judged = judge_run(Criteria(stop_window=0.5, coupler_draft=450e3, coupler_buff=450e3, jerk=0.1), METRICS)
     assert verdict_line({**METRICS, **judged}) == (
-        "failed (2 of 4 criteria): stopped 0.23 m short of the target; overspeed 0.4 km/h; "
+        "failed (2 of 4 criteria): coupler draft 500 kN (limit 450); jerk over 1 s 0.2 m/s³ (limit 0.1); "
+        "stopped 0.23 m short of the target; overspeed 0.4 km/h; "
         "couplers -400 ... +500 kN (limits -450 ... +450 kN); speed error 0.1 km/h rms; "
-        "1 brake intervention; "
-        "coupler draft 500 kN (limit 450); jerk over 1 s 0.2 m/s³ (limit 0.1)"
+        "1 brake intervention"
+    )
+    limits = Criteria(stop_window=0.2, overspeed=0.1 / 3.6, jerk=0.3)
+    places = {"stop_error_max_m": {"at_s": 768.0, "km": 3.69977}, "overspeed_max_kmh": {"at_s": 12.34, "km": 0.1}}
+    judged = judge_run(limits, METRICS, places=places)
+    assert [row["passed"] for row in judged["criteria"]] == [False, False, True]
+    assert verdict_line({**METRICS, **judged}).startswith(
+        "failed (2 of 3 criteria): stopped 0.23 m short of the target (limit 0.2) at 768.0 s, km 3.700; "
+        "overspeed 0.4 km/h (limit 0.1) at 12.3 s, km 0.100; couplers "
     )
     assert verdict_line({}) == ""
     cut = {"speed_rmse_kmh": 0.1, "speed_rmse_run_kmh": 0.25}
@@ -119,6 +128,69 @@ def test_every_stop_has_its_error_and_its_delay() -> None:
     planned = planned_stops(profile)[-1].arrival - float(profile.time[profile.velocity > 0.01][0])
     assert figures["running_time_s"] == pytest.approx(planned, abs=2 * setup.tick)
     assert figures["arrival_delay_max_s"] == pytest.approx(3.0, abs=setup.tick)
+
+
+def worst_of(limits: str, **series: Any) -> dict[str, tuple[float | None, float | None]]:
+    """Return time and place of every criterion of a metro run of 20 s, in 0.1 s, at 10 m/s from km 0 on."""
+    setup = prepare(*load_scenario("demo", (f"criteria={limits}", "duration=20", "supervision.enabled=false")))
+    time = 0.1 * np.arange(200)
+    units, even = setup.layout.n_units, np.full(200, 10.0)
+    given: dict[str, Any] = {
+        "front_position": 10.0 * time - setup.consist.vehicles[0].length / 2, "front_velocity": even,
+        "velocity": np.repeat(even[:, None], units, axis=1), "reference_position": np.zeros(200),
+        "position": np.zeros((200, units)) - setup.model.offsets, "reference_velocity": even,
+        "coupler_draft_max": np.zeros(200), "coupler_buff_max": np.zeros(200), "applied": np.zeros((200, units)),
+        "command": np.zeros((200, units)), "estimate": np.zeros((200, units)), "disturbance": np.zeros((200, units)),
+        "reference_acceleration": np.zeros(200),
+    }  # fmt: skip
+    run = with_final(recording_of(time, **{**given, **series}), 0.0, 10.0)
+    metrics = summarise(setup, run)
+    rows = judge_run(setup.scenario.criteria, metrics, places=worst_places(setup, run, metrics))["criteria"]
+    found = {row["criterion"]: (row["at_s"], row["km"]) for row in rows}
+    return {key: place for key, place in found.items() if place != (None, None)}
+
+
+def pulse(tick: int, height: float) -> np.ndarray:
+    """Return 10 m/s with a pulse of one tick."""
+    return 10.0 + height * (np.arange(200) == tick)
+
+
+@pytest.mark.parametrize(
+    ("limits", "series", "at_s", "km"),
+    [
+        ("{overspeed: 1}", {"front_velocity": pulse(70, 90.0)}, 7.0, 0.07),
+        ("{speed_error_rms: 1}", {"velocity": pulse(80, -2.0)[:, None]}, 8.0, 0.08),
+        ("{speed_error: 1}", {"velocity": pulse(190, -2.0)[:, None]}, 19.0, 0.19),
+        ("{position_error: 1}", {"reference_position": pulse(60, -90.0) - 10.0}, 6.0, 0.06),
+        ("{coupler_draft: 1}", {"coupler_draft_max": pulse(33, 2e4)}, 3.3, 0.033),
+        ("{coupler_buff: 1}", {"coupler_buff_max": -pulse(44, 2e4)}, 4.4, 0.044),
+        ("{acceleration: 1}", {"front_velocity": 10.0 - 3.0 * (np.arange(200) >= 51)}, 5.05, 0.0505),
+        ("{jerk: 0.1}", {"front_velocity": 10.0 + np.maximum(0.0, 0.1 * (np.arange(200) - 90))}, 9.0, 0.09),
+    ],
+)
+def test_a_criterion_has_time_and_place_of_its_worst_value(
+    limits: str, series: dict[str, Any], at_s: float, km: float
+) -> None:
+    """Breaks if the place is that of the largest instead of the worst value, of the centre, or of another tick."""
+    ((_, place),) = worst_of(limits, **series).items()
+    assert place == pytest.approx((at_s, km))
+
+
+def test_a_criterion_without_a_worst_value_has_no_place() -> None:
+    """Breaks if an overspeed or a coupler force of 0 is said to be at the start."""
+    assert worst_of("{overspeed: 1, coupler_draft: 1, coupler_buff: 1, jerk: 1, speed_error: 1}") == {}
+
+
+def test_the_worst_stop_has_its_arrival_and_a_missed_one_its_plan() -> None:
+    """Breaks if the place of a stop criterion is that of the last stop, or of the end of the run."""
+    setup = two_stops("criteria={stop_window: 0.1, arrival_delay: 1}")
+    run = on_profile(setup, late=3.0, beyond=0.4)
+    first = stops_of_run(setup, run)[0]
+    assert worst_places(setup, run, summarise(setup, run))["stop_error_max_m"] == {
+        "at_s": first.arrival, "km": pytest.approx((first.front + 0.4) / 1e3, abs=1e-5)
+    }  # fmt: skip
+    moving = with_series(run, front_velocity=np.maximum(run.front_velocity, 0.5))
+    assert worst_places(setup, moving, summarise(setup, moving))["arrival_delay_max_s"]["at_s"] == first.planned
 
 
 def test_errors_of_the_run_include_the_braking_behind_the_evaluation() -> None:

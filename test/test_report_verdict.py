@@ -17,6 +17,7 @@ from train_ato.apps.report.verdict_rows import best_text, criterion_cells, types
 from train_ato.apps.report.writing import write_comparison_page
 from train_ato.apps.runs.ranking import best_value, difference_from_best, rank_of
 from train_ato.cli import main
+from train_ato.cli.info import print_summary
 from train_ato.log.recorded import open_recording
 
 DARK = "getComputedStyle(document.body).backgroundColor"
@@ -71,6 +72,22 @@ def test_a_train_that_runs_backwards_has_an_axis_below_zero(tmp_path: Path) -> N
     back = drive(tmp_path, "back", "freight_consensus", "--set=duration=22")
     sections, _ = run_sections(page_data(open_recording(back)))
     assert sections[0].placed[0].figure.y_range.start != 0.0
+
+
+def test_failed_criteria_are_first_with_time_and_place(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a failed criterion is behind a passed one, or the page or ``info`` has no place of its worst value."""
+    kept = {"criterion": "stop_window", "metric": "stop_error_max_m", "value": 0.1, "limit": 0.5, "passed": True}
+    broken = {"criterion": "jerk", "metric": "jerk_1s_max", "value": 0.2, "limit": 0.1, "passed": False}
+    places = {"at_s": 1234.56, "km": 123.4567}
+    page = judged("one", 0.1, "failed", criteria=[kept, {**broken, **places}])
+    first, second = criterion_cells([page, judged("other", 0.2)])[:2]
+    assert first.words == "jerk over 1 s" and first.cells[0] == ("0.2 m/s³", "failed", " at 1234.6 s, km 123.457")
+    assert second.cells[0] == ("0.1 m", "passed", "")
+    print_summary({**page.summary, "stops": []}, "one")
+    printed = capsys.readouterr().out
+    assert "jerk over 1 s 0.2 m/s³ (limit 0.1) at 1234.6 s, km 123.457; no stop was due" in printed
+    (line,) = [line for line in printed.splitlines() if line.startswith("jerk_1s_max")]
+    assert line.split() == ["jerk_1s_max", "0.2", "0.1", "1234.6", "123.457", "failed"]
 
 
 def test_the_best_run_passes_and_then_has_the_smallest_error() -> None:

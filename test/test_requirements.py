@@ -136,9 +136,27 @@ def test_the_row_has_value_time_unit_and_the_sign_decides() -> None:
     setup = setup_of("duration=1", f"criteria.requirements={formulas}")
     slow, moves = requirement_rows(setup, made_up(np.array([0, 1, 4, 2, 1, 0, 1, 1.5, 0, 0])))
     assert (slow["criterion"], slow["value"], slow["at_s"], slow["unit"]) == ("slow", -1.0, pytest.approx(0.2), "m/s")
-    assert (slow["passed"], moves["passed"], moves["value"], moves["at_s"]) == (False, False, -0.5, None)
+    assert (slow["passed"], moves["passed"], moves["value"], moves["at_s"]) == (False, False, -0.5, pytest.approx(0.7))
     exact = evaluate_formula(parse_formula("G speed <= 4 m/s"), setup, made_up(np.array([0, 1, 4.0] + 7 * [0.0])))
     assert exact.passed is True, "robustness 0 is no violation"
+
+
+@pytest.mark.parametrize(
+    ("formula", "at_s"),
+    [
+        ("G speed <= 3 m/s and G speed >= 1 m/s", 0.2),
+        ("F speed >= 9 m/s or G[0.4,end] speed <= 2 m/s", 0.2),
+        ("not F speed >= 3 m/s", 0.2),
+        ("F[0,0.1] speed >= -2 m/s -> G[0.4,end] speed >= 3 m/s", 0.9),
+        ("speed >= 1 m/s and F speed >= 1 m/s", 0.0),
+        ("speed >= 0 U speed >= 4 m/s", None),
+    ],
+)
+def test_a_compound_formula_has_the_time_of_its_decisive_part(formula: str, at_s: float | None) -> None:
+    """Breaks if the time is that of the part with the larger margin, or of the wrong end of a window."""
+    speed = np.array([0, 1, 9, 2, 4, 4, 4, 4, 4, 2.0])
+    found = evaluate_formula(parse_formula(formula), setup_of("duration=1"), made_up(speed))
+    assert found.at_s == (None if at_s is None else pytest.approx(at_s))
 
 
 def test_an_ended_run_is_judged_by_its_bounds_only() -> None:

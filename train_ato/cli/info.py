@@ -98,8 +98,8 @@ def print_summary(summary: dict[str, Any], title: str) -> None:
     ends = {True: "passed", False: "failed", None: "not evaluated"}
     for key, title_ in (("criteria", "criteria of the scenario"), ("requirements", "requirements of this command")):
         if rows := summary.get(key):
-            cells = [(_criterion(row), row["value"], row["limit"], ends[row["passed"]]) for row in rows]
-            print_table(("criterion", "value", "limit", ""), cells, title_)
+            cells = [(_criterion(row), row["value"], row["limit"], *_place(row), ends[row["passed"]]) for row in rows]
+            print_table(("criterion", "value", "limit", "at s", "km", ""), cells, title_)
     if findings := summary.get("tracking_findings"):
         keys = ("outcome", "value", "limit", "unit", "text")
         print_table(keys, ([row[key] for key in keys] for row in findings), "deviations from the reference")
@@ -171,6 +171,12 @@ def _criterion(row: dict[str, Any]) -> str:
         return str(row["metric"])
     name = "" if row["criterion"] == row["formula"] else f"{row['criterion']}: "
     return f"{name}{row['formula']}{' in ' if row['unit'] else ''}{row['unit']}"
+
+
+def _place(row: dict[str, Any]) -> tuple[str | None, str | None]:
+    """Return time [s] and place [km] of the worst value of a criterion as texts."""
+    at_s, km = row.get("at_s"), row.get("km")
+    return None if at_s is None else f"{at_s:.1f}", None if km is None else f"{km:.3f}"
 
 
 def _as_json(found: Overview) -> dict[str, Any]:

@@ -38,13 +38,9 @@ def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
     the mean over units for rms and the maximum over units for maxima.
     """
     part = evaluated_ticks(setup, recording)
-    whole_error = recording.velocity[part.start :] - recording.reference_velocity[part.start :, None]
+    whole_error = speed_errors(recording, slice(part.start, None))
     velocity_error = whole_error[: part.stop - part.start]
-    position_error = (
-        recording.position[part] + setup.model.offsets - recording.reference_position[part, None]
-        if setup.layout.n_units
-        else np.zeros((0, 1))
-    )
+    position_error = position_errors(setup, recording, part)
     totals = recording.totals
     at_limit = time_at_force_limit(setup, recording)
     duration = recording.time.size * setup.tick
@@ -109,6 +105,18 @@ def evaluated_ticks(setup: RunSetup, recording: Recording) -> slice:
     return slice(min(first, last), last)
 
 
+def speed_errors(recording: Recording, rows: slice) -> Array:
+    """Return speed minus reference of every unit at ticks of a run [m/s], shape (k, u)."""
+    return recording.velocity[rows] - recording.reference_velocity[rows, None]
+
+
+def position_errors(setup: RunSetup, recording: Recording, rows: slice) -> Array:
+    """Return position minus reference of every unit at ticks of a run [m], shape (k, u); (0, 1) without units."""
+    if not setup.layout.n_units:
+        return np.zeros((0, 1))
+    return recording.position[rows] + setup.model.offsets - recording.reference_position[rows, None]
+
+
 def _rms(errors: Array) -> float:
     """Return the mean of the root mean squares of the columns."""
     if errors.size == 0:
@@ -155,11 +163,25 @@ def stop_error(setup: RunSetup, recording: Recording) -> float | None:
 
 def overspeed(setup: RunSetup, recording: Recording) -> float:
     """Return the maximum speed above the limit for the whole train [m/s], 0 if the limit was never exceeded."""
+    return float(excess_speed(setup, recording).max(initial=0.0))
+
+
+def excess_speed(setup: RunSetup, recording: Recording) -> Array:
+    """Return speed minus limit for the whole train at every tick [m/s], shape (k,); (0,) on a line without limits."""
     if not setup.line.speed_limits:
-        return 0.0
-    front = recording.front_position + setup.consist.vehicles[0].length / 2
-    limit = limit_over_train(setup.line, front, setup.consist.length)
-    return float(np.maximum(0.0, recording.front_velocity - limit).max())
+        return np.zeros(0)
+    limit = limit_over_train(setup.line, front_of_train(setup, recording), setup.consist.length)
+    return np.asarray(recording.front_velocity - limit)
+
+
+def front_of_train(setup: RunSetup, recording: Recording) -> Array:
+    """Return the position of the front of vehicle 0 at every tick [m], shape (k,)."""
+    return recording.front_position + setup.consist.vehicles[0].length / 2
+
+
+def km_of_front(setup: RunSetup, recording: Recording, at_s: float) -> float:
+    """Return the position of the front of vehicle 0 at a time [s] in km."""
+    return float(np.interp(at_s, recording.time, front_of_train(setup, recording))) / 1e3
 
 
 def limit_over_train(line: Line, front: Array, length: float) -> Array:

@@ -7,15 +7,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
+from train_ato.loop.metrics import km_of_front
 from train_ato.loop.recording import Recording
 from train_ato.loop.robustness import robustness_at_start, robustness_bounds, robustness_series
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.signal_check import unavailable_signal
 from train_ato.loop.signal_series import signal_series
 from train_ato.scenario.dimension import unit_text
-from train_ato.scenario.formula import Formula, Temporal, robustness_dimension, signals_of
+from train_ato.scenario.formula import (
+    Connective,
+    Formula,
+    Negation,
+    Predicate,
+    Temporal,
+    robustness_dimension,
+    signals_of,
+)
 from train_ato.scenario.formula_parser import parse_formula
 
 ROBUSTNESS = "robustness"
@@ -33,7 +40,8 @@ class Robustness:
     unit
         SI unit; "" for comparisons of different quantities.
     at_s
-        Time of the smallest margin of a formula that begins with ``G`` [s]; None for others.
+        Time of the decisive margin [s]: the smallest one of ``G``, the largest one of ``F``, of a
+        connective that of the decisive part; None for others.
     """
 
     lower: float
@@ -65,32 +73,44 @@ def evaluate_formula(formula: Formula, setup: RunSetup, recording: Recording) ->
     remaining = max(0, setup.ticks - recording.time.size)
     dimension = robustness_dimension(formula)
     unit = "" if dimension is None else unit_text(dimension)
-    at_s = _worst_time(formula, signals, setup.tick)
+    at_s = _decisive_time(formula, signals, setup.tick)
     if remaining:
         return Robustness(*robustness_bounds(formula, signals, setup.tick, remaining), unit, at_s)
     value = robustness_at_start(formula, signals, setup.tick)
     return Robustness(value, value, unit, at_s)
 
 
-def _worst_time(formula: Formula, signals: Mapping[str, Any], tick: float) -> float | None:
-    if not isinstance(formula, Temporal) or formula.operator != "G":
+def _decisive_time(formula: Formula, signals: Mapping[str, Any], tick: float) -> float | None:
+    """Return the time of the margin that is the robustness at the start of a run [s], or None."""
+    if isinstance(formula, Predicate):
+        return 0.0
+    if isinstance(formula, Negation):
+        return _decisive_time(formula.operand, signals, tick)
+    if isinstance(formula, Connective):
+        parts = (Negation(formula.left) if formula.operator == "->" else formula.left, formula.right)
+        choose = min if formula.operator == "and" else max
+        return _decisive_time(choose(parts, key=lambda part: robustness_at_start(part, signals, tick)), signals, tick)
+    if not isinstance(formula, Temporal) or formula.operator not in ("G", "F"):
         return None
     begin = math.ceil(formula.window.begin / tick - 1e-6)
     margins = robustness_series(formula.operand, signals, tick)
     end = margins.size if math.isinf(formula.window.end) else math.floor(formula.window.end / tick + 1e-6) + 1
-    return float((begin + int(np.argmin(margins[begin:end]))) * tick) if margins[begin:end].size else None
+    within = margins[begin:end]
+    if not within.size:
+        return None
+    return float((begin + int(within.argmin() if formula.operator == "G" else within.argmax())) * tick)
 
 
 def requirement_rows(setup: RunSetup, recording: Recording) -> list[dict[str, Any]]:
     """Return the rows of ``criteria`` in ``summary.json`` for the requirements of the scenario.
 
     A row has the name, ``metric``: ``robustness``, value [SI] (None if it is not known), limit 0, ``passed``, the
-    formula, the unit and the time of the smallest margin.
+    formula, the unit, and time and place of the decisive margin.
     """
     rows = []
     for name, text in (setup.scenario.criteria.requirements or {}).items():
         found = evaluate_formula(parse_formula(text), setup, recording)
-        rows.append(requirement_row(name, text, found))
+        rows.append(requirement_row(name, text, found, setup, recording))
     return rows
 
 
@@ -112,11 +132,13 @@ def recorded_rows(recording: Recording, formulas: Sequence[str], where: str) -> 
         formula = parse_formula(text)
         if reason := unavailable_signal(signals_of(formula), setup.layout, setup.line):
             raise ValueError(f"{where} '{text}': {reason}")
-        rows.append(requirement_row(text, text, evaluate_formula(formula, setup, recording)))
+        rows.append(requirement_row(text, text, evaluate_formula(formula, setup, recording), setup, recording))
     return rows
 
 
-def requirement_row(name: str, text: str, found: Robustness) -> dict[str, Any]:
+def requirement_row(
+    name: str, text: str, found: Robustness, setup: RunSetup, recording: Recording
+) -> dict[str, Any]:  # fmt: skip
     """Return the row of a requirement for ``summary.json``."""
     value = found.value if found.value is not None else found.upper if found.passed is False else None
     return {
@@ -128,4 +150,5 @@ def requirement_row(name: str, text: str, found: Robustness) -> dict[str, Any]:
         "formula": text,
         "unit": found.unit,
         "at_s": found.at_s,
+        "km": None if found.at_s is None else km_of_front(setup, recording, found.at_s),
     }

@@ -13,6 +13,7 @@ from train_ato.loop.setup import RunSetup
 from train_ato.loop.step_times import StepTimes
 from train_ato.loop.tracking import tracking_summary
 from train_ato.loop.verdict import judge_run
+from train_ato.loop.worst_values import worst_places
 from train_ato.messages.types import AtoState
 from train_ato.scenario.changes import RunChanges
 from train_ato.version import VERSION
@@ -105,8 +106,14 @@ class RunResult:
             summary["failure"] = failure
         if complete:
             summary |= tracking_summary(setup, recording)
-            summary |= judge_run(setup.scenario.criteria, summary, requirement_rows(setup, recording))
+            summary |= _judged(setup, recording, summary)
         return cls(recording if complete else None, summary, interrupted, failure, published or {}, changes)
+
+
+def _judged(setup: RunSetup, recording: Recording, metrics: dict[str, Any]) -> dict[str, Any]:
+    """Return verdict and criteria of a run with at least one complete tick."""
+    rows = requirement_rows(setup, recording)
+    return judge_run(setup.scenario.criteria, metrics, rows, worst_places(setup, recording, metrics))
 
 
 def _failure_of_ato(recording: Recording) -> str | None:
@@ -129,7 +136,7 @@ def completed_summary(recording: Recording) -> dict[str, Any]:
         protection = protection_summary(recording.changed_reports) if setup.layout.supervised else {}
         summary = {**identity(setup, recording.time.size), **summarise(setup, recording), **protection, **summary}
         summary = {**tracking_summary(setup, recording), **summary}
-        summary |= judge_run(setup.scenario.criteria, summary, requirement_rows(setup, recording))
+        summary |= _judged(setup, recording, summary)
     several = setup.layout.n_vehicles > 1
     return {key: value for key, value in summary.items() if several or key not in OF_COUPLERS}
 

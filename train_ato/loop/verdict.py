@@ -11,7 +11,8 @@ if TYPE_CHECKING:
 
 Metrics = Mapping[str, Any]
 CriterionRow = dict[str, Any]
-"""Row of ``criteria`` in ``summary.json``: criterion, metric, value, limit, passed; of a requirement also formula."""
+"""Row of ``criteria`` in ``summary.json``: criterion, metric, value, limit, passed, and time ``at_s`` and place ``km``
+of the front at the worst value; of a requirement also formula and unit."""
 
 
 @dataclass(frozen=True)
@@ -53,12 +54,20 @@ CRITERIA: tuple[Criterion, ...] = (
 """All criteria, in the order of the verdict."""
 AT_STOPS = ("stop_error_max_m", "arrival_delay_max_s")
 """Metrics of the stops: without a value although a stop was due, the train did not stop."""
+OVERSPEED = "overspeed_max_kmh"
 ONE_SIDED = ("arrival_delay_max_s",)
 """Metrics whose sign counts: an early arrival is no delay."""
+NOWHERE: dict[str, float | None] = {"at_s": None, "km": None}
+"""Place of a value that is 0 or not known."""
 COUPLER_LIMITS = {"coupler_buff_max_kn": "-", "coupler_draft_max_kn": "+"}
 
 
-def judge_run(criteria: Criteria, metrics: Metrics, requirements: Sequence[CriterionRow] = ()) -> dict[str, Any]:
+def judge_run(
+    criteria: Criteria,
+    metrics: Metrics,
+    requirements: Sequence[CriterionRow] = (),
+    places: Mapping[str, Mapping[str, float]] | None = None,
+) -> dict[str, Any]:
     """Return ``verdict`` and ``criteria`` of ``summary.json``; {} for a scenario without criteria.
 
     Parameters
@@ -69,17 +78,23 @@ def judge_run(criteria: Criteria, metrics: Metrics, requirements: Sequence[Crite
         Metrics of the run by the keys of ``summary.json``, and ``status`` of a run that did not end regularly.
     requirements
         Rows of the requirements (:func:`train_ato.loop.requirements.requirement_rows`).
+    places
+        ``at_s`` and ``km`` of the worst value by metric (:func:`train_ato.loop.worst_values.worst_places`).
 
     Returns
     -------
     dict
         ``verdict``: ``passed``, ``failed``, or ``incomplete`` for a run that ended before a criterion could be
-        evaluated. ``criteria``: one row for each criterion; ``passed`` is None if it was not evaluated.
+        evaluated. ``criteria``: one row for each criterion, failed ones first; ``passed`` is None if it was not
+        evaluated, ``at_s`` and ``km`` are None without a worst value.
     """
     rows = [row for criterion in CRITERIA if (row := _judged(criterion, criteria, metrics)) is not None]
+    for row in rows:
+        row.update({**NOWHERE, **(places or {}).get(row["metric"], {})})
     rows += requirements
     if not rows:
         return {}
+    rows.sort(key=lambda row: row["passed"] is not False)
     ends = {row["passed"] for row in rows}
     status = metrics.get("status", "done")
     if False in ends or status == "failed":
@@ -122,7 +137,7 @@ def unmet_requirements(summary: Metrics) -> str:
         Content of ``summary.json``.
     """
     parts = [] if is_tracked(summary) else [tracking_text(summary)]
-    parts += [_failure_text(row) for row in summary.get("criteria") or [] if row["passed"] is False]
+    parts += [_failure_text(row, summary) for row in summary.get("criteria") or [] if row["passed"] is False]
     return "; ".join(parts)
 
 
@@ -138,23 +153,15 @@ def verdict_line(summary: Metrics) -> str:
     """
     rows = summary.get("criteria") or []
     failed = [row for row in rows if row["passed"] is False]
-    stop, overspeed = _stop_text(summary), _overspeed_text(summary)
-    stop = stop and f"{stop}{_failed_limit(failed, AT_STOPS[0], 'm')}"
-    overspeed = overspeed and f"{overspeed}{_failed_limit(failed, 'overspeed_max_kmh', 'km/h')}"
+    stated = {row["metric"] for row in failed}
+    stop = "" if AT_STOPS[0] in stated else _stop_text(summary)
+    overspeed = "" if OVERSPEED in stated else _overspeed_text(summary)
     facts = [text for text in (stop, overspeed, _coupler_text(summary), _error_text(summary)) if text]
-    if not facts:
+    if not facts and not failed:
         return ""
-    facts += _protection_texts(summary)
-    head = _head(summary, len(rows), failed)
-    more = [_failure_text(row) for row in failed if row["metric"] not in (*AT_STOPS[:1], "overspeed_max_kmh")]
+    parts = [*(_failure_text(row, summary) for row in failed), *facts, *_protection_texts(summary)]
     outcome = "" if is_tracked(summary) else f"{tracking_text(summary)}; "
-    return f"{outcome}{head}: {'; '.join([*facts, *more])}"
-
-
-def _failed_limit(failed: list[CriterionRow], metric: str, unit: str) -> str:
-    """Return the limit of a metric in brackets if its criterion failed, otherwise ""."""
-    limits = [row["limit"] for row in failed if row["metric"] == metric]
-    return f" (limit {three_digits(limits[0])} {unit})" if limits else ""
+    return f"{outcome}{_head(summary, len(rows), failed)}: {'; '.join(parts)}"
 
 
 def _error_text(summary: Metrics) -> str:
@@ -211,8 +218,11 @@ def _protection_texts(summary: Metrics) -> list[str]:
 
 
 def _overspeed_text(summary: Metrics) -> str:
-    value = summary.get("overspeed_max_kmh")
-    return "" if value is None else f"overspeed {three_digits(value)} km/h"
+    value = summary.get(OVERSPEED)
+    if value is None:
+        return ""
+    rows = [row for row in summary.get("criteria") or [] if row["metric"] == OVERSPEED]
+    return f"overspeed {three_digits(value)} km/h{place_text(rows[0]) if rows else ''}"
 
 
 def _coupler_text(summary: Metrics) -> str:
@@ -225,21 +235,30 @@ def _coupler_text(summary: Metrics) -> str:
     return f"couplers {buff:.0f} ... +{draft:.0f} kN{within}"
 
 
-def _failure_text(row: CriterionRow) -> str:
+def _failure_text(row: CriterionRow, summary: Metrics) -> str:
     if "formula" in row:
         return requirement_text(row)
     criterion = next(entry for entry in CRITERIA if entry.key == row["criterion"])
-    value = "none" if row["value"] is None else three_digits(row["value"])
     unit = f" {criterion.unit}" if criterion.unit else ""
-    return f"{criterion.words} {value}{unit} (limit {three_digits(row['limit'])})"
+    if criterion.metric == AT_STOPS[0] and (stop := _stop_text(summary)):
+        return f"{stop} (limit {three_digits(row['limit'])}){place_text(row)}"
+    value = "none" if row["value"] is None else f"{three_digits(row['value'])}{unit}"
+    return f"{criterion.words} {value} (limit {three_digits(row['limit'])}){place_text(row)}"
 
 
 def requirement_text(row: CriterionRow) -> str:
-    """Return name, robustness and time of the smallest margin of a requirement as text."""
-    value, at_s = row["value"], row.get("at_s")
+    """Return name, robustness, time and place of the smallest margin of a requirement as text."""
+    value = row["value"]
     unit = f" {row['unit']}" if row.get("unit") else ""
-    known = "not evaluated" if value is None else f"robustness {three_digits(value)}{unit}"
-    return f"{row['criterion']}: {known}{'' if value is None or at_s is None else f' at {at_s:.1f} s'}"
+    known = "not evaluated" if value is None else f"robustness {three_digits(value)}{unit}{place_text(row)}"
+    return f"{row['criterion']}: {known}"
+
+
+def place_text(row: CriterionRow) -> str:
+    """Return time and place of the worst value of a criterion as text, "" without them."""
+    parts = [] if row.get("at_s") is None else [f"at {row['at_s']:.1f} s"]
+    parts += [] if row.get("km") is None else [f"km {row['km']:.3f}"]
+    return f" {', '.join(parts)}" if parts else ""
 
 
 def three_digits(value: float) -> str:

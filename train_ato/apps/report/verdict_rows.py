@@ -9,7 +9,7 @@ from typing import Any
 
 from train_ato.apps.report.page_data import PageData
 from train_ato.apps.runs.ranking import rank_of
-from train_ato.loop.verdict import CRITERIA, is_tracked, three_digits, tracking_text, verdict_line
+from train_ato.loop.verdict import CRITERIA, is_tracked, place_text, three_digits, tracking_text, verdict_line
 
 STATES = {True: "passed", False: "failed", None: "incomplete"}
 
@@ -28,11 +28,16 @@ class VerdictText:
 
 @dataclass(frozen=True)
 class CriterionCells:
-    """One criterion: name, limit with unit, and value with state for every run."""
+    """One criterion: name, limit with unit, and value, state, time and place of the worst value for every run."""
 
     words: str
     limit: str
-    cells: list[tuple[str, str]]
+    cells: list[tuple[str, str, str]]
+
+    @property
+    def failed(self) -> bool:
+        """True if a run fails the criterion."""
+        return any(state == STATES[False] for _, state, _ in self.cells)
 
 
 def verdict_texts(pages: Sequence[PageData]) -> list[VerdictText]:
@@ -64,7 +69,7 @@ def best_text(pages: Sequence[PageData]) -> str:
 
 
 def criterion_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
-    """Return the criteria that any run has, in their common order; runs without one have a dash."""
+    """Return the criteria that any run has, failed ones first; runs without one have a dash."""
     found = []
     for criterion in CRITERIA:
         rows = [_row(data.summary, criterion.key) for data in pages]
@@ -73,9 +78,14 @@ def criterion_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
             continue
         unit = f" {criterion.unit}" if criterion.unit else ""
         limit = " / ".join(three_digits(value) for value in sorted(limits))
-        cells = [("–", "none") if row is None else (_value(row["value"], unit), STATES[row["passed"]]) for row in rows]
+        cells = [_cell(row, unit) for row in rows]
         found.append(CriterionCells(criterion.words, f"{limit}{unit}", cells))
-    return found + _requirement_cells(pages)
+    return sorted(found + _requirement_cells(pages), key=lambda entry: not entry.failed)
+
+
+def _cell(row: dict[str, Any] | None, unit: str) -> tuple[str, str, str]:
+    """Return value, state, time and place of a criterion of a run; a dash without it."""
+    return ("–", "none", "") if row is None else (_value(row["value"], unit), STATES[row["passed"]], place_text(row))
 
 
 def _requirement_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
@@ -86,12 +96,7 @@ def _requirement_cells(pages: Sequence[PageData]) -> list[CriterionCells]:
     found = []
     for name, formula in named:
         rows = [next((row for row in _rows(data.summary) if row.get("formula") == formula), None) for data in pages]
-        cells = [
-            ("–", "none")
-            if row is None
-            else (_value(row["value"], row["unit"] and f" {row['unit']}"), STATES[row["passed"]])
-            for row in rows
-        ]
+        cells = [_cell(row, f" {row['unit']}" if row and row["unit"] else "") for row in rows]
         found.append(CriterionCells(f"{name}: {typeset(formula)}", "robustness 0", cells))
     return found
 
