@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from plant_sim.data_text import parse_yaml
 from plant_sim.formats.reading import ReadLine, read_line, read_train
 from plant_sim.input_error import build_model, close_match
 from plant_sim.line import Line
-from plant_sim.line_direction import AGAINST, reversed_line
+from plant_sim.line_direction import AGAINST
 
 
 def _folder(kind: str) -> Path:
@@ -126,8 +125,7 @@ def named_line(name: str) -> ReadLine:
     stem, selection = split_line_name(name)
     against = selection.endswith(f":{AGAINST}")
     selection = selection.removesuffix(f":{AGAINST}").removeprefix(":")
-    found = read_line(line_path(stem), selection)
-    return replace(found, line=reversed_line(found.line)) if against else found
+    return read_line(line_path(stem), selection, against)
 
 
 def load_line(name: str) -> Line:

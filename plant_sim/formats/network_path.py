@@ -2,6 +2,7 @@
 
 A foreign infrastructure is a network: tracks with a length and a direction, joined at their ends. A line is the
 shortest path between two of its tracks, with both whole. Data of a track have a range on it and perhaps a direction.
+A path may pass a track twice (a balloon loop); its data then hold at both passages.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import heapq
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 from plant_sim.formats.notes import print_assumption
 from plant_sim.number_text import number_text
@@ -18,12 +19,31 @@ from plant_sim.number_text import number_text
 BEGIN, END = "begin", "end"
 TrackEnd = tuple[str, str]
 """Track, and its begin or end."""
-Range = tuple[float, float, float]
-"""Begin and end [m] on the path, and value."""
+ROUNDING = 1.0
+"""Length up to which an overlap, or a place beyond a track, counts as rounding of the file [m]."""
+SAME_STATION = 2000.0
+"""Largest distance between two tracks of one station that a train passes one after the other [m]."""
 STRAIGHT = 1e5
 """Radius beyond which a curve counts as straight [m]."""
 BETWEEN = ".."
 """Mark between the two names of a selection ``FROM..TO``."""
+
+
+class Range(NamedTuple):
+    """Value from begin to end [m] on a path; ``entry`` is its place in the file, for messages."""
+
+    begin: float
+    end: float
+    value: float
+    entry: str = ""
+
+
+class Passage(NamedTuple):
+    """Stretch of a path [m] where it passes a range of a track; True in the direction of the track."""
+
+    begin: float
+    end: float
+    forward: bool
 
 
 @dataclass(slots=True)
@@ -35,13 +55,19 @@ class Network:
     joined: dict[TrackEnd, list[TrackEnd]] = field(default_factory=dict)
     named: dict[str, list[tuple[str, float]]] = field(default_factory=dict)
 
-    def join(self, one: TrackEnd, other: TrackEnd) -> None:
-        """Join two ends; a train runs over the joint in both directions."""
-        self.joined.setdefault(one, []).append(other)
-        self.joined.setdefault(other, []).append(one)
+    def join(self, one: TrackEnd, other: TrackEnd, both: bool = True) -> None:
+        """Join two ends; a train runs over the joint in both directions, or only from the first end to the other."""
+        for here, there in ((one, other), (other, one))[: 2 if both else 1]:
+            if there not in self.joined.setdefault(here, []):
+                self.joined[here].append(there)
 
-    def path(self, selection: str) -> TrackPath:
+    def path(self, selection: str, against: bool = False) -> TrackPath:
         """Return the path of a selection ``FROM..TO``, or of the whole network if it has no branch.
+
+        Parameters
+        ----------
+        against
+            True for the same path, run from ``TO`` to ``FROM``.
 
         Raises
         ------
@@ -49,11 +75,13 @@ class Network:
             One line: file, selection, problem; remedy.
         """
         if not selection:
-            return self._whole()
-        first, mark, last = selection.partition(BETWEEN)
-        if not mark or not first or not last:
-            raise ValueError(f"{self.place}: selection '{selection}': write FROM{BETWEEN}TO, tracks or stations")
-        return self._shortest(self._tracks(first), self._tracks(last), selection)
+            found = self._whole()
+        else:
+            first, mark, last = selection.partition(BETWEEN)
+            if not mark or not first or not last:
+                raise ValueError(f"{self.place}: selection '{selection}': write FROM{BETWEEN}TO, tracks or stations")
+            found = self._shortest(self._tracks(first), self._tracks(last), selection)
+        return found.reversed() if against else found
 
     def _tracks(self, name: str) -> set[str]:
         if name in self.lengths:
@@ -114,37 +142,85 @@ class TrackPath:
 
     def __init__(self, network: Network, parts: Sequence[tuple[str, bool]]) -> None:
         self.network, self.parts = network, tuple(parts)
-        self._forward = dict(self.parts)
-        self._offset: dict[str, float] = {}
+        self._passages: dict[str, list[tuple[float, bool]]] = {}
         self.length = 0.0
-        for track, _ in self.parts:
-            self._offset[track] = self.length
+        for track, forward in self.parts:
+            self._passages.setdefault(track, []).append((self.length, forward))
             self.length += network.lengths[track]
 
     def __contains__(self, track: str) -> bool:
-        return track in self._forward
+        return track in self._passages
 
-    def forward(self, track: str) -> bool:
-        """Return True if the path runs in the direction of a track."""
-        return self._forward[track]
+    def reversed(self) -> TrackPath:
+        """Return the path over the same tracks from its end to its begin.
 
-    def place(self, track: str, position: float) -> float:
-        """Return the distance on the path [m] of a position on a track [m]."""
-        along = position if self._forward[track] else self.network.lengths[track] - position
-        return self._offset[track] + along
+        Raises
+        ------
+        ValueError
+            One line for a joint that a train runs over in the other direction only.
+        """
+        parts = [(track, not forward) for track, forward in reversed(self.parts)]
+        for (track, forward), (other, onward) in pairwise(parts):
+            if (other, BEGIN if onward else END) not in self.network.joined.get((track, END if forward else BEGIN), ()):
+                raise ValueError(
+                    f"{self.network.place}: the path is not navigable from {track} to {other}; name another one "
+                    f"FROM{BETWEEN}TO in this direction"
+                )
+        return TrackPath(self.network, parts)
 
-    def extent(self, track: str, begin: float, end: float) -> tuple[float, float]:
-        """Return begin and end on the path [m] of a range on a track [m]."""
-        one, other = self.place(track, begin), self.place(track, end)
-        return (one, other) if one <= other else (other, one)
+    def passages(self, track: str, begin: float, end: float, entry: str) -> list[Passage]:
+        """Return every passage of a range on a track [m] by the path; none for a track beside it.
+
+        Parameters
+        ----------
+        entry
+            Place of the range in the file, for messages.
+
+        Raises
+        ------
+        ValueError
+            One line for a track that does not exist, and for a range beyond a track on the path.
+        """
+        if track not in self.network.lengths:
+            raise ValueError(f"{entry}: track '{track[:60]}': no track of this network; correct or remove the entry")
+        length = self.network.lengths[track]
+        if track not in self:
+            return []
+        low, high = min(begin, end), max(begin, end)
+        if low < -ROUNDING or high > length + ROUNDING:
+            raise ValueError(
+                f"{entry}: from {number_text(begin)} to {number_text(end)} m: beyond the track {track[:60]} of "
+                f"{number_text(length)} m; end it there"
+            )
+        low, high = max(low, 0.0), min(high, length)
+        if high <= low:
+            print_assumption(f"{entry}: it has no length and no effect")
+            return []
+        return [
+            Passage(at + low, at + high, True) if forward else Passage(at + length - high, at + length - low, False)
+            for at, forward in self._passages[track]
+        ]
+
+    def _spots(self, track: str, position: float) -> list[float]:
+        """Return the distances on the path [m] of a position on a track [m]."""
+        length = self.network.lengths[track]
+        return [at + (position if forward else length - position) for at, forward in self._passages.get(track, ())]
 
     def stations(self) -> list[tuple[float, str]]:
-        """Return the named places on the path by rising distance [m]; one name once, one name per place."""
+        """Return the named places on the path by rising distance [m]; one name per place.
+
+        Several tracks of a station one after the other are one place; a station that the path passes again is a further
+        one.
+        """
         found: dict[float, str] = {}
         for name, spots in self.network.named.items():
-            places = sorted(self.place(track, position) for track, position in spots if track in self)
-            if places and name not in found.values():
-                found.setdefault(places[0], name)
+            places = sorted({(at, spot) for spot in spots for at in self._spots(*spot)})
+            kept: list[tuple[float, tuple[str, float]]] = []
+            for at, spot in places:
+                again = any(spot == other for _, other in kept)
+                if again or not kept or at > kept[-1][0] + SAME_STATION:
+                    kept.append((at, spot))
+                    found.setdefault(at, name)
         return sorted(found.items())
 
 
@@ -166,6 +242,9 @@ def line_data(
     sections
         Other sections by the key of the line.
     """
+    _refuse_overlaps(grades, "grades")
+    curves = [row for row in radii if 0 < abs(row.value) < STRAIGHT]
+    _refuse_overlaps(curves, "radii")
     limits = steps(path.length, speeds, min, None)
     data: dict[str, Any] = {
         "schema": "train_ato/line/1",
@@ -177,8 +256,7 @@ def line_data(
         ],
         "curves": [
             {"begin": begin, "end": end, "radius": abs(radius), "side": "right" if radius > 0 else "left"}
-            for begin, end, radius in sorted(radii)
-            if 0 < abs(radius) < STRAIGHT and end > begin
+            for begin, end, radius, _ in sorted(curves)
         ],
         "speed_limits": [{"at": at, "speed": speed} for at, speed in _without_gaps(limits, path)],
         "stops": [{"at": at, "name": station} for at, station in path.stations()],
@@ -195,27 +273,42 @@ def steps(
     found: list[tuple[float, float | None]] = []
     for begin, end in pairwise(places):
         middle = 0.5 * (begin + end)
-        values = [value for first, last, value in listed if first <= middle < last]
+        values = [value for first, last, value, _ in listed if first <= middle < last]
         value = choose(values) if values else default
         if not found or found[-1][1] != value:
             found.append((begin, value))
     return found if any(value != default for _, value in found) else []
 
 
+def _refuse_overlaps(ranges: Sequence[Range], what: str) -> None:
+    """Refuse two values at one place, of which neither is known to be right."""
+    last = Range(0.0, 0.0, 0.0)
+    for row in sorted(ranges):
+        end = min(row.end, last.end)
+        if end > row.begin + ROUNDING and row.value != last.value:
+            raise ValueError(
+                f"{row.entry}: two {what} from {number_text(row.begin)} to {number_text(end)} m of the path, "
+                f"{number_text(last.value)} and {number_text(row.value)} there (the other: "
+                f"{last.entry.rpartition(': ')[2]}); correct one of them"
+            )
+        last = max(last, row, key=lambda entry: entry.end)
+
+
 def _without_gaps(limits: list[tuple[float, float | None]], path: TrackPath) -> list[tuple[float, float]]:
-    """Return the speed limits with the highest one of the path where it has none."""
+    """Return the speed limits with the lowest one of the path where it has none."""
     known = [speed for _, speed in limits if speed is not None]
     if not known:
+        print_assumption(f"{path.network.place}: no speed limit on the path; only the train limits the speed")
         return []
-    if len(known) < len(limits):
-        at = next(place for place, speed in limits if speed is None)
-        print_assumption(
-            f"{path.network.place}: no speed limit from {number_text(at)} m of the path on; assumed "
-            f"{number_text(3.6 * max(known))} km/h there, its highest one"
-        )
+    ends = [*(at for at, _ in limits[1:]), path.length]
     found: list[tuple[float, float]] = []
-    for at, speed in limits:
-        value = max(known) if speed is None else speed
+    for (at, speed), end in zip(limits, ends, strict=True):
+        value = min(known) if speed is None else speed
+        if speed is None:
+            print_assumption(
+                f"{path.network.place}: no speed limit from {number_text(at)} to {number_text(end)} m of the path; "
+                f"assumed {number_text(3.6 * value)} km/h there, its lowest one"
+            )
         if not found or found[-1][1] != value:
             found.append((at, value))
     return found

@@ -10,16 +10,22 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from plant_sim.formats.fields import Fields, finite_number
-from plant_sim.formats.network_path import BEGIN, END, Network, Range, TrackPath, line_data
+from plant_sim.formats.fields import Fields
+from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network, Passage, Range, TrackPath, line_data
+from plant_sim.formats.notes import print_assumption
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
+from plant_sim.line_direction import ENDING
+from plant_sim.number_text import number_text
 
 CARRIED_INFRA = (
-    "track_sections[].id", "track_sections[].length", "track_sections[].slopes", "track_sections[].curves",
-    "switches[].id", "switches[].switch_type", "switches[].ports", "track_nodes[].id", "track_nodes[].track_node_type",
-    "track_nodes[].ports", "speed_sections[].id", "speed_sections[].speed_limit", "speed_sections[].track_ranges",
-    "neutral_sections[].id", "neutral_sections[].track_ranges", "operational_points[].id",
+    "track_sections[].id", "track_sections[].length",
+    *(f"track_sections[].slopes[].{key}" for key in ("begin", "end", "start", "gradient")),
+    *(f"track_sections[].curves[].{key}" for key in ("begin", "end", "start", "radius")),
+    "switches[].switch_type", "switches[].ports", "track_nodes[].track_node_type", "track_nodes[].ports",
+    "speed_sections[].speed_limit",
+    *(f"speed_sections[].track_ranges[].{key}" for key in ("track", "begin", "end", "start", "applicable_directions")),
+    *(f"neutral_sections[].track_ranges[].{key}" for key in ("track", "begin", "end", "start", "direction")),
     "operational_points[].parts[].track", "operational_points[].parts[].position",
     "operational_points[].extensions.identifier.name",
 )  # fmt: skip
@@ -33,13 +39,15 @@ def is_osrd(data: dict[str, Any]) -> bool:
     return isinstance(data.get("track_sections"), list)
 
 
-def osrd_line(data: dict[str, Any], place: str, selection: str = "") -> Line:
+def osrd_line(data: dict[str, Any], place: str, selection: str = "", against: bool = False) -> Line:
     """Return the line along a path of an infrastructure.
 
     Parameters
     ----------
     selection
         ``FROM..TO``: tracks or operational points; empty for a network without branches.
+    against
+        True for the line of a train that runs the path from ``TO`` to ``FROM``.
 
     Raises
     ------
@@ -47,27 +55,26 @@ def osrd_line(data: dict[str, Any], place: str, selection: str = "") -> Line:
         One line with location, key, value and remedy.
     """
     top = Fields(data, place)
-    tracks = {fields.text("id"): fields for fields in _each(top, "track_sections")}
+    tracks: dict[str, Fields] = {}
+    for fields in _each(top, "track_sections"):
+        if (track := fields.text("id")) in tracks:
+            raise ValueError(f"{fields.place}: id = '{track[:60]}': two tracks have this id; correct one")
+        tracks[track] = fields
     network = Network(place, {name: fields.number("length", None, 1e-3, 1e7) for name, fields in tracks.items()})
     for key, kind in (("switches", "switch_type"), ("track_nodes", "track_node_type")):
         for fields in _each(top, key):
             _join_ports(network, fields, fields.text(kind))
     for fields in _each(top, "operational_points"):
         _name_station(network, fields)
-    path = network.path(selection)
+    path = network.path(selection, against)
     grades, radii = _geometry(path, tracks)
-    speeds = [
-        (*extent, fields.number("speed_limit", None, 0.1, 300.0))
-        for fields in _each(top, "speed_sections")
-        if "speed_limit" in fields
-        for extent in _ranges(path, fields, "applicable_directions")
-    ]
+    speeds = [speed for fields in _each(top, "speed_sections") for speed in _speeds(path, fields)]
     neutral = [
-        {"begin": begin, "end": end}
+        {"begin": passage.begin, "end": passage.end}
         for fields in _each(top, "neutral_sections")
-        for begin, end in _ranges(path, fields, "direction")
+        for passage in _ranges(path, fields, "direction")
     ]
-    name = f"{Path(place).stem}{f' {selection}' if selection else ''}"
+    name = f"{Path(place).stem}{f' {selection}' if selection else ''}{ENDING if against else ''}"
     source = f"OSRD infrastructure {Path(place).name}"
     sections = {"neutral_sections": sorted(neutral, key=lambda entry: entry["begin"])}
     return build_model(Line, line_data(path, name, source, grades, radii, speeds, sections), place)
@@ -111,7 +118,8 @@ def _name_station(network: Network, fields: Fields) -> None:
         track = part.text("track")
         if track not in network.lengths:
             raise ValueError(f"{part.place}: track '{track[:60]}' is not in track_sections; correct it")
-        spot = (track, part.number("position", None, 0, 1e7))
+        position = part.number("position", None, 0, network.lengths[track] + ROUNDING)
+        spot = (track, min(position, network.lengths[track]))
         network.named.setdefault(name, []).append(spot)
 
 
@@ -119,26 +127,48 @@ def _geometry(path: TrackPath, tracks: dict[str, Fields]) -> tuple[list[Range], 
     """Return the grades and the radii on the path; both change their sign with the direction."""
     grades: list[Range] = []
     radii: list[Range] = []
-    for track, forward in path.parts:
-        sign = 1.0 if forward else -1.0
+    for track in dict.fromkeys(track for track, _ in path.parts):
         for entry in _each(tracks[track], "slopes"):
-            extent = path.extent(track, entry.number("begin"), entry.number("end"))
-            grades.append((*extent, sign * entry.number("gradient", None, -500, 500) / 1e3))
+            grade = entry.number("gradient", None, -500, 500) / 1e3
+            grades += _signed(path.passages(track, *_extent(entry), entry.place), grade, entry.place)
         for entry in _each(tracks[track], "curves"):
-            extent = path.extent(track, entry.number("begin"), entry.number("end"))
-            radii.append((*extent, sign * entry.number("radius")))
+            radius = entry.number("radius")
+            radii += _signed(path.passages(track, *_extent(entry), entry.place), radius, entry.place)
     return grades, radii
 
 
-def _ranges(path: TrackPath, fields: Fields, key: str) -> Iterator[tuple[float, float]]:
-    """Yield begin and end on the path [m] of the track ranges that hold in its direction."""
+def _speeds(path: TrackPath, fields: Fields) -> list[Range]:
+    """Return the speed limits of a speed section; none if it has limits by train category only."""
+    passages = list(_ranges(path, fields, "applicable_directions"))
+    if "speed_limit" not in fields:
+        if passages:
+            print_assumption(f"{fields.place}: no speed_limit; limits by train category are not read")
+        return []
+    speed = fields.number("speed_limit", None, 0.1, 300.0)
+    return [Range(begin, end, speed, fields.place) for begin, end, _ in passages]
+
+
+def _signed(passages: list[Passage], value: float, entry: str) -> list[Range]:
+    return [Range(begin, end, value if forward else -value, entry) for begin, end, forward in passages]
+
+
+def _extent(fields: Fields) -> tuple[float, float]:
+    """Return begin and end on a track [m]; the begin of the track without one."""
+    first, last = ("begin", "end") if "begin" in fields or "end" in fields else ("start", "end")
+    begin, end = fields.number(first, 0.0, -1e7, 1e7), fields.number(last, None, -1e7, 1e7)
+    if end < begin:
+        raise ValueError(
+            f"{fields.place}: {last} = {number_text(end)}: lies before {first} {number_text(begin)}; exchange them"
+        )
+    return begin, end
+
+
+def _ranges(path: TrackPath, fields: Fields, key: str) -> Iterator[Passage]:
+    """Yield the passages of the track ranges that hold in the direction of running."""
     for part in _each(fields, "track_ranges"):
         track, direction = part.text("track"), part.text(key, "BOTH")
-        if track not in path:
-            continue
         if direction not in ("BOTH", "START_TO_STOP", "STOP_TO_START"):
             raise ValueError(f"{part.place}: {key} = '{direction[:30]}': must be BOTH, START_TO_STOP or STOP_TO_START")
-        if direction == "BOTH" or (direction == "START_TO_STOP") == path.forward(track):
-            first, last = ("begin", "end") if "begin" in part or "end" not in part.data else ("start", "end")
-            low = finite_number(part.data.get(first, 0.0), f"{part.place}: {first}", 0, 1e7)
-            yield path.extent(track, low, part.number(last, None, 0, 1e7))
+        for passage in path.passages(track, *_extent(part), part.place):
+            if direction == "BOTH" or (direction == "START_TO_STOP") == passage.forward:
+                yield passage

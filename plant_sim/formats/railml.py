@@ -3,33 +3,70 @@
 Read are topology, gradient and horizontal curves, speed sections, temporary ones included, operational points, tunnels
 and electrification sections.
 Gradients are in per mille, speeds in km/h, a radius > 0 turns to the right. A location is a position in m, an
-intrinsic coordinate from 0 to 1, or a measure of a linear positioning system. The element names are those of the
-schema. Document types, and with them all entities, are refused.
+intrinsic coordinate from 0 to 1, or a measure of a linear positioning system in its units. The element names are
+those of the schema. Document types, and with them all entities, are refused.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from plant_sim.formats.network_path import BEGIN, END, Network, Range, line_data
+from plant_sim.formats.network_path import BEGIN, END, Network, Range, TrackPath, line_data
+from plant_sim.formats.notes import keys_not_carried, print_assumption
+from plant_sim.formats.railml_geometry import grades, radii
 from plant_sim.formats.railml_location import Location, NetElement
-from plant_sim.formats.railml_sections import NOT_CARRIED_BELOW, neutral_sections, tunnels
-from plant_sim.formats.railml_xml import elements_below, number_of, read_root, tag_of
+from plant_sim.formats.railml_sections import neutral_sections, tunnels
+from plant_sim.formats.railml_xml import elements_below, entry_of, names_below, number_of, read_root, tag_of
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
+from plant_sim.line_direction import ENDING
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 ENDINGS = (".xml", ".railml")
-READ_PARTS = (
-    "topology", "gradientCurves", "horizontalCurves", "speeds", "speedSections", "operationalPoints", "overCrossings",
-    "electrifications",
+SPOT = (
+    "@netElementRef", "@pos", "@intrinsicCoord", "linearCoordinate.@positioningSystemRef", "linearCoordinate.@measure",
 )  # fmt: skip
-"""Parts of the infrastructure that the line carries."""
-POINT_ONE = "1"
-"""Position of a net relation at the end of its element."""
+"""Read names of a spot location."""
+STRETCH = (
+    "@netElementRef", "@keepsOrientation", "@posBegin", "@posEnd", "@fromPos", "@toPos", "@intrinsicCoordBegin",
+    "@intrinsicCoordEnd", "linearCoordinateBegin.@positioningSystemRef", "linearCoordinateBegin.@measure",
+    "linearCoordinateEnd.@positioningSystemRef", "linearCoordinateEnd.@measure",
+)  # fmt: skip
+"""Read names of a net element in a linear location."""
+READ = {
+    "topology.netElements.netElement": (
+        "@id", "@length", "associatedPositioningSystem.intrinsicCoordinate.@intrinsicCoord",
+        "associatedPositioningSystem.intrinsicCoordinate.linearCoordinate.@positioningSystemRef",
+        "associatedPositioningSystem.intrinsicCoordinate.linearCoordinate.@measure",
+    ),
+    "topology.netRelations.netRelation": (
+        "@positionOnA", "@positionOnB", "@navigability", "elementA.@ref", "elementB.@ref",
+    ),
+    "geometry.gradientCurves.gradientCurve": ("@gradient", "@deltaGradient", "@curveType"),
+    "geometry.horizontalCurves.horizontalCurve": ("@radius", "@curveType"),
+    **dict.fromkeys(
+        ("functionalInfrastructure.speeds.speedSection", "functionalInfrastructure.speedSections.speedSection"),
+        ("@maxSpeed", "@vMax", "@isTemporary", "linearLocation.@applicationDirection"),
+    ),
+    "functionalInfrastructure.operationalPoints.operationalPoint": ("name.@name",),
+    "functionalInfrastructure.overCrossings.overCrossing": ("@constructionType", "tunnelResistance.@crossSection"),
+    "functionalInfrastructure.electrifications.electrificationSection": (
+        "@isInsulatedSection", "@contactLineType", "linearLocation.@applicationDirection",
+    ),
+}  # fmt: skip
+"""Names that the line carries, by element of the infrastructure; those of the locations are added."""
+STATION = "operationalPoint"
+UNITS = {
+    "m": 1.0, "metre": 1.0, "metres": 1.0, "meter": 1.0, "meters": 1.0, "km": 1e3, "kilometre": 1e3, "kilometres": 1e3,
+    "kilometer": 1e3, "kilometers": 1e3, "mi": 1609.344, "mile": 1609.344, "miles": 1609.344, "yd": 0.9144,
+    "yards": 0.9144, "ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "chain": 20.1168, "chains": 20.1168,
+}  # fmt: skip
+"""Length of one unit of a linear positioning system [m]."""
+NAVIGABILITY = ("None", "Both", "AB", "BA")
 
 
 def is_railml(path: Path) -> bool:
@@ -37,13 +74,15 @@ def is_railml(path: Path) -> bool:
     return path.suffix.lower() in ENDINGS
 
 
-def railml_line(path: Path, selection: str = "") -> tuple[Line, str, tuple[str, ...]]:
-    """Return the line along a path of an infrastructure, the format, and the parts that the line does not carry.
+def railml_line(path: Path, selection: str = "", against: bool = False) -> tuple[Line, str, tuple[str, ...]]:
+    """Return the line along a path of an infrastructure, the format, and the names that the line does not carry.
 
     Parameters
     ----------
     selection
         ``FROM..TO``: net elements or operational points; empty for a network without branches.
+    against
+        True for the line of a train that runs the path from ``TO`` to ``FROM``.
 
     Raises
     ------
@@ -54,46 +93,57 @@ def railml_line(path: Path, selection: str = "") -> tuple[Line, str, tuple[str, 
     infrastructure = next(elements_below(root, "infrastructure"), None)
     if infrastructure is None:
         raise ValueError(f"{place}: infrastructure: this element is missing; give a railML 3 infrastructure")
-    elements = _net_elements(infrastructure, place)
-    network = _network(infrastructure, elements, place)
-    location = Location(elements, place)
-    for point in elements_below(infrastructure, "operationalPoint"):
+    units = _units(root, place)
+    elements = _net_elements(infrastructure, units, place)
+    higher = {entry.get("id", "") for part in elements_below(infrastructure, "topology") for entry in part.iter()}
+    network = _network(infrastructure, elements, higher, place)
+    location = Location(elements, higher, units, place)
+    for point in elements_below(infrastructure, STATION):
         spots = location.spots(point)
         if spots:
             network.named.setdefault(_name_of(point), []).extend(spots)
-    found = network.path(selection)
-    grades: list[Range] = []
-    radii: list[Range] = []
-    for kind, key, rows, scale in (
-        ("gradientCurve", "gradient", grades, 1e-3),
-        ("horizontalCurve", "radius", radii, 1.0),
-    ):
-        for curve in elements_below(infrastructure, kind):
-            if curve.get(key) is None:
-                continue
-            value = scale * number_of(curve, key, place)
-            for begin, end, forward in location.ranges(curve, found):
-                rows.append((begin, end, value if forward else -value))
+        else:
+            print_assumption(f"{entry_of(point, place)}: it has no spotLocation on a netElement and is left out")
+    found = network.path(selection, against)
+    speeds, restrictions = _speeds(infrastructure, location, found)
+    name = f"{path.stem}{f' {selection}' if selection else ''}{ENDING if against else ''}"
+    sections = {
+        "temporary_restrictions": restrictions,
+        "tunnels": tunnels(infrastructure, location, found),
+        "neutral_sections": neutral_sections(infrastructure, location, found),
+    }
+    data = line_data(
+        found,
+        name,
+        f"railML 3 infrastructure {path.name}",
+        grades(infrastructure, location, found),
+        radii(infrastructure, location, found),
+        speeds,
+        sections,
+    )
+    return build_model(Line, data, place), "railML 3", _not_read(root)
+
+
+def _speeds(infrastructure: Element, location: Location, path: TrackPath) -> tuple[list[Range], list[dict[str, Any]]]:
+    """Return the permanent speed limits [m/s] and the temporary restrictions on a path."""
+    place = path.network.place
     speeds: list[Range] = []
     restrictions: list[dict[str, Any]] = []
     for section in elements_below(infrastructure, "speedSection"):
         key = "maxSpeed" if section.get("maxSpeed") is not None else "vMax"
+        passages = location.ranges(section, path, directed=True, needed=True)
+        entry = entry_of(section, place)
         if section.get(key) in (None, "end"):
+            if passages:
+                print_assumption(f"{entry}: no maxSpeed; left out")
             continue
-        speed = number_of(section, key, place) / 3.6
-        for begin, end, _ in location.ranges(section, found, directed=True):
-            if section.get("isTemporary") == "true":
+        speed = number_of(section, key, place, 0.1, 1000.0) / 3.6
+        for begin, end, _ in passages:
+            if section.get("isTemporary") in ("true", "1"):
                 restrictions.append({"begin": begin, "end": end, "speed": speed})
             else:
-                speeds.append((begin, end, speed))
-    name = f"{path.stem}{f' {selection}' if selection else ''}"
-    sections = {
-        "temporary_restrictions": sorted(restrictions, key=lambda entry: (entry["begin"], entry["end"])),
-        "tunnels": tunnels(infrastructure, location, found),
-        "neutral_sections": neutral_sections(infrastructure, location, found),
-    }
-    data = line_data(found, name, f"railML 3 infrastructure {path.name}", grades, radii, speeds, sections)
-    return build_model(Line, data, place), "railML 3", _not_read(infrastructure)
+                speeds.append(Range(begin, end, speed, entry))
+    return speeds, sorted(restrictions, key=lambda entry: (entry["begin"], entry["end"]))
 
 
 def _name_of(element: Element) -> str:
@@ -102,7 +152,20 @@ def _name_of(element: Element) -> str:
     return next((name for name in named if name), element.get("id", ""))
 
 
-def _net_elements(infrastructure: Element, place: str) -> dict[str, NetElement]:
+def _units(root: Element, place: str) -> dict[str, float]:
+    """Return the length of one unit of the measures [m], by linear positioning system."""
+    found: dict[str, float] = {}
+    for system in elements_below(root, "linearPositioningSystem"):
+        unit = system.get("units", "m").strip().lower()
+        if unit not in UNITS:
+            raise ValueError(
+                f"{entry_of(system, place)}: units = '{unit[:30]}': unknown; give one of {', '.join(UNITS)}"
+            )
+        found[system.get("id", "")] = UNITS[unit]
+    return found
+
+
+def _net_elements(infrastructure: Element, units: dict[str, float], place: str) -> dict[str, NetElement]:
     """Return the net elements of the micro level; those of higher levels are collections of them."""
     found: dict[str, NetElement] = {}
     for element in elements_below(infrastructure, "netElement"):
@@ -112,42 +175,63 @@ def _net_elements(infrastructure: Element, place: str) -> dict[str, NetElement]:
         measures: dict[str, list[tuple[float, float]]] = {}
         for coordinate in elements_below(element, "intrinsicCoordinate"):
             for linear in elements_below(coordinate, "linearCoordinate"):
-                spot = (number_of(coordinate, "intrinsicCoord", place), number_of(linear, "measure", place))
-                measures.setdefault(linear.get("positioningSystemRef", ""), []).append(spot)
+                system = linear.get("positioningSystemRef", "")
+                measure = number_of(linear, "measure", place) * units.get(system, 1.0)
+                spot = (number_of(coordinate, "intrinsicCoord", place, 0.0, 1.0), measure)
+                measures.setdefault(system, []).append(spot)
+        measures = {system: sorted(rows) for system, rows in measures.items() if len(rows) > 1}
         name = element.get("id", "")
-        lengths = [abs(rows[-1][1] - rows[0][1]) for rows in measures.values() if len(rows) > 1]
+        if name in found:
+            raise ValueError(f"{place}: netElement {name}: id: two net elements have this id; correct one")
+        lengths = [
+            abs(rows[-1][1] - rows[0][1]) / (rows[-1][0] - rows[0][0])
+            for rows in measures.values()
+            if rows[-1][0] > rows[0][0]
+        ]
         if element.get("length") is not None:
             lengths = [number_of(element, "length", place)]
         if not lengths or lengths[0] <= 0:
             raise ValueError(f"{place}: netElement {name}: no length and no linear coordinates of its ends; add length")
-        found[name] = NetElement(name, lengths[0], {key: rows for key, rows in measures.items() if len(rows) > 1})
+        found[name] = NetElement(name, lengths[0], measures)
     if not found:
         raise ValueError(f"{place}: topology: no netElement of the micro level; add the topology")
+    for system in sorted({key for element in found.values() for key in element.measures} - set(units)):
+        print_assumption(f"{place}: linearPositioningSystem '{system}' is not in the file; its measures read as metres")
     return found
 
 
-def _network(infrastructure: Element, elements: dict[str, NetElement], place: str) -> Network:
+def _network(infrastructure: Element, elements: dict[str, NetElement], higher: Collection[str], place: str) -> Network:
     """Return the network of the navigable net relations."""
     network = Network(place, {name: element.length for name, element in elements.items()})
     for relation in elements_below(infrastructure, "netRelation"):
         ends = []
+        entry = entry_of(relation, place)
         for letter in "AB":
             element = next(elements_below(relation, f"element{letter}"), None)
             name = "" if element is None else element.get("ref", "")
-            ends.append((name, END if relation.get(f"positionOn{letter}") == POINT_ONE else BEGIN))
-        if relation.get("navigability") in ("Both", "AB", "BA") and all(name in elements for name, _ in ends):
-            network.join(*ends)
+            if name not in higher:
+                raise ValueError(f"{entry}: element{letter}: ref = '{name[:60]}': not in the topology; correct it")
+            if name in elements:
+                at = number_of(relation, f"positionOn{letter}", place)
+                if at not in (0.0, 1.0):
+                    raise ValueError(f"{entry}: positionOn{letter} = {at:g}: must be 0 or 1; correct it")
+                ends.append((name, END if at else BEGIN))
+        way = relation.get("navigability", "")
+        if way not in NAVIGABILITY:
+            raise ValueError(f"{entry}: navigability = '{way[:20]}': must be one of {', '.join(NAVIGABILITY)}")
+        if len(ends) == 2 and way != "None":
+            one, other = ends if way != "BA" else ends[::-1]
+            network.join(one, other, way == "Both")
     return network
 
 
-def _not_read(infrastructure: Element) -> tuple[str, ...]:
-    """Return the parts of an infrastructure that the line does not carry, as ``functionalInfrastructure.signals``."""
-    found = []
-    for part in infrastructure:
-        inner = [f"{tag_of(part)}.{tag_of(entry)}" for entry in part if tag_of(entry) not in READ_PARTS]
-        if tag_of(part) not in READ_PARTS:
-            found += inner if tag_of(part) in ("geometry", "functionalInfrastructure") else [tag_of(part)]
-        for owner, name in NOT_CARRIED_BELOW:
-            if any(next(elements_below(entry, name), None) is not None for entry in elements_below(part, owner)):
-                found.append(f"{tag_of(part)}.{owner}.{name}")
-    return tuple(dict.fromkeys(found))
+def _not_read(root: Element) -> tuple[str, ...]:
+    """Return the names that the line does not carry, as ``functionalInfrastructure.signals``, ``...@id``."""
+    stretch = tuple(f"linearLocation.associatedNetElement.{name}" for name in STRETCH)
+    spot = tuple(f"spotLocation.{name}" for name in SPOT)
+    carried = ["@version", "common.positioning.linearPositioningSystems.linearPositioningSystem.@id",
+               "common.positioning.linearPositioningSystems.linearPositioningSystem.@units"]  # fmt: skip
+    for owner, names in READ.items():
+        located = spot if owner.endswith(STATION) else () if owner.startswith("topology") else stretch
+        carried += [f"infrastructure.{owner}.{name}" for name in (*names, *located)]
+    return tuple(name.removeprefix("infrastructure.") for name in keys_not_carried(names_below(root), carried))

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Collection
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from plant_sim.formats.fields import finite_number
-from plant_sim.formats.network_path import TrackPath
+from plant_sim.formats.network_path import Passage, TrackPath
+from plant_sim.formats.notes import print_assumption
+from plant_sim.formats.railml_xml import entry_of
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -25,7 +29,7 @@ class NetElement:
     length : float
         Length [m].
     measures : dict
-        Intrinsic coordinate and measure of its ends, by linear positioning system.
+        Intrinsic coordinate and measure [m] of its points by rising coordinate, by linear positioning system.
     """
 
     name: str
@@ -33,12 +37,12 @@ class NetElement:
     measures: dict[str, list[tuple[float, float]]]
 
     def position(self, system: str, measure: float) -> float | None:
-        """Return the position [m] of a measure; None without that system, or outside the element."""
-        if system not in self.measures:
-            return None
-        (first, low), (last, high) = self.measures[system][0], self.measures[system][-1]
-        part = first + (measure - low) / (high - low) * (last - first) if high != low else first
-        return part * self.length if -1e-9 <= part <= 1.0 + 1e-9 else None
+        """Return the position [m] of a measure [m]; None without that system, or outside the element."""
+        for (first, low), (last, high) in pairwise(self.measures.get(system, ())):
+            part = (measure - low) / (high - low) if high != low else 0.0 if measure == low else math.inf
+            if -1e-9 <= part <= 1.0 + 1e-9:
+                return (first + part * (last - first)) * self.length
+        return None
 
 
 class Location:
@@ -48,45 +52,88 @@ class Location:
     ----------
     elements
         Net elements of the micro level.
+    higher
+        Identifiers of the other parts of the topology.
+    units
+        Length of one unit of the measures [m], by linear positioning system.
     place
         File, for messages.
     """
 
-    def __init__(self, elements: dict[str, NetElement], place: str) -> None:
-        self._elements, self._place = elements, place
+    def __init__(
+        self, elements: dict[str, NetElement], higher: Collection[str], units: dict[str, float], place: str
+    ) -> None:
+        self._elements, self._higher, self._units, self._place = elements, higher, units, place
 
     def spots(self, owner: Element) -> list[tuple[str, float]]:
         """Return net elements and positions [m] of the spot locations of an element; all tracks of a station."""
         found = []
         for spot in _parts(owner, "spotLocation"):
-            element = self._elements.get(spot.get("netElementRef", ""))
+            element = self._element(owner, spot)
             if element is None:
                 found += self._measured(spot)
             elif (position := self._at(spot, element, POSITIONS, "intrinsicCoord", "linearCoordinate")) is not None:
                 found.append((element.name, position))
         return found
 
-    def ranges(self, owner: Element, path: TrackPath, directed: bool = False) -> Iterator[tuple[float, float, bool]]:
-        """Yield begin and end on a path [m] of the linear locations of an element, and True in running direction.
+    def ranges(self, owner: Element, path: TrackPath, directed: bool = False, needed: bool = False) -> list[Passage]:
+        """Return begin and end on a path [m] of the linear locations of an element, and True in running direction.
 
-        A directed location that holds for the other direction of running only is left out.
+        Parameters
+        ----------
+        directed
+            Leave out a location that holds for the other direction of running only.
+        needed
+            Refuse an element without a location on the micro level, which is else named.
+
+        Raises
+        ------
+        ValueError
+            One line with file, element, value and remedy.
         """
+        found: list[Passage] = []
+        known = 0
+        entry = entry_of(owner, self._place)
         for location in _parts(owner, "linearLocation"):
             applies = location.get("applicationDirection", "both")
+            if applies not in ("both", "normal", "reverse"):
+                raise ValueError(
+                    f"{entry}: applicationDirection = '{applies[:30]}': must be both, normal or reverse; correct it"
+                )
             for part in _parts(location, "associatedNetElement"):
-                element = self._elements.get(part.get("netElementRef", ""))
-                if element is None or element.name not in path:
+                element = self._element(owner, part)
+                if element is None:
                     continue
-                forward = path.forward(element.name)
-                if directed and applies in ("normal", "reverse") and (applies == "normal") != forward:
-                    continue
+                known += 1
                 begin = self._at(part, element, BEGINS, "intrinsicCoordBegin", "linearCoordinateBegin")
                 end = self._at(part, element, ENDS, "intrinsicCoordEnd", "linearCoordinateEnd")
-                low, high = path.extent(
-                    element.name, 0.0 if begin is None else begin, element.length if end is None else end
-                )
-                along = forward == (part.get("keepsOrientation", "true") != "false")
-                yield low, high, along
+                low, high = 0.0 if begin is None else begin, element.length if end is None else end
+                keeps = part.get("keepsOrientation", "true") not in ("false", "0")
+                found += [
+                    passage._replace(forward=passage.forward == keeps)
+                    for passage in path.passages(element.name, low, high, entry)
+                    if not directed or applies == "both" or (applies == "normal") == passage.forward
+                ]
+        if not known:
+            problem = "it has no linearLocation on a netElement of the micro level"
+            if needed:
+                raise ValueError(f"{entry}: {problem}; add one, or remove the element")
+            print_assumption(f"{entry}: {problem} and is left out")
+        return found
+
+    def _element(self, owner: Element, part: Element) -> NetElement | None:
+        """Return the net element of a location; None for one of a higher level."""
+        name = part.get("netElementRef", "")
+        if name not in self._elements and name not in self._higher:
+            raise ValueError(
+                f"{entry_of(owner, self._place)}: netElementRef = '{name[:60]}': not in the topology; correct it"
+            )
+        return self._elements.get(name)
+
+    def _measure(self, coordinate: Element) -> tuple[str, float]:
+        """Return linear positioning system and measure [m]."""
+        system = coordinate.get("positioningSystemRef", "")
+        return system, self._number(coordinate, "measure", -1e9, 1e9) * self._units.get(system, 1.0)
 
     def _at(
         self, part: Element, element: NetElement, positions: tuple[str, ...], intrinsic: str, linear: str
@@ -98,12 +145,12 @@ class Location:
         if part.get(intrinsic) is not None:
             return element.length * self._number(part, intrinsic, 0.0, 1.0)
         for coordinate in _parts(part, linear):
-            measure = self._number(coordinate, "measure", -1e9, 1e9)
-            position = element.position(coordinate.get("positioningSystemRef", ""), measure)
+            system, measure = self._measure(coordinate)
+            position = element.position(system, measure)
             if position is None:
                 raise ValueError(
-                    f"{self._place}: netElement {element.name}: measure = {measure:g}: outside its linear coordinates; "
-                    "correct it"
+                    f"{self._place}: netElement {element.name}: measure = {coordinate.get('measure')}: outside its "
+                    f"linear coordinates of '{system}'; correct it"
                 )
             return position
         return None
@@ -112,9 +159,9 @@ class Location:
         """Return all micro elements with a measure, for a location on an element of a higher level."""
         found = []
         for coordinate in _parts(spot, "linearCoordinate"):
-            measure = self._number(coordinate, "measure", -1e9, 1e9)
+            measure = self._measure(coordinate)
             for element in self._elements.values():
-                position = element.position(coordinate.get("positioningSystemRef", ""), measure)
+                position = element.position(*measure)
                 if position is not None:
                     found.append((element.name, position))
         return found

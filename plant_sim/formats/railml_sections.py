@@ -18,11 +18,6 @@ from plant_sim.number_text import number_text
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
-NOT_CARRIED_BELOW = (
-    ("overCrossing", "resistanceFactor"), ("electrificationSection", "energyCatenary"),
-    ("electrificationSection", "phaseSeparationSection"), ("electrificationSection", "systemSeparationSection"),
-)  # fmt: skip
-"""Elements below read ones that the line does not carry: factors, currents, sections without a place."""
 CROSS_SECTION_RANGE = (1.0, 1000.0)
 """Plausible cross section of a tunnel [m²]."""
 MIN_GAP = 1.0
@@ -48,9 +43,7 @@ def tunnels(infrastructure: Element, location: Location, path: TrackPath) -> lis
             air = {"cross_section": number_of(drag, "crossSection", place, *CROSS_SECTION_RANGE)}
         extents = sorted((begin, end) for begin, end, _ in location.ranges(crossing, path))
         name = f"{place}: tunnel {crossing.get('id', '')}"
-        if not extents and any(track in path for track, _ in location.spots(crossing)):
-            print_assumption(f"{name}: it has no linear location and is left out")
-        elif extents and "cross_section" not in air:
+        if extents and "cross_section" not in air:
             print_assumption(f"{name}: it has no cross section; no additional resistance in it")
         found += [{"begin": begin, "end": end, **air} for begin, end in _joined(extents)]
     return sorted(found, key=lambda entry: (entry["begin"], entry["end"]))
@@ -62,7 +55,7 @@ def neutral_sections(infrastructure: Element, location: Location, path: TrackPat
     for section in elements_below(infrastructure, "electrificationSection"):
         insulated = section.get("isInsulatedSection") in ("true", "1")
         value = NO_POWER if insulated or section.get("contactLineType") == "none" else POWER
-        listed += [(begin, end, value) for begin, end, _ in location.ranges(section, path, directed=True)]
+        listed += [Range(begin, end, value) for begin, end, _ in location.ranges(section, path, directed=True)]
     pieces = steps(path.length, listed, min, NO_SECTION)
     has_power = any(value == POWER for _, value in pieces)
     dead: list[tuple[float, float]] = []

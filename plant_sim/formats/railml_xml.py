@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from plant_sim.formats.fields import finite_number, read_bytes
 
@@ -60,6 +60,21 @@ def elements_below(element: Element, tag: str) -> Iterator[Element]:
     return (entry for entry in element.iter() if tag_of(entry) == tag)
 
 
+def entry_of(element: Element, place: str) -> str:
+    """Return file, name and identifier of an element, for messages."""
+    return f"{place}: {' '.join(part for part in (tag_of(element), element.get('id')) if part)}"
+
+
+def names_below(element: Element, found: dict[str, Any] | None = None) -> dict[str, Any]:
+    """Return the names of all attributes (``@name``) and elements below an element; those of equal elements as one."""
+    names: dict[str, Any] = {} if found is None else found
+    names.update({f"@{key.rpartition('}')[2]}": True for key in element.keys()})  # noqa: SIM118  # not a mapping
+    for entry in element:
+        below = names.setdefault(tag_of(entry), {})
+        names_below(entry, below)
+    return names
+
+
 def number_of(element: Element, key: str, place: str, low: float = -1e9, high: float = 1e9) -> float:
     """Return a number of an attribute within its range.
 
@@ -68,7 +83,7 @@ def number_of(element: Element, key: str, place: str, low: float = -1e9, high: f
     ValueError
         One line with file, element, attribute and value.
     """
-    where = f"{place}: {' '.join(part for part in (tag_of(element), element.get('id')) if part)}: {key}"
+    where = f"{entry_of(element, place)}: {key}"
     text = element.get(key, "")
     try:
         value = float(text)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from plant_sim.formats.railml import is_railml, railml_line
 from plant_sim.formats.read_train import ReadTrain
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
+from plant_sim.line_direction import reversed_line
 
 LINE_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON, OSRD JSON, railML 3"
 TRAIN_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON"
@@ -38,8 +39,14 @@ class ReadConsist:
     left_out: tuple[str, ...] = ()
 
 
-def read_line(path: Path, selection: str = "") -> ReadLine:
+def read_line(path: Path, selection: str = "", against: bool = False) -> ReadLine:
     """Return the line of a file; of a network the path of a selection ``FROM..TO``.
+
+    Parameters
+    ----------
+    against
+        True for the line of a train in the other direction; a path through a network is read anew, because limits may
+        differ by direction, another line is mirrored.
 
     Raises
     ------
@@ -48,10 +55,17 @@ def read_line(path: Path, selection: str = "") -> ReadLine:
     """
     place = str(path)
     if is_railml(path):
-        return ReadLine(*railml_line(path, selection))
+        return ReadLine(*railml_line(path, selection, against))
     data = read_data(path)
     if osrd.is_osrd(data):
-        return ReadLine(osrd.osrd_line(data, place, selection), "OSRD", keys_not_carried(data, osrd.CARRIED_INFRA))
+        line = osrd.osrd_line(data, place, selection, against)
+        return ReadLine(line, "OSRD", keys_not_carried(data, osrd.CARRIED_INFRA))
+    found = _one_line(data, place, selection)
+    return replace(found, line=reversed_line(found.line)) if against else found
+
+
+def _one_line(data: dict[str, Any], place: str, selection: str) -> ReadLine:
+    """Return the line of a file of one line."""
     if selection:
         raise ValueError(f"{place}: selection '{selection}': the file has one line; remove it")
     if railtoolkit.is_railtoolkit(data, "line"):
