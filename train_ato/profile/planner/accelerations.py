@@ -12,6 +12,9 @@ from train_ato.profile.planner.passes import BRAKE, TRACTION, sliding_extreme
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import SPEED_STEP, TrainTables
 
+STEP_EXCESS = 0.01
+"""Relative excess of a mean over an envelope that counts as a step of the envelope."""
+
 
 @dataclass(frozen=True, slots=True)
 class SectionTables:
@@ -38,7 +41,7 @@ class SectionTables:
     brake_reserve: Array
 
 
-def acceleration_table(train: TrainTables, settings: PlanSettings, window: float) -> Array:
+def acceleration_table(train: TrainTables, settings: PlanSettings, window: float, extend_steps: bool = False) -> Array:
     """Return the rows of the passes [m/s²].
 
     They are traction minus resistance, brake plus resistance, resistance, and electric brake plus resistance.
@@ -47,14 +50,16 @@ def acceleration_table(train: TrainTables, settings: PlanSettings, window: float
     ----------
     window
         Window of the later moving average [s].
+    extend_steps
+        Extend the lower side of a step of an envelope for the averaging; else both sides are lowered by the mean.
     """
     keep = 1.0 - settings.force_margin
     traction, brake = train.traction, train.brake
     if window > 0:
         up = np.minimum(settings.acceleration or np.inf, train.traction / train.inertia)
         down = np.minimum(settings.deceleration or np.inf, (train.brake + train.resistance) / train.inertia)
-        traction = _lowered_for_averaging(traction, up * window / 2)
-        brake = _lowered_for_averaging(brake, down * window / 2)
+        traction = _lowered_for_averaging(traction, up * window / 2, extend_steps)
+        brake = _lowered_for_averaging(brake, down * window / 2, extend_steps)
     return np.stack(
         (
             (keep * traction - train.resistance) / train.inertia,
@@ -96,16 +101,32 @@ def braking_message(train: TrainTables, grid: PlaceGrid, tables: SectionTables, 
     )
 
 
-def _lowered_for_averaging(force: Array, half_width: Array) -> Array:
+def _lowered_for_averaging(force: Array, half_width: Array, extend_steps: bool) -> Array:
     """Return an envelope [N] lowered so that its mean over a range of speeds does not exceed the original.
 
-    A straight envelope does not change; a convex or stepped one is lowered by the amount that averaging would add.
+    A straight envelope does not change.  A convex one is lowered by the amount that averaging would add.
 
     Parameters
     ----------
     half_width
         Half width of the range at every speed [m/s].
+    extend_steps
+        Extend the lower side of a step over half the range; else both sides are lowered by the mean.
     """
+    edges = SPEED_STEP * np.arange(force.size + 1)
+    width = np.ceil(half_width / SPEED_STEP) * SPEED_STEP
+    excess = _averaging_excess(force, force, half_width)
+    steps = excess > STEP_EXCESS * force
+    if not extend_steps or not steps.any():
+        return np.asarray(np.maximum(force - sliding_extreme(excess, width, edges, True), 0.0))
+    width += 2 * SPEED_STEP  # no cell beyond the step within the range of one before it
+    lowered = np.minimum(force, -sliding_extreme(np.where(steps, -force, -np.inf), width, edges, True))
+    excess = _averaging_excess(lowered, force, half_width) / np.maximum(force, 1e-9)
+    return np.asarray(lowered * (1.0 - np.minimum(sliding_extreme(excess, width, edges, True), 1.0)))
+
+
+def _averaging_excess(force: Array, allowed: Array, half_width: Array) -> Array:
+    """Return the excess of the mean of a force over a range of speeds above the allowed one [N], 0 without."""
     n = force.size
     width_cells = np.ceil(half_width / SPEED_STEP).astype(int) + 1
     index = np.arange(n)
@@ -113,6 +134,4 @@ def _lowered_for_averaging(force: Array, half_width: Array) -> Array:
     width_cells = np.minimum(index - low, high - index)
     low, high = index - width_cells, index + width_cells
     total = np.concatenate(([0.0], np.cumsum(force)))
-    excess = np.maximum((total[high + 1] - total[low]) / (high + 1 - low) - force, 0.0)
-    width = np.ceil(half_width / SPEED_STEP) * SPEED_STEP
-    return np.asarray(np.maximum(force - sliding_extreme(excess, width, SPEED_STEP * np.arange(n + 1), True), 0.0))
+    return np.asarray(np.maximum((total[high + 1] - total[low]) / (high + 1 - low) - allowed, 0.0))

@@ -6,9 +6,13 @@ knots.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from train_ato.messages.types import Array
+from train_ato.profile.planner.accelerations import acceleration_table
 from train_ato.profile.planner.driving_strategy import MINIMUM_TIME, DrivingStrategy, SectionKnots
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.smoothing import largest_acceleration_change
@@ -17,6 +21,10 @@ MAX_ROUNDS = 25
 """Rounds of the search for window and reserves of the moving average."""
 HOLDING_BRAKE_SPEED = 0.05
 """Speed below which the holding brake acts and the brake envelope is not checked [m/s]."""
+LOWER_RATES = (0.85, 0.95)
+"""Factors between two service accelerations that are tried, far and near."""
+LEAST_GAIN = 0.1
+"""Square of the acceleration over the jerk limit times the top speed from which on a lower one is tried."""
 TOLERANCE = 1e-6
 """Relative excess of a force or limit that counts as rounding."""
 
@@ -37,9 +45,84 @@ def fit_jerk_limit(section: PlanSection, start: float, period: float, strategy: 
     jerk = section.inputs.settings.jerk
     if jerk is None:
         section.energy_profile(strategy)
-        return
-    if section.window <= 0:
+    elif section.window > 0:
+        _fit(section, jerk, start, period, strategy)
+    else:
+        _fit_fastest(section, jerk, start, period)
+        if strategy is not MINIMUM_TIME:
+            _fit(section, jerk, start, period, strategy)
+
+
+def _fit_fastest(section: PlanSection, jerk: float, start: float, period: float) -> None:
+    """Fit the fastest of several ways to limit the jerk.
+
+    At a step of an envelope, the lower side is extended or both sides are lowered.  A lower service acceleration has
+    a shorter window: it can be faster between stops that are close together, or with a low jerk limit.
+    """
+    best, problem = _fitted(_copy(section), jerk, start, period)
+    steps = best is None or _has_steps(best)
+    if steps:
+        best = _faster(best, _fitted(_copy(section, extend_steps=True), jerk, start, period)[0])
+    if best is None:
+        assert problem is not None
+        raise problem
+    for factor in LOWER_RATES:
+        while section.begin_speed == 0.0 and (steps or _slow_window(best, jerk)):
+            lower, _ = _fitted(_slower(best, factor * best.window * jerk), jerk, start, period)
+            if _faster(best, lower) is best:
+                break
+            best = lower or best
+    vars(section).update(vars(best))
+
+
+def _copy(section: PlanSection, **changes: Any) -> PlanSection:
+    """Return a section without window, reserves and tables."""
+    fresh = {"window": 0.0, "limit_extension": 1.0, "fastest_speed": None, "_tables": None, "_reserve": None}
+    return replace(section, **(fresh | changes))
+
+
+def _slower(section: PlanSection, rate: float) -> PlanSection:
+    """Return a section with service acceleration and deceleration of at most a rate [m/s²]."""
+    settings = section.inputs.settings
+    rates = {key: min(getattr(settings, key) or np.inf, rate) for key in ("acceleration", "deceleration")}
+    return _copy(section, inputs=replace(section.inputs, settings=settings.model_copy(update=rates)))
+
+
+def _fitted(
+    section: PlanSection, jerk: float, start: float, period: float
+) -> tuple[PlanSection | None, ValueError | None]:
+    """Return a section with its window for the minimum time, or None and the reason."""
+    try:
         _set_first_window(section, jerk)
+        _fit(section, jerk, start, period, MINIMUM_TIME)
+    except ValueError as problem:
+        return None, problem
+    return section, None
+
+
+def _faster(one: PlanSection | None, other: PlanSection | None) -> PlanSection | None:
+    """Return the section with the shorter running time, the first one of two equal ones."""
+    if one is None or other is None:
+        return one or other
+    return other if other.time() < one.time() else one
+
+
+def _has_steps(section: PlanSection) -> bool:
+    """Return True if the envelopes have a step within the range of speeds of a window."""
+    train, settings, window = section.inputs.train, section.inputs.settings, section.window
+    lowered, extended = (acceleration_table(train, settings, window, extend) for extend in (False, True))
+    return not np.array_equal(lowered, extended)
+
+
+def _slow_window(section: PlanSection, jerk: float) -> bool:
+    """Return True if a lower acceleration a can be faster: a / jerk plus v / a has its minimum at a² = v jerk."""
+    assert section.fastest_speed is not None
+    top = float(section.fastest_speed[1].max())
+    return (section.window * jerk) ** 2 > LEAST_GAIN * top * jerk
+
+
+def _fit(section: PlanSection, jerk: float, start: float, period: float, strategy: DrivingStrategy) -> None:
+    """Increase window, reserves and limit extension for one driving strategy."""
     shortfall = 0.0
     for _ in range(MAX_ROUNDS):
         try:

@@ -41,6 +41,8 @@ class PlanSection:
         Window of the moving average [s]; 0 without a jerk limit.
     limit_extension : float
         Factor on the time by which limits start earlier and end later.
+    extend_steps : bool
+        Extend the lower side of a step of an envelope for the averaging, see :func:`.accelerations.acceleration_table`.
     fastest_speed : pair of arrays, optional
         Places [m] and speeds [m/s] of the fastest run without a jerk limit; None before the window is known.
     """
@@ -55,6 +57,7 @@ class PlanSection:
     accept_overspeed: bool = False
     window: float = 0.0
     limit_extension: float = 1.0
+    extend_steps: bool = False
     fastest_speed: tuple[Array, Array] | None = None
     _tables: SectionTables | None = None
     _tables_key: tuple[float, ...] = ()
@@ -203,7 +206,7 @@ class PlanSection:
     @property
     def tables(self) -> SectionTables:
         """Return the tables for the present window, reserves and limit extension."""
-        key = (self.window, self.reserve.changes, self.limit_extension)
+        key = (self.window, self.reserve.changes, self.limit_extension, self.extend_steps)
         if self._tables is not None and key == self._tables_key:
             return self._tables
         grid, train = self.grid, self.inputs.train
@@ -224,7 +227,7 @@ class PlanSection:
         for ceiling in (self.ceiling, self.inputs.ceiling):
             if ceiling is not None:
                 limit = np.minimum(limit, np.interp(grid.places, ceiling[0], ceiling[1] ** 2 / 2))
-        rates = acceleration_table(train, self.inputs.settings, self.window)
+        rates = acceleration_table(train, self.inputs.settings, self.window, self.extend_steps)
         reserves = np.stack(self.reserve.over(grid))
         if placed is not None:
             reserves = 1.0 - (1.0 - reserves) * (1.0 - placed[:2])
