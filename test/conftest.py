@@ -1,7 +1,8 @@
-"""Fixtures for all tests: data of open projects, a ROS domain, one hypothesis profile."""
+"""Fixtures for all tests: signals, data of open projects, a ROS domain, one hypothesis profile; marks by cost."""
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,11 +10,22 @@ import open_data as tables
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
+pytest_plugins = ("case_costs",)
 settings.register_profile(
     "train_ato", deadline=None, derandomize=True, max_examples=50, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.register_profile("first_failure", settings.get_profile("train_ato"), phases=[Phase.explicit, Phase.generate])
 settings.load_profile("train_ato")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def signals_of_a_terminal() -> Iterator[None]:
+    """Handle signals as in a terminal; a shell ignores them in its background, which child processes inherit."""
+    usual = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
+    before = {number: signal.signal(number, handler) for number, handler in usual.items()}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
 @pytest.fixture(scope="session")

@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from waiting import LIMIT_S
+
 from train_ato.messages.topics import BY_NAME
 
 
@@ -45,7 +47,7 @@ class ForeignNode:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def until(self, condition: Callable[[], Any], limit: float = 60.0) -> None:
+    def until(self, condition: Callable[[], Any], limit: float = LIMIT_S) -> None:
         """Run callbacks until a condition holds."""
         last = time.monotonic() + limit
         while not condition():
@@ -74,7 +76,7 @@ class ForeignNode:
         while time.monotonic() < last:
             self._executor.spin_once(timeout_sec=0.02)
 
-    def call(self, kind: Any, service: str, request: Any, limit: float = 60.0) -> Any:
+    def call(self, kind: Any, service: str, request: Any, limit: float = LIMIT_S) -> Any:
         """Return the answer of a service."""
         client = self.node.create_client(kind, service)
         self.until(client.service_is_ready, limit)

@@ -145,7 +145,7 @@ def test_the_record_is_the_same_wherever_it_is_held(tmp_path, monkeypatch):
     assert not left.exists()
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("mode", ["composed", "processes"])
 def test_every_mode_gives_the_same_run(mode, own_module):
     """Breaks if other processes do not find a law by its module, or its parameters are lost."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -78,17 +77,20 @@ def module_name(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-MODULES = {
-    module_name(path): ast.parse(path.read_text(encoding="utf-8"))
-    for package in ("plant_sim", "train_ato")
-    for path in (ROOT / package).rglob("*.py")
-}
+MODULES = {module_name(path): path for package in ("plant_sim", "train_ato") for path in (ROOT / package).rglob("*.py")}
 
 
+@cache
+def tree(name: str) -> ast.Module:
+    """Return the syntax tree of a module."""
+    return ast.parse(MODULES[name].read_text(encoding="utf-8"))
+
+
+@cache
 def imports(name: str) -> set[str]:
     """Return the modules that a module imports anywhere: at its top, in functions, for type checkers."""
     found = set()
-    for node in ast.walk(MODULES[name]):
+    for node in ast.walk(tree(name)):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -137,13 +139,11 @@ def circles(graph: dict[str, set[str]]) -> list[list[str]]:
     return found
 
 
-@pytest.mark.parametrize("name", sorted(MODULES))
-def test_a_module_imports_only_from_its_layer_and_lower_ones(name: str) -> None:
+def test_a_module_imports_only_from_its_layer_and_lower_ones() -> None:
     """Breaks if an import points upward, also one inside a function or under TYPE_CHECKING."""
-    assert layer(name) in LAYERS, f"{name} is in no layer of the list"
-    own = LAYERS.index(layer(name))
-    above = {other for other in ours(imports(name)) if LAYERS.index(layer(other)) > own}
-    assert not above, f"{name} imports from a higher layer: {sorted(above)}"
+    assert [name for name in MODULES if layer(name) not in LAYERS] == []
+    level = {name: LAYERS.index(layer(name)) for name in MODULES}
+    assert [(name, other) for name in MODULES for other in ours(imports(name)) if level[other] > level[name]] == []
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
@@ -161,12 +161,11 @@ def control_layer(name: str) -> int:
     return found
 
 
-@pytest.mark.parametrize("name", sorted(name for name in MODULES if name.startswith(CONTROL)))
-def test_control_imports_only_downward(name: str) -> None:
+def test_control_imports_only_downward() -> None:
     """Breaks if an import inside ``train_ato.control`` points upward, also one under TYPE_CHECKING."""
-    inside = {other for other in ours(imports(name)) if other.startswith(CONTROL)}
-    above = {other for other in inside if control_layer(other) > control_layer(name)}
-    assert not above, f"{name} imports from a higher layer: {sorted(above)}"
+    level = {name: control_layer(name) for name in MODULES if name.startswith(CONTROL)}
+    pairs = [(name, other) for name in level for other in imports(name) if other in level]
+    assert [(name, other) for name, other in pairs if level[other] > level[name]] == []
 
 
 def test_observers_and_compensations_are_independent() -> None:
@@ -177,10 +176,10 @@ def test_observers_and_compensations_are_independent() -> None:
                 assert not any(found.startswith(CONTROL + other) for found in ours(imports(name))), name
 
 
-@pytest.mark.parametrize("name", sorted(name for name in MODULES if layer(name) in NO_ROS))
-def test_layers_below_ros_import_no_ros(name: str) -> None:
+def test_layers_below_ros_import_no_ros() -> None:
     """Breaks if physics, laws, loop or log need a ROS package."""
-    assert not {entry.partition(".")[0] for entry in imports(name)} & ROS_MODULES
+    lower = [(name, other) for name in MODULES if layer(name) in NO_ROS for other in imports(name)]
+    assert [(name, other) for name, other in lower if other.partition(".")[0] in ROS_MODULES] == []
 
 
 def test_a_public_name_has_one_meaning() -> None:

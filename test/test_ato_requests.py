@@ -83,7 +83,7 @@ def test_a_request_of_another_version_is_refused() -> None:
     assert RunChanges.of([other]).requests == []
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_live_requests_are_recorded_and_verified(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if a service call is missing in the log or ``verify`` omits it, or a refusal has no reason."""
     pytest.importorskip("rclpy")

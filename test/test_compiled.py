@@ -186,7 +186,7 @@ def test_compiled_kernels_of_an_earlier_installation_do_not_hide_the_package(tmp
     assert found.stdout.strip() == plant_sim.__file__
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_run_needs_no_folder_for_what_it_compiles(tmp_path: Path) -> None:
     """Breaks if a run without a writable folder ends, or says that later ones start at once."""
     out = tmp_path / "out"
@@ -197,7 +197,7 @@ def test_a_run_needs_no_folder_for_what_it_compiles(tmp_path: Path) -> None:
     assert json.loads(done.stdout)["ticks"] == 50
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_a_run_without_compiler_gives_the_same_numbers(tmp_path: Path) -> None:
     """With NUMBA_DISABLE_JIT=1 the kernel is plain Python: slow, with the same numbers."""
     short = ["-m", "train_ato", "run", "xuzhou_metro", "--engine", "--json", "--set", "duration=4"]

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from case_costs import sampled
 from span_runs import assert_same_messages, assert_same_recording, compiled_part, messages_of, setup_of
 
 from plant_sim.plant_setup import Sensors
@@ -92,7 +93,7 @@ def test_compiled_ticks_send_the_messages_of_python(case: str) -> None:
     assert_same_messages(*(messages_of(setup_of(*CASES[case]), compiled=chosen) for chosen in (False, True)))
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", sampled(CASES, every=3))
 def test_compiled_ticks_give_the_recording_of_python(case: str) -> None:
     """Breaks if an array of a span is added in another order, shape or reduction than the messages."""
     python, compiled = (run_engine(setup_of(*CASES[case]), compiled=chosen) for chosen in (False, True))

@@ -16,7 +16,7 @@ from train_ato.scenario.scenario import shipped_scenarios
 SHIPPED = shipped_scenarios()["daqin_heavy_haul"]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_shipped_profile_is_what_the_command_makes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if plant, line or driver change and the shipped reference or its brake events do not."""
     out = tmp_path / "driver.csv"

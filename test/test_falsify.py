@@ -8,12 +8,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from waiting import LIMIT_S, wait_for
 
 import train_ato as ta
 from train_ato.apps.falsify.gaussian_process import GaussianProcess
@@ -287,16 +287,13 @@ def test_ctrl_c_keeps_the_results_and_leaves_no_process(jobs: str, cheap: str, t
     assert process.stdout.readline() == "run\n"
     assert process.stdout.readline() == "run\n"
     os.killpg(process.pid, signal.SIGINT)
-    _, printed = process.communicate(timeout=120)
+    _, printed = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 1, printed
     assert "interrupted; results so far" in printed
     assert "Traceback" not in printed
     assert len((out / "runs.csv").read_text().splitlines()) >= 3
     assert json.loads((out / "falsify.json").read_text())["interrupted"] is True
-    deadline = time.monotonic() + 60
-    while _group_is_alive(process.pid) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not _group_is_alive(process.pid)
+    wait_for(lambda: not _group_is_alive(process.pid), "the end of the workers")
 
 
 def _group_is_alive(group: int) -> bool:

@@ -51,7 +51,7 @@ def test_a_killed_node_is_silent_in_one_process(tmp_path: Path) -> None:
     assert equal(tmp_path / "a", tmp_path / "b")
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_faults_have_equal_numbers_in_several_processes(engine_run: Path, tmp_path: Path) -> None:
     """Breaks if a fault depends on the process of its reader."""
     assert drive(tmp_path / "run", MIXED, "--processes") == 0

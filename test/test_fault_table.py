@@ -18,7 +18,7 @@ REACTION_TIME = 1.5
 STOPPING_ERROR = 5.0
 """Largest distance from the planned stop of a train that has reached it [m]."""
 FIGURES = read_figures(Path(__file__).resolve().parents[1])
-MARKS = {row.name: [pytest.mark.slow] if row.slow else [] for row in ROWS}
+MARKS = {row.name: [pytest.mark.campaign] if row.slow else [] for row in ROWS}
 
 
 def test_the_table_has_every_kind_of_fault():

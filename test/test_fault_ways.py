@@ -38,7 +38,7 @@ WALL = ("wall_s", "real_time_factor", "step_time_us_median", "step_time_us_p99")
 SLOW_RATE = 0.5
 """Rate of a run without its recorder: the last second of the log is one of wall time; here it has two."""
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.campaign
 
 
 CASES = [(row, way) for way in ("composed", "processes") for row in ROWS if way in ways_of(row)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -39,7 +40,7 @@ from train_ato.scenario.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 WAYS = pytest.mark.parametrize(
-    "way", [[], pytest.param(["--processes"], marks=pytest.mark.slow)], ids=["composed", "processes"]
+    "way", [[], pytest.param(["--processes"], marks=pytest.mark.graph)], ids=["composed", "processes"]
 )
 SLOW = "--rate=60"
 
@@ -68,7 +69,7 @@ class Running:
         self.foreign.until(lambda: self.process.poll() is not None or (partial.exists() and commands()))
         assert self.process.poll() is None, self.process.communicate()
 
-    def end(self, limit: float = 60.0) -> tuple[int, str]:
+    def end(self, limit: float = LIMIT_S) -> tuple[int, str]:
         """Return exit status and last line on stderr."""
         _, errors = self.process.communicate(timeout=limit)
         return self.process.returncode, errors.strip().splitlines()[-1] if errors.strip() else ""
@@ -96,7 +97,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., Running]]:
         run.foreign.close()
         if run.process.poll() is None:
             run.process.send_signal(signal.SIGINT)
-            run.process.communicate(timeout=30)
+            run.process.communicate(timeout=LIMIT_S)
 
 
 def status(name: str) -> DiagnosticStatus:
@@ -157,13 +158,13 @@ TAKEOVERS = [
         id="brake_pipe_realtime",
     ),
     pytest.param("recorder/progress", Tick, [SLOW], id="acknowledgement"),
-    pytest.param("/clock", Tick, [SLOW], id="clock", marks=pytest.mark.slow),
+    pytest.param("/clock", Tick, [SLOW], id="clock", marks=pytest.mark.graph),
     pytest.param(
         "ato/reference",
         lambda stamp: Reference(stamp, 0.0, 0.0, 0.0),
         [SLOW, "--processes"],
         id="reference to processes",
-        marks=pytest.mark.slow,
+        marks=pytest.mark.graph,
     ),
 ]
 
@@ -196,7 +197,7 @@ def test_a_second_publisher_ends_the_run_by_its_name(topic, message, options, st
     assert options != [SLOW] or found == true_cars[: len(found)]
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_a_publisher_that_has_left_is_noticed_too(start):
     """Breaks if a node can send one message and leave undetected."""
     run = start(SLOW)
@@ -214,35 +215,35 @@ def test_a_publisher_that_has_left_is_noticed_too(start):
 def test_a_run_does_not_begin_beside_a_second_publisher(tmp_path):
     """Fails if the run ends without the name of the foreign node, or continues after its discovery.
 
-    On a loaded machine its discovery may take longer than the start of the run; `test_two_controllers_are_refused` has
-    the discovery before the start.
+    On a loaded machine its discovery may take longer than the start of the run, and any node may name it first;
+    `test_two_controllers_are_refused` has the discovery before the start.
     """
-    setup = prepare(*load_scenario("demo", ("duration=20",)))
+    setup = prepare(*load_scenario("demo", ("duration=3600",)))
     with claim_domain() as domain, applied(variables(domain, tmp_path / "log")), ForeignNode(domain) as foreign:
         foreign.publisher("ato/command")
         foreign.settle(0.1)
         end = run_composed(setup, tmp_path, domain, GraphOptions(start_limit=1.0))
     before = "node plant failed: it waited 1 s for the end of node intruder"
-    after = "node plant failed: ato/command has more than one publisher: node intruder too; end it"
-    assert end.failure.startswith(before) or end.failure == after
-    assert end.ticks < setup.ticks and (end.failure == after or end.ticks == 0)
+    after = r"node \w+ failed: ato/command has more than one publisher: node intruder too; end it"
+    assert end.failure is not None and (end.failure.startswith(before) or re.fullmatch(after, end.failure))
+    assert end.ticks < setup.ticks and (end.ticks == 0 or re.fullmatch(after, end.failure))
 
 
 @pytest.mark.parametrize(
     ("change", "differs"),
-    [("seed=7", "seed"), pytest.param("tick=0.05", "tick", marks=pytest.mark.slow)],
+    [("seed=7", "seed"), pytest.param("tick=0.05", "tick", marks=pytest.mark.graph)],
 )
 def test_nodes_of_unequal_scenarios_do_not_begin(change, differs, terminals):  # noqa: F811
     """Fails if the profile of another run drives the train."""
     terminals.start("profile", "--scenario=demo", f"--set={change}")
     plant = terminals.start("plant", "--scenario=demo")
-    said = plant.communicate(timeout=60)[0]
+    said = plant.communicate(timeout=LIMIT_S)[0]
     assert plant.returncode == 1
     text = f"it was started with another scenario than the plant: {differs} differ; give every node the same"
     assert f"node profile failed: {text}" in said
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_a_second_observer_started_alone_is_named(terminals):  # noqa: F811
     """Fails if the controller uses the estimates of two observers, or no node of the run names the second one.
 

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_architecture import MODULES, imports
+from test_architecture import MODULES, imports, tree
 
 from msgs_docs.generate import hazard_page
 from msgs_docs.generate.fault_table import ROWS as FAULT_ROWS
@@ -21,7 +21,12 @@ from msgs_docs.generate.monitor_removal import REMOVALS, monitor_part, removed_m
 
 ROOT = Path(__file__).resolve().parents[1]
 FIGURES = read_pairs(ROOT)
-PAIRS = [pytest.param(row, id=row.requirement) for row in ROWS if row.pair is not None]
+FIRST = {row.hazard: row.requirement for row in reversed(ROWS) if row.pair is not None}
+PAIRS = [
+    pytest.param(row, id=row.requirement, marks=[] if row.requirement in FIRST.values() else [pytest.mark.campaign])
+    for row in ROWS
+    if row.pair is not None
+]
 MONITORS = {monitor for row in ROWS for monitor in row.monitors}
 FAULT_TEST = "test/test_fault_table.py::test_the_train_is_safe_after_a_fault"
 DECISIONS = {"step", "problem", "evaluate", "receive", "check", "check_limit"}
@@ -46,7 +51,7 @@ def in_place(module: str) -> bool:
 def monitor_names(module: str) -> set[str]:
     """Return ``module:name`` of every public class with a decision, and of the check that is a function."""
     found = set()
-    for node in MODULES[module].body:
+    for node in tree(module).body:
         methods = {entry.name for entry in getattr(node, "body", ()) if isinstance(entry, ast.FunctionDef)}
         check = isinstance(node, ast.FunctionDef) and module == "train_ato.messages.validity"
         if check or (isinstance(node, ast.ClassDef) and methods & DECISIONS):

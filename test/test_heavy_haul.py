@@ -16,7 +16,7 @@ from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.campaign
 
 
 @functools.cache

@@ -28,16 +28,6 @@ ENDED = (1, -signal.SIGINT)
 """Python itself leaves by SIGINT when Ctrl-C fell into an ``exec`` of a module that was being imported."""
 
 
-@pytest.fixture(autouse=True)
-def interruptible_process() -> Iterator[None]:
-    """Handle signals as in a terminal; a shell ignores them for commands in the background, and so for the tests."""
-    ignored = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
-    before = {number: signal.signal(number, handler) for number, handler in ignored.items()}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
 @contextmanager
 def started(folder: Path, *arguments: str) -> Iterator[subprocess.Popen[str]]:
     """Start a command in a session of its own, as a terminal does, with a folder of its own for scratch files.
@@ -76,7 +66,7 @@ REPRODUCE = ["reproduce", "002", "--out", "out"]
 RUN = ["run", "demo", "--engine", "--rate", "20", "--out", "out"]
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 @pytest.mark.parametrize(
     ("arguments", "number"),
     [

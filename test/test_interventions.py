@@ -315,7 +315,7 @@ def do(domain, *arguments):
     return subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("way", [(), ("--processes",)], ids=["composed", "processes"])
 def test_a_run_with_interventions_is_driven_again_from_its_log(tmp_path, way):
     """Breaks if an intervention acts on another tick than in the log, in one process or several."""

@@ -99,7 +99,7 @@ def test_every_law_with_every_compensation(name: str, law: str) -> None:
         check_combination(name, law, observers[(index + shift) % len(observers)], compensation)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", PLACES)
 @pytest.mark.parametrize("law", LAWS.names())
 def test_every_combination(name: str, law: str) -> None:

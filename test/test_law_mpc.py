@@ -462,7 +462,7 @@ def test_compensations_that_do_not_fit_are_refused(scenario, compensation):
         ta.run(scenario, law="mpc", compensation=compensation, set={"duration": 1}, progress=False)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_force_of_a_long_train_does_not_follow_the_steps_of_its_line_force():
     """Wagon by wagon the line force changes by 3 kN; with its derivative through the lag the variation is 12.6 kN/s."""
     changes = {"duration": 550}

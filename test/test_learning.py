@@ -90,7 +90,7 @@ def test_error_converges_in_five_runs(stack: str) -> None:
     assert found.learned.runs == 5 and not found.unused
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("scenario", "duration", "bound"),
     [(METRO, 70, 0.35), ("xuzhou_metro:mismatch", 70, 0.95), ("demo", 250, 1.05)],

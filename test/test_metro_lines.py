@@ -33,7 +33,7 @@ def test_a_changed_line_has_the_grades_of_the_shipped_one_at_other_places(mirror
     assert len(changed.curves) == len(shipped.curves)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_metro_keeps_speed_and_stop_on_every_line() -> None:
     """Breaks if the gains are chosen on one line: a long integral hurries after a shortage of traction, 3.3 km/h."""
     found = dict(metrics_on_lines("step=0.005"))

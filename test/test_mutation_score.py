@@ -80,7 +80,7 @@ def test_page_has_the_score_of_every_file() -> None:
     assert [path for path, outcomes in measured.items() if mutation.score(Counter(outcomes)) < mutation.BOUND] == []
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_score_of_a_sample() -> None:
     """Breaks if fewer than 85 % of random mutants of supervision and links fail a test."""
     pytest.importorskip("mutmut", reason="needs pip install mutmut")

@@ -16,7 +16,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from foreign_node import ForeignNode
-from waiting import wait_for
+from waiting import LIMIT_S, wait_for
 
 from train_ato.log.reading import stream
 from train_ato.ros.graph.environment import claim_domain, middleware, opened_by
@@ -74,7 +74,7 @@ class Drive:
         """End the run with Ctrl-C and return its stderr."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
-        return self.process.communicate(timeout=60)[1]
+        return self.process.communicate(timeout=LIMIT_S)[1]
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def udp_sockets(parent: int) -> list[str]:
     [
         ([], {}, True),
         ([], {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}, True),
-        pytest.param(["--processes"], {}, True, marks=pytest.mark.slow),
+        pytest.param(["--processes"], {}, True, marks=pytest.mark.graph),
         ([], {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, False),
     ],
     ids=["composed", "localhost", "processes", "subnet"],
@@ -149,7 +149,7 @@ def two_hosts() -> Iterator[tuple[tuple[str, ...], tuple[str, ...]]]:
             subprocess.run(["ip", "netns", "delete", name], capture_output=True)
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 @pytest.mark.parametrize(
     ("variables", "answer"),
     [({}, "not found ['intruder']"), ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "answered True")],
@@ -167,7 +167,7 @@ def test_another_host_joins_only_where_it_is_asked_for(variables, answer, two_ho
     assert found.stdout.strip() == answer, found.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_a_default_program_of_this_machine_meets_a_default_run(drive, monkeypatch):
     """Fails if tools that use the default profile of Fast DDS no longer find the run on this machine."""
     from std_srvs.srv import SetBool

@@ -121,7 +121,7 @@ def test_a_difference_is_named(tmp_path: Path) -> None:
     assert difference.topic == "/diagnostics" or difference.field.startswith("force")
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_grid_of_two_targets_has_one_hash(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if the kernel has other bits without AVX and FMA, or the command leaves folders or exits wrongly."""
     own = ["--python", sys.executable, "--threads", "1", "--mode", "engine", "--target", "generic", "--target", "host"]

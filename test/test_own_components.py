@@ -78,7 +78,7 @@ def test_a_class_of_a_registered_component_has_its_name():
     assert (run.metrics["observer"], run.metrics["compensation"]) == ("eso", "twin")
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("mode", ["composed", "processes"])
 def test_every_mode_gives_the_same_run(mode, templates):
     """Breaks if a node does not find a component by its module, or its parameters are lost."""

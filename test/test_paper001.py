@@ -57,7 +57,7 @@ def test_every_row_of_the_table_is_run() -> None:
         assert CASES[f"tanh_predictor {train}"].changes["observer"] == "eso"
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_whole_paper_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if JSON output, folder or figures of paper 001 are missing."""
     folder = tmp_path / "out"

@@ -79,7 +79,7 @@ def test_printed_law_carries_an_offset_and_the_corrected_one_does_not() -> None:
     assert found["corrected nominal"] < found["printed nominal"] / 3
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_saturation_recovers_and_its_funnels_are_wide_open() -> None:
     """An error of 44 m returns below 10 cm; the printed funnel ends far wider than the largest error."""
     case = CASES["printed saturated"]
@@ -94,7 +94,7 @@ def test_saturation_recovers_and_its_funnels_are_wide_open() -> None:
     assert phi2[0] == pytest.approx(0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_planned_for_200_kn_stays_within_13_m_of_the_other_profile() -> None:
     """Breaks if the shipped variant demands more than the available force, or increases the error."""
     recording = drive(CASES["pid planned"])

@@ -71,7 +71,7 @@ def test_a_longer_averaging_window_leaves_no_time_unused(factor: float) -> None:
     assert asked - 0.2 <= kept.running_time <= asked + 0.03
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_more_time_needs_less_energy_on_short_random_lines() -> None:
     """Breaks if a strategy without a solution, or the fastest plan, replaces the least energy of a time.
 

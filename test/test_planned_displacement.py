@@ -140,7 +140,7 @@ def test_the_written_scenario_runs_as_planned(plan: tuple[TripPlan, dict[str, An
     assert energy[0] == pytest.approx(planned, rel=0.01) and energy[1] > 1.015 * planned
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     "mismatch", [{}, {"mass_scale": 1.03}, {"mass_scale": 0.97}, {"brake_scale": 0.92}, {"resistance_scale": 1.15}]
 )

@@ -149,7 +149,7 @@ def test_convergence_of_the_largest_coupler_force() -> None:
     assert np.abs(coarse.draft - fine.draft).max() < 5e3
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", [name for name in GEARS if name != "rigid"])
 def test_convergence_of_every_draft_gear(name: str) -> None:
     """At 5 ms every kind has the largest force of 0.5 ms within 1 %."""

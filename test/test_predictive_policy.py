@@ -192,7 +192,7 @@ def test_a_train_without_air_brake_is_refused() -> None:
         prepare(*load_scenario("xuzhou_metro", ("brake.policy=predictive",)))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("worse", [False, True], ids=["nominal", "mismatch"])
 def test_a_trip_plan_is_followed_without_its_places(worse: bool) -> None:
     """Breaks if an application is early or held too long: the drives pull against the shoes, 661 instead of 606 kWh.

@@ -62,10 +62,10 @@ def nothing_left(folder: Path) -> bool:
         ("observer", signal.SIGKILL, LIMIT_S, "node observer failed: its process was ended by SIGKILL"),
         pytest.param(
             "plant", signal.SIGKILL, LIMIT_S, "node plant failed: its process was ended by SIGKILL",
-            marks=pytest.mark.slow,
+            marks=pytest.mark.graph,
         ),
         pytest.param(
-            "controller", signal.SIGSTOP, 5.0, "node controller failed: no answer to stamp", marks=pytest.mark.slow
+            "controller", signal.SIGSTOP, 5.0, "node controller failed: no answer to stamp", marks=pytest.mark.graph
         ),
     ],
 )  # fmt: skip
@@ -87,7 +87,7 @@ def test_a_node_that_dies_or_hangs_is_named(victim, number, limit, says, setup, 
     assert message_counts(tmp_path)["/train/measurement"] >= 50
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 @pytest.mark.parametrize(
     ("seconds", "says"),
     [
@@ -129,7 +129,7 @@ def test_a_message_lost_at_the_end_fails_the_run(recorded, failure):
     assert (end.failure, end.published, end.ticks) == (failure, {"ato/command": 12}, 12)
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_a_killed_recorder_leaves_a_log_that_can_be_recovered(setup, tmp_path):
     """All messages of the chunks closed before the kill are recovered, without a gap."""
     partial = tmp_path / "run.mcap.partial"
@@ -151,7 +151,7 @@ def test_a_killed_recorder_leaves_a_log_that_can_be_recovered(setup, tmp_path):
     assert stamps == [k * setup.tick_ns for k in range(len(stamps))]
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 @pytest.mark.parametrize("role", list(ROLES), ids=lambda role: role.value)
 def test_a_node_that_cannot_start_is_named(role, setup, tmp_path, monkeypatch):
     """Breaks if a refused parameter of one node is reported with the name of a waiting node."""
@@ -209,7 +209,7 @@ def _command_line(folder: Path, *options: str) -> subprocess.Popen[str]:
     ("way", "number"),
     [
         ("--processes", signal.SIGINT),
-        pytest.param("--processes", signal.SIGTERM, marks=pytest.mark.slow),
+        pytest.param("--processes", signal.SIGTERM, marks=pytest.mark.graph),
         ("--composed", signal.SIGINT),
     ],
 )
@@ -236,7 +236,7 @@ def test_ctrl_c_ends_a_run_cleanly(way, number, tmp_path):
     wait_for(lambda: not shared_memory.abandoned())
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_a_killed_runner_leaves_no_orphans(setup, tmp_path):
     """The nodes detect the closed pipe and end; the recorder closes the log with all earlier messages."""
     folder = tmp_path / "run"

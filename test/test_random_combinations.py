@@ -46,7 +46,7 @@ def combined(scenario: str, law: str, observer: str, compensation: str) -> RunSe
     return prepare(*load_scenario(scenario, SCENARIOS[scenario], choice))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(("scenario", "law", "observer", "compensation"), combinations())
 def test_a_random_combination_is_refused_tracked_or_named(
     scenario: str, law: str, observer: str, compensation: str

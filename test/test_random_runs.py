@@ -33,7 +33,7 @@ def test_a_random_run_stays_before_the_supervised_location(draw):
     _judge(draw)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", range(6))
 def test_many_random_runs_stay_before_the_supervised_location(seed):
     """As above, with draws that are not on the page."""

@@ -113,7 +113,7 @@ def test_foreign_texts_are_refused(text: str) -> None:
         changes_from_json(text)
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("way", [[], ["--processes"]], ids=["one", "several"])
 def test_a_law_set_from_another_process_is_recorded_and_verified(
     way: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch

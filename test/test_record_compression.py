@@ -92,7 +92,7 @@ def test_the_sizes_are_in_the_order_of_the_choices(runs: dict[str, Path]) -> Non
 
 
 @pytest.mark.parametrize(
-    ("way", "name"), [((), "none"), pytest.param(("--processes",), "none", marks=pytest.mark.slow)]
+    ("way", "name"), [((), "none"), pytest.param(("--processes",), "none", marks=pytest.mark.campaign)]
 )
 def test_the_recorder_node_packs_as_chosen(way: tuple[str, ...], name: str, tmp_path: Path) -> None:
     """Breaks if the option does not reach the node."""

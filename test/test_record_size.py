@@ -39,7 +39,7 @@ def messages(tmp_path_factory: pytest.TempPathFactory):
     return [m for m in stream(folder.path / "run.mcap") if m.publish_ns - EPOCH_NS >= BEGIN_S * 10**9]
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_supervision_has_five_small_messages_a_period(messages) -> None:
     """Breaks if a topic of the supervision grows, or is recorded at every tick."""
     found = [m for m in messages if m.channel.topic in SUPERVISION]
@@ -48,7 +48,7 @@ def test_the_supervision_has_five_small_messages_a_period(messages) -> None:
     assert max(len(m.data) + 31 for m in found) < LARGEST_MESSAGE
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_pressure_at_the_tail_is_one_small_message_a_tick(messages) -> None:
     """Breaks if the message grows, or is recorded more often."""
     found = [m for m in messages if m.channel.topic == TAIL]
@@ -56,7 +56,7 @@ def test_the_pressure_at_the_tail_is_one_small_message_a_tick(messages) -> None:
     assert max(len(m.data) + 31 for m in found) < LARGEST_PRESSURE
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("paced", [False, True])
 def test_an_hour_of_the_long_train_keeps_its_size(paced: bool, messages, tmp_path: Path) -> None:
     """Breaks if a topic grows or the packing degrades; a paced run closes a chunk by its age, every eight ticks."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import itertools
 import re
+from itertools import product
 from pathlib import Path
 
 import pytest
+from case_costs import sampled
 
 from train_ato.cli import main
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
@@ -77,8 +79,7 @@ def check_remedies(name: str, assignments: tuple[str, ...], message: str) -> Non
         assert again == "", f"{message}\n{' '.join(setting)}: {again}"
 
 
-@pytest.mark.parametrize("name", PLACES)
-@pytest.mark.parametrize("law", LAWS.names())
+@pytest.mark.parametrize(("law", "name"), sampled(product(LAWS.names(), PLACES), every=3))
 def test_every_remedy_of_a_refused_pair_is_accepted(name: str, law: str) -> None:
     """Breaks if a remedy of law and compensation is refused, also by another check."""
     for compensation in COMPENSATIONS.names():

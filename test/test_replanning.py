@@ -68,12 +68,12 @@ def drive(name: str, *assignments: str) -> tuple[RunSetup, RunResult, Notes]:
 CASES = [
     ("xuzhou_metro", (*SLIPPERY, "replan={}"), 0.7, 0.6, 0.02),
     ("xuzhou_metro", (*FAULT, "replan={}"), 2.0, 0.8, 0.05),
-    pytest.param("crh380a_funnel:replanned", LAST_57_KM, 0.6, 0.2, 0.05, marks=pytest.mark.slow),
-    pytest.param("crh380a_funnel:replanned", (), 0.6, 0.2, 0.05, marks=pytest.mark.slow),
-    pytest.param("crh380a_funnel:saturated", KNOWN, 0.6, 0.2, 0.05, marks=pytest.mark.slow),
-    pytest.param("demo", (*WEAK_LOCOMOTIVE, HEAVY), 4.0, 0.4, 0.05, marks=pytest.mark.slow),
+    pytest.param("crh380a_funnel:replanned", LAST_57_KM, 0.6, 0.2, 0.05, marks=pytest.mark.campaign),
+    pytest.param("crh380a_funnel:replanned", (), 0.6, 0.2, 0.05, marks=pytest.mark.campaign),
+    pytest.param("crh380a_funnel:saturated", KNOWN, 0.6, 0.2, 0.05, marks=pytest.mark.campaign),
+    pytest.param("demo", (*WEAK_LOCOMOTIVE, HEAVY), 4.0, 0.4, 0.05, marks=pytest.mark.campaign),
     pytest.param(
-        "demo", (*WEAK_LOCOMOTIVE, HEAVY, "compensation=twin"), 10.0, 0.8, 0.05, marks=pytest.mark.slow
+        "demo", (*WEAK_LOCOMOTIVE, HEAVY, "compensation=twin"), 10.0, 0.8, 0.05, marks=pytest.mark.campaign
     ),
 ]  # fmt: skip
 """Scenario, changes, then bounds of position error [m], speed error [m/s] and stop error [m]."""

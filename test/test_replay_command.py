@@ -39,7 +39,7 @@ def long_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write(tmp_path_factory.mktemp("long"), 12_000, only=COMMAND)
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_nothing_is_lost_at_full_speed_to_a_slow_reader_that_keeps_all(long_run, listen, domain):  # noqa: F811
     """Without waiting for the reader the queues would overflow and lose messages."""
     listener = listen({COMMAND: COMMAND})

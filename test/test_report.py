@@ -154,6 +154,11 @@ def test_a_missing_topic_leaves_out_its_figures_alone(topic: str, eventful: Path
     }
     assert set(found.left_out) - {"unit_forces"} == gone.get(topic, set())
     assert all(reason for reason in found.left_out.values())
+
+
+def test_a_page_of_few_topics_is_written(eventful: Path, tmp_path: Path) -> None:
+    """Breaks if a figure of the page needs a topic that its data need not have."""
+    run = without(eventful, tmp_path / "run", {"train/vehicles", "ato/reference", "ato/profile", "/diagnostics"})
     assert main(["report", str(run)]) == 0
 
 
@@ -251,7 +256,7 @@ def test_a_recovered_run_has_its_figures_worked_out_from_the_log(eventful: Path,
         assert worked_out[key] == pytest.approx(told[key], rel=1e-9, abs=1e-9), key
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_runs_side_by_side_have_a_column_and_a_colour_each(
     eventful: Path, several_units: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -276,7 +281,7 @@ def test_equal_names_are_told_apart(eventful: Path, tmp_path: Path, capsys: pyte
     assert len(json.loads(capsys.readouterr().out)["runs"]) == 2
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_compare_leaves_table_figure_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if compare writes no page, or keeps logs without --keep."""
     out = tmp_path / "compared"
@@ -290,7 +295,7 @@ def test_compare_leaves_table_figure_and_report(tmp_path: Path, capsys: pytest.C
     assert main(["report", str(kept / "pid")]) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_compare_shows_a_law_that_failed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if one failed law stops the comparison of the others."""
     monkeypatch.setitem(LAWS._loaded, "breaks", Breaks)
@@ -299,7 +304,7 @@ def test_compare_shows_a_law_that_failed(tmp_path: Path, monkeypatch: pytest.Mon
     assert "breaks: The run failed" in (out / "comparison.html").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_figures_for_print_are_equal_for_equal_runs(eventful: Path, tmp_path: Path) -> None:
     """Breaks if a figure is missing, contains a date or a random name, or has text as paths."""
     for name, kind in (("one", "svg"), ("two", "svg"), ("pixels", "png")):
@@ -359,7 +364,7 @@ def test_a_killed_run_is_refused_with_the_remedy(
     assert main(["report", str(tmp_path)]) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_longest_train_with_noise_on_everything_stays_small(eventful: Path, tmp_path: Path) -> None:
     """Breaks if the size of a page grows with the run: one hour of noise, 212 vehicles, 8 power units."""
     random = np.random.default_rng(1)

@@ -15,7 +15,7 @@ from train_ato.cli import main
 from train_ato.log.recorded import open_recording
 from train_ato.loop.recording import Recording
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.campaign
 
 FIGURES = "[...Bokeh.index].filter(view => view.model.type === 'Figure')"
 AXES = f"{FIGURES}.map(view => view.model.left[0].axis_label)"

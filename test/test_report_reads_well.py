@@ -91,7 +91,7 @@ def test_a_longer_delay_in_words(factor: float, add: float, words: str) -> None:
     assert longer(factor, add) == words
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_table_of_many_runs_can_be_read(gusty: PageData, tmp_path: Path) -> None:
     """Breaks if the columns of seven runs are too narrow for their names."""
     names = [f"line_of_a_long_name_{letter}" for letter in "abcdefg"]
@@ -112,7 +112,7 @@ def test_the_table_of_many_runs_can_be_read(gusty: PageData, tmp_path: Path) -> 
         assert page.console == []
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_compare_names_no_folder_that_is_gone(tmp_path: Path) -> None:
     """Breaks if the page of a comparison has the paths of temporary folders."""
     out = tmp_path / "compared"

@@ -147,7 +147,7 @@ def page() -> Iterator[Page]:
         yield opened
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [390, 1280, 1920])
 def test_the_page_fits_the_screen_and_its_colours(run: Path, page: Page, width: int, scheme: str) -> None:

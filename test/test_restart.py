@@ -99,7 +99,7 @@ def takeover(folder: Path, setup: RunSetup) -> tuple[float, float, float]:
     return float(np.abs(np.diff(ramp)).max()), abs(begin), limit
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 @pytest.mark.parametrize("victim", ["controller", "observer", "profile"])
 def test_a_killed_node_takes_over_without_a_jump(victim: str, tmp_path: Path) -> None:
     """Breaks if the run fails, the force jumps at the takeover, a message of the plant is lost or the ATO drives on."""
@@ -117,7 +117,7 @@ def test_a_killed_node_takes_over_without_a_jump(victim: str, tmp_path: Path) ->
     assert f"node {victim} restarted (node {victim}: its process was ended by SIGKILL)" in events
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_a_killed_supervisor_releases_the_brakes_at_standstill(tmp_path: Path) -> None:
     """Breaks if the train is released while it moves, or never."""
     setup = metro("duration=300")
@@ -133,7 +133,7 @@ def test_a_killed_supervisor_releases_the_brakes_at_standstill(tmp_path: Path) -
     assert min(braked) * 1e-9 < STRUCK_S + RATE
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_the_ato_is_engaged_again_after_a_restart(tmp_path: Path) -> None:
     """Breaks if a planned request after the kill is lost, or the law drives before it."""
     setup = metro("duration=300", "ato_requests=[{at: 80, do: engage}]")
@@ -147,7 +147,7 @@ def test_the_ato_is_engaged_again_after_a_restart(tmp_path: Path) -> None:
     assert max(value for time, value in speed.items() if time > 90) > 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_two_nodes_killed_one_after_the_other_return(tmp_path: Path) -> None:
     """Breaks if the new process of one node waits for ever for that of the other."""
     outcome = struck(metro("duration=300"), tmp_path, ("observer", "controller"))
@@ -155,7 +155,7 @@ def test_two_nodes_killed_one_after_the_other_return(tmp_path: Path) -> None:
     assert outcome.summary["restarts"] == {"observer": 1, "controller": 1}
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_a_node_that_ends_again_and_again_fails_the_run(tmp_path: Path) -> None:
     """Breaks if restarts are not bounded, or the train is not stopped after the last one."""
     kills = [{"node": "observer", "do": "kill", "at": at} for at in range(20, 200, 10)]
@@ -169,7 +169,7 @@ def test_a_node_that_ends_again_and_again_fails_the_run(tmp_path: Path) -> None:
     assert nothing_left(tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_a_planned_kill_of_a_node_acts_once() -> None:
     """Breaks if the new process repeats a fault of the past, or ``restarts`` of the Python interface has no effect."""
     faults = [{"node": "controller", "do": "kill", "at": 20}]

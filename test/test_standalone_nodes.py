@@ -94,7 +94,7 @@ PATIENT = f"--timeout={LIMIT_S}"
     "order",
     [
         pytest.param(ROLES, id="recorder first"),
-        pytest.param(tuple(reversed(ROLES)), id="plant first", marks=pytest.mark.slow),
+        pytest.param(tuple(reversed(ROLES)), id="plant first", marks=pytest.mark.graph),
     ],
 )
 def test_nodes_started_alone_leave_the_folder_of_a_composed_run(
@@ -115,7 +115,7 @@ def test_nodes_started_alone_leave_the_folder_of_a_composed_run(
     wait_for(lambda: not shared_memory.abandoned())
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_ros_parameters_and_a_namespace_reach_nodes_started_alone(terminals: Terminals, tmp_path: Path) -> None:
     """Law, observer and parameters by ``-p``, two trains by ``__ns``: the same as by the scenario."""
     given = {
@@ -144,7 +144,7 @@ def driving(terminals: Terminals, tmp_path: Path) -> Path:
     return partial
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_ctrl_c_on_the_plant_ends_all_nodes(terminals: Terminals, tmp_path: Path) -> None:
     """Breaks if a node waits for ever for a plant that has ended, or the log is not closed."""
     partial = driving(terminals, tmp_path)
@@ -156,7 +156,7 @@ def test_ctrl_c_on_the_plant_ends_all_nodes(terminals: Terminals, tmp_path: Path
     assert not partial.exists()
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_a_plant_that_is_killed_fails_all_nodes(terminals: Terminals, tmp_path: Path) -> None:
     """Breaks if a cut link counts as the end of the run: exit status 0, or a summary of a complete run."""
     driving(terminals, tmp_path)

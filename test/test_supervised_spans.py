@@ -107,7 +107,7 @@ def test_most_supervised_ticks_are_compiled(case: str) -> None:
     assert compiled_part(setup_of(*CASES[case])) > 0.8
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize("name", FULL)
 def test_a_whole_supervised_run_is_equal(name: str) -> None:
     """Breaks if a state drifts over a long run: brake applications, indication and stop at the end of authority."""

@@ -226,7 +226,7 @@ def test_only_the_figures_of_the_design_are_drawn(swept: tuple[Path, set[str], s
     assert SweepResult(read_sweep(SPEC), lost).plot_map() is not None
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_failed_and_refused_runs_are_rows(tmp_path: Path) -> None:
     """Breaks if a law that fails, or kills its process, ends the sweep or costs the rows of the others."""
     (tmp_path / "own_laws.py").write_text(LAWS)
@@ -243,7 +243,7 @@ def test_failed_and_refused_runs_are_rows(tmp_path: Path) -> None:
     assert table["reason"].str.contains("nowhere").tolist() == [status == "refused" for status in statuses]
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_an_ended_sweep_keeps_its_rows_and_leaves_no_process(number: signal.Signals, tmp_path: Path) -> None:
     """Breaks if the end of the sweep loses finished runs, leaves a worker, or cannot be continued."""
@@ -267,7 +267,7 @@ def test_an_ended_sweep_keeps_its_rows_and_leaves_no_process(number: signal.Sign
     assert json.loads(output)["counts"] == {"done": 12}
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_a_running_scheduler_is_used(tmp_path: Path) -> None:
     """Breaks if ``--scheduler`` starts own workers, or a scheduler without answer is not refused in one line."""
     from distributed import LocalCluster

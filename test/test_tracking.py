@@ -386,7 +386,7 @@ def test_a_strict_run_that_is_not_tracked_has_exit_status_1(tmp_path: Any, capsy
     assert "lost!" in said.out and "not tracked: pid: lost: " in said.out and "pid: lost: " in said.err
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("scenario", "changes", "found"),
     [

@@ -233,7 +233,7 @@ def test_options_of_other_plans_are_refused() -> None:
         execute(options("daqin_section", "hxd1_c80_105", "--trip", "--jerk", "0.1"))
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     "mismatch", [{}, {"mass_scale": 1.03, "brake_scale": 0.92, "resistance_scale": 1.15}, {"mass_scale": 0.97}]
 )

@@ -16,7 +16,7 @@ from waiting import wait_for
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.graph
 BLOWN = ("duration=220", "interventions=[{at: 150, do: gust, acceleration: 0.5, duration: 60}]")
 """A gust accelerates the demo train beyond its speed limit."""
 STOPPING = (

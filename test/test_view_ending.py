@@ -17,7 +17,7 @@ from view_browser import click, opened, said_wrong, strangers, viewing
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.graph
 SHORT = ("--set=duration=60", "--set=profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 10}, {brake_to: 0}]")
 SAID = "document.getElementById('verdict').innerText"
 

@@ -162,7 +162,7 @@ def test_a_port_in_use_is_refused_in_one_line(run):
             pass
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_a_live_run_goes_to_foxglove(tmp_path):
     """Breaks if a running graph does not reach Foxglove, with its time and its latched profile."""
     from view_browser import viewing

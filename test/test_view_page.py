@@ -32,7 +32,7 @@ from train_ato.loop.setup import prepare
 from train_ato.ros.graph.environment import held_domains
 from train_ato.scenario.scenario import load_scenario
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.graph
 LONG = ("duration=4000", "profile.phases=[{cruise_for: 5}, {accelerate_to_kmh: 30}, {cruise_for: 3000}, {brake_to: 0}]")
 """The demo with 50 minutes at 30 km/h: at ten times real time it is longer than any test of a page."""
 

@@ -101,7 +101,7 @@ def test_equal_limits_are_no_full_ring(braked: Path) -> None:
         assert all(high - low >= 1e-3 - 1e-12 for high, low in itertools.pairwise(angles))
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_the_page_of_a_braked_run(braked: Path, plain: Path, tmp_path: Path) -> None:
     """Breaks if states, limits or ring are not drawn, or a run without a supervisor has them."""
     with browser() as page, viewing(str(braked)) as view:
@@ -123,7 +123,7 @@ def test_the_page_of_a_braked_run(braked: Path, plain: Path, tmp_path: Path) -> 
         assert said_wrong(page) == []
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_the_ato_is_disengaged_and_engaged_by_buttons(tmp_path: Path) -> None:
     """Breaks if a button has no effect on the node, a refusal has no reason, or the state does not follow."""
     folder = tmp_path / "run"

@@ -75,7 +75,7 @@ def resized(page, width: int, height: int) -> None:
     page.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_the_emergency_brake_is_in_sight_and_nothing_covers_anything():
     """Breaks if a small window hides the emergency brake or covers the title, or a large one has empty space."""
     with browser() as page, viewing("--scenario", "demo", "--rate", "5") as view:
@@ -97,7 +97,7 @@ def test_the_emergency_brake_is_in_sight_and_nothing_covers_anything():
         assert said_wrong(page) == []
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_times_before_the_begin_are_times_and_labels_pull_no_axis(short):
     """Breaks if the axis shows -1:-1:10, or an event label extends the scale of the speed."""
     with browser() as page, viewing(str(short)) as view:
@@ -109,7 +109,7 @@ def test_times_before_the_begin_are_times_and_labels_pull_no_axis(short):
         assert page.evaluate(f"{labels}.data_source.data.label.length") > 0
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_a_killed_run_is_gone_and_the_next_one_is_not_taken_for_it(tmp_path):
     """Breaks if the page of a killed run appears to run, or sends requests to the next run."""
     with claim_domain() as domain:

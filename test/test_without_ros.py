@@ -38,7 +38,7 @@ def closure(requirements: list[str]) -> dict[str, importlib.metadata.Distributio
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.campaign
 def test_the_engine_runs_where_no_ros_package_is_installed(tmp_path):
     """Breaks if the engine, a table or the help needs ROS, a requirement is undeclared, or an error omits ROS."""
     site = tmp_path / "site"
