@@ -1,5 +1,8 @@
 """Data from YAML and JSON text of unknown origin, with limits on nesting, aliases and repeated keys.
 
+Scalars are those of the core schema of YAML 1.2: ``0500`` is 500; ``8:15``, ``NO`` and a date are text. PyYAML alone
+reads the octal number 320, 495 minutes, false and a date. A number may have ``_`` between its digits.
+
 The C loader of PyYAML composes nested nodes by recursion in C: 50 000 brackets overflow the stack and end the process.
 Here the parser in C delivers events, and Python composes them within a limit on the depth.
 """
@@ -20,6 +23,22 @@ _PARSER_TOO_DEEP = "exceeded maximum nesting depth"
 MAX_ALIASES = 50
 """Largest number of aliases in a text; many aliases expand to a size far beyond that of the text."""
 
+_INTEGER = re.compile(r"^[-+]?[0-9][0-9_]*$|^0o[0-7]+$|^0x[0-9a-fA-F]+$")
+_SCALARS: tuple[tuple[str, re.Pattern[str], list[str]], ...] = (
+    ("bool", re.compile(r"^(?:true|True|TRUE|false|False|FALSE)$"), list("tTfF")),
+    ("null", re.compile(r"^(?:~|null|Null|NULL|)$"), ["~", "n", "N", ""]),
+    ("int", _INTEGER, list("-+0123456789")),
+    (
+        "float",
+        re.compile(
+            r"^[-+]?(?:\.[0-9]+|[0-9][0-9_]*(?:\.[0-9_]*)?)(?:[eE][-+]?[0-9]+)?$"
+            r"|^[-+]?\.(?:inf|Inf|INF)$|^\.(?:nan|NaN|NAN)$"
+        ),
+        list("-+.0123456789"),
+    ),
+    ("merge", re.compile(r"^<<$"), ["<"]),
+)
+"""Type, text and first characters of the plain scalars that are not text."""
 _Base: Any = getattr(yaml.cyaml, "CParser", None) if yaml.__with_libyaml__ else None
 _PYTHON = (yaml.reader.Reader, yaml.scanner.Scanner, yaml.parser.Parser)
 _PARSERS: tuple[Any, ...] = _PYTHON if _Base is None else (_Base,)
@@ -53,13 +72,23 @@ class _UniqueKeys(yaml.constructor.SafeConstructor):
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Construct a mapping without repeated keys."""
         seen: set[str] = set()
-        for key, _ in node.value:
+        before = ""
+        for key, value in node.value:
             text = str(key.value)
+            if node.flow_style and value.value == "" and before and text.isdigit():
+                problem = f"'{before},{text}' has a decimal comma; write {before}.{text}"
+                raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
+            before = str(value.value) if _INTEGER.match(str(value.value)) else ""
             if text in seen and text != "<<":
                 problem = f"key '{text}' is repeated"
                 raise yaml.constructor.ConstructorError(None, None, problem, key.start_mark)
             seen.add(text)
         return super().construct_mapping(node, deep=deep)
+
+    def construct_yaml_int(self, node: Any) -> int:
+        """Construct an integer: decimal, ``0o17`` or ``0x1f``."""
+        text = str(self.construct_scalar(node)).replace("_", "")
+        return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
 
 
 class _Loader(_LimitedComposer, *_PARSERS, _UniqueKeys, yaml.resolver.Resolver):  # type: ignore[misc]
@@ -74,12 +103,24 @@ class _Loader(_LimitedComposer, *_PARSERS, _UniqueKeys, yaml.resolver.Resolver):
         yaml.resolver.Resolver.__init__(self)
 
 
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float",
-    re.compile(r"^[-+]?[0-9][0-9_]*(\.[0-9_]*)?[eE][-+]?[0-9]+$"),
-    list("-+0123456789"),
+def _add_scalars(target: Any) -> None:
+    """Add the scalars of the core schema of YAML 1.2, and the merge key, to a loader or a dumper."""
+    for tag, pattern, first in _SCALARS:
+        target.add_implicit_resolver(f"tag:yaml.org,2002:{tag}", pattern, first)
+
+
+_UniqueKeys.add_constructor(  # type: ignore[type-var]  # a constructor without its loader
+    "tag:yaml.org,2002:int", _UniqueKeys.construct_yaml_int
 )
-"""YAML 1.1 reads 1e-2 as text; this resolver makes it a number."""
+_Loader.yaml_implicit_resolvers = {}
+_add_scalars(_Loader)
+
+
+class TextDumper(yaml.SafeDumper):
+    """Dumper that quotes every text which :func:`parse_yaml` would read as a number, such as ``08`` and ``1e5``."""
+
+
+_add_scalars(TextDumper)
 
 
 def parse_yaml(text: str | bytes) -> Any:

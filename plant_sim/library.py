@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -101,9 +102,15 @@ def load_consist(name: str) -> Consist:
 
 
 def split_line_name(name: str) -> tuple[str, str]:
-    """Return the shipped name or file of a line, and its selection after the first colon, with the colon."""
+    """Return the shipped name or file of a line, and its selection with the colon before it.
+
+    The name of a file may have colons: the longest one that exists is the file.
+    """
     if name in line_names() or Path(name).is_file():
         return name, ""
+    for place in sorted((match.start() for match in re.finditer(":", name)), reverse=True):
+        if Path(name[:place]).is_file():
+            return name[:place], name[place:]
     stem, colon, selection = name.partition(":")
     return stem, colon + selection
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Literal
 
@@ -20,6 +21,29 @@ def check_grade(grade: float) -> None:
     """Raise ValueError for an implausible grade."""
     if abs(grade) > MAX_GRADE:
         raise ValueError(f"grade {grade:g} is {1e3 * grade:g} per mille; write grade_permille for per mille")
+
+
+def order_fault(places: Sequence[float], start: float | None = None) -> str:
+    """Return problem and remedy for places [m] that do not rise; empty if they do.
+
+    Sorting entries of falling kilometres would put each on the neighbouring stretch and turn the direction. ``start``
+    is the place where a train begins in falling kilometres, by default the first one.
+    """
+    for number, (before, after) in enumerate(pairwise(places), 1):
+        if after == before:
+            return f"[{number}]: two entries at {number_text(after)} m; keep one"
+        if after < before and all(b < a for a, b in pairwise(places)):
+            first = number_text(places[0] if start is None else start)
+            return (
+                f"[{number}]: {number_text(after)} m after {number_text(before)} m: places fall; in falling kilometres "
+                f"write every place as its distance from {first} m and keep the order of the entries"
+            )
+        if after < before:
+            return (
+                f"[{number}]: {number_text(after)} m after {number_text(before)} m: places must rise in the direction "
+                "of running; correct the place or the order"
+            )
+    return ""
 
 
 class Grade(SiModel):
@@ -105,7 +129,8 @@ class Line(SiModel):
     def _order(self) -> Line:
         if self.end <= self.begin:
             raise ValueError(
-                f"end {number_text(self.end)} m must be beyond begin {number_text(self.begin)} m; correct it"
+                f"end {number_text(self.end)} m must be beyond begin {number_text(self.begin)} m; write distances that "
+                "rise in the direction of running"
             )
         for name, places in (
             ("grades", [entry.at for entry in self.grades]),
@@ -113,8 +138,9 @@ class Line(SiModel):
             ("stops", [entry.at for entry in self.stops]),
             ("coordinates", [entry.at for entry in self.coordinates]),
         ):
-            if any(b <= a for a, b in pairwise(places)):
-                raise ValueError(f"{name} must be listed by rising distance; sort them")
+            fault = order_fault(places, max(self.begin, self.end))
+            if fault:
+                raise ValueError(f"{name}{fault}")
         for stretches in (self.curves, self.tunnels):
             if any(stretch.end <= stretch.begin for stretch in stretches):
                 raise ValueError("a curve or tunnel must have its end beyond its begin; correct it")

@@ -96,10 +96,19 @@ def _type_mismatch(kinds: set[Any], value: Any) -> str | None:
         if bool not in kinds and any(isinstance(scalar, bool) for scalar in scalars):
             return "input should be a number, not true or false"
         if str not in kinds and any(isinstance(scalar, str) for scalar in scalars):
-            return "input should be a number, not text"
+            return f"input should be a number, not text{_decimal_comma(scalars)}"
     elif bool in kinds and not isinstance(value, bool):
         return "input should be true or false"
+    elif kinds <= {str, type(None)} and any(isinstance(scalar, (bool, int, float)) for scalar in scalars):
+        return "input should be text; write it in quotes"
     return None
+
+
+def _decimal_comma(scalars: list[Any]) -> str:
+    """Return the remedy for a number with a decimal comma; empty for other texts."""
+    whole, comma, part = next((scalar for scalar in scalars if isinstance(scalar, str)), "").partition(",")
+    number = comma and whole.lstrip("+-").isdigit() and part.isdigit()
+    return f"; write {whole}.{part} with a decimal point" if number else ""
 
 
 def _divide(value: Any, divisor: float) -> Any:

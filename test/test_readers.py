@@ -14,7 +14,10 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
+from plant_sim.data_text import TextDumper, parse_yaml
 from plant_sim.formats import railtoolkit, ttobench
+from plant_sim.input_error import build_model
+from plant_sim.line import Line
 from train_ato.profile.planner.inputs import find_line, find_train
 
 TRAIN: dict[str, Any] = {
@@ -96,6 +99,112 @@ def test_a_path_becomes_a_line() -> None:
     assert [limit.speed * 3.6 for limit in line.speed_limits] == pytest.approx([100, 80])
 
 
+FALLING = [[10000, 100, 0.0], [6000, 40, 12.0], [4000, 100, 0.0], [0, 100, 0.0]]
+RISING = [[0, 100, 0.0], [4000, 40, 12.0], [6000, 100, 0.0], [10000, 100, 0.0]]
+NAMED = [dict(zip(("position", "speed", "resistance"), row, strict=True)) for row in RISING]
+
+
+@pytest.mark.parametrize("rows", [FALLING, RISING, NAMED])
+def test_falling_kilometres_are_the_same_line(rows: list[Any]) -> None:
+    """Breaks if sections of falling kilometres are sorted: the 40 km/h would lie on the next section, turned."""
+    line = railtoolkit.railtoolkit_line({"paths": [{"id": "p", "characteristic_sections": rows}]}, "hand")
+    assert (line.begin, line.end) == (0, 10000)
+    assert [(e.at, e.grade) for e in line.grades] == [(0, 0), (4000, 0.012), (6000, 0)]
+    assert [(e.at, round(3.6 * e.speed, 9)) for e in line.speed_limits] == [(0, 100), (4000, 40), (6000, 100)]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            {"grades": [{"at": 9000, "grade": 0}, {"at": 100, "grade": 0.01}]},
+            "distance from 10000 m and keep the order",
+        ),
+        ({"speed_limits": [{"at": 7, "speed": 9}, {"at": 7, "speed": 8}]}, "two entries at 7 m; keep one"),
+        ({"stops": [{"at": 100}, {"at": 900}, {"at": 500}]}, "places must rise in the direction of running"),
+        ({"begin_km": 11}, "write distances that rise in the direction of running"),
+    ],
+)
+def test_an_own_line_with_falling_places_gets_a_remedy_that_works(change: dict[str, Any], message: str) -> None:
+    """Breaks if sorting is advised, which would move every entry to the neighbouring stretch."""
+    with pytest.raises(ValueError, match=message) as caught:
+        build_model(Line, {"schema": "train_ato/line/1", "name": "x", "end_km": 10, **change}, "own.yaml")
+    assert "sort" not in str(caught.value)
+
+
+def test_further_paths_and_trains_of_a_file_are_named(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the second path or train of a file vanishes without a word."""
+    railtoolkit.railtoolkit_line({"paths": [*PATH["paths"], {"id": "branch"}]}, "two.yaml")
+    railtoolkit.train_from(TRAIN | {"trains": [*TRAIN["trains"], {"name": "B train"}]}, "two.yaml")
+    lines = capsys.readouterr().err.splitlines()
+    assert "paths: the first one of 2, 'P', is read; not read: branch" in lines[0]
+    assert "trains: the first one of 2, 'A train', is read; not read: B train" in lines[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.gpx", "<gpx/>", "GPX is not read"),
+        ("a.csv", "time_s,speed_kmh\n0,1\n", r"a table \(CSV\) is not read"),
+        ("a.yaml", "- {offset_meters: 0, elev_meters: 3}\n", "holds a list of entries with offset_meters, elev_meters"),
+        ("a.yaml", "<gpx/>", "XML is read as railML only, in a file that ends in .railml or .xml"),
+        ("a.yaml", yaml.safe_dump(TRAIN), r"holds a train \(railtoolkit\), no line; exchange them"),
+        ("a.yaml", "schema: train_ato/consist/1\n", r"holds a train \(train_ato\), no line; exchange them"),
+    ],
+)
+def test_a_file_that_is_no_line_is_named(tmp_path: Path, name: str, text: str, message: str) -> None:
+    """Breaks if a file of another kind is called a 'str'."""
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ValueError, match=message) as caught:
+        find_line(str(tmp_path / name))
+    assert "\n" not in str(caught.value) and name in str(caught.value)
+
+
+def test_traps_of_an_own_line_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if 300 m/s or a grade beyond the end is taken without a word, or a colon in a name hides the file."""
+    file = tmp_path / "km 12:300.yaml"
+    text = "{schema: train_ato/line/1, name: y, end_km: 12, speed_limits: [{at: 0, speed: 300}], grades: [{at_km: 12,"
+    file.write_text(f"{text} grade: 0.01}}, {{at_km: 13, grade: 0}}]}}")
+    assert find_line(f"{file}:reverse").end == 12_000
+    printed = capsys.readouterr().err
+    assert "speed_limits[0]: speed 300 is 1080 km/h; write speed_kmh for km/h" in printed
+    assert "grades[1]: 13000 m lies beyond the end of the line, 12000 m" in printed and "grades[0]" not in printed
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("0500", 500), ("011000", 11000), ("010", 10), ("-007", -7), ("0o17", 15), ("0x1f", 31), ("1_000", 1000),
+        ("8:15", "8:15"), ("1:30:00.5", "1:30:00.5"), ("NO", "NO"), ("on", "on"), ("Yes", "Yes"), ("true", True),
+        ("2026-11-24", "2026-11-24"), ("60,5", "60,5"), ("1e-2", 0.01), ("1.e3", 1000.0), (".5", 0.5), ("08", 8),
+        ("~", None), ("'08'", "08"), ("0b11", "0b11"), ("-.inf", float("-inf")), ("[60, 5]", [60, 5]),
+    ],
+)  # fmt: skip
+def test_scalars_are_those_of_yaml_1_2(text: str, value: Any) -> None:
+    """Breaks if a leading zero is octal, a colon is base 60, or NO is false; texts survive writing and reading."""
+    found = parse_yaml(text)
+    assert found == value and type(found) is type(value)
+    assert parse_yaml(yaml.dump({"name": text}, Dumper=TextDumper)) == {"name": text}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("speed_limits: [{at: 0, speed_kmh: 60,5}]", "'60,5' has a decimal comma; write 60.5"),
+        ("end_km: 12,5", r"input should be a number, not text; write 12.5 with a decimal point"),
+        ("stops: [{at: 8:15}]", "input should be a number, not text"),
+        ("stops: [{at: 9, name: 12}]", "input should be text; write it in quotes"),
+        ("neutral_sections: [{begin: 1, end: 2, electric_brake: yes}]", "input should be true or false"),
+    ],
+)
+def test_scalars_of_another_kind_are_refused_in_words(tmp_path: Path, text: str, message: str) -> None:
+    """Breaks if a decimal comma or a word of YAML 1.1 becomes a number or a truth value."""
+    end = "" if text.startswith("end") else "end_km: 12\n"
+    (tmp_path / "own.yaml").write_text(f"schema: train_ato/line/1\nname: y\n{end}{text}\n")
+    with pytest.raises(ValueError, match=message):
+        find_line(str(tmp_path / "own.yaml"))
+
+
 def test_a_bench_line_with_curves() -> None:
     line = ttobench.ttobench_line(BENCH, "bench.json")
     assert [stop.at for stop in line.stops] == [0, 5000] and line.end == 5000
@@ -150,7 +259,12 @@ def changed(base: dict[str, Any], path: tuple[Any, ...], value: Any) -> dict[str
         ("path", ("paths", 0, "characteristic_sections", 1, 0), 0, "two sections begin at 0 m"),
         ("bench", ("stops", "values"), [0], "at least 2"),
         ("bench", ("stops", "unit"), "furlong", "unit of position = 'furlong'"),
-        ("bench", ("speed limits", "values", 1, 0), -5, "listed by rising distance"),
+        ("bench", ("speed limits", "values", 1, 0), -5, "places fall; in falling kilometres write every place as"),
+        ("bench", ("stops", "values"), [5000, 0], "distance from 5000 m and keep the order of the entries"),
+        ("bench", ("stops", "values"), [0, 500, 400], r"values\[2\]: 400 m after 500 m: places must rise"),
+        ("bench", ("curvatures", "values", 1, 0), -3, "places must rise in the direction of running"),
+        ("path", ("paths", 0, "characteristic_sections", 1, 0), 4000, "3000 m after 4000 m: places must rise"),
+        ("path", ("paths", 0, "characteristic_sections", 1), {"position": 1000}, "speed: this key is missing"),
         ("bench", ("gradients", "units"), KeyError, "unit: this key is missing"),
         ("bench", ("curvatures", "values", 1), [1, 2], "must be a list of 3"),
     ],

@@ -20,9 +20,10 @@ from typing import Any
 
 from plant_sim.consist import Consist
 from plant_sim.formats.fields import Fields, finite_number
+from plant_sim.formats.notes import print_assumption
 from plant_sim.formats.read_train import ReadTrain
 from plant_sim.input_error import build_model
-from plant_sim.line import Line
+from plant_sim.line import Line, order_fault
 from plant_sim.number_text import number_text
 from plant_sim.summation import plain_sum
 
@@ -75,6 +76,7 @@ def train_from(data: dict[str, Any], place: str) -> ReadTrain:
         vehicle = Fields(entry, f"{place}: vehicles[{index}]")
         known[vehicle.text("id")] = vehicle
     train = Fields(top.entries("trains")[0], f"{place}: trains[0]")
+    _name_others(top, "trains")
     formation = [str(name) for name in train.entries("formation")]
     for name in formation:
         if name not in known:
@@ -202,19 +204,9 @@ def railtoolkit_line(data: dict[str, Any], place: str) -> Line:
     """
     top = Fields(data, place)
     path = top.below("path") if "path" in top else Fields(top.entries("paths")[0], f"{place}: paths[0]")
-    key = f"{path.place}: characteristic_sections"
-    rows = [
-        (
-            finite_number(at, f"{key}[{k}][0]", -1e8, 1e8),
-            finite_number(speed, f"{key}[{k}][1]", 1e-3, 1e3),
-            finite_number(grade, f"{key}[{k}][2]", -500, 500),
-        )
-        for k, (at, speed, grade) in enumerate(path.rows("characteristic_sections", 3, 2))
-    ]
-    rows.sort(key=lambda row: row[0])
-    for k, (before, after) in enumerate(pairwise(rows)):
-        if after[0] <= before[0]:
-            raise ValueError(f"{key}: two sections begin at {number_text(before[0])} m (number {k + 1}); keep one")
+    if "paths" in top and "path" not in top:
+        _name_others(top, "paths")
+    rows = _characteristic_sections(path)
     return build_model(
         Line,
         {
@@ -228,3 +220,53 @@ def railtoolkit_line(data: dict[str, Any], place: str) -> Line:
         },
         place.split(": ")[0],
     )
+
+
+def _name_others(top: Fields, key: str) -> None:
+    """Name the further trains or paths of a file, of which the first one is read."""
+    entries = [Fields(entry, f"{top.place}: {key}[{k}]") for k, entry in enumerate(top.entries(key))]
+    names = [entry.text("name", entry.text("id", f"number {k + 1}")) for k, entry in enumerate(entries)]
+    if len(names) > 1:
+        print_assumption(
+            f"{top.place}: {key}: the first one of {len(names)}, '{names[0]}', is read; not read: "
+            f"{', '.join(names[1:])}; put the wanted one first"
+        )
+
+
+def _characteristic_sections(path: Fields) -> list[tuple[float, float, float]]:
+    """Return place [m] in running direction, speed [km/h] and grade [per mille] of the sections; the last is the end.
+
+    A section is a list of three numbers (2022.05), or has names (2024.07). In falling kilometres the place is the
+    distance from the first section.
+    """
+    key = f"{path.place}: characteristic_sections"
+    entries = path.entries("characteristic_sections", 2)
+    rows = []
+    for k, entry in enumerate(entries):
+        if isinstance(entry, dict):
+            section = Fields(entry, f"{key}[{k}]")
+            beyond = 0.0 if k == len(entries) - 1 else None  # no section begins at the last place
+            limit = section.number("speed", None if beyond is None else 1.0, 1e-3, 1e3)
+            rows.append(
+                (section.number("position", None, -1e8, 1e8), limit, section.number("resistance", beyond, -500, 500))
+            )
+            continue
+        if not isinstance(entry, list) or len(entry) != 3:
+            raise ValueError(f"{key}[{k}] = {str(entry)[:60]!r}: must be a list of 3, or position, speed, resistance")
+        rows.append(
+            (
+                finite_number(entry[0], f"{key}[{k}][0]", -1e8, 1e8),
+                finite_number(entry[1], f"{key}[{k}][1]", 1e-3, 1e3),
+                finite_number(entry[2], f"{key}[{k}][2]", -500, 500),
+            )
+        )
+    first = rows[0][0]
+    if all(after[0] < before[0] for before, after in pairwise(rows)):
+        print_assumption(f"{key}: falling kilometres: places are distances from {number_text(first)} m")
+        return [(first - at, speed, grade) for at, speed, grade in rows]
+    for k, (before, after) in enumerate(pairwise(rows)):
+        if after[0] == before[0]:
+            raise ValueError(f"{key}: two sections begin at {number_text(before[0])} m (number {k + 1}); keep one")
+    if fault := order_fault([at for at, _, _ in rows]):
+        raise ValueError(f"{key}{fault}")
+    return rows

@@ -9,14 +9,17 @@ from typing import Any
 from plant_sim.consist import Consist
 from plant_sim.formats import osrd, railtoolkit, ttobench, ttobench_train
 from plant_sim.formats.fields import read_data
-from plant_sim.formats.notes import keys_not_carried
+from plant_sim.formats.notes import keys_not_carried, print_assumption
 from plant_sim.formats.railml import is_railml, railml_line
 from plant_sim.formats.read_train import ReadTrain
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
 from plant_sim.line_direction import reversed_line
+from plant_sim.number_text import number_text
 
 LINE_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON, OSRD JSON, railML 3"
+FAST = 100.0
+"""Speed above which a limit is probably in km/h [m/s]."""
 TRAIN_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON"
 
 
@@ -75,7 +78,9 @@ def _one_line(data: dict[str, Any], place: str, selection: str) -> ReadLine:
         left = keys_not_carried(data, ttobench.CARRIED_LINE)
         return ReadLine(ttobench.ttobench_line(data, place), "TTOBench", left)
     _refuse_foreign(data, place, "line", LINE_FORMATS)
-    return ReadLine(build_model(Line, data, place), "train_ato")
+    line = build_model(Line, data, place)
+    _note_traps(line, place)
+    return ReadLine(line, "train_ato")
 
 
 def read_train(path: Path) -> ReadConsist:
@@ -106,8 +111,37 @@ def holds_train(path: Path) -> bool:
     return own or railtoolkit.is_railtoolkit(data, "train") or ttobench_train.is_ttobench_train(data)
 
 
+def _note_traps(line: Line, place: str) -> None:
+    """Name speeds that are probably in km/h, and entries beyond the end of the line."""
+    speeds = [(f"speed_limits[{k}]", entry.speed) for k, entry in enumerate(line.speed_limits)]
+    speeds += [(f"temporary_restrictions[{k}]", entry.speed) for k, entry in enumerate(line.temporary_restrictions)]
+    for key, speed in speeds:
+        if speed > FAST:
+            print_assumption(
+                f"{place}: {key}: speed {number_text(speed)} is {number_text(3.6 * speed)} km/h; write speed_kmh for "
+                "km/h"
+            )
+    for name in ("grades", "speed_limits", "stops", "curves", "tunnels", "temporary_restrictions", "neutral_sections",
+                 "power_limits", "adhesion"):  # fmt: skip
+        places = [float(row.begin if hasattr(row, "begin") else row.at) for row in getattr(line, name)]
+        beyond = [number for number, at in enumerate(places) if at > line.end]
+        if beyond:
+            more = f" (and {len(beyond) - 1} more)" if len(beyond) > 1 else ""
+            print_assumption(
+                f"{place}: {name}[{beyond[0]}]: {number_text(places[beyond[0]])} m lies beyond the end of the line, "
+                f"{number_text(line.end)} m{more}"
+            )
+
+
 def _refuse_foreign(data: dict[str, Any], place: str, what: str, formats: str) -> None:
     schema = str(data.get("schema", ""))
+    other = "train" if what == "line" else "line"
+    of_other = {"train": ttobench_train.is_ttobench_train, "line": ttobench.is_ttobench}[other]
+    known = "railtoolkit" if railtoolkit.is_railtoolkit(data, other) else "TTOBench" if of_other(data) else ""
+    if "consist" in schema and what == "line":
+        known = "train_ato"
+    if known:
+        raise ValueError(f"{place}: holds a {other} ({known}), no {what if what == 'line' else 'train'}; exchange them")
     if not schema.startswith(f"train_ato/{what}/"):
         raise ValueError(
             f"{place}: schema = '{schema[:60]}': no supported {what} format ({formats}); "

@@ -9,14 +9,12 @@ the train.
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from plant_sim.formats.fields import Fields, finite_number
 from plant_sim.input_error import build_model
-from plant_sim.line import Line
-from plant_sim.number_text import number_text
+from plant_sim.line import Line, order_fault
 
 LENGTHS = {"m": 1.0, "km": 1e3}
 SPEEDS = {"km/h": 1 / 3.6, "m/s": 1.0}
@@ -79,11 +77,8 @@ def _stops(fields: Fields) -> list[float]:
     unit = _unit(fields, "position", LENGTHS)
     values = fields.entries("values", 2)
     stops = [finite_number(at, f"{fields.place}: values[{k}]", -1e8, 1e8) * unit for k, at in enumerate(values)]
-    for k, (a, b) in enumerate(pairwise(stops)):
-        if b <= a:
-            raise ValueError(
-                f"{fields.place}: values[{k + 1}] = {number_text(b)}: stops must be listed by rising distance"
-            )
+    if fault := order_fault(stops):
+        raise ValueError(f"{fields.place}: values{fault}")
     return stops
 
 
@@ -97,7 +92,8 @@ def _steps(
         place = f"{fields.place}: values[{k}]"
         position = finite_number(at, f"{place}[0]", -1e8, 1e8) * length
         if steps and position < next(reversed(steps)):
-            raise ValueError(f"{place}[0] = {number_text(position)}: entries must be listed by rising distance")
+            places = [finite_number(row[0], fields.place) * length for row in fields.rows("values", 2)]
+            raise ValueError(f"{fields.place}: values{order_fault(places)}")
         steps[position] = finite_number(value, f"{place}[1]", low, high) * unit
     return list(steps.items())
 
@@ -112,6 +108,8 @@ def _curves(top: Fields, end: float) -> list[dict[str, float]]:
         place = f"{fields.place}: values[{k}]"
         first, last = (_curvature(value, f"{place}[{i + 1}]") for i, value in enumerate(row[1:]))
         rows.append((finite_number(row[0], f"{place}[0]", -1e8, 1e8) * unit, first, last))
+    if fault := order_fault([at for at, _, _ in rows]):
+        raise ValueError(f"{fields.place}: values{fault}")
     ends = [at for at, _, _ in rows[1:]] + [end]
     return [
         curve

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from plant_sim.consist import Consist
+from plant_sim.data_text import TextDumper
 from plant_sim.line import Line
 
 NOT_IN_TTOBENCH = (
@@ -20,7 +21,9 @@ LAYOUT = "TTOBench v1.5"
 def own_yaml(model: Line | Consist) -> str:
     """Return the own YAML of a line or a train; the model read from it has the same values."""
     data = model.model_dump(mode="json", by_alias=True, exclude_defaults=True)
-    return yaml.safe_dump({"schema": model.schema_, **data}, sort_keys=False, allow_unicode=True, width=120)
+    return yaml.dump(
+        {"schema": model.schema_, **data}, Dumper=TextDumper, sort_keys=False, allow_unicode=True, width=120
+    )
 
 
 def ttobench_json(line: Line) -> tuple[str, tuple[str, ...]]:

@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from plant_sim.consist import Consist
+from plant_sim.data_text import TextDumper
 from plant_sim.line import Line
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.part_cache import PartCache
@@ -65,5 +66,5 @@ def _yaml_of(value: dict[str, Any]) -> str:
 
 
 def _dumped(value: dict[str, Any]) -> str:
-    text: str = yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=120)
+    text: str = yaml.dump(value, Dumper=TextDumper, sort_keys=False, allow_unicode=True, width=120)
     return text

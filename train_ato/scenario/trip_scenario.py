@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from plant_sim.consist import Consist
+from plant_sim.data_text import TextDumper
 from plant_sim.library import consist_names, line_names
 from plant_sim.line import Line
 from train_ato.profile.file import write_profile
@@ -35,7 +36,7 @@ class _Row(dict[str, Any]):
     """Entry of a table by place, written in one line."""
 
 
-class _RowDumper(yaml.SafeDumper):
+class _RowDumper(TextDumper):
     """Writer of scenarios with such rows."""
 
 

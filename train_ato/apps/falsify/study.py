@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from plant_sim.data_text import TextDumper
 from train_ato.apps.falsify.search import FalsificationSearch, SearchRow
 from train_ato.apps.falsify.search_space import SearchSpace, read_spec, search_space
 from train_ato.apps.falsify.target import RequirementTarget, check_signals, requirement_target
@@ -137,7 +138,7 @@ def counterexample(choice: ScenarioChoice, target: RequirementTarget, space: Sea
         *(f"  {key}: {value}" for key, value in steps.items()),
     ]
     text = "".join(f"# {line.translate(ONE_LINE)}\n" for line in head)
-    return text + yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=120)
+    return text + yaml.dump(data, Dumper=TextDumper, sort_keys=False, allow_unicode=True, width=120)
 
 
 def falsify(

@@ -10,6 +10,7 @@ from typing import Any
 
 import yaml
 
+from plant_sim.data_text import TextDumper
 from train_ato.loop.part_cache import PartCache
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.scenario.overlays import assign, overlay, put, with_absolute_files
@@ -57,7 +58,7 @@ class ScenarioChoice:
     @property
     def yaml(self) -> str:
         """Text of the scenario with its base, variants and changes."""
-        return yaml.safe_dump(self._data, sort_keys=False, allow_unicode=True, width=120)
+        return yaml.dump(self._data, Dumper=TextDumper, sort_keys=False, allow_unicode=True, width=120)
 
     @property
     def data(self) -> dict[str, Any]:

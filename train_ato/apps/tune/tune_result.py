@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
+from plant_sim.data_text import TextDumper
 from train_ato.apps.tune.gain_runs import HELD_OUT, SEARCHED
 from train_ato.apps.tune.objective import TERMS, GainScore
 from train_ato.log.whole_file import write_whole
@@ -89,7 +90,7 @@ class TuneResult:
     @property
     def yaml(self) -> str:
         """Text of the overlay scenario."""
-        return yaml.safe_dump(self.overlay, sort_keys=False, allow_unicode=True, width=120)
+        return yaml.dump(self.overlay, Dumper=TextDumper, sort_keys=False, allow_unicode=True, width=120)
 
     @property
     def data(self) -> dict[str, Any]:
