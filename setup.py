@@ -50,6 +50,7 @@ setup(
         "plant_sim": ["py.typed", "data/*/*.yaml", "data/*/*.csv"],
         "train_ato": [
             "py.typed",
+            "control/*.yaml",
             "scenario/shipped/*",
             "scenario/schemas/*.json",
             "ros/graph/*.xml",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from train_ato.control.air_brake.policy import BrakeSpec, make_brake_policy
 from train_ato.control.contract import LawInput, Preview
-from train_ato.control.registry import COMPENSATIONS
+from train_ato.control.gains import PRINTED, has_gains
+from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.stack import ControlStack
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference
@@ -96,6 +98,11 @@ def profile(tick: float = 0.1, speed: float = 20.0, pull: float = 0.5, cruise: f
         - np.clip(time - 2 * ramp - cruise, 0, None)
     )
     return Profile.uniform(0.0, tick, position, velocity, acceleration)
+
+
+def printed_law(name: str, values: Mapping[str, Any], of: TrainModel, period: float) -> Any:
+    """Return a law with the printed values of the parameters that are not given."""
+    return LAWS.make(name, {"gains": PRINTED, **values} if has_gains(LAWS.get(name)) else values, of, period)
 
 
 def inputs(of: TrainModel, **changes: Any) -> LawInput:

@@ -311,18 +311,24 @@ def test_a_run_that_does_not_end_well_keeps_its_record(law, error, status, kept,
 def test_a_comparison_goes_on_after_a_refusal_and_a_failure(tmp_path):
     """Breaks if one failed law stops the others, or its row has no reason."""
     options = {"compensation": "twin", "set": SHORT}
-    both = ta.compare("demo", ["pid", "smc", Gain(0.2), Gain(gain=0.3), Breaking], keep=tmp_path / "kept", **options)
+    both = ta.compare("demo", ["pid", "funnel", Gain(0.2), Gain(gain=0.3), Breaking], keep=tmp_path / "kept", **options)
     table = both.table
-    ends = {"pid": "done", "smc": "refused", "Gain(gain=0.2)": "done", "Gain(gain=0.3)": "done", "Breaking": "failed"}
+    ends = {
+        "pid": "done",
+        "funnel": "refused",
+        "Gain(gain=0.2)": "done",
+        "Gain(gain=0.3)": "done",
+        "Breaking": "failed",
+    }
     assert table["status"].to_dict() == ends
-    assert sorted(table.index[3:]) == ["Breaking", "smc"], "runs to the end are first"
-    assert "'twin' gives only a feed-forward" in table.loc["smc", "reason"]
+    assert sorted(table.index[3:]) == ["Breaking", "funnel"], "runs to the end are first"
+    assert "'twin' gives only a feed-forward" in table.loc["funnel", "reason"]
     assert "ZeroDivisionError: late" in table.loc["Breaking", "reason"]
     alone = ta.run("demo", law=Gain(0.3), **options)
     assert table.loc["Gain(gain=0.3)", "speed_rmse_kmh"] == alone.metrics["speed_rmse_kmh"]
     assert len(both.plot(tmp_path / "figure.png").axes) == 4 and (tmp_path / "figure.png").is_file()
     assert "Gain(gain=0.2)" in both.report(tmp_path / "page.html").read_text()
-    assert "&#x27;twin&#x27; gives only a feed-forward" in both._repr_html_() and "smc (refused)" in repr(both)
+    assert "&#x27;twin&#x27; gives only a feed-forward" in both._repr_html_() and "funnel (refused)" in repr(both)
     same_tables(ta.open_run(tmp_path / "kept" / "Gain(gain=0.3)"), alone)
 
 
@@ -330,7 +336,7 @@ def test_a_comparison_goes_on_after_a_refusal_and_a_failure(tmp_path):
     ("laws", "message"),
     [
         (["pid", "pidd"], r"unknown law 'pidd' \(did you mean 'pid'\?\)"),
-        (["smc"], r"demo: no law fits this train: smc: with compensation 'twin'"),
+        (["funnel"], r"demo: no law fits this train: funnel: with compensation 'twin'"),
         ("pid", r"laws 'pid': give a list"),
         ([], r"laws: no law"),
     ],
@@ -346,10 +352,10 @@ def test_the_command_compares_laws_of_modules(own_module, capsys):
     arguments = ["compare", "demo", "--set=duration=10", "--out=out"]
     assert main([*arguments, f"--laws=pid,{own_module}:Own"]) == 0
     assert f"{own_module}:Own" in capsys.readouterr().out
-    assert main(["compare", "demo", "--set=duration=5", "--compensation=twin", "--laws=pid,smc"]) == 1
+    assert main(["compare", "demo", "--set=duration=5", "--compensation=twin", "--laws=pid,funnel"]) == 1
     out, err = capsys.readouterr()
-    assert "refused: smc: with compensation 'twin'" in " ".join(out.split())
-    assert err.startswith("train-ato: smc: with compensation 'twin'")
+    assert "refused: funnel: with compensation 'twin'" in " ".join(out.split())
+    assert err.startswith("train-ato: funnel: with compensation 'twin'")
 
 
 def test_a_scenario_is_changed_without_changing_it():

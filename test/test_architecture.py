@@ -30,7 +30,16 @@ LAYERS = (
 )
 """Layers from lowest to highest; CONTRIBUTING.md describes them."""
 CONTROL_LAYERS = (
-    ("contract", "parameters", "learned_resistance", "train_model", "keyword_form", "plan_text", "rows_by_place"),
+    (
+        "contract",
+        "parameters",
+        "learned_resistance",
+        "train_model",
+        "gains",
+        "keyword_form",
+        "plan_text",
+        "rows_by_place",
+    ),
     ("algorithms",),
     ("air_brake",),
     ("observers", "compensation"),

@@ -38,7 +38,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "pid, forces, without feed-forward": (
         "xuzhou_metro",
         {"duration": 60, "law": "pid", "compensation": "none",
-         "laws.pid": {"gains": "force", "kp": 3e5, "ki": 1e3, "feedforward": False}},
+         "laws.pid": {"per_mass": False, "kp": 3e5, "ki": 1e3, "feedforward": False}},
     ),
     "pid, slow control": ("crh380a_funnel:short", {**FREE, "duration": 60, "control_period": 0.2}),
     "smc, couplers measured": ("daqin_heavy_haul:ideal", {**HEAVY, **BRAKE, "law": "smc"}),

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from law_trains import FIVE, HILLY, LEVEL, SINGLE, asked, inputs, measured, model, profile, stack
+from law_trains import FIVE, HILLY, LEVEL, SINGLE, asked, inputs, measured, model, printed_law, profile, stack
 
 from train_ato.control.algorithms.rbf import RBF_CENTERS, Weights, activations
 from train_ato.control.algorithms.sliding import sig
 from train_ato.control.compensation.pade import pade_coefficients
-from train_ato.control.registry import LAWS
 
 MASS = 80e3
 
@@ -34,8 +33,8 @@ def test_activations_and_weights_by_hand():
 def test_rbf_smc_learns_by_gamma_s_h():
     """(28), then (35): the force of the second step contains m W'h of the first learning step, with minus sign."""
     of = model(SINGLE)
-    plain = LAWS.make("smc", {}, of, 0.1)
-    net = LAWS.make("rbf_smc", {"gamma": 0.2, "clip": False}, of, 0.1)
+    plain = printed_law("smc", {}, of, 0.1)
+    net = printed_law("rbf_smc", {"gamma": 0.2, "clip": False}, of, 0.1)
     for step, (e, de) in enumerate([(0.004, 0.002), (0.006, -0.001)]):
         given_now = inputs(of, position=np.array([500.0 + e]), velocity=np.array([10.0 + de]))
         difference = net.step(given_now).force[0] - plain.step(given_now).force[0]
@@ -51,11 +50,11 @@ def test_rbf_smc_learns_by_gamma_s_h():
 def test_the_network_holds_in_saturation():
     """At the limit for 100 s the weights are those of the first step."""
     of = model(SINGLE)
-    law = LAWS.make("rbf_smc", {"gamma": 5.0}, of, 0.1)
+    law = printed_law("rbf_smc", {"gamma": 5.0}, of, 0.1)
     stuck = inputs(of, position=np.array([480.0]), velocity=np.array([9.99]))
     for _ in range(1000):
         law.step(stuck)
-    once = LAWS.make("rbf_smc", {"gamma": 5.0}, of, 0.1)
+    once = printed_law("rbf_smc", {"gamma": 5.0}, of, 0.1)
     once.step(stuck)
     near = inputs(of, position=np.array([500.001]))
     assert law.step(near).force[0] == pytest.approx(once.step(near).force[0], abs=MASS * 0.1 * 60)
@@ -97,14 +96,14 @@ def test_rbf_switching_term_by_hand():
     """(11)-(13): initial weights, clipped input, one learning step down the gradient of s²/2."""
     of = model(FIVE)
     p = {"c": 0.4, "k_w": 1.4, "phi": 1.0, "eta": 0.5, "alpha": 0.0, "width": 0.5, "identify": False}
-    law = LAWS.make("rbf_switching_smc", p, of, 0.1)
+    law = printed_law("rbf_switching_smc", p, of, 0.1)
     e, de = 0.3, 0.1
     s = 0.4 * e + de
     out = law.step(inputs(of, position=500.0 + e - of.offsets, velocity=np.full(5, 10.0 + de)))
     hidden = np.array(activations((s,), RBF_CENTERS, 0.5))
     weights = -0.9 * 1.4 * np.array(RBF_CENTERS) - 0.5 * 0.1 * s * hidden
     assert out.force == pytest.approx(np.full(5, MASS * (float(weights @ hidden) - 0.4 * de)), rel=1e-9)
-    far = LAWS.make("rbf_switching_smc", p | {"eta": 0.0}, of, 0.1)
+    far = printed_law("rbf_switching_smc", p | {"eta": 0.0}, of, 0.1)
     forces = [far.step(inputs(of, position=500.0 + x - of.offsets)).force[0] for x in (2.6, 40.0)]
     assert forces[0] == forces[1] < -MASS
 
@@ -115,7 +114,7 @@ def test_rbf_switching_term_by_hand():
 def test_other_switching_terms(switching, value):
     """(9) as a relay and in its smooth form; the network has the same sign."""
     of = model(SINGLE)
-    law = LAWS.make("rbf_switching_smc", {"switching": switching, "phi": 0.2}, of, 0.1)
+    law = printed_law("rbf_switching_smc", {"switching": switching, "phi": 0.2}, of, 0.1)
     out = law.step(inputs(of, velocity=np.array([10.05])))
     own = out.force[0] / MASS + 0.4 * 0.05
     assert own == pytest.approx(value) if value else -1.4 < own < -0.05
@@ -146,7 +145,7 @@ def drive(law, of, steps, start=(0.0, 0.0), push=0.0, period=0.05):
 def test_smc_reaches_its_surface_monotonically():
     """Lyapunov: V = S²/2 falls in every sample down to the step of one sample of the switching term."""
     of = model(SINGLE, HILLY)
-    law = LAWS.make("smc", {"model_error": 0.0, "l2": 0.0}, of, 0.05)
+    law = printed_law("smc", {"model_error": 0.0, "l2": 0.0}, of, 0.05)
     path = drive(law, of, 400, start=(0.5, -0.2))
     surface = np.abs(path[:, 1] + path[:, 0])
     above = surface > 2 * 0.05 * 0.05
@@ -158,8 +157,8 @@ def test_smc_reaches_its_surface_monotonically():
 def test_the_network_takes_over_a_constant_push():
     """Unmodelled 400 N: smc with ks alone keeps S = d/(m ks); with the network S goes to 0."""
     of = model(SINGLE)
-    plain = LAWS.make("smc", {"model_error": 0.0, "kappa": 0.0, "l2": 0.0}, of, 0.05)
-    net = LAWS.make("rbf_smc", {"model_error": 0.0, "kappa": 0.0, "l2": 0.0, "gamma": 0.5}, of, 0.05)
+    plain = printed_law("smc", {"model_error": 0.0, "kappa": 0.0, "l2": 0.0}, of, 0.05)
+    net = printed_law("rbf_smc", {"model_error": 0.0, "kappa": 0.0, "l2": 0.0, "gamma": 0.5}, of, 0.05)
     settled = [np.abs(drive(law, of, 6000, push=400.0)[-1] @ np.ones(2)) for law in (plain, net)]
     assert settled[0] == pytest.approx(400.0 / (MASS * 0.5), rel=0.05)
     assert settled[1] < 0.05 * settled[0]

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from law_trains import FIVE, HAULED, inputs, model
+from law_trains import FIVE, HAULED, inputs, model, printed_law
 
 from train_ato.control.algorithms.sliding import sig
 from train_ato.control.laws.fixed_time_smc import SpeedOffset, alternating
-from train_ato.control.registry import LAWS
 
 MASS = 80e3
 
@@ -35,7 +34,7 @@ def test_the_surface_is_odd_smooth_and_rising(gain, size):
 def test_one_step_by_hand():
     """(36) with coupler forces of the neighbours, resistance, x_r'' and the estimate; car 3 is 0.5 m ahead."""
     of = model(FIVE)
-    law = LAWS.make("fixed_time_smc", {"surface": 0.3, "reaching": 0.2}, of, 0.1)
+    law = printed_law("fixed_time_smc", {"surface": 0.3, "reaching": 0.2}, of, 0.1)
     place = 500.0 - of.offsets + np.array([0, 0, 0.5, 0, 0])
     speed = np.full(5, 10.0) + np.array([0, 0, 0.1, 0, 0])
     out = law.step(
@@ -82,7 +81,7 @@ def test_speed_offset_is_found():
 def test_needs_its_neighbours():
     """A hauled train without sensors is rejected with the name of the coupler."""
     with pytest.raises(ValueError, match=r"fixed_time_smc': .*needs the force of coupler_0"):
-        LAWS.make("fixed_time_smc", {}, model(HAULED), 0.1)
+        printed_law("fixed_time_smc", {}, model(HAULED), 0.1)
 
 
 def test_lag_smc_by_hand():
@@ -104,9 +103,9 @@ def test_lag_smc_by_hand():
     surface = off + de + 0.25 * e
     push = 0.02 - off - 0.25 * de - 0.05 * surface / (abs(surface) + 0.1) - surface
     for command in ("unit", "common"):
-        out = LAWS.make("lag_smc", p | {"command": command}, of, 0.1).step(seen)
+        out = printed_law("lag_smc", p | {"command": command}, of, 0.1).step(seen)
         assert out.force == pytest.approx(np.full(5, applied + MASS * 0.1 / (1 - math.exp(-0.25)) * push), rel=1e-9)
     spread = np.array([0.0, 0.0, 0.1, 0.0, 0.0])
     uneven = inputs(of, velocity=10.0 + spread)
-    out = LAWS.make("lag_smc", p | {"command": "common"}, of, 0.1).step(uneven)
+    out = printed_law("lag_smc", p | {"command": "common"}, of, 0.1).step(uneven)
     assert out.force[2] - out.force[0] == pytest.approx(-MASS * 0.2 * 0.1)

@@ -6,16 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from law_trains import FIVE, SINGLE, inputs, model
-
-from train_ato.control.registry import LAWS
+from law_trains import FIVE, SINGLE, inputs, model, printed_law
 
 MASS = 80e3
 QUIET = {"resistance": "model", "gamma_w": 0.0, "bias_rate": 0.0}
 
 
 def make(of, period=0.05, **parameters):
-    return LAWS.make("funnel", {"resistance": "model", **parameters}, of, period)
+    return printed_law("funnel", {"resistance": "model", **parameters}, of, period)
 
 
 def test_one_step_by_hand():
@@ -90,14 +88,14 @@ def test_funnels_widen_in_saturation_and_narrow_to_their_floor():
 def test_learning_has_the_repaired_sign_and_holds_in_saturation():
     """(27), (28): too slow (e2 < 0) raises f_hat; at the limit nothing is learnt."""
     of = model(SINGLE)
-    law = LAWS.make("funnel", {}, of, 0.05)
+    law = printed_law("funnel", {}, of, 0.05)
     slow = inputs(of, velocity=np.array([9.99]))
     forces = [law.step(slow).force[0] for _ in range(40)]
     assert forces[-1] > forces[1] + 50.0
-    stuck = LAWS.make("funnel", {}, of, 0.05)
+    stuck = printed_law("funnel", {}, of, 0.05)
     for _ in range(400):
         stuck.step(inputs(of, velocity=np.array([2.0])))
-    once = LAWS.make("funnel", {}, of, 0.05)
+    once = printed_law("funnel", {}, of, 0.05)
     once.step(inputs(of, velocity=np.array([2.0])))
     assert stuck._weights.values == pytest.approx(once._weights.values, rel=1e-9)
 

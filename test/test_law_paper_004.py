@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from law_trains import FIVE, HILLY, SINGLE, inputs, model
+from law_trains import FIVE, HILLY, SINGLE, inputs, model, printed_law
 
 from train_ato.control.algorithms.coupled_units import matrix_exponential
 from train_ato.control.algorithms.diophantine import diophantine, response_and_past, sampled_actuator
@@ -14,7 +14,6 @@ from train_ato.control.algorithms.identification import Increments, ResidualNetw
 from train_ato.control.algorithms.predictive_law import linear_law
 from train_ato.control.contract import Preview
 from train_ato.control.laws.gpc import Gpc, GpcParameters
-from train_ato.control.registry import LAWS
 
 
 def multiply(p, q, length):
@@ -154,7 +153,7 @@ def drive(law, of, delay, period, steps, push=0.0):
 def test_the_sampling_period_decides(sampling, good):
     """N = 3, Nu = 2 with a delay of 1.2 s: settled at a sampling of 1.2 s, oscillating at 0.4 s and below."""
     of = model(SINGLE, delay=1.2, lag=0.4)
-    law = LAWS.make("gpc", {"sampling": sampling, "identify": "none"}, of, 0.1)
+    law = printed_law("gpc", {"sampling": sampling, "identify": "none"}, of, 0.1)
     speeds = drive(law, of, 1.2, 0.1, 2400)
     assert bool(np.ptp(speeds[-300:]) < 0.01) is good
     if good:
@@ -163,7 +162,7 @@ def test_the_sampling_period_decides(sampling, good):
 
 def test_between_samples_the_command_is_held():
     of = model(FIVE, delay=1.0, lag=0.4)
-    law = LAWS.make("gpc", {"sampling": 0.5}, of, 0.1)
+    law = printed_law("gpc", {"sampling": 0.5}, of, 0.1)
     forces = [law.step(inputs(of, velocity=np.full(5, 10.0 - 0.01 * k))).force[0] for k in range(10)]
     assert forces == [forces[0]] * 5 + [forces[5]] * 5
     assert forces[0] != forces[5]
@@ -176,7 +175,7 @@ def test_one_step_by_hand():
     At the first step the past is steady at 10 m/s without command and without residual.
     """
     of = model(FIVE, delay=1.0, lag=0.4)
-    law = LAWS.make("gpc", {"sampling": 1.2, "command_weight": 0.3}, of, 0.4)
+    law = printed_law("gpc", {"sampling": 1.2, "command_weight": 0.3}, of, 0.4)
     ahead = 10.0 + 0.05 * np.arange(10)
     out = law.step(inputs(of, preview=Preview(np.zeros(10), ahead, np.zeros(10)), disturbance=np.full(5, 700.0)))
     a, b = sampled_actuator(1.0, 0.4, 1.2)
@@ -200,7 +199,7 @@ def test_one_step_by_hand():
 def test_the_reference_is_read_between_the_entries_of_the_preview():
     """A preview from 0.25 s on, entries 0.1 s apart: a ramp is interpolated at 1.2, 2.4, 3.6 s exactly."""
     of = model(SINGLE)
-    law = LAWS.make("gpc", {}, of, 0.1)
+    law = printed_law("gpc", {}, of, 0.1)
     times = 0.25 + 0.1 * np.arange(law.horizon)
     seen = inputs(of, delay_to_effect=0.25, preview=Preview(np.zeros(37), 10.0 + 0.3 * times, np.zeros(37)))
     assert law._ahead(seen) == pytest.approx(10.0 + 0.3 * np.array([1.2, 2.4, 3.6]), rel=1e-12)
@@ -215,7 +214,7 @@ def test_the_resistance_feedforward_is_not_part_of_the_command_history():
     """Nominal resistance, grade and air brake 20 m ahead, at the time of effect; breaks if xi or u contains it."""
     of = model(SINGLE, HILLY, delay=2.0, lag=0.4)
     plain = {"sampling": 0.4, "identify": "none"}
-    bare, full = (LAWS.make("gpc", plain | {"resistance_feedforward": added}, of, 0.1) for added in (False, True))
+    bare, full = (printed_law("gpc", plain | {"resistance_feedforward": added}, of, 0.1) for added in (False, True))
     rng = np.random.default_rng(5)
     for step in range(60):
         place = np.array([990.0 + step])

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from law_trains import FIVE, SINGLE, inputs, model
+from law_trains import FIVE, SINGLE, inputs, model, printed_law
 
 from train_ato.control.algorithms.diophantine import sampled_actuator
 from train_ato.control.algorithms.identification import Increments
@@ -16,7 +16,6 @@ from train_ato.control.laws.fixed_time_smc import alternating
 from train_ato.control.laws.gpc import GpcParameters
 from train_ato.control.laws.rbf_switching_smc import Identification
 from train_ato.control.observers.cascaded import CascadedParameters, make_cascade
-from train_ato.control.registry import LAWS
 
 MASS = 80e3
 ERRORS = [(0.004, 0.002), (0.006, -0.001), (0.001, 0.003), (-0.002, 0.001)]
@@ -33,7 +32,7 @@ def test_integral_of_paper_000_has_no_clamp():
     wide = {"force_min": np.array([-1e9]), "force_max": np.array([1e9])}
     forces = {}
     for limit in (100.0, 1e12):
-        law = LAWS.make("smc", {"integral_limit": limit, "ks": 0.0, "xi": 0.0, "kappa": 0.0, "phi": 1.0}, of, 0.1)
+        law = printed_law("smc", {"integral_limit": limit, "ks": 0.0, "xi": 0.0, "kappa": 0.0, "phi": 1.0}, of, 0.1)
         for _ in range(1001):
             law.step(seen(of, 50.0, 0.0, **wide))
         forces[limit] = law._surfaces[0]._integral
@@ -45,7 +44,7 @@ def test_network_of_paper_000_learns_at_a_limit():
     of = model(SINGLE)
     found = {}
     for held in (True, False):
-        law = LAWS.make("rbf_smc", {"gamma": 5.0, "anti_windup": held}, of, 0.1)
+        law = printed_law("rbf_smc", {"gamma": 5.0, "anti_windup": held}, of, 0.1)
         for _ in range(20):
             law.step(seen(of, -0.01, 0.0, force_max=np.array([1.0]), force_min=np.array([-1.0])))
         found[held] = max(map(abs, law._weights[0].values))
@@ -57,9 +56,9 @@ def test_observer_of_paper_000_with_the_network_in_its_known_part():
     of = model(SINGLE)
     for omega in (2.0, 1000.0):
         decay = math.exp(-omega * 0.1)
-        plain = LAWS.make("smc", {}, of, 0.1)
-        net = LAWS.make("rbf_smc", {"gamma": 50.0}, of, 0.1)
-        printed = LAWS.make("rbf_smc", {"gamma": 50.0, "ndo_omega": omega}, of, 0.1)
+        plain = printed_law("smc", {}, of, 0.1)
+        net = printed_law("rbf_smc", {"gamma": 50.0}, of, 0.1)
+        printed = printed_law("rbf_smc", {"gamma": 50.0, "ndo_omega": omega}, of, 0.1)
         without = with_network = before = 0.0
         for step, (error, rate) in enumerate(ERRORS * 3):
             unexplained = 0.3 * math.sin(step)  # v' - f - u/m of the sample
@@ -77,7 +76,7 @@ def test_identification_of_paper_001_takes_the_whole_command():
     """(14): with ``command`` the network RBFI receives u(l-1), the last force over the mass, not u_n."""
     of = model(SINGLE)
     for source in ("switching", "command"):
-        law = LAWS.make("rbf_switching_smc", {"rbfi_input": source}, of, 0.1)
+        law = printed_law("rbf_switching_smc", {"rbfi_input": source}, of, 0.1)
         network, last, before = Identification(0.05, 0.05), (0.0, 0.0), None
         for error, rate in ERRORS:
             acceleration = 0.0 if before is None else (rate - before) / 0.1
@@ -93,7 +92,7 @@ def test_networks_of_paper_001_without_clips():
     of = model(SINGLE)
     p = {"objective": "printed_acceleration", "clip": False, "sensitivity": "value", "rbfi_input": "command"}
     p |= {"anti_windup": False, "eta": 12.0, "eta_v": 0.6, "alpha": 0.0, "weight_limit": 1000.0}
-    law = LAWS.make("rbf_switching_smc", p, of, 0.1)
+    law = printed_law("rbf_switching_smc", p, of, 0.1)
     law.step(seen(of, 0.0, 0.0))
     command = law._last_force[0] / MASS
     law.step(seen(of, 0.0, 0.15, force_max=np.array([1.0]), force_min=np.array([-1.0])))
@@ -115,7 +114,7 @@ def test_networks_of_paper_001_without_clips():
 def test_equivalent_control_of_paper_001_from_measured_derivatives(lag):
     """(5), (9): y'' and y' of the measured motion and a_s' of the sent commands, with the coefficients of Padé."""
     of = model(SINGLE, lag=lag, delay=0.6)
-    law = LAWS.make("rbf_switching_smc", {"derivatives": "measured", "switching": "sign", "c": 0.0}, of, 0.1)
+    law = printed_law("rbf_switching_smc", {"derivatives": "measured", "switching": "sign", "c": 0.0}, of, 0.1)
     speeds, actuated, sent = [10.0, 10.02, 10.05, 10.06, 10.1], [], [0.0]
     for step, speed in enumerate(speeds):
         force = float(law.step(seen(of, 0.0, speed - 10.0, reference_acceleration=np.array([0.3]))).force[0])
@@ -138,7 +137,7 @@ def test_excess_of_paper_003_is_that_of_a_delayed_command():
     of = model(SINGLE)
     widths = {}
     for kappa in ("present", "printed"):
-        law = LAWS.make("funnel", {"resistance": "model", "kappa": kappa}, of, 0.05)
+        law = printed_law("funnel", {"resistance": "model", "kappa": kappa}, of, 0.05)
         force = law.step(seen(of, 0.0, 0.01, applied=np.array([5e3]))).force[0]
         widths[kappa] = law.phi2
     rest = 1e-4 / 0.0034
@@ -180,7 +179,7 @@ def test_law_of_paper_002_on_its_estimates():
     """(36) on x, v, d1, d1' and d2 of the cascade: force of the third vehicle by hand, speed offset 0.5 m/s."""
     of, h, gain = model(FIVE), 1e-3, 0.3
     p = {"surface": gain, "reaching": gain, "unmatched": True, "states": "estimated"}
-    law = LAWS.make("fixed_time_smc", p, of, h)
+    law = printed_law("fixed_time_smc", p, of, h)
     cascade, before = make_cascade(CascadedParameters(), h), None
     for step in range(400):
         place = 500.0 - of.offsets + 10.5 * h * step

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from law_trains import FIVE, SINGLE, inputs, measured, model
+from law_trains import FIVE, SINGLE, inputs, measured, model, printed_law
 
 from train_ato.control.algorithms.diophantine import sampled_actuator
 from train_ato.control.algorithms.predictive_law import linear_law
@@ -17,7 +17,7 @@ from train_ato.control.algorithms.sliding import sig
 from train_ato.control.laws.fixed_time_smc import alternating
 from train_ato.control.laws.gpc import GpcParameters
 from train_ato.control.observers.contract import ObserverInput
-from train_ato.control.registry import LAWS, OBSERVERS
+from train_ato.control.registry import OBSERVERS
 
 MASS = 80e3
 
@@ -27,7 +27,7 @@ class OnePoint:
 
     def __init__(self, law, period, e=0.0, de=0.0):
         self.of = model(SINGLE)
-        self.law = LAWS.make(*law, self.of, period)
+        self.law = printed_law(*law, self.of, period)
         self.period, self.e, self.de = period, e, de
         self.applied = 0.0
 
@@ -109,7 +109,7 @@ def test_fixed_time_smc_falls_along_its_lyapunov_function(gain):
     not cancelled, or an exponent is wrong.
     """
     of, period = model(FIVE), 1e-4
-    law = LAWS.make("fixed_time_smc", {"surface": gain, "reaching": gain}, of, period)
+    law = printed_law("fixed_time_smc", {"surface": gain, "reaching": gain}, of, period)
     wide = {"force_min": np.full(5, -1e9), "force_max": np.full(5, 1e9)}
     e, de = np.array([2.0, -5.0, 6.0, 3.0, -4.0]), np.array([0.5, -1.0, 0.0, 3.0, -2.0])
     stiffness, damping = 160e3, 800.0
@@ -137,7 +137,7 @@ def test_lag_smc_contracts_to_its_surface_through_the_lag(e, de, start):
     The actuator is a lag of 0.4 s with a constant demand for 0.1 s; breaks if that is not part of the law.
     """
     of, period = model(SINGLE, lag=0.4), 0.02
-    law = LAWS.make("lag_smc", {"k_i": 1.0}, of, period)
+    law = printed_law("lag_smc", {"k_i": 1.0}, of, period)
     keep, acting = math.exp(-period / 0.4), start
     sizes = []
     for _ in range(400):

@@ -6,17 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from law_trains import FIVE, HAULED, HILLY, SINGLE, inputs, model
-
-from train_ato.control.registry import LAWS
+from law_trains import FIVE, HAULED, HILLY, SINGLE, inputs, model, printed_law
 
 
 def test_pid_forces_of_paper_000():
     """1e7 N/(m/s), 1 N/m, 1 N s²/m; breaks if a gain is scaled by the mass or a sign is wrong."""
     of = model(SINGLE)
-    law = LAWS.make(
+    law = printed_law(
         "pid",
-        {"gains": "force", "kp": 1e7, "ki": 1.0, "kd": 1.0, "feedforward": False, "derivative_time": 0.0},
+        {"per_mass": False, "kp": 1e7, "ki": 1.0, "kd": 1.0, "feedforward": False, "derivative_time": 0.0},
         of,
         0.05,
     )
@@ -29,7 +27,7 @@ def test_pid_forces_of_paper_000():
 def test_pid_per_mass_with_feedforward_and_disturbance():
     """Law: u = u_ff - d - M (kp e' + ki e); breaks if the estimate is added instead of subtracted."""
     of = model(FIVE)
-    law = LAWS.make("pid", {"kp": 0.1, "ki": 0.01}, of, 0.1)
+    law = printed_law("pid", {"kp": 0.1, "ki": 0.01}, of, 0.1)
     out = law.step(
         inputs(
             of,
@@ -45,13 +43,13 @@ def test_pid_per_mass_with_feedforward_and_disturbance():
 def test_pid_integral_holds_in_saturation_and_is_clamped():
     """Breaks without anti-windup: after 100 s at the limit the integral would be 500 m; the clamp is 20 m."""
     of = model(SINGLE)
-    law = LAWS.make("pid", {"integral": "speed", "feedforward": False, "kp": 1.0, "ki": 0.1}, of, 0.1)
+    law = printed_law("pid", {"integral": "speed", "feedforward": False, "kp": 1.0, "ki": 0.1}, of, 0.1)
     for _ in range(1000):
         stuck = law.step(inputs(of, velocity=np.array([4.0])))
     assert stuck.force[0] == 400e3
     free = law.step(inputs(of))
     assert 0 <= free.force[0] < 80e3 * 0.1 * 0.7
-    law = LAWS.make("pid", {"integral": "speed", "feedforward": False, "kp": 0.0, "ki": 0.01}, of, 0.1)
+    law = printed_law("pid", {"integral": "speed", "feedforward": False, "kp": 0.0, "ki": 0.01}, of, 0.1)
     for _ in range(1000):
         slow = law.step(inputs(of, velocity=np.array([9.0])))
     assert slow.force[0] == pytest.approx(80e3 * 0.01 * 20.0)
@@ -60,7 +58,7 @@ def test_pid_integral_holds_in_saturation_and_is_clamped():
 def test_smc_of_paper_000_by_hand():
     """(19), (21), (22) on the locomotive with the force of its first coupler; breaks on any wrong term."""
     of = model(HAULED, HILLY, sensors=(0,))
-    law = LAWS.make("smc", {"ks": 0.0}, of, 0.1)
+    law = printed_law("smc", {"ks": 0.0}, of, 0.1)
     e, de = 0.2, -0.05
     out = law.step(
         inputs(
@@ -88,7 +86,7 @@ def test_smc_of_paper_000_by_hand():
 def test_smc_integral_and_linear_reaching():
     """The integral is the trapezoid of e from the second step on; ks S is added."""
     of = model(SINGLE)
-    law = LAWS.make("smc", {"ks": 0.5, "kappa": 0.0, "xi": 0.0, "l2": 0.2}, of, 0.1)
+    law = printed_law("smc", {"ks": 0.5, "kappa": 0.0, "xi": 0.0, "l2": 0.2}, of, 0.1)
     law.step(inputs(of, position=np.array([500.1])))
     out = law.step(inputs(of, position=np.array([500.3])))
     own = 80e3 * (1.176e-2 + 7.7616e-4 * 10 + 1.6e-5 * 100) / 1.01
@@ -99,7 +97,7 @@ def test_smc_integral_and_linear_reaching():
 def test_smc_with_feedforward_weighs_the_train():
     """With lag and delay the equivalent control is the feed-forward, and the mass that of the train."""
     of = model(HAULED)
-    law = LAWS.make(
+    law = printed_law(
         "smc",
         {"equivalent": "feedforward", "l1": 0.07, "l2": 0.002, "ks": 0.05, "phi": 0.1, "xi": 0.0},
         of,

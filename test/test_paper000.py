@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from law_trains import SINGLE, inputs, model
+from law_trains import SINGLE, inputs, model, printed_law
 from reproduce_results import series
 
 from plant_sim.streams import random_stream
 from train_ato.control.laws.rbf_smc import RbfSmcParameters
-from train_ato.control.registry import LAWS
 from train_ato.papers.p000_heavy_haul.cases import CASES, DURATION
 from train_ato.papers.p000_heavy_haul.series import LOCOMOTIVE, disturbance_40, network_estimate, unexplained
 
@@ -18,8 +17,8 @@ from train_ato.papers.p000_heavy_haul.series import LOCOMOTIVE, disturbance_40, 
 def test_network_estimate_is_the_law_s_own(clip: bool) -> None:
     """Breaks if the series drawn as delta_hat is not what `rbf_smc` adds to its force."""
     period, train = 0.05, model(SINGLE)
-    learning = LAWS.make("rbf_smc", {"clip": clip}, train, period)
-    plain = LAWS.make("smc", {}, train, period)
+    learning = printed_law("rbf_smc", {"clip": clip}, train, period)
+    plain = printed_law("smc", {}, train, period)
     random = random_stream(3, "test/network")
     errors, rates = 0.02 * random.standard_normal(40), 0.008 * random.standard_normal(40)
     added = []

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from train_ato.control.laws.pid import PidParameters, gains_of_model
+from train_ato.control.laws.pid import Pid, PidParameters
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
@@ -40,14 +40,14 @@ def metro(tmp_path: Path) -> str:
 def test_gains_follow_the_rule(metro: str) -> None:
     """Breaks if a part of the dead time is missing: theta = 0.3 + 0.4 + 0.1 s, kp = 1/1.6, ki = kp/6.4."""
     model = prepare(*load_scenario(metro)).model
-    assert gains_of_model(model, 0.1) == (pytest.approx(0.625), pytest.approx(0.625 / 6.4), 0.0)
+    assert Pid.model_gains(model, 0.1) == {"kp": pytest.approx(0.625), "ki": pytest.approx(0.625 / 6.4)}
 
 
 def test_elastic_couplers_limit_the_gains() -> None:
     """Breaks if the dead time of 1.3 s alone decides: kp of 0.38 excites the wave in the couplers of 106 vehicles."""
     model = prepare(*load_scenario("daqin_heavy_haul")).model
     defaults = PidParameters()
-    assert gains_of_model(model, 0.1) == (defaults.kp, defaults.ki, 0.0)
+    assert Pid.model_gains(model, 0.1) == {"kp": defaults.kp, "ki": defaults.ki}
 
 
 def test_a_metro_stops_within_the_window(metro: str) -> None:

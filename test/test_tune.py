@@ -128,7 +128,7 @@ def test_the_search_begins_at_the_gains_of_the_scenario() -> None:
 def test_candidates_have_three_significant_digits_within_the_range() -> None:
     """Breaks if shipped gains differ from the evaluated ones, or rounding leaves the range."""
     spec = read_tune_spec(
-        {"over": {"kp": {"from": 0.12345, "to": 0.98765}, "feedforward": [True], "gains": ["per_mass"]}}
+        {"over": {"kp": {"from": 0.12345, "to": 0.98765}, "feedforward": [True], "gains": ["printed"]}}
     )
     space = gain_space("pid", {}, None, spec)
     assert space.gains_at([0.5])["kp"] == float(f"{(0.12345 + 0.98765) / 2:.3g}")
@@ -145,7 +145,7 @@ def test_candidates_have_three_significant_digits_within_the_range() -> None:
         (None, {"kp": {"from": -1, "to": 1}}, "over: over: kp: beyond the bounds 0"),
         (None, {"gains": {"from": 1, "to": 2}}, "no numbers"),
         (None, {"laws.smc.l1": [1, 2]}, "over: over: laws.smc.l1: no parameter of pid"),
-        (None, {"gains": ["per_mass"]}, "no numeric parameter"),
+        (None, {"gains": ["printed"]}, "no numeric parameter"),
     ],
 )
 def test_bad_search_spaces_are_refused(names: list[str] | None, over: dict[str, Any], words: str) -> None:

@@ -13,7 +13,7 @@ from train_ato.apps.runs.comparison import Comparison
 from train_ato.apps.runs.progress import activity
 from train_ato.apps.runs.protection_note import summary_events
 from train_ato.apps.runs.ranking import difference_from_best
-from train_ato.apps.runs.scenario_choice import ScenarioChoice, choose_scenario
+from train_ato.apps.runs.scenario_choice import choose_scenario
 from train_ato.apps.runs.summary_table import format_value
 from train_ato.cli.scenario_options import KINDS, add_scenario_options, check_component_name
 from train_ato.cli.screen import note_compilation, print_json, print_table
@@ -84,8 +84,6 @@ def execute(options: argparse.Namespace) -> int:
         folder.discard()
         raise
     print_comparison(result, folder.path, options.json)
-    for line in gain_notes(choice, result):
-        sys.stderr.write(f"train-ato: {line}\n")
     ends = ("failed",) if laws is None else ("failed", "refused")
     failures = [f"{law.label}: {law.reason}" for law in result.laws if law.status in ends]
     if options.strict:
@@ -93,18 +91,6 @@ def execute(options: argparse.Namespace) -> int:
     if failures:
         raise RunFailed("; ".join(failures))
     return 0
-
-
-def gain_notes(choice: ScenarioChoice, result: Comparison) -> list[str]:
-    """Return a line for the laws with default values, and one for each law with values in a variant."""
-    default = sorted(law.label for law in result.laws if law.gains == "default" and law.status != "refused")
-    if not default:
-        return []
-    variants = {label: choice.variants_with_gains(label) for label in default}
-    return [
-        f"{', '.join(default)}: default gains, not chosen for this train; set laws.NAME.* before a comparison",
-        *(f"{label}: gains for this train are in {', '.join(names)}" for label, names in variants.items() if names),
-    ]
 
 
 def write_comparison_folder(result: Comparison, folder: Path) -> None:
@@ -122,6 +108,8 @@ def write_comparison_folder(result: Comparison, folder: Path) -> None:
 def print_comparison(result: Comparison, folder: Path, as_json: bool) -> None:
     """Print the table; a run with brake interventions, or a disengaged ATO, has a line on stderr."""
     for law in result.laws:
+        if advice := law.metrics.get("advice"):
+            sys.stderr.write(f"train-ato: {advice}\n")
         if events := summary_events(law.metrics):
             sys.stderr.write(f"train-ato: {law.label}: {events}\n")
     if as_json:

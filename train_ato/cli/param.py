@@ -9,7 +9,7 @@ from train_ato.arguments import parse_yaml_value
 from train_ato.cli.screen import print_json
 from train_ato.control.parameters import current_names
 from train_ato.control.registry import LAWS
-from train_ato.ros.graph.remote import resolve_domain, set_parameter
+from train_ato.ros.graph.remote import graph_client, resolve_domain
 from train_ato.scenario.former_names import FORMER_PARAMETERS, print_notice
 
 
@@ -40,9 +40,12 @@ def execute(options: argparse.Namespace) -> int:
     if not isinstance(value, (bool, int, float, str)):
         raise ValueError(f"{options.assignment}: not a parameter value; give a number, a word, true or false")
     domain = resolve_domain(options.domain)
-    reason = set_parameter(domain, options.node, name, value)
-    if reason is not None:
-        raise ValueError(f"{options.node} refused {name} = {value!r}: {reason}")
+    with graph_client(domain) as remote:
+        done, text = remote.change_parameter(options.node, name, value)
+    if not done:
+        raise ValueError(f"{options.node} refused {name} = {value!r}: {text}")
+    if text:
+        sys.stderr.write(f"train-ato: {text}\n")
     if options.json:
         print_json({"node": options.node, "domain": domain, name: value})
     else:

@@ -89,6 +89,8 @@ def prepared(options: argparse.Namespace) -> tuple[RunSetup, RunMode, Path]:
         check_free(options.out)
     setup = prepare_from(options, law=options.law)
     run_mode.check_restart(setup, "--")
+    if advice := setup.advice():
+        sys.stderr.write(f"train-ato: {advice}\n")
     if mode != "engine":
         from train_ato.ros.graph.environment import opened_by
 

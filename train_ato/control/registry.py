@@ -22,6 +22,7 @@ from types import ModuleType
 from typing import Any
 
 from train_ato.control.contract import Parameter, parameters_of
+from train_ato.control.gains import Gains, gains_of
 from train_ato.control.keyword_form import in_contract_form
 from train_ato.control.parameters import RefusedParameter, closest, current_names, make_parameters
 
@@ -175,6 +176,31 @@ class Registry:
         return {point.name: point for point in entry_points(group=self.group)}
 
 
+class LawRegistry(Registry):
+    """Laws by name; the parameters that are not given follow from the train (:mod:`train_ato.control.gains`)."""
+
+    def gains(self, name: str, values: Mapping[str, Any], model: Any, period: float) -> Gains:
+        """Return the parameters of a law for a train.
+
+        Raises
+        ------
+        ValueError
+            For an unknown law.
+        """
+        given = current_names(self.parameters(name), values, name)
+        return gains_of(name, self.get(name), given, model, period)
+
+    def make(self, name: str, values: Mapping[str, Any], *arguments: Any) -> Any:
+        """Return a new law for a train and a period: the second and the third argument.
+
+        Raises
+        ------
+        ValueError
+            As for every component.
+        """
+        return super().make(name, self.gains(name, values, *arguments).values, *arguments)
+
+
 def load_class(target: str) -> type:
     """Import the class ``module:Class`` (or ``module.Class``); the current folder is searched last.
 
@@ -214,7 +240,7 @@ def _module(name: str) -> ModuleType:
         return importlib.import_module(name)
 
 
-LAWS = Registry(
+LAWS = LawRegistry(
     "law",
     "train_ato.controllers",
     {

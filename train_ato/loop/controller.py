@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from train_ato.control.assurance import BRAKING_LAW
+from train_ato.control.gains import Gains
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.stack import ControlStack
 from train_ato.control.takeover import TakeoverRamp
@@ -79,6 +81,7 @@ class ControllerStage:
         self._outage = ""
         self._takeover: TakeoverRamp | None = None
         self.step_times = StepTimes([])
+        self._fit = self._fit_of(setup.controller)
         self._constants = {
             "compensation": setup.compensation,
             "delay": repr(setup.model.delay.tolist()),
@@ -147,8 +150,8 @@ class ControllerStage:
             displacement=setup.planned_displacement(),
         )
 
-    def validate(self, name: str, value: Any) -> None:
-        """Check one parameter (``controller`` or ``law.parameter``) without side effects.
+    def validate(self, name: str, value: Any) -> str:
+        """Check one parameter (``controller`` or ``law.parameter``) without side effects; return the advice for it.
 
         Raises
         ------
@@ -156,14 +159,26 @@ class ControllerStage:
             With the reason for the refusal.
         """
         if name == LAW:
-            self.setup.law(value, self._parameters.get(value, {}))
-            return
+            return self.advice(value)
         law, _, parameter = name.rpartition(".")
-        merged = {**self._parameters.get(law, {}), parameter: value}
         if law == self.controller:
-            self.setup.law(law, merged)
-        else:
-            LAWS.make(law, merged, self.setup.model, self.setup.control_period)
+            return self.advice(law, {parameter: value})
+        merged = {**self._parameters.get(law, {}), parameter: value}
+        LAWS.make(law, merged, self.setup.model, self.setup.control_period)
+        return ""
+
+    def gains(self, law: str) -> Gains:
+        """Return the present parameters of a law."""
+        return self.setup.gains(law, self._parameters.get(law, {}))
+
+    def advice(self, law: str, values: Mapping[str, Any] | None = None) -> str:
+        """Return :meth:`RunSetup.advice` for a law with its present parameters and others."""
+        return self.setup.advice(law, {**self._parameters.get(law, {}), **(values or {})})
+
+    def _fit_of(self, law: str) -> dict[str, str]:
+        """Return source of the gains and advice of a law for the diagnostics, without empty ones."""
+        fit = {"gains": self.gains(law).reason, "advice": self.advice(law)}
+        return {key: text for key, text in fit.items() if text}
 
     def begin_with(self, name: str, value: Any) -> None:
         """Replace a parameter of the scenario by a validated start parameter."""
@@ -201,6 +216,7 @@ class ControllerStage:
                 self._stack = self._new_stack(self._profile)
             else:
                 self._stack.swap(self.controller, self._parameters.get(self.controller, {}))
+            self._fit = self._fit_of(self.controller)
         self._fresh = self._law_changed = False
 
     def step(
@@ -302,6 +318,7 @@ class ControllerStage:
             return None
         values = {
             "controller": self.controller,
+            **self._fit,
             **self._constants,
             **self._stack.diagnostics(),
             **self._inputs.diagnostics(),

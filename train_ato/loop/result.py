@@ -143,9 +143,12 @@ def completed_summary(recording: Recording) -> dict[str, Any]:
 
 def identity(setup: RunSetup, ticks: int) -> dict[str, Any]:
     """Return the first entries of a summary: scenario, stack, seed and duration."""
+    gains = setup.gains(setup.controller)
     return {
         "scenario": setup.scenario.name,
         "controller": setup.controller,
+        **({"gains": gains.source, "gains_reason": gains.reason} if gains.reason else {}),
+        **({"advice": advice} if (advice := setup.advice()) else {}),
         "observer": setup.observer,
         "compensation": setup.compensation,
         "seed": setup.seed,

@@ -15,6 +15,7 @@ from plant_sim.train import Train
 from train_ato.control.air_brake.policy import BrakePolicy, make_brake_policy
 from train_ato.control.contract import Law
 from train_ato.control.force_distribution import ForceDistribution
+from train_ato.control.gains import Gains, advice
 from train_ato.control.planned_displacement import PlannedDisplacement
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.control.train_model import TrainModel
@@ -115,6 +116,32 @@ class RunSetup(RunChoices):
             values = self.controller_parameters.get(name, {})
         return fitting_law(name, values, self.model, self.control_period, self.compensation)
 
+    def gains(self, name: str, values: Mapping[str, Any] | None = None) -> Gains:
+        """Return the parameters of a law in this run, with those of the scenario or with others given.
+
+        Raises
+        ------
+        ValueError
+            For an unknown law.
+        """
+        if values is None:
+            values = self.controller_parameters.get(name, {})
+        return LAWS.gains(name, values, self.model, self.control_period)
+
+    def advice(self, name: str | None = None, values: Mapping[str, Any] | None = None) -> str:
+        """Return a line with the remedy for a law that does not fit the train or its delay; "" if it fits.
+
+        Default: the law at the start with the parameters of the scenario.
+
+        Raises
+        ------
+        ValueError
+            As :meth:`law`.
+        """
+        name = name or self.controller
+        law, gains = self.law(name, values), self.gains(name, values)
+        return advice(name, law, gains, self.model, self.control_period, self.compensation)
+
     def train(self) -> Train:
         """Return the train at its start."""
         try:
@@ -184,9 +211,18 @@ class RunSetup(RunChoices):
     def _resolved_text(self) -> str:
         return resolved_text(self._resolved_data)
 
+    def _all_values(self, law: str) -> dict[str, Any]:
+        """Return every parameter of a law with a choice of gains, which a later table or rule does not change."""
+        gains = self.gains(law)
+        defaults = {entry.name: entry.default for entry in LAWS.parameters(law)} if gains.source else {}
+        return {**defaults, **gains.values}
+
     @cached_property
     def _resolved_data(self) -> dict[str, Any]:
-        return resolved_data(self.scenario, self.folder, self.consist, self.line, self.model)
+        later = (law for change in self.law_changes for law in (change.law, *change.laws) if law)
+        laws = {**self.scenario.laws, **{law: self._all_values(law) for law in (self.controller, *later)}}
+        scenario = self.scenario.model_copy(update={"laws": laws})
+        return resolved_data(scenario, self.folder, self.consist, self.line, self.model)
 
 
 def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None) -> RunSetup:

@@ -13,10 +13,12 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from train_ato.control.gains import PRINTED, has_gains
+from train_ato.control.registry import LAWS
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.papers.bounds import Check
-from train_ato.scenario.scenario import load_scenario
+from train_ato.scenario.scenario import Scenario, load_scenario
 
 
 class Verdict(Enum):
@@ -29,6 +31,13 @@ class Verdict(Enum):
 
 UNSUPERVISED: Mapping[str, Any] = {"supervision": {"enabled": False}}
 """The papers have no supervisor: it would brake a train whose control is lost."""
+
+
+def printed(scenario: Scenario, path: Path) -> tuple[Scenario, Path]:
+    """Return a scenario, and its file, with the printed gains of every law, apart from those that it gives."""
+    laws = {name: {"gains": PRINTED} for name in LAWS.loadable() if has_gains(LAWS.get(name))}
+    given = {name: {**laws.get(name, {}), **values} for name, values in scenario.laws.items()}
+    return scenario.model_copy(update={"laws": {**laws, **given}}), path
 
 
 @dataclass(frozen=True)
@@ -51,7 +60,7 @@ class Case:
 
     def setup(self) -> RunSetup:
         """Return the prepared run; errors as :func:`train_ato.loop.setup.prepare`."""
-        return prepare(*load_scenario(self.scenario, changes={**UNSUPERVISED, **self.changes}))
+        return prepare(*printed(*load_scenario(self.scenario, changes={**UNSUPERVISED, **self.changes})))
 
 
 @dataclass(frozen=True)

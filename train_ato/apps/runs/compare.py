@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.runs.comparison import Compared, Comparison
+from train_ato.apps.runs.comparison import OWN, Compared, Comparison
 from train_ato.apps.runs.component_choice import ComponentChoice, choose_component, put_components
 from train_ato.apps.runs.drive import RunMode, drive
 from train_ato.apps.runs.run import Run
@@ -38,8 +38,8 @@ def compare(
 ) -> Comparison:
     """Run a scenario with several laws in the engine.
 
-    A law that does not fit the train, or whose run fails, has a row with the reason; the other laws are run.  A law
-    without parameters in the scenario runs with its default values (``gains``), which may suit another train.
+    A law that does not fit the train, or whose run fails, has a row with the reason; the other laws are run.  The
+    column ``gains`` has the source of the parameters of each law.
 
     Parameters
     ----------
@@ -74,9 +74,9 @@ def compare(
     return Comparison(
         choice.name,
         [
-            Compared(law.label, {}, _gains(choice, law), refused[law.label])
+            Compared(law.label, {}, "", refused[law.label])
             if law.label in refused
-            else _compared(law, setups[law.label], len(setups), folder, progress, _gains(choice, law))
+            else _compared(law, setups[law.label], len(setups), folder, progress)
             for law in chosen
         ],
     )
@@ -92,13 +92,6 @@ def _chosen(laws: Sequence[Any] | None) -> list[ComponentChoice]:
     for law in chosen:
         LAWS.get(law.name)
     return chosen
-
-
-def _gains(choice: ScenarioChoice, law: ComponentChoice) -> str:
-    """Return ``chosen`` if the scenario or the law object has gains for this train, ``default`` if not."""
-    scenario = choice.checked
-    own = law.name == scenario.law or bool(scenario.laws.get(law.name)) or bool(law.values)
-    return "chosen" if own or not LAWS.parameters(law.name) else "default"
 
 
 def _labelled(laws: Sequence[ComponentChoice]) -> list[ComponentChoice]:
@@ -138,11 +131,10 @@ def _setups(
     return setups, refused
 
 
-def _compared(
-    law: ComponentChoice, setup: RunSetup, runs: int, keep: Path | None, shown: bool | None, gains: str
-) -> Compared:
+def _compared(law: ComponentChoice, setup: RunSetup, runs: int, keep: Path | None, shown: bool | None) -> Compared:
     """Run one law; keep only the data of the figures in memory."""
     law.put_into(setup.scenario)  # registers this class, if two classes have one name
+    gains = setup.gains(setup.controller).source or OWN
     folder = None if keep is None else keep / re.sub(r"[^\w.()=,+-]+", "-", law.label)
     try:
         run = drive(setup, RunMode(), out=folder, shown=shown, title=law.label, option="keep")

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 
 SHOWN = tuple(key for key, _ in RESULT_ROWS if key not in ("real_time_factor", "step_time_us_median"))
 """Metrics of the table."""
+OWN = "own"
+"""Source of the gains of a law without the choice."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Compared:
     metrics : dict
         Metrics of its run; empty for a refused law.
     gains : str
-        ``chosen``: parameters for this train in the scenario, or of a law object; ``default``: all default values.
+        Source of its parameters: ``fitted``, ``model``, ``printed``, ``given``, or ``own`` for a law without a choice.
     reason : str
         Reason of a refusal or of a failed run; otherwise empty.
     data : PageData or None
@@ -40,7 +42,7 @@ class Compared:
 
     label: str
     metrics: dict[str, Any]
-    gains: str = "chosen"
+    gains: str = OWN
     reason: str = ""
     data: PageData | None = None
 

@@ -85,12 +85,6 @@ class ScenarioChoice:
         """Variants of the scenario file and their descriptions."""
         return variants_of(self.path)
 
-    def variants_with_gains(self, law: str) -> list[str]:
-        """Return the names of the variants of the file that have parameters of a law."""
-        stem = self._given.partition(":")[0]
-        names = [f"{stem}:{variant}" for variant in self.variants]
-        return [name for name in names if (raw_scenario(name)[1].get("laws") or {}).get(law)]
-
     def with_(self, changes: Changes | None = None, /, **more: Any) -> ScenarioChoice:
         """Return the scenario with some keys changed.
 

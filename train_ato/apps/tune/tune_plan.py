@@ -75,7 +75,7 @@ class TunePlan:
         runner = GainRunner(tasks)
         setups = [runner.setup(index) for index in range(len(tasks))]
         law = setups[0].controller
-        values = setups[0].controller_parameters.get(law, {})
+        values = setups[0].gains(law).values
         space = gain_space(law, values, parameters, spec)
         searched = sum(task.part == SEARCHED for task in tasks)
         smallest = POPULATION * searched

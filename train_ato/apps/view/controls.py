@@ -124,7 +124,8 @@ class Controls:
         def done(result: Any) -> None:
             if result.successful:  # the event of the change may precede the subscription
                 self._follow(node, name, value)
-            answer(bool(result.successful), f"{name} = {value}" if result.successful else str(result.reason))
+            done = [f"{name} = {value}"] if result.successful else []
+            answer(bool(result.successful), "; ".join([*done, *filter(None, [str(result.reason)])]))
 
         self.submit(request)
 

@@ -44,6 +44,7 @@ from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.luenberger import LuenbergerObserver
 from train_ato.control.algorithms.sliding import sig
 from train_ato.control.contract import LawInput, parameter
+from train_ato.control.gains import gains_choice
 from train_ato.control.observers.cascaded import CascadedParameters, make_cascade
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ MIN_ERROR = 1e-3
 class FixedTimeSmcParameters:
     """Parameters of :class:`FixedTimeSmc`."""
 
+    gains: str = gains_choice()
     surface: float = parameter(0.3, "1/s", 0.0, 1e3, "alpha1 = beta1, gain of the surface; 50 in the paper")
     reaching: float = parameter(0.3, "1/s", 0.0, 1e3, "alpha2 = beta2, gain of the reaching law; 50 in the paper")
     unmatched: bool = parameter(False, "", 0, 1, "estimate the speed offset d1 between position and speed")

@@ -51,6 +51,7 @@ from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.rbf import Weights, activations
 from train_ato.control.contract import LawInput, parameter
+from train_ato.control.gains import gains_choice
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -69,6 +70,7 @@ FILTER_STEP = 1e-3
 class FunnelParameters:
     """Parameters of :class:`Funnel`."""
 
+    gains: str = gains_choice()
     variant: str = parameter(
         "corrected", "", 0, 0, "corrected, or as printed in the paper", choices=("corrected", "printed")
     )

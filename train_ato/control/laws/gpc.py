@@ -51,6 +51,7 @@ from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.identification import Increments, ResidualNetwork
 from train_ato.control.algorithms.predictive_law import LinearLaw, linear_law
 from train_ato.control.contract import LawInput, parameter
+from train_ato.control.gains import gains_choice
 from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ MIN_LEARNING_SPEED = 0.1
 class GpcParameters:
     """Parameters of :class:`Gpc`."""
 
+    gains: str = gains_choice()
     sampling: float = parameter(
         1.2, "s", 0.0, 10.0, "sampling period, rounded to a multiple of the control period; 0: the control period"
     )

@@ -33,6 +33,7 @@ from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.contract import LawInput, parameter
+from train_ato.control.gains import gains_choice
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
 class LagSmcParameters:
     """Parameters of :class:`LagSmc`."""
 
+    gains: str = gains_choice()
     c1: float = parameter(1.0, "1/s", 0.0, 100.0, "weight of the speed error in the surface")
     c0: float = parameter(0.25, "1/s²", 0.0, 100.0, "weight of the position error")
     k: float = parameter(0.05, "m/s³", 0.0, 100.0, "gain of the smooth switching term")

@@ -10,11 +10,11 @@ Law, per unit, e = v - v_d (with the opposite sign in papers 001 and 004)::
     I = the measured position error (default), or int e dt; both clamped to +-integral_limit
     de/dt through a first-order filter of time constant derivative_time
 
-``K`` is the unit's share of the train's inertia (``gains: per_mass``; kp in 1/s, ki in 1/s², kd dimensionless) or its
-share of 1 (``gains: force``; kp in N/(m/s), ki in N/m, kd in N s²/m).  With ``gains: model`` kp and ki follow from the
-model, for a train that has to stop within centimetres: the train is an integrator of the force behind the dead time
+``K`` is the unit's share of the train's inertia (``per_mass: true``; kp in 1/s, ki in 1/s², kd dimensionless) or its
+share of 1 (``per_mass: false``; kp in N/(m/s), ki in N/m, kd in N s²/m).  With ``gains: model`` kp and ki follow from
+the model, for a train that has to stop within centimetres: the train is an integrator of the force behind the dead time
 theta = delay + lag + period, and the rule of Skogestad (SIMC, Journal of Process Control 13, 2003, table 1) gives
-kp = 1/(2 theta), ki = kp/(8 theta); kd is 0. Paper 000 prints the second form with 1e7, 1, 1;
+kp = 1/(2 theta), ki = kp/(8 theta). Paper 000 prints the second form with 1e7, 1, 1;
 its error is then the force divided by 1e7. With ``u_ff`` the nominal train follows the reference at the time at which
 the command takes effect; the PID of the papers has no feed-forward (``feedforward: false``).
 
@@ -34,10 +34,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from operator import sub
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.contract import LawInput, parameter
+from train_ato.control.gains import gains_choice
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -47,17 +48,11 @@ if TYPE_CHECKING:
 class PidParameters:
     """Parameters of :class:`Pid`."""
 
-    gains: str = parameter(
-        "per_mass",
-        "",
-        0,
-        0,
-        "kp, ki, kd are multiplied by the inertia of the train, or are forces, or follow from the model",
-        choices=("per_mass", "force", "model"),
-    )
+    gains: str = gains_choice()
     kp: float = parameter(0.05, "1/s or N/(m/s)", 0.0, 1e9, "gain on the speed error")
     ki: float = parameter(0.001, "1/s² or N/m", 0.0, 1e9, "gain on the integral of the speed error")
     kd: float = parameter(0.0, "1 or N s²/m", 0.0, 1e9, "gain on the derivative of the speed error")
+    per_mass: bool = parameter(True, "", 0, 1, "kp, ki, kd are multiplied by the inertia of the train")
     integral: str = parameter(
         "position",
         "",
@@ -73,39 +68,37 @@ class PidParameters:
     disturbance: bool = parameter(True, "", 0, 1, "subtract the estimate of the observer")
 
 
-def gains_of_model(model: TrainModel, period: float) -> tuple[float, float, float]:
-    """Return kp [1/s], ki [1/s²] and kd [1] for delay, lag and couplers of a train, after the SIMC rule.
-
-    On several vehicles with elastic couplers the gains are at most the defaults, because of the wave in the couplers.
-
-    Parameters
-    ----------
-    model
-        Train with delay and lag [s].
-    period
-        Of the law [s].
-    """
-    delay = max(float(model.delay.max(initial=0.0)), float(model.delay_brake.max(initial=0.0)))
-    dead_time = delay + model.lag + period
-    kp = 1.0 / (2.0 * dead_time)
-    ki = kp / (8.0 * dead_time)
-    gears = model.consist.draft_gears.values()
-    if len(model.consist.vehicles) > 1 and any(gear.kind != "rigid" for gear in gears):
-        return min(kp, PidParameters().kp), min(ki, PidParameters().ki), 0.0
-    return kp, ki, 0.0
-
-
 class Pid(GuardedLaw):
     """PID on the speed error with feed-forward, clamped integral and filtered derivative."""
 
     Parameters: ClassVar[type] = PidParameters
 
+    @classmethod
+    def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
+        """Return kp [1/s] and ki [1/s²] for delay, lag and couplers of a train, after the SIMC rule.
+
+        On several vehicles with elastic couplers the gains are at most the printed ones, for the wave in the couplers.
+
+        Parameters
+        ----------
+        model
+            Train with delay and lag [s].
+        period
+            Of the law [s].
+        """
+        delay = max(float(model.delay.max(initial=0.0)), float(model.delay_brake.max(initial=0.0)))
+        dead_time = delay + model.lag + period
+        kp = 1.0 / (2.0 * dead_time)
+        ki = kp / (8.0 * dead_time)
+        gears = model.consist.draft_gears.values()
+        if len(model.consist.vehicles) > 1 and any(gear.kind != "rigid" for gear in gears):
+            kp, ki = min(kp, PidParameters().kp), min(ki, PidParameters().ki)
+        return {"kp": kp, "ki": ki}
+
     def __init__(self, parameters: PidParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
-        scale = 1.0 if parameters.gains == "force" else model.inertia
+        scale = model.inertia if parameters.per_mass else 1.0
         gains = (parameters.kp, parameters.ki, parameters.kd)
-        if parameters.gains == "model":
-            gains = gains_of_model(model, period)
         self._gains = [tuple(scale * share * gain for gain in gains) for share in model.share.tolist()]
         self._derivative_decay = (
             math.exp(-period / parameters.derivative_time) if parameters.derivative_time > 0 else 0.0

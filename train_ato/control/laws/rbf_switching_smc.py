@@ -46,6 +46,7 @@ from train_ato.control.algorithms.rbf import RBF_CENTERS, Weights, activations
 from train_ato.control.algorithms.sliding import sign
 from train_ato.control.compensation.pade import pade_coefficients
 from train_ato.control.contract import LawInput, parameter
+from train_ato.control.gains import gains_choice
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -58,6 +59,7 @@ INITIAL_WEIGHT = -0.9
 class RbfSwitchingSmcParameters:
     """Parameters of :class:`RbfSwitchingSmc`."""
 
+    gains: str = gains_choice()
     c: float = parameter(0.4, "1/s", 0.0, 100.0, "weight of the position error in the surface")
     k_w: float = parameter(1.40, "m/s²", 0.0, 100.0, "switching gain")
     phi: float = parameter(2.0, "m/s", 1e-6, 1e3, "surface from which the input of the network is clipped")

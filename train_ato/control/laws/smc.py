@@ -42,6 +42,7 @@ from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.guard import GuardedLaw
 from train_ato.control.algorithms.sliding import IntegralSurface, adaptive_gain, saturation, sig
 from train_ato.control.contract import LawInput, parameter
+from train_ato.control.gains import gains_choice
 from train_ato.control.parameters import RefusedParameter
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
 class SmcParameters:
     """Parameters of :class:`Smc`; the defaults are those of the paper, except ``ks``."""
 
+    gains: str = gains_choice()
     l1: float = parameter(1.0, "1/s", 0.0, 100.0, "lambda_1, weight of the error in the surface")
     l2: float = parameter(0.1, "1/s²", 0.0, 100.0, "lambda_2, weight of the integral of the error")
     xi: float = parameter(0.005, "m/s²", 0.0, 1e3, "gain of the power reaching term")

@@ -29,7 +29,7 @@ def _law(name: str, parameters: Mapping[str, Any], omega: float | None = None, s
 
 
 PRINTED_PID = {
-    "gains": "force",
+    "per_mass": False,
     "kp": 1e7,
     "ki": 1.0,
     "kd": 1.0,

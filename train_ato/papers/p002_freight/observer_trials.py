@@ -24,7 +24,7 @@ from train_ato.loop.engine import run_engine
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import prepare
 from train_ato.messages.types import Array
-from train_ato.papers.claims import UNSUPERVISED
+from train_ato.papers.claims import UNSUPERVISED, printed
 from train_ato.scenario.scenario import load_scenario
 
 CARS = 5
@@ -149,8 +149,7 @@ def observer_accuracy(tick: float, duration: float, settle: float) -> tuple[dict
     steps = [{"at": at, "speed": speed} for at, speed in STEPS if at < duration]
     grid = {"tick": tick, "step": min(tick, 1e-3), "duration": duration}
     changes = {**UNSUPERVISED, **grid, "profile": {"until": duration, "steps": steps}}
-    scenario, path = load_scenario("freight_consensus:aligned", changes=changes)
-    setup = prepare(scenario, path)
+    setup = prepare(*printed(*load_scenario("freight_consensus:aligned", changes=changes)))
     outcome = run_engine(setup)
     recording = outcome.recording
     if recording is None or outcome.interrupted:

@@ -62,6 +62,17 @@ class GraphClient:
         ValueError
             If the node or the parameter is missing, or the node does not answer.
         """
+        done, text = self.change_parameter(node, name, value)
+        return None if done else text
+
+    def change_parameter(self, node: str, name: str, value: Any) -> tuple[bool, str]:
+        """Set one parameter of a running node; errors as :meth:`set_parameter`.
+
+        Returns
+        -------
+        done, text
+            True if the node accepted, and its reason for a refusal or its advice.
+        """
         from rcl_interfaces.msg import ParameterType
         from rclpy.parameter import Parameter
         from rclpy.parameter_client import AsyncParameterClient
@@ -77,7 +88,7 @@ class GraphClient:
             value = float(value)
         change = client.set_parameters([Parameter(name, value=value)])
         result = self._answer(change, node).results[0]
-        return None if result.successful else str(result.reason)
+        return bool(result.successful), str(result.reason)
 
     def parameter(self, node: str, name: str) -> Any:
         """Return the value of a parameter of a running node, None if it has no value.

@@ -74,31 +74,32 @@ class ControllerNode:
     def _declare(self) -> None:
         """Declare ``law`` and the parameters of every law, and apply the start parameters."""
         stage, node = self.stage, self.endpoints.node
-        given = stage.setup.controller_parameters
         chosen = Parameter(
             PARAMETER, stage.controller, "", 0.0, 0.0, "law in charge", self._laws, formerly="controller"
         )
         parameters = [Declared(PARAMETER, stage.controller, chosen)]
         for law in self._laws:
-            parameters += block_parameters(law, LAWS.parameters(law), given.get(law, {}))
+            parameters += block_parameters(law, LAWS.parameters(law), stage.gains(law).values)
         before = {parameter.name: parameter.value for parameter in parameters}
         values = declare(node, parameters)
         changed = {name: value for name, value in values.items() if value != before[name]}
         for name in sorted(changed, key=lambda name: name == PARAMETER):
             stage.validate(_stage_name(name), changed[name])
             stage.begin_with(_stage_name(name), changed[name])
+        self._sync_parameters(changed)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._apply)
 
     def _check(self, parameters: list[Any]) -> Any:
-        """Return acceptance of a change, or refusal with the reason; no side effects."""
+        """Return acceptance of a change with the advice for it, or refusal with the reason; no side effects."""
+        advice = ""
         for parameter in parameters:
             if self._ours(parameter.name):
                 try:
-                    self.stage.validate(_stage_name(parameter.name), parameter.value)
+                    advice = self.stage.validate(_stage_name(parameter.name), parameter.value)
                 except ValueError as error:
                     return SetParametersResult(successful=False, reason=" ".join(str(error).split()))
-        return SetParametersResult(successful=True)
+        return SetParametersResult(successful=True, reason=advice)
 
     def _apply(self, parameters: list[Any]) -> None:
         if self._following:
@@ -133,10 +134,16 @@ class ControllerNode:
         return response
 
     def _sync_parameters(self, changed: Changes) -> None:
-        """Set the ROS parameters to the values of planned changes."""
+        """Set the ROS parameters to the values of planned changes, and to the gains of a changed choice."""
         node = self.endpoints.node
         behind = []
-        for changed_name, value in changed.items():
+        chosen = [name.rpartition(".")[0] for name in changed if name.endswith(".gains")]
+        gains = {
+            f"{law}.{entry.name}": self.stage.gains(law).values.get(entry.name, entry.default)
+            for law in chosen
+            for entry in LAWS.parameters(law)
+        }
+        for changed_name, value in {**gains, **changed}.items():
             name = PARAMETER if changed_name == LAW else changed_name
             shown = node.get_parameter(name).value
             if shown != value:

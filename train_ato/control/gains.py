@@ -1,0 +1,163 @@
+"""Gains of a law for a train: fitted to a shipped train, computed from the model of the train, or as printed.
+
+``fitted`` takes the table ``fitted_gains.yaml``; a train that is not in it, or a longer delay, takes ``model``, the
+rule of the law (``model_gains``).  ``printed`` takes the defaults of the parameters, which are those of the paper.  A
+parameter that is given has its given value under every choice.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from plant_sim.number_text import number_text
+from train_ato.control.contract import parameter, parameters_of
+
+if TYPE_CHECKING:
+    from train_ato.control.train_model import TrainModel
+
+FITTED, MODEL, PRINTED = "fitted", "model", "printed"
+GIVEN = "given"
+"""Source of parameters that a scenario gives beside ``gains: printed``."""
+TABLE = Path(__file__).with_name("fitted_gains.yaml")
+SAME_MASS = 0.01
+"""Largest relative difference of the mass of a train from that in the table."""
+
+
+def gains_choice() -> Any:
+    """Declare the parameter ``gains`` of a law."""
+    return parameter(
+        FITTED,
+        "",
+        0,
+        0,
+        "source of the values that are not given: fitted to a shipped train (another train: model), "
+        "computed from the model of the train, or printed in the paper",
+        choices=(FITTED, MODEL, PRINTED),
+    )
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Parameters of a law for a train.
+
+    Attributes
+    ----------
+    values : dict
+        Parameters that differ from the printed ones.
+    source : str
+        ``fitted``, ``model``, ``printed`` or ``given``; "" for a law without a choice of gains.
+    reason : str
+        Reason for the source as text; "" for a law without a choice.
+    """
+
+    values: dict[str, Any]
+    source: str = ""
+    reason: str = ""
+
+
+def has_gains(law: Any) -> bool:
+    """Return True if a law has the parameter ``gains`` with the three choices."""
+    return any(entry.name == "gains" and FITTED in entry.choices for entry in parameters_of(law.Parameters))
+
+
+def gains_of(name: str, law: Any, given: Mapping[str, Any], model: TrainModel, period: float) -> Gains:
+    """Return the parameters of a law for a train.
+
+    Parameters
+    ----------
+    name, law
+        Name of the law, and its class.
+    given
+        Parameters that are given, with the choice ``gains``; they remain.
+    model
+        Nominal train with delay and lag [s].
+    period
+        Period of the law [s].
+    """
+    choice = given.get("gains", FITTED)
+    if not has_gains(law):
+        return Gains(dict(given))
+    base, source, reason = _base(name, law, choice, model, period)
+    standing = {**{entry.name: entry.default for entry in parameters_of(law.Parameters)}, **base}
+    own = [key for key, value in given.items() if key != "gains" and standing.get(key) != value]
+    if own:
+        source = GIVEN if source == PRINTED else source
+        reason += f"; {', '.join(own)} given"
+    return Gains({**base, **given}, source, reason)
+
+
+def _base(name: str, law: Any, choice: str, model: TrainModel, period: float) -> tuple[dict[str, Any], str, str]:
+    """Return the values of a choice that differ from the printed ones, their source, and its reason."""
+    if choice not in (FITTED, MODEL):
+        return {}, PRINTED, "as printed in the paper"
+    missing, train = "", model.consist.name
+    if choice == FITTED:
+        values, missing = _fitted(name, model, period)
+        if values is not None:
+            return values, FITTED, f"fitted to {train}"
+        missing += "; "
+    rule = getattr(law, "model_gains", None)
+    if rule is None:
+        return {}, PRINTED, f"{missing}as printed in the paper, without a rule"
+    return rule(model, period), MODEL, f"{missing}computed from the model of {train}"
+
+
+def advice(name: str, law: Any, gains: Gains, model: TrainModel, period: float, compensation: str) -> str:
+    """Return a line with the remedy for gains that do not fit the train, or a delay without compensation; "" if none.
+
+    Parameters
+    ----------
+    name, law
+        Name of the law, and the law.
+    gains
+        Its parameters.
+    model, period
+        Nominal train, and period of the law [s].
+    compensation
+        Name of the delay compensation.
+    """
+    found, remedies = [], []
+    if gains.source == PRINTED:
+        found.append("printed gains, not made for this train")
+        remedies.append(
+            f"--set laws.{name}.gains={MODEL}" if hasattr(law, "model_gains") else f"train-ato tune --law {name}"
+        )
+    delay = longest_delay(model)
+    if compensation == "none" and delay + model.lag > period and not getattr(law, "predicts_delay", False):
+        found.append(f"delay {number_text(delay)} s and lag {number_text(model.lag)} s without compensation")
+        remedies.append("--compensation preview")
+    return f"{name}: {', '.join(found)}; try {' '.join(remedies)}" if found else ""
+
+
+def longest_delay(model: TrainModel) -> float:
+    """Return the longest delay of a command to a power unit [s]."""
+    return max(float(model.delay.max(initial=0.0)), float(model.delay_brake.max(initial=0.0)))
+
+
+def _fitted(law: str, model: TrainModel, period: float) -> tuple[dict[str, Any] | None, str]:
+    """Return the gains of the table, or None and the reason."""
+    train, tonnes = model.consist.name, model.mass / 1e3
+    for entry in _table():
+        mass = entry["trains"].get(train)
+        if mass is None or abs(tonnes - mass) > SAME_MASS * mass:
+            continue
+        now = {"delay": longest_delay(model), "lag": model.lag, "period": period}
+        for key, value in now.items():
+            if value > entry[key] + 1e-9:
+                return None, f"fitted to {train} up to a {key} of {number_text(entry[key])} s"
+        if law not in entry["laws"]:
+            return None, f"not fitted to {train}"
+        return dict(entry["laws"][law]), ""
+    return None, f"not fitted to {train}"
+
+
+@functools.cache
+def _table() -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
+    return found
