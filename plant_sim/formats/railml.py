@@ -47,7 +47,7 @@ READ = {
         "@positionOnA", "@positionOnB", "@navigability", "elementA.@ref", "elementB.@ref",
     ),
     "geometry.gradientCurves.gradientCurve": ("@gradient", "@deltaGradient", "@curveType"),
-    "geometry.horizontalCurves.horizontalCurve": ("@radius", "@curveType"),
+    "geometry.horizontalCurves.horizontalCurve": ("@radius",),
     **dict.fromkeys(
         ("functionalInfrastructure.speeds.speedSection", "functionalInfrastructure.speedSections.speedSection"),
         ("@maxSpeed", "@vMax", "@isTemporary", "linearLocation.@applicationDirection"),

@@ -20,6 +20,8 @@ from plant_sim.number_text import number_text
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
+KINDS = ("straight", "arc", "mixed")
+"""Types of gradient curves."""
 PIECE, PIECES = 20.0, 10
 """Length of the pieces of a transition [m], and their largest number."""
 DELTA_ROUNDING = 5e-4
@@ -50,10 +52,12 @@ def grades(infrastructure: Element, location: Location, path: TrackPath) -> list
         entry = entry_of(curve, place)
         passages = location.ranges(curve, path)
         delta = 1e-3 * number_of(curve, "deltaGradient", place) if curve.get("deltaGradient") is not None else None
+        if (kind := curve.get("curveType", "straight")) not in KINDS:
+            raise ValueError(f"{entry}: curveType = '{kind[:30]}': must be one of {', '.join(KINDS)}; correct it")
         if curve.get("gradient") is not None and not delta:
             value = 1e-3 * number_of(curve, "gradient", place, -500, 500)
             rows += [Range(begin, end, value if forward else -value, entry) for begin, end, forward in passages]
-        elif curve.get("curveType") == "mixed" and delta is None:
+        elif kind == "mixed" and delta is None:
             print_assumption(f"{entry}: of the type mixed without a gradient; left out")
         else:
             arcs += [_Transition(begin, end, delta, entry) for begin, end in _joined(passages)]

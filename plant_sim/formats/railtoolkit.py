@@ -27,8 +27,8 @@ from plant_sim.line import Line, order_fault
 from plant_sim.number_text import number_text
 from plant_sim.summation import plain_sum
 
-TRAIN_SCHEMA = "railtoolkit.org/schema/rolling-stock"
-PATH_SCHEMA = "railtoolkit.org/schema/running-path"
+TRAIN_SCHEMA = "rolling-stock"
+PATH_SCHEMA = "running-path"
 GRAVITY = 9.80665
 """Gravity of the schema [m/s²]."""
 WIND = 15.0
@@ -48,18 +48,19 @@ CARRIED_TRAIN = (
 )  # fmt: skip
 """Keys of a rolling-stock file that the consist carries."""
 CARRIED_PATH = (
-    "schema", "path.name", "path.id", "path.characteristic_sections", "paths[].name", "paths[].id",
-    "paths[].characteristic_sections",
+    "schema", "path.name", "path.characteristic_sections", "paths[].name", "paths[].characteristic_sections",
 )  # fmt: skip
-"""Keys of a running path that the line carries."""
+"""Keys of a running path that the line carries; the identifier is the name of a path without one."""
 
 
 def is_railtoolkit(data: dict[str, Any], what: str) -> bool:
     """Return True if the data of a file are a ``train`` or a ``line`` of this schema."""
-    schema = str(data.get("schema", ""))
+    schema = str(data.get("schema") or "")
+    if schema:
+        return (TRAIN_SCHEMA if what == "train" else PATH_SCHEMA) in schema
     if what == "train":
-        return TRAIN_SCHEMA in schema or ("vehicles" in data and "trains" in data)
-    return PATH_SCHEMA in schema or "paths" in data or (isinstance(data.get("path"), dict))
+        return "vehicles" in data and "trains" in data
+    return "paths" in data or isinstance(data.get("path"), dict)
 
 
 def train_from(data: dict[str, Any], place: str) -> ReadTrain:

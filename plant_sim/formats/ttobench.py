@@ -103,10 +103,11 @@ def _curves(top: Fields, end: float) -> list[dict[str, float]]:
         return []
     fields = top.below("curvatures")
     unit = _unit(fields, "position", LENGTHS)
+    scales = [_unit(fields, f"radius at {edge}", LENGTHS) for edge in ("start", "end")]
     rows: list[tuple[float, float, float]] = []
     for k, row in enumerate(fields.rows("values", 3)):
         place = f"{fields.place}: values[{k}]"
-        first, last = (_curvature(value, f"{place}[{i + 1}]") for i, value in enumerate(row[1:]))
+        first, last = (_curvature(value, f"{place}[{i + 1}]") / scales[i] for i, value in enumerate(row[1:]))
         rows.append((finite_number(row[0], f"{place}[0]", -1e8, 1e8) * unit, first, last))
     if fault := order_fault([at for at, _, _ in rows]):
         raise ValueError(f"{fields.place}: values{fault}")

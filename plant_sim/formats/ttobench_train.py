@@ -209,10 +209,11 @@ def _emergency_brake(top: Fields, pneumatic: float) -> dict[str, float]:
     etcs = top.below("ETCS braking data")
     curve = etcs.below("A_brake_emergency")
     factor = _unit_factor(curve.below("units"), "velocity", "speed")
+    unit = _unit_factor(curve.below("units"), "deceleration", "acceleration")
     smallest = math.inf
     for k, (velocity, deceleration) in enumerate(curve.rows("values", 2)):
         kmh = 3.6 * factor * finite_number(velocity, f"{curve.place}: values[{k}][0]", 0, 1e3)
-        value = finite_number(deceleration, f"{curve.place}: values[{k}][1]", 1e-3, 10)
+        value = unit * finite_number(deceleration, f"{curve.place}: values[{k}][1]", 1e-3, 10)
         smallest = min(smallest, value / ((SHOE_A * kmh + SHOE_SPEED) / (SHOE_B * kmh + SHOE_SPEED)))
     time = _quantity(etcs, "T_be", "time", low=1e-3, high=60.0)
     whole = default.delay + default.time_constant
