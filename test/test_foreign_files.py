@@ -17,6 +17,7 @@ from plant_sim.traction import Envelope
 from train_ato.cli.main import main
 from train_ato.loop.setup import prepare
 from train_ato.profile.planner.inputs import find_line, find_train
+from train_ato.profile.planner.planner import plan
 from train_ato.scenario.scenario import load_scenario
 
 
@@ -122,6 +123,28 @@ def test_a_faulty_bench_train_is_refused_in_one_line(tmp_path: Path, key: str, v
     with pytest.raises(ValueError, match=message) as caught:
         find_train(str(file))
     assert "\n" not in str(caught.value) and str(caught.value).startswith(str(file))
+
+
+def test_a_point_mass_needs_no_length(tmp_path: Path) -> None:
+    """Breaks if a plan with a point mass refuses a train without a length, or uses an assumed one."""
+    file = tmp_path / "unit.json"
+    file.write_text(json.dumps({key: value for key, value in UNIT_TRAIN.items() if key != "length"}))
+    consist, settings = find_train(str(file), point_mass=True)
+    whole = find_train(_written(tmp_path / "whole.json", UNIT_TRAIN), point_mass=True)[0]
+    point = settings.model_copy(update={"point_mass": True, "end": 3000.0})
+    times = [plan(load_line("xuzhou_metro_test"), train, point).running_time for train in (consist, whole)]
+    assert times[0] == times[1]
+
+
+def test_efficiencies_of_the_file_are_those_of_the_plan(tmp_path: Path) -> None:
+    """Breaks if the efficiencies of traction and electric brake are read and dropped."""
+    settings = find_train(_written(tmp_path / "unit.json", UNIT_TRAIN))[1]
+    assert (settings.efficiency, settings.recovered) == pytest.approx((0.9, 0.8))
+
+
+def _written(path: Path, data: dict[str, Any]) -> str:
+    path.write_text(json.dumps(data))
+    return str(path)
 
 
 @pytest.mark.parametrize(("consist", "line"), [("unit.json", "bench.json:reverse"), ("train.yaml", "path.yaml")])

@@ -7,13 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from plan_cases import random_case
+from plan_cases import limit_by_hand, random_case
 
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
+from train_ato.profile.planner.line_tables import SpeedLimits
 from train_ato.profile.planner.planner import plan
 from train_ato.profile.planner.settings import PlanSettings
+from train_ato.profile.planner.train_tables import TrainTables
 
 REFUSED = (5, 13, 24, 26, 27, 52)
 """Random cases without a plan: a steep line, or a brake that fades."""
@@ -122,3 +124,159 @@ def test_a_better_train_or_line_is_never_slower(seed: int) -> None:
         key: (result.running_time, first) for key, result in found.items() if result.running_time > first * ROUNDING
     }
     assert not slower
+
+
+CAR = 25.0
+"""Length of a car of the train by hand [m]."""
+
+
+def railcar(*traction: dict[str, float], **more: Any) -> dict[str, Any]:
+    """Return a motor car of 60 t, 50 kN and 625 kW, or with another envelope."""
+    own = traction or ({"to_kmh": 45, "force_kn": 50}, {"to_kmh": 160, "power_kw": 625})
+    return {
+        "mass_t": 60, "length": CAR, "rotating_mass_factor": 1.08, "resistance": {"n": [700, 20, 2.0]},
+        "traction": own, "brake": [{"to_kmh": 165, "force_kn": 60}], **more,
+    }  # fmt: skip
+
+
+def shortest_time(line: Line, car: dict[str, Any], cars: int, service: tuple[float, float], step: float = 0.5) -> float:
+    """Return the shortest running time between the stops of a level line [s], by two passes of its own.
+
+    Every car has its own place; the train is a list of equal motor cars, its front starts and ends at rest.
+    """
+    begin, end = (stop.at for stop in line.stops)
+    edges = np.linspace(begin, end, int((end - begin) / step) + 1)
+    step = float(edges[1] - edges[0])
+    centres = 0.5 * (edges[1:] + edges[:-1])[:, None] - CAR * (np.arange(cars) + 0.5)
+
+    def within(entries: Any) -> Any:
+        return sum(((centres >= e.begin) & (centres < e.end) for e in entries), np.zeros(centres.shape, bool)).sum(
+            axis=1
+        )
+
+    alive = (cars - within(line.neutral_sections)).tolist()
+    narrow = car.get("tunnel_resistance", [{"coefficient": 0.0}])[0]["coefficient"]
+    air = (narrow * within(line.tunnels) + cars * car["resistance"]["n"][2]).tolist()
+    inertia = cars * car["mass_t"] * 1e3 * car["rotating_mass_factor"]
+    a, b, _ = (cars * value for value in car["resistance"]["n"])
+
+    def pull(speed: float) -> float:
+        for segment in car["traction"]:
+            if speed <= segment["to_kmh"] / 3.6:
+                return float(1e3 * (segment.get("force_kn", 0.0) + segment.get("power_kw", 0.0) / max(speed, 0.1)))
+        return 0.0
+
+    top = min(limit.speed for limit in line.speed_limits)
+    highest = np.minimum(top**2 / 2, service[1] * (end - edges)).tolist()
+    energy = [0.0]
+    for k in range(edges.size - 1):
+        at = energy[k]
+        for part in (0.5, 1.0):
+            speed = (2 * at) ** 0.5
+            rate = (alive[k] * pull(speed) - a - b * speed - air[k] * speed**2) / inertia
+            at = max(energy[k] + part * step * min(rate, service[0]), 1e-9)
+        energy.append(min(at, highest[k + 1]))
+    speed = np.sqrt(2 * np.array(energy))
+    return float((2 * step / (speed[1:] + speed[:-1])).sum())
+
+
+def obstacles(seed: int) -> tuple[Line, dict[str, Any]]:
+    """Return a level line with dead sections and tunnels, and a motor car with steps in its envelope."""
+    rng = np.random.default_rng(seed)
+    at = np.sort(rng.uniform(300, 3500, 4))
+    neutral = [{"begin": float(at[k]), "end": float(at[k] + rng.uniform(20, 250))} for k in (0, 2)]
+    tunnels = [
+        {"begin": float(at[k]), "end": float(at[k] + rng.uniform(200, 900)), "cross_section": 40.0} for k in (1, 3)
+    ]
+    line = line_of(
+        stops=[{"at": 200}, {"at": 4200}],
+        speed_limits=[{"at": 0, "speed_kmh": float(rng.uniform(60, 140))}],
+        neutral_sections=neutral,
+        tunnels=tunnels,
+    )
+    low, high = sorted(rng.uniform(20, 70, 2))
+    power = float(rng.uniform(0.5, 2.0)) * low / 3.6 * 50
+    steps = [
+        {"to_kmh": float(low), "force_kn": 50.0},
+        {"to_kmh": float(high) + 1.0, "force_kn": float(rng.uniform(30, 70))},
+        {"to_kmh": 160, "power_kw": power},
+    ]
+    return line, railcar(*steps, tunnel_resistance=[{"cross_section": 40.0, "coefficient": float(rng.uniform(1, 8))}])
+
+
+def test_cars_outside_a_dead_section_draw_the_train() -> None:
+    """Breaks if a unit without power takes the force of all: no start with three of four cars outside."""
+    line = line_of(neutral_sections=[{"begin": 5700, "end": 6300}])
+    consist = train_of({"car": railcar()}, 4)
+    found = plan(line, consist, PlanSettings(begin=5720.0, jerk=None, force_margin=0.0))
+    inside = found.front - CAR / 2 < 5700 + CAR
+    moving = inside & (found.profile.velocity > 0.1)
+    assert found.force[moving].max() == pytest.approx(150e3, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("sections", "words"),
+    [
+        ({"neutral_sections": [{"begin": 5900, "end": 6100}]}, "is 0 kN in the neutral section from km 5.900 to"),
+        (
+            {"adhesion": [{"begin": 5800, "end": 6200, "factor": 0.001}]},
+            "is 1 kN in the section with low adhesion from",
+        ),
+        ({"power_limits": [{"begin": 5800, "end": 6200, "power": 0.001}]}, "is 0 kN in the power limit from km 5.800"),
+    ],
+)
+def test_a_stop_without_force_names_its_section(sections: dict[str, Any], words: str) -> None:
+    """Breaks if the message has the force of the open line, or advises more traction: it needs 3 kN and has 180."""
+    line = line_of(stops=[{"at": 500}, {"at": 6000}, {"at": 11000}], **sections)
+    with pytest.raises(ValueError, match=words) as refused:
+        plan(line, train_of({"car": railcar()}, 4))
+    assert "need 3 kN" in str(refused.value)
+    assert str(refused.value).endswith("; move the stop or the section")
+
+
+def test_a_stall_in_a_dead_section_names_it() -> None:
+    """Breaks if the message of a stall has the force of the open line."""
+    grades = [{"at": 0, "grade_permille": 30}]
+    line = line_of(grades=grades, neutral_sections=[{"begin": 3000, "end": 5000}])
+    with pytest.raises(ValueError, match=r"is 0 kN in the neutral section from km 3.000 to km 5.000; shorten the"):
+        plan(line, train_of({"car": railcar()}, 4))
+
+
+@pytest.mark.parametrize("jerk", [None, 0.5])
+@pytest.mark.parametrize("seed", [0, 4])
+def test_the_energy_is_that_of_the_written_profile(seed: int, jerk: float | None) -> None:
+    """Breaks if the figure is a sum over the knots: 0.6 % beside the work of the profile.
+
+    The work of the profile between its knots is summed in steps of 1 ms, on a line without grades.
+    """
+    line, car = obstacles(seed)
+    consist = train_of({"car": {**car, "tunnel_resistance": []}}, 4)
+    result = plan(line, consist, PlanSettings(jerk=jerk))
+    stamps = result.profile.start + 0.001 * np.arange(int(1000 * result.running_time))
+    _, speed, _ = result.profile.at_times(stamps)
+    resistance = 4 * (700 + 20 * speed + 2 * speed**2)
+    force = np.gradient(speed, 0.001) * 4 * 60e3 * 1.08 + resistance
+    work = float(np.maximum(force * speed, 0).sum() * 0.001) / 3.6e6
+    assert result.summary()["energy_kwh"] == pytest.approx(work, rel=5e-4)
+
+
+def test_many_limits_are_read_by_place() -> None:
+    """Breaks if a limit holds for a part of the train only: every one is compared with every place by hand."""
+    rng = np.random.default_rng(1)
+    at = [0.0, *np.sort(rng.uniform(0, 9000, 200)).tolist()]
+    line = line_of(speed_limits=[{"at": place, "speed": float(rng.uniform(5, 40))} for place in at])
+    front = np.sort(rng.uniform(-500, 9500, 500))
+    train = TrainTables(train_of({"car": railcar()}, 4))
+    by_hand = [limit_by_hand(line, place, 100.0, train.speed_max) for place in front.tolist()]
+    assert SpeedLimits(line, train.speed_max).at(front, 100.0) == pytest.approx(by_hand)
+
+
+FREE = PlanSettings(jerk=None, force_margin=0.0)
+
+
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 30))])
+def test_the_shortest_time_with_tunnels_dead_sections_and_steps_is_found(seed: int) -> None:
+    """Breaks if one car in a dead section takes the force of all, or the air of a tunnel counts at another speed."""
+    line, car = obstacles(seed)
+    found = plan(line, train_of({"car": car}, 4), FREE).running_time
+    assert found == pytest.approx(shortest_time(line, car, 4, (1.0, 0.8)), rel=3e-3)

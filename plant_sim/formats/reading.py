@@ -83,8 +83,8 @@ def _one_line(data: dict[str, Any], place: str, selection: str) -> ReadLine:
     return ReadLine(line, "train_ato")
 
 
-def read_train(path: Path) -> ReadConsist:
-    """Return the train of a file.
+def read_train(path: Path, point_mass: bool = False) -> ReadConsist:
+    """Return the train of a file; as a point mass it needs no length.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def read_train(path: Path) -> ReadConsist:
         train = railtoolkit.train_from(data, place)
         return ReadConsist(train.consist, "railtoolkit", train, keys_not_carried(data, railtoolkit.CARRIED_TRAIN))
     if ttobench_train.is_ttobench_train(data):
-        train = ttobench_train.ttobench_train(data, place)
+        train = ttobench_train.ttobench_train(data, place, point_mass)
         return ReadConsist(train.consist, "TTOBench", train, keys_not_carried(data, ttobench_train.CARRIED_TRAIN))
     _refuse_foreign(data, place, "consist", TRAIN_FORMATS)
     return ReadConsist(build_model(Consist, data, place), "train_ato")

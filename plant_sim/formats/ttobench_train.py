@@ -59,8 +59,15 @@ def is_ttobench_train(data: dict[str, Any]) -> bool:
     return "max traction force" in data and "rolling resistance r0" in data
 
 
-def ttobench_train(data: dict[str, Any], place: str) -> ReadTrain:
+def ttobench_train(data: dict[str, Any], place: str, point_mass: bool = False) -> ReadTrain:
     """Return the train in the data of a file.
+
+    Parameters
+    ----------
+    data, place
+        Data of the file, and its name.
+    point_mass
+        Accept a train without a length, which a point mass does not use.
 
     Raises
     ------
@@ -86,7 +93,7 @@ def ttobench_train(data: dict[str, Any], place: str) -> ReadTrain:
     ]
     vehicle = {
         "mass": mass,
-        "length": _length(top),
+        "length": _length(top, point_mass),
         "rotating_mass_factor": factor,
         "resistance": {"n": resistance},
         "traction": _hyperbola(top, "max traction", speed),
@@ -130,14 +137,16 @@ def _unit_factor(fields: Fields, key: str, kind: str) -> float:
     return UNITS[kind][unit]
 
 
-def _length(top: Fields) -> float:
+def _length(top: Fields, point_mass: bool) -> float:
     """Return the length of the train [m]; without a key, that of its coaches."""
     if "length" in top:
         return _quantity(top, "length", "length", low=1.0, high=1e4)
+    if point_mass:
+        return COACH_LENGTH
     if "num coaches" not in top:
         raise ValueError(
             f"{top.place}: length: this key is missing, and speed limits hold for the whole train; add "
-            'length: {"unit": "m", "value": ...} or num coaches'
+            'length: {"unit": "m", "value": ...} or num coaches, or plan with --point-mass'
         )
     length = COACH_LENGTH * _quantity(top, "num coaches", "count", low=1.0, high=400.0)
     print_assumption(f"{top.place}: length is missing; assumed {length:g} m, {COACH_LENGTH:g} m per coach")

@@ -76,13 +76,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--margin", type=least, metavar="FRACTION", help="fraction of the maximum forces kept in reserve"
     )
     parser.add_argument(
-        "--efficiency", type=least, metavar="FRACTION", help="of traction, in the net energy (default: 1)"
+        "--efficiency",
+        type=least,
+        metavar="FRACTION",
+        help="of traction, in the net energy (default: that of the train's file, else 1)",
     )
     parser.add_argument(
         "--recovered",
         type=least,
         metavar="FRACTION",
-        help="share of the electric-brake work that returns to the line (default: 0, traction work only)",
+        help="share of the electric-brake work that returns to the line (default: that of the train's file, else 0)",
     )
     parser.add_argument("--auxiliary-kw", type=least, metavar="KW", help="auxiliary power in the net energy")
     parser.add_argument("--max-speed-kmh", type=least, metavar="V", help="speed limit of the train")
@@ -113,7 +116,7 @@ def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
     for path in options.out:
         check_new_file(path, (*PROFILES, *FIGURES))
     line = find_line(options.line)
-    consist, settings = find_train(options.consist)
+    consist, settings = find_train(options.consist, options.point_mass)
     settings = _settings(options, settings)
     if options.journey is not None:
         settings = _with_journey(options, settings, line)

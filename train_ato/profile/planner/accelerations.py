@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from train_ato.messages.types import Array
+from train_ato.profile.planner.driving_strategy import SectionInputs
 from train_ato.profile.planner.line_tables import PlaceGrid
 from train_ato.profile.planner.passes import BRAKE, TRACTION, sliding_extreme
 from train_ato.profile.planner.settings import PlanSettings
@@ -70,35 +71,59 @@ def acceleration_table(train: TrainTables, settings: PlanSettings, window: float
     )
 
 
-def stall_message(train: TrainTables, grid: PlaceGrid, tables: SectionTables, cell: int, at_rest: bool) -> str:
-    """Return the message of a forward pass that ends in a cell."""
+def stall_message(
+    inputs: SectionInputs, grid: PlaceGrid, tables: SectionTables, cell: int, speed: float, at_rest: bool
+) -> str:
+    """Return the message of a forward pass that ends in a cell at a speed [m/s]."""
+    train = inputs.train
     place = grid.places[cell + (0 if cell == 0 else 1)]
-    need = (tables.line_max[cell] + train.resistance[0] / train.inertia) * train.inertia / 1e3
-    have = (tables.rates[TRACTION, 0] * train.inertia + train.resistance[0]) / 1e3
-    problem = "cannot start" if cell == 0 and at_rest else "stalls"
+    k = min(int(speed / SPEED_STEP), train.speed.size - 1)
+    need = (tables.line_max[cell] * train.inertia + train.resistance[k]) / 1e3
+    full = (tables.rates[TRACTION, k] * train.inertia + train.resistance[k]) / 1e3
+    have = full * (1.0 - tables.traction_reserve[cell])
+    starts = cell == 0 and at_rest
     grade = 1e3 * float(tables.line_mean[cell]) * train.inertia / (train.mass * train.gravity)
+    where, remedy = "", "reduce the mass or add traction"
+    found = _sections(inputs, grid, cell, brakes=False)
+    if found and need <= full:
+        where = f" in the {found}"
+        remedy = "move the stop or the section" if starts else "shorten the section, or pass it faster"
     return (
-        f"train '{train.name}' {problem} at km {place / 1000:.3f}: grade and curves of {grade:.1f} per mille under the "
-        f"train need {need:.0f} kN, traction minus force_margin is {have:.0f} kN; reduce the mass or add traction"
+        f"train '{train.name}' {'cannot start' if starts else 'stalls'} at km {place / 1000:.3f}: grade and curves of "
+        f"{grade:.1f} per mille under the train need {need:.0f} kN, traction minus force_margin is {have:.0f} kN"
+        f"{where}; {remedy}"
     )
 
 
-def braking_message(train: TrainTables, grid: PlaceGrid, tables: SectionTables, cell: int, top: Array) -> str:
+def braking_message(inputs: SectionInputs, grid: PlaceGrid, tables: SectionTables, cell: int, top: Array) -> str:
     """Return the message of a backward pass without a solution in a cell."""
+    train = inputs.train
     bound = top[cell + 1 :] >= tables.limit[cell + 1 :] * (1 - 1e-9)
     ahead = cell + 1 + int(np.argmax(bound)) if bound.any() else grid.cells
     steepest = cell + int(np.argmin(tables.line_min[cell:ahead]))
+    weakest = cell + int(np.argmax(tables.brake_reserve[cell:ahead]))
+    found = _sections(inputs, grid, weakest, brakes=True)
+    steepest = weakest if found else steepest
     grade = 1e3 * float(tables.line_min[steepest]) * train.inertia / (train.mass * train.gravity)
     goal_speed, speed = (float(np.sqrt(2 * max(top[k], 0.0))) for k in (ahead, steepest + 1))
     k = min(int(speed / SPEED_STEP), train.speed.size - 1)
-    have = (tables.rates[BRAKE, k] * train.inertia - train.resistance[k]) / 1e3
+    have = (tables.rates[BRAKE, k] * train.inertia - train.resistance[k]) / 1e3 * (1 - tables.brake_reserve[steepest])
     need = -(train.resistance[k] + float(tables.line_min[steepest]) * train.inertia) / 1e3
     goal = f"the limit of {3.6 * goal_speed:.0f} km/h" if goal_speed > 0.1 else "the stop"
+    where = f" in the {found}" if found else ""
+    remedy = "move the stop or the section" if found else "add brakes or reduce force_margin"
     return (
         f"train '{train.name}' cannot brake for {goal} at km {grid.places[ahead] / 1000:.3f}: keeping "
         f"{3.6 * speed:.0f} km/h on {grade:.1f} per mille at km {grid.places[steepest] / 1000:.3f} needs {need:.0f} "
-        f"kN, the brake force minus force_margin is {have:.0f} kN; add brakes or reduce force_margin"
+        f"kN, the brake force minus force_margin is {have:.0f} kN{where}; {remedy}"
     )
+
+
+def _sections(inputs: SectionInputs, grid: PlaceGrid, cell: int, brakes: bool) -> str:
+    """Return the sections that limit the forces in a cell; empty without one."""
+    if inputs.places is None:
+        return ""
+    return " and the ".join(inputs.places.sections_at(float(0.5 * (grid.places[cell] + grid.places[cell + 1])), brakes))
 
 
 def _lowered_for_averaging(force: Array, half_width: Array, extend_steps: bool) -> Array:

@@ -43,6 +43,8 @@ class Plan:
         Force tables of the plan.
     line : Line
         Line of the plan.
+    work : Array, shape (3, n - 1)
+        Work of traction, of all brakes and of the electric brake between two knots [J], each >= 0.
     """
 
     profile: Profile
@@ -52,6 +54,7 @@ class Plan:
     settings: PlanSettings
     train: TrainTables
     line: Line
+    work: Array
 
     @property
     def running_time(self) -> float:
@@ -66,21 +69,13 @@ class Plan:
     @property
     def energy(self) -> float:
         """Net energy from the first departure to the last arrival [J]; the traction work with the default settings."""
-        power, period = self.force * self.profile.velocity, self.profile.period
-        traction = float(np.maximum(power, 0.0).sum() * period)
-        return weighted_energy(traction, float(self.electric_power.sum() * period), self.running_time, self.settings)
-
-    @property
-    def electric_power(self) -> Array:
-        """Power of the electric brake at every knot [W]; it acts before the friction brakes."""
-        _, electric, _ = self.train.forces_at(self.profile.velocity)
-        return np.asarray(np.minimum(np.maximum(-self.force, 0.0), electric) * self.profile.velocity)
+        traction, _, electric = self.work.sum(axis=1).tolist()
+        return weighted_energy(traction, electric, self.running_time, self.settings)
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the plan, units in the keys: running_time_s, distance_m, energy_kwh, ..."""
         profile, force = self.profile, self.force
-        power = force * profile.velocity
-        step = profile.period / 3.6e6
+        traction, brake, electric = (self.work.sum(axis=1) / 3.6e6).tolist()
         moving = profile.velocity > 1e-3
         running = force[moving]
         return {
@@ -88,10 +83,10 @@ class Plan:
             "line": self.line.name,
             "running_time_s": round(self.running_time, 3),
             "distance_m": round(self.arrivals[-1][0] - self.arrivals[0][0], 3),
-            "energy_kwh": round(float(np.maximum(power, 0.0).sum() * step), 4),
-            "energy_electric_brake_kwh": round(float(self.electric_power.sum() * step), 4),
+            "energy_kwh": round(traction, 4),
+            "energy_electric_brake_kwh": round(electric, 4),
             "energy_net_kwh": round(self.energy / 3.6e6, 4),
-            "energy_brake_kwh": round(float(np.maximum(-power, 0.0).sum() * step), 4),
+            "energy_brake_kwh": round(brake, 4),
             "speed_max_kmh": round(3.6 * float(profile.velocity.max()), 3),
             "speed_mean_kmh": round(3.6 * (self.arrivals[-1][0] - self.arrivals[0][0]) / self.running_time, 3),
             "acceleration_max": round(float(profile.acceleration.max()), 4),
@@ -142,7 +137,39 @@ def assemble_plan(
         arrivals.append((float(section.end), float(end), float(end)))
     profile, force = _join_knots(knots_of, arrivals, inputs, period, since)
     limit = inputs.limits.at(profile.position + inputs.train.half, inputs.train.length)
-    return Plan(profile, force, limit, tuple(arrivals), settings, inputs.train, line)
+    work = _work_between(profile, force, inputs)
+    return Plan(profile, force, limit, tuple(arrivals), settings, inputs.train, line, work)
+
+
+def _work_between(profile: Profile, force: Array, inputs: SectionInputs) -> Array:
+    """Return the work of traction, of all brakes and of the electric brake between two knots [J], shape (3, n - 1).
+
+    The own work of the train is the change of its kinetic energy plus the work against all resistances.  Where the
+    force changes its sign, linearly over the step, the work is that of the two triangles with this sum.
+    """
+    train, speed, front = inputs.train, profile.velocity, profile.position + inputs.train.half
+    drag = train.resistance_at(speed)
+    if inputs.places is not None:
+        drag = drag + inputs.places.tunnel_coefficient(front) * speed**2
+    way = np.diff(front)
+    own = (
+        0.5 * train.inertia * np.diff(speed**2)
+        + np.diff(inputs.force.work(front))
+        + _means(drag * speed) * profile.period
+    )
+    first, last = force[:-1], force[1:]
+    turned = first * last < 0.0
+    share = np.abs(first) / np.maximum(np.abs(first) + np.abs(last), 1e-9)
+    least = 0.5 * profile.period * np.where(first > 0.0, share * first, (1.0 - share) * last) * _means(speed)
+    traction = np.where(turned, np.maximum(np.maximum(own, least), 0.0), np.maximum(own, 0.0))
+    brake = traction - own
+    _, electric, _ = train.forces_at(speed)
+    return np.stack((traction, brake, np.minimum(brake, _means(electric) * np.maximum(way, 0.0))))
+
+
+def _means(values: Array) -> Array:
+    """Return the mean of each value and the next one."""
+    return np.asarray(0.5 * (values[1:] + values[:-1]))
 
 
 def _join_knots(

@@ -22,11 +22,12 @@ def find_line(name: str) -> Line:
     return load_line(name)
 
 
-def find_train(name: str) -> tuple[Consist, PlanSettings]:
+def find_train(name: str, point_mass: bool = False) -> tuple[Consist, PlanSettings]:
     """Return a train and its default plan settings.
 
-    A foreign file defines service deceleration and largest speed, perhaps an acceleration; jerk limit and force margin
-    are then switched off, because these formats have none.
+    A foreign file defines service deceleration and largest speed, perhaps an acceleration, and the efficiencies of
+    traction and electric brake; jerk limit and force margin are then switched off, because these formats have none.
+    As a point mass the train needs no length.
 
     Raises
     ------
@@ -35,7 +36,7 @@ def find_train(name: str) -> tuple[Consist, PlanSettings]:
     """
     if name in consist_names() or not Path(name).is_file():
         return load_consist(name), PlanSettings()
-    found = read_train(Path(name))
+    found = read_train(Path(name), point_mass)
     if found.train is None:
         return found.consist, PlanSettings()
     settings = PlanSettings(
@@ -44,5 +45,7 @@ def find_train(name: str) -> tuple[Consist, PlanSettings]:
         jerk=None,
         force_margin=0.0,
         speed_max=found.train.speed_max,
+        efficiency=found.train.traction_efficiency or 1.0,
+        recovered=found.train.recovery_efficiency or 0.0,
     )
     return found.consist, settings

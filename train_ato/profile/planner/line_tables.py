@@ -72,16 +72,22 @@ class LineForce:
             _add_force(total, front, self._pieces[kind], behind, mass * self._train.gravity, 0.0)
         return total
 
+    def work(self, front: Array) -> Array:
+        """Return the work from the first of increasing places of the front to each of them [J]."""
+        total = np.zeros(front.size)
+        for mass, behind, kind in zip(self._train.masses, self._train.behind, self._kind, strict=True):
+            _add_work(total, front, self._pieces[kind], behind, mass * self._train.gravity)
+        return total
+
     def over_cells(self, grid: PlaceGrid) -> tuple[Array, Array, Array]:
         """Return minimum, mean and maximum force over every cell [N], shape (cells,) each."""
         places = grid.places
-        beyond, before, work = np.zeros(places.size), np.zeros(places.size), np.zeros(places.size)
+        beyond, before = np.zeros(places.size), np.zeros(places.size)
         for mass, behind, kind in zip(self._train.masses, self._train.behind, self._kind, strict=True):
             weight = mass * self._train.gravity
             _add_force(beyond, places, self._pieces[kind], behind, weight, 0.0)
             _add_force(before, places, self._pieces[kind], behind, weight, 1e-9)
-            _add_work(work, places, self._pieces[kind], behind, weight)
-        mean = np.diff(work) / grid.steps
+        mean = np.diff(self.work(places)) / grid.steps
         ends = np.stack((beyond[:-1], before[1:], mean))
         return ends.min(axis=0), mean, ends.max(axis=0)
 
@@ -158,8 +164,9 @@ class SpeedLimits:
 
     def at(self, front: Array, length: float) -> Array:
         """Return the limit of the whole train at places of its front [m/s]."""
-        limit = np.full(front.size, np.inf)
-        for begin, end, speed in zip(self.begin, self.end, self.speed, strict=True):
-            on = (front >= begin) & (front < end + length)
-            limit[on] = np.minimum(limit[on], speed)
-        return limit
+        edges = np.unique(np.concatenate((self.begin[1:], self.end[:-1] + length)))
+        inside = np.concatenate((edges[:1] - 1.0, edges)) if edges.size else np.zeros(1)
+        first = np.searchsorted(self.end + length, inside, side="right")
+        last = np.searchsorted(self.begin, inside, side="right")
+        lowest = np.array([self.speed[a:b].min() for a, b in zip(first, last, strict=True)])
+        return np.asarray(lowest[np.searchsorted(edges, front, side="right")])

@@ -8,6 +8,7 @@ that a plan is feasible on the plant; it is exact where the train has full tract
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from plant_sim import kernel as k
 from plant_sim.consist import Consist, VehicleType
 from plant_sim.line import Line
+from plant_sim.line_sections import LineSection
 from plant_sim.packing import NO_LIMIT
 from plant_sim.section_effects import SectionZones, has_tunnel_air
 from plant_sim.traction import Envelope
@@ -36,7 +38,7 @@ class PlaceLimits:
     """
 
     def __init__(self, line: Line, consist: Consist, train: TrainTables) -> None:
-        self._zones = SectionZones(line)
+        self._zones, self._line = SectionZones(line), line
         self._train, self._consist = train, consist
         self._vehicles = consist.vehicles
         self._has_adhesion = bool(line.adhesion)
@@ -47,6 +49,25 @@ class PlaceLimits:
     def breaks(self) -> Array:
         """Limits of the zones [m], rising."""
         return self._zones.breaks
+
+    def sections_at(self, front: float, brakes: bool) -> list[str]:
+        """Return the sections that limit the traction, or the brakes, of the train at a place of its front [m]."""
+        line, places = self._line, front - self._train.behind
+        units = np.array([bool(v.brake if brakes else v.traction) and not v.independent_power for v in self._vehicles])
+        listed: list[tuple[str, Sequence[LineSection], NDArray[np.bool_]]] = [
+            ("section with low adhesion", [entry for entry in line.adhesion if entry.factor < 1.0], places == places)
+        ]
+        if brakes:
+            off = [entry for entry in line.neutral_sections if not entry.electric_brake]
+            listed.append(("neutral section", off, units))
+        else:
+            listed += [("neutral section", line.neutral_sections, units), ("power limit", line.power_limits, units)]
+        return [
+            f"{kind} from km {entry.begin / 1000:.3f} to km {entry.end / 1000:.3f}"
+            for kind, entries, on in listed
+            for entry in entries
+            if np.any((places[on] >= entry.begin) & (places[on] < entry.end))
+        ]
 
     def zones_at(self, places: Array) -> NDArray[np.int64]:
         """Return the zone of vehicles with their centres at places [m]."""
@@ -134,25 +155,33 @@ class PlaceLimits:
             self._reserves[zones] = np.maximum(reserve, 0.0)
         return self._reserves[zones]
 
-    def available(self, zones: Zones) -> tuple[Array, Array, Array]:
+    def available(self, zones: Zones, equal_parts: bool = False) -> tuple[Array, Array, Array]:
         """Return traction, electric and air brake force of the train over the speed with its vehicles in zones [N].
 
-        The units share a force in proportion to their envelopes, so the most limited one limits the train.
+        Each unit is limited in its own zone; the force of the train is the sum, as in the plant.  With equal parts
+        all units use the same part of their envelopes, and the most limited unit limits the train.
         """
         speed, whole = self._train.speed, math.fsum(self._powers) or 1.0
-        traction, electric, grip = np.ones(speed.size), np.ones(speed.size), np.zeros(speed.size)
+        forces, left = np.zeros((2, speed.size)), np.zeros((2, speed.size))
+        least_part = np.ones((2, speed.size))
+        grip = np.zeros(speed.size)
         for vehicle, zone, own in zip(self._vehicles, zones, self._powers, strict=True):
-            drive, brake = _forces(vehicle, speed)
-            adhesion = self._adhesion(zone, vehicle.adhesive_mass or vehicle.mass, speed)
-            most, least = adhesion, adhesion
-            if not vehicle.independent_power:
-                power = self._zones.power[zone] * own / whole
-                most = np.minimum(most, power / np.maximum(speed, k.MIN_POWER_SPEED))
-                most = most * (not self._zones.neutral[zone])
-                least = least * (not self._zones.electric_brake_off[zone])
-            traction, electric = np.minimum(traction, _part(most, drive)), np.minimum(electric, _part(least, brake))
+            if vehicle.traction or vehicle.brake:
+                both = np.stack(_forces(vehicle, speed))
+                adhesion = self._adhesion(zone, vehicle.adhesive_mass or vehicle.mass, speed)
+                most, least = adhesion, adhesion
+                if not vehicle.independent_power:
+                    power = self._zones.power[zone] * own / whole
+                    most = np.minimum(most, power / np.maximum(speed, k.MIN_POWER_SPEED))
+                    most = most * (not self._zones.neutral[zone])
+                    least = least * (not self._zones.electric_brake_off[zone])
+                limited = np.minimum(both, np.stack((most, least)))
+                forces, left = forces + both, left + limited
+                least_part = np.minimum(least_part, np.where(both > 0.0, limited / np.maximum(both, 1e-9), 1.0))
             grip = grip + self._adhesion(zone, vehicle.mass, speed)
-        traction, electric = traction * self._train.traction, electric * self._train.electric
+        parts = np.where(forces > 0.0, left / np.maximum(forces, 1e-9), 1.0)
+        parts = least_part if equal_parts else parts
+        traction, electric = parts * np.stack((self._train.traction, self._train.electric))
         air = self._train.brake - self._train.electric
         return traction, electric, np.minimum(air, np.maximum(grip - electric, 0.0))
 
@@ -162,11 +191,6 @@ class PlaceLimits:
             return np.full(speed.size, NO_LIMIT)
         by_speed = k.ADHESION_HIGH_SPEED + k.ADHESION_SLOPE / (k.KMH * speed + k.ADHESION_SPEED)
         return np.asarray(self._zones.adhesion[zone] * by_speed * mass * self._consist.gravity)
-
-
-def _part(limit: Array, force: Array) -> Array:
-    """Return the part of a force [N] that a limit [N] leaves; 1 without a force."""
-    return np.asarray(np.where(force > 0.0, np.minimum(limit / np.maximum(force, 1e-9), 1.0), 1.0))
 
 
 def _forces(vehicle: VehicleType, speed: Array) -> tuple[Array, Array]:

@@ -114,7 +114,8 @@ class PlanSection:
             strategy.brake_onset_energy(grid.places),
         )  # fmt: skip
         if stalled >= 0:
-            raise ValueError(stall_message(self.inputs.train, grid, tables, stalled, bool(energy[0] <= 0)))
+            speed = float(np.sqrt(2.0 * energy[stalled]))
+            raise ValueError(stall_message(self.inputs, grid, tables, stalled, speed, bool(energy[0] <= 0)))
         if energy[-1] > end_energy * (1 + 1e-6) + 1e-3:
             raise ValueError(
                 f"the train cannot be brought to {3.6 * self.end_speed:.1f} km/h at km {self.end / 1000:.3f}: full "
@@ -133,7 +134,7 @@ class PlanSection:
             tables.brake_reserve, _or_infinite(self.inputs.settings.deceleration), self.end_speed**2 / 2, coast_above,
         )  # fmt: skip
         if lost >= 0:
-            raise ValueError(braking_message(self.inputs.train, grid, tables, lost, top))
+            raise ValueError(braking_message(self.inputs, grid, tables, lost, top))
         return np.asarray(top)
 
     def coarse_grid(self, resolution: Resolution, floor: tuple[Array, Array] | None = None) -> CoarseGrid:

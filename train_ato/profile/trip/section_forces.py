@@ -49,7 +49,7 @@ class SectionForces:
         zones = np.zeros((inside.size, len(model.consist.vehicles)), dtype=np.int64)
         zones[:, list(model.units)] = limits.zones_at(inside[:, None] - offsets)
         rows, which = np.unique(zones, axis=0, return_inverse=True)
-        tables = np.stack([np.stack(limits.available(tuple(row))[:2]) for row in rows.tolist()])
+        tables = np.stack([np.stack(limits.available(tuple(row), equal_parts=True)[:2]) for row in rows.tolist()])
         self._tables = tables[which.ravel()]
 
     def least(self, begin: float, end: float) -> Array:
