@@ -7,7 +7,7 @@ from setuptools import find_packages, setup
 
 HERE = Path(__file__).parent
 NAME = "train_ato"
-SWEEP = ["distributed>=2024.8", "scipy>=1.15"]
+SWEEP = ["distributed>=2024.8", "scipy>=1.15", "cryptography>=42.0.4"]
 """Packages of the command sweep."""
 
 

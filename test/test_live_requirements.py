@@ -83,3 +83,18 @@ def test_a_page_that_joins_late_shows_nothing_and_frames_between_ticks_are_held(
         sparse.add(moment)
     assert sparse._recording().time.size == 11
     assert sparse._recording().front_velocity[9] == moments[0].velocity[0]
+
+
+def test_a_far_stamp_is_not_a_tick_of_the_run() -> None:
+    """Breaks if one foreign message makes the page sample the run up to its stamp, or ends the evaluation."""
+    setup = prepare(*load_scenario("demo", ("duration=20", f"criteria.requirements={FORMULAS}")))
+    recording = run_engine(setup).recording
+    assert recording is not None
+    live = LiveRequirements(setup)
+    moments = snapshots(setup, recording)
+    for moment in [*moments[:100], replace(moments[0], time=1e9), *moments[100:]]:
+        live.add(moment)
+    found = live.evaluate()
+    assert {name: part.passed for name, part in found.items()} == {
+        row["criterion"]: row["passed"] for row in requirement_rows(setup, recording)
+    }

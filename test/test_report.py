@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from frames_logs import write_log
 from import_files import recorded, take
+from matplotlib.figure import Figure
 from report_runs import EVENTFUL, drive, without
 from test_engine import Breaks
 from test_wire import LONG
@@ -20,15 +21,18 @@ from train_ato.apps.report.curves import CURVES
 from train_ato.apps.report.events import detect_events
 from train_ato.apps.report.maps import MAPS
 from train_ato.apps.report.page_data import page_data, share_of
+from train_ato.apps.report.print_parts import clock_axis
 from train_ato.apps.report.run_figure import titles
 from train_ato.apps.report.summary_rows import filled_groups, run_groups
 from train_ato.apps.report.writing import short_clock, write_comparison_page, write_run
+from train_ato.apps.runs.run import Run
 from train_ato.cli import main
 from train_ato.control.registry import LAWS
 from train_ato.log.recorded import open_recording
 from train_ato.loop.recording import Recording
 from train_ato.loop.recording_builder import reduced
 from train_ato.loop.series import TopicSamples
+from train_ato.messages.types import Diagnostic
 
 
 @pytest.fixture(scope="module")
@@ -405,6 +409,54 @@ def test_the_summary_is_told_with_words_and_units(eventful: Path) -> None:
     assert numbers <= told
     texts = dict((row.key, texts[0]) for _, rows in filled_groups([summary]) for row, texts in rows)  # noqa: C402
     assert float(texts["coupler_buff_max_kn"].replace("−", "-")) == round(summary["coupler_buff_max_kn"])
+
+
+@pytest.mark.parametrize("stamp", [1e6, -2e8])
+@pytest.mark.parametrize("topic", ["ato/command", "train/vehicles", "train/measurement"])
+@pytest.mark.parametrize("alone", [False, True], ids=["run", "log alone"])
+def test_a_foreign_message_with_a_far_stamp_does_not_change_the_figures(
+    eventful: Path, topic: str, stamp: float, alone: bool
+) -> None:
+    """Breaks if one message stretches the time axes: the ticks of figure.png then take the processor for ever."""
+    clean = open_recording(eventful)
+    clean = replace(clean, setup=None) if alone else clean
+    samples = clean.topics[topic]
+    row = 0 if stamp < 0 else samples.time.size
+    values = {name: np.insert(rows, row, rows[0], axis=0) for name, rows in samples.values.items()}
+    foreign = TopicSamples(np.insert(samples.time, row, stamp), values)
+    far = Diagnostic(int(1e15), "plant", 0, "running", {"energy_traction": "1"})
+    reports = (*clean.kept_reports, far)
+    found = replace(clean, topics={**clean.topics, topic: foreign}, kept_reports=reports).within_span()
+    assert found.span == pytest.approx(clean.span, abs=0.11)
+    for name, samples in found.topics.items():
+        assert samples.time.size == pytest.approx(clean.topics[name].time.size, abs=1)
+    assert found.reports == clean.reports
+    assert clean.within_span() is clean
+
+
+def test_a_time_axis_of_any_length_has_few_ticks() -> None:
+    """Breaks if the distance of the ticks of a long run ends at four hours: 1e9 s would have 69 000 of them."""
+    for end in (0.5, 725.0, 86_400.0, 1e6, 1e9):
+        axes = Figure().subplots()
+        axes.set_xlim(0.0, end)
+        clock_axis(axes, end)
+        assert 2 <= axes.xaxis.get_major_locator().tick_values(0.0, end).size <= 13
+
+
+def test_result_and_reason_are_printed_before_the_figure_is_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a figure that takes long keeps the end of the run from its user, or the reason is printed twice."""
+    before: list[tuple[str, str]] = []
+    monkeypatch.setattr(Run, "plot", lambda run, path: before.append(capsys.readouterr()))
+    monkeypatch.setitem(LAWS._loaded, "breaks", Breaks)
+    out = tmp_path / "run"
+    assert main(["run", "demo", "--engine", "--law", "breaks", "--set=duration=20", f"--out={out}"]) == 1
+    ((printed, told),) = before
+    assert printed.startswith("failed (the run did not end)") and "recorded in" in printed
+    assert told.count("boom") == 1
+    assert json.loads((out / "summary.json").read_text())["status"] == "failed"
+    assert "boom" not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,11 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
+from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import psutil
 import pytest
@@ -17,6 +20,7 @@ import yaml
 from waiting import wait_for
 
 import train_ato as ta
+from train_ato.apps.sweep.cluster import sweep_client
 from train_ato.apps.sweep.folder import SweepFolder
 from train_ato.apps.sweep.groups import NotDrawable
 from train_ato.apps.sweep.rerun import run_row_again
@@ -116,9 +120,55 @@ def test_a_killed_worker_loses_and_doubles_nothing(swept: tuple[Path, set[str], 
 
 
 def test_nothing_listens_beyond_this_machine(swept: tuple[Path, set[str], str, str]) -> None:
-    """Breaks if scheduler, worker or dashboard can be reached from another machine, or the address is not printed."""
+    """Breaks if a scheduler or worker can be reached from another machine, or a dashboard is served unasked."""
     assert swept[1] == {"127.0.0.1"}
-    assert "Dask dashboard: http://127.0.0.1:" in swept[3]
+    assert "dashboard" not in swept[3]
+
+
+def test_a_local_scheduler_executes_no_code_of_others_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if another local process is a client of the scheduler, its pages have any host, or a folder stays."""
+    from distributed import Client
+
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with sweep_client(None, 1, dashboard=True) as client:
+        address = client.scheduler_info()["address"]
+        assert client.submit(os.getpid).result(timeout=60) != os.getpid()
+        assert address.startswith("tls://127.0.0.1:")
+        for stranger in (address, address.replace("tls://", "tcp://")):
+            with pytest.raises((OSError, TypeError)):
+                Client(stranger, timeout=2, set_as_default=False)
+        page = urlsplit(client.dashboard_link)
+        for host, status in (("127.0.0.1", 200), ("localhost", 200), ("evil.example", 403)):
+            connection = HTTPConnection(page.hostname or "", page.port, timeout=60)
+            connection.request("GET", page.path, headers={"Host": f"{host}:{page.port}"})
+            assert connection.getresponse().status == status
+            connection.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_a_dashboard_nothing_answers_http() -> None:
+    """Breaks if the pages of scheduler or workers are served although nobody asked for them."""
+    with sweep_client(None, 1) as client:
+        me = psutil.Process()
+        ports = {
+            entry.laddr.port
+            for part in (me, *me.children(recursive=True))
+            for entry in part.net_connections("inet")
+            if entry.status == psutil.CONN_LISTEN
+        }
+        assert client.submit(os.getpid).result(timeout=60)
+        for port in ports:
+            for path in ("/", "/status", "/info/main/workers.html", "/health", "/metrics"):
+                connection = HTTPConnection("127.0.0.1", port, timeout=60)
+                try:
+                    connection.request("GET", path)
+                    assert connection.getresponse().status == 404
+                except (ConnectionError, HTTPException):
+                    pass  # TLS
+                finally:
+                    connection.close()
 
 
 def test_rows_are_those_of_runs_alone(swept: tuple[Path, set[str], str, str]) -> None:

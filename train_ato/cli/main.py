@@ -111,12 +111,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 return DONE
             return _executed(command_line().parse_args(_with_present_command(given)))
     except RunFailed as error:
-        return _print_error(error, FAILED)
+        return FAILED if error.told else print_error(error, FAILED)
     except KeyboardInterrupt:
-        return _print_error("interrupted", FAILED)
+        return print_error("interrupted", FAILED)
     except Exception as error:
         if interrupt.asked:  # some libraries convert KeyboardInterrupt into their own exception
-            return _print_error("interrupted", FAILED)
+            return print_error("interrupted", FAILED)
         return _status_of(error)
 
 
@@ -155,20 +155,21 @@ def _with_present_command(arguments: Sequence[str]) -> list[str]:
 def _status_of(error: Exception) -> int:
     """Print an error as one line and return the exit status; raise an unexpected one again."""
     if isinstance(error, ValueError):
-        return _print_error(error, BAD_INPUT)
+        return print_error(error, BAD_INPUT)
     from train_ato.ros import missing_ros
 
     if (without := missing_ros(error)) is not None:
-        return _print_error(without, BAD_INPUT)
+        return print_error(without, BAD_INPUT)
     if isinstance(error, BrokenPipeError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed: `train-ato list | head`
         return FAILED
     if isinstance(error, OSError):
-        return _print_error(error, FAILED)
+        return print_error(error, FAILED)
     raise error
 
 
-def _print_error(error: object, status: int) -> int:
+def print_error(error: object, status: int) -> int:
+    """Print an error as one line and return the exit status."""
     if os.environ.get("TRAIN_ATO_DEBUG") and isinstance(error, Exception):
         raise error
     lines = error.lines if isinstance(error, InputFaults) else (str(error),)

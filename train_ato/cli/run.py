@@ -8,6 +8,7 @@ import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -107,17 +108,22 @@ def execute(options: argparse.Namespace) -> int:
         from train_ato.loop.verdict import unmet_requirements
 
         setup, run_mode, out = prepared(options)
-    try:
-        with compilation_noted(COMPILE_NOTE):
-            run = drive(setup, run_mode, out=out, option="--out")
-    except RunFailed as error:
-        if error.run is not None:
-            print_run(error.run, options.json)
-        raise
-    print_run(run, options.json)
+    with compilation_noted(COMPILE_NOTE):
+        run = drive(setup, run_mode, out=out, option="--out", ended=partial(_print_end, options.json))
     if options.strict and (unmet := unmet_requirements(run.metrics)):
         raise RunFailed(f"{run.path}: {unmet}")
     return 0
+
+
+def _print_end(as_json: bool, run: Run, failure: RunFailed | None) -> None:
+    """Print result and failure of a run before its figure is drawn."""
+    print_run(run, as_json)
+    sys.stdout.flush()
+    if failure is not None:
+        from train_ato.cli.main import FAILED, print_error
+
+        print_error(failure, FAILED)
+        failure.told = True
 
 
 @contextmanager

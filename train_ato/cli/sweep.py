@@ -37,6 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scheduler", metavar="ADDRESS", help="tcp://HOST:PORT of a Dask scheduler with workers (default: local)"
     )
     parser.add_argument(
+        "--dashboard", action="store_true", help="serve the Dask dashboard of the local workers, on this machine only"
+    )
+    parser.add_argument(
         "--metric", metavar="NAME", default=ERROR_METRIC, help=f"metric of the figures (default: {ERROR_METRIC})"
     )
     parser.add_argument(
@@ -64,7 +67,9 @@ def execute(options: argparse.Namespace) -> int:
         folder = SweepFolder(options.sweep)
     spec = read_sweep(options.sweep) if folder is None else folder.spec()
     note_compilation()
-    prepared = prepare_sweep(spec, jobs=options.jobs, scheduler=options.scheduler, dash="--")
+    prepared = prepare_sweep(
+        spec, jobs=options.jobs, scheduler=options.scheduler, dashboard=options.dashboard, dash="--"
+    )
     folder = folder or SweepFolder.opened(options.out)
     result = prepared.run(folder, announce=lambda text: print(f"train-ato: {text}", file=sys.stderr))
     with activity("drawing the figures"):
@@ -112,8 +117,8 @@ def _print(result: SweepResult, folder: SweepFolder, figures: dict[str, Path], m
 
 def _run_row(options: argparse.Namespace) -> int:
     """Run one row again and compare it."""
-    for name in ("jobs", "scheduler"):
-        if getattr(options, name) is not None:
+    for name in ("jobs", "scheduler", "dashboard"):
+        if getattr(options, name) not in (None, False):
             raise ValueError(f"--{name}: no effect with --row; remove it")
     if not options.sweep.exists():
         raise ValueError(f"{options.sweep}: does not exist; name the folder of a sweep or its results.parquet")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,10 @@ FIELDS: dict[str, dict[str, str]] = {
     )
 }
 """Topics with arrays: field of the message dataclass and of the ROS message, without times and coupler sensors."""
+ROUNDING_S = 1e-6
+"""Difference of two stamps of one tick by rounding [s]."""
+LAST_REPORT_S = 2.0
+"""Time after the last tick up to which a diagnostic, sent once a second, belongs to the run [s]."""
 COUNTED = {"profile": ("replans",), "controller": ("held_steps", "unsound_measurements")}
 """Counters in the diagnostics of a node, added to the totals of a run."""
 
@@ -227,11 +232,45 @@ class Recording:
         braked = self.setup is None or self.setup.consist.air_brake is not None
         return "the log has nothing of an air brake" if braked else "the train has no air brake"
 
-    @property
+    @cached_property
     def span(self) -> tuple[float, float]:
-        """First and last stamp [s]."""
-        times = [samples.time for samples in self.topics.values() if samples.time.size]
-        return (min(float(t[0]) for t in times), max(float(t[-1]) for t in times)) if times else (0.0, 0.0)
+        """First and last stamp of the run [s].
+
+        A single topic beyond all others, as with a message of a foreign node, and stamps beyond the planned duration
+        do not count.
+        """
+        limits = (-math.inf, math.inf)
+        if self.setup is not None and not self.measured_only:
+            limits = (-self.setup.tick, (self.setup.ticks + 1) * self.setup.tick)
+        times = [
+            inside
+            for samples in self.topics.values()
+            if (inside := samples.time[(samples.time >= limits[0]) & (samples.time <= limits[1])]).size
+        ]
+        if not times:
+            return 0.0, 0.0
+        first, last = sorted(float(t[0]) for t in times), sorted(float(t[-1]) for t in times)
+        return (first[0], last[0]) if len(times) == 1 else (first[1], last[-2])
+
+    def within_span(self) -> Recording:
+        """Return the recording without the samples, diagnostics and profiles with a stamp outside of its span."""
+        begin, end = self.span[0] - ROUNDING_S, self.span[1] + LAST_REPORT_S
+        topics, cut = {}, False
+        for topic, samples in self.topics.items():
+            inside = (samples.time >= begin) & (samples.time <= end)
+            cut = cut or not inside.all()
+            kept = {name: values[inside] for name, values in samples.values.items()}
+            topics[topic] = samples if inside.all() else TopicSamples(samples.time[inside], kept)
+        reports = [report for report in self.kept_reports if begin <= _last_stamp(report) / 1e9 <= end]
+        plans = [plan for plan in self.profiles if begin <= plan.stamp / 1e9 <= end]
+        if not cut and len(reports) == len(self.kept_reports) and len(plans) == len(self.profiles):
+            return self
+        return replace(self, topics=topics, kept_reports=tuple(reports), profiles=tuple(plans))
+
+
+def _last_stamp(report: Report) -> int:
+    """Return the stamp of the last message of a report [ns]."""
+    return report.stamp if isinstance(report, Diagnostic) else int(report.stamps[-1])
 
 
 def _number(text: str) -> float | None:

@@ -89,7 +89,7 @@ def page_data(recording: Recording, label: str = "", share: float = 1.0) -> Page
     share
         Fraction of the page for this run, see :func:`share_of`.
     """
-    recording = replace(recording, summary={**completed_summary(recording), **_damage(recording)})
+    recording = replace(recording.within_span(), summary={**completed_summary(recording), **_damage(recording)})
     found, left_out = curves_of(recording)
     curves = {name: downsampled(lines, round(share * CELLS)) for name, lines in found.items()}
     maps: dict[str, HeatMap] = {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -111,14 +112,17 @@ def clock_axis(axes: Axes, end: float) -> None:
     """Set ticks and clock labels of a time axis [s]."""
     hours = end >= 3600.0
     low, high = axes.get_xlim()
-    step = next((step for step in CLOCK_STEPS if (high - low) / step <= 9), CLOCK_STEPS[-1])
+    days = DAY * math.ceil((high - low) / MAX_TICKS / DAY)
+    step = next((step for step in CLOCK_STEPS if (high - low) / step <= MAX_TICKS), days)
     axes.xaxis.set_major_locator(MultipleLocator(step))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _clock(value, hours)))
     axes.set_xlabel(f"time in {'h:min:s' if hours else 'min:s'}")
 
 
 CLOCK_STEPS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400)
-"""Permitted distances of ticks on a time axis [s]."""
+"""Permitted distances of ticks on a time axis [s]; longer ones are whole days."""
+MAX_TICKS, DAY = 9, 86_400
+"""Largest number of distances on a time axis; a day [s]."""
 
 
 def _clock(value: float, hours: bool) -> str:

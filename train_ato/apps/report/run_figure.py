@@ -40,6 +40,7 @@ def draw_run(recording: Recording, path: Path) -> None:
 @styled()
 def run_figure(recording: Recording) -> Figure | None:
     """Return the figure of one run with setup and summary; None without data."""
+    recording = recording.within_span()
     curves, _ = curves_of(recording, PANELS)
     events = [event for event in detect_events(recording) if event.kind in MARKED]
     note = evaluation_note(recording.setup.scenario.evaluation) if recording.setup is not None else ""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -190,6 +192,7 @@ def drive(
     shown: bool | None = None,
     title: str = "",
     option: str = "out",
+    ended: Callable[[Run, RunFailed | None], None] | None = None,
 ) -> Run:
     """Execute a prepared run and return it.
 
@@ -207,6 +210,8 @@ def drive(
         Text before the bar; default: name of the scenario.
     option
         Name of ``out`` in messages.
+    ended
+        Called with the run and its failure when log and summary are written, before the figure is drawn.
 
     Raises
     ------
@@ -225,8 +230,9 @@ def drive(
             raise FileNotFoundError(folder.path)
         outcome = replace(outcome, summary={**outcome.summary, "mode": run_mode.mode, **_reach(run_mode)})
         result = Run(outcome.summary, record=record, setup=setup, outcome=outcome)
+        failure = _failure(result, outcome, folder)
         if folder is not None:
-            finish(result, outcome)
+            finish(result, outcome, None if ended is None else partial(ended, result, failure))
     except ValueError as error:
         if folder is not None and folder.recorded:
             raise RunFailed(f"{error}; recorded data: {folder.path}") from None
@@ -241,11 +247,18 @@ def drive(
             _discard(folder)
             raise
         raise RunInterrupted(f"interrupted; recorded data: {folder.path}") from None
-    if outcome.failure:
-        raise RunFailed(outcome.failure, result)
-    if outcome.interrupted:
-        raise RunInterrupted(f"interrupted; recorded data: {folder.path if folder else 'run of this error'}", result)
+    if failure is not None:
+        raise failure
     return result
+
+
+def _failure(run: Run, outcome: RunResult, folder: RunFolder | None) -> RunFailed | None:
+    """Return the error of a run that failed or was interrupted."""
+    if outcome.failure:
+        return RunFailed(outcome.failure, run)
+    if outcome.interrupted:
+        return RunInterrupted(f"interrupted; recorded data: {folder.path if folder else 'run of this error'}", run)
+    return None
 
 
 def _unwritten(folder: RunFolder, option: str, error: OSError) -> RunFailed | ValueError:
@@ -257,9 +270,15 @@ def _unwritten(folder: RunFolder, option: str, error: OSError) -> RunFailed | Va
     return ValueError(f"{option} {folder.path}: cannot be written ({error.strerror or error}); give a writable folder")
 
 
-def finish(run: Run, outcome: RunResult) -> None:
-    """Write summary and figure; if a failed run also filled the disk, report the original failure."""
+def finish(run: Run, outcome: RunResult, ended: Callable[[], None] | None = None) -> None:
+    """Write summary and figure; if a failed run also filled the disk, report the original failure.
+
+    ``ended`` is called between them.
+    """
     try:
+        run.folder()
+        if ended is not None:
+            ended()
         run.finish()
     except OSError:
         if not outcome.failure:

@@ -1,4 +1,4 @@
-"""Workers of a sweep: a local Dask cluster that only this machine can reach, or a Dask scheduler."""
+"""Workers of a sweep: a local Dask cluster that only this sweep can use, or a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 
 __all__ = ["MAX_JOBS", "available_cores", "sweep_client"]
 
-MISSING = "the package distributed is not installed; install it with `pip install distributed scipy`"
+MISSING = "the package {} is not installed; install it with `pip install distributed scipy cryptography`"
 LOOPBACK = "127.0.0.1"
 MAX_JOBS = 256
 SCHEDULER_S = 10.0
@@ -43,7 +43,7 @@ def available_cores() -> int:
 
 
 @contextmanager
-def sweep_client(scheduler: str | None, jobs: int | None) -> Iterator[Any]:
+def sweep_client(scheduler: str | None, jobs: int | None, dashboard: bool = False) -> Iterator[Any]:
     """Yield a Dask client; local workers end with the block.
 
     Parameters
@@ -52,23 +52,28 @@ def sweep_client(scheduler: str | None, jobs: int | None) -> Iterator[Any]:
         Address ``tcp://HOST:PORT`` of a scheduler with workers; None: local workers.
     jobs
         Number of local workers; None: one for each core.
+    dashboard
+        Serve the dashboard of the local scheduler; any user of this machine can read it.
 
     Raises
     ------
     ValueError
-        If Dask is not installed, or the scheduler does not answer or has no worker.
+        If Dask or cryptography is not installed, or the scheduler does not answer or has no worker.
     """
     try:
         import dask
         import distributed  # noqa: F401
-    except ImportError:
-        raise ValueError(f"sweep: {MISSING}") from None
+
+        if scheduler is None:
+            import cryptography  # noqa: F401
+    except ImportError as error:
+        raise ValueError(f"sweep: {MISSING.format(error.name)}") from None
     quiet = {"logging": dict.fromkeys(LOGGERS, "critical")}
     before = {name: logging.getLogger(name).level for name in LOGGERS}
     for name in LOGGERS:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
-        chosen = _remote(scheduler) if scheduler is not None else _local(jobs or available_cores())
+        chosen = _remote(scheduler) if scheduler is not None else _local(jobs or available_cores(), dashboard)
         with dask.config.set({**quiet, **SETTINGS}), chosen as client:
             yield client
     finally:
@@ -108,27 +113,59 @@ def _remote(scheduler: str) -> Iterator[Any]:
 
 
 @contextmanager
-def _local(jobs: int) -> Iterator[Any]:
-    """Yield a client of new worker processes; scheduler, workers and dashboard listen on the loopback address only."""
+def _local(jobs: int, dashboard: bool) -> Iterator[Any]:
+    """Yield a client of new worker processes, which listen on the loopback address only.
+
+    A Dask scheduler executes code of every client. Every connection needs the temporary key of this sweep, which is in
+    the memory of its processes only.
+    """
+    import dask
     from distributed import Client, LocalCluster
+    from distributed.security import Security
 
     with tempfile.TemporaryDirectory(prefix="train_ato_sweep_") as scratch, _main_not_imported():
+        pages: dict[str, list[str]] = {"distributed.worker.http.routes": []}
+        pages |= {} if dashboard else {"distributed.scheduler.http.routes": []}
         # The Ctrl-C of the terminal is for this process alone; the workers inherit the mask, also later ones.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
         try:
-            cluster = LocalCluster(
-                n_workers=jobs, threads_per_worker=1, processes=True, host=LOOPBACK, protocol="tcp://",
-                dashboard_address=f"{LOOPBACK}:0", worker_dashboard_address=f"{LOOPBACK}:0",
-                local_directory=scratch, memory_limit=0, silence_logs=logging.CRITICAL,
-            )  # fmt: skip
+            with dask.config.set({"temporary-directory": scratch, **pages}):
+                cluster = LocalCluster(
+                    n_workers=jobs, threads_per_worker=1, processes=True, host=LOOPBACK, protocol="tls://",
+                    security=Security.temporary(), dashboard_address=f"{LOOPBACK}:0" if dashboard else None,
+                    worker_dashboard_address=None,
+                    local_directory=scratch, memory_limit=0, silence_logs=logging.CRITICAL,
+                )  # fmt: skip
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        _guard_pages(cluster.scheduler, dashboard)
         client = None
         try:
             client = Client(cluster, set_as_default=False)
             yield client
         finally:
             _end(cluster, client)
+
+
+def _guard_pages(scheduler: Any, dashboard: bool) -> None:
+    """Close the pages of the scheduler, or refuse requests with a host name that is not this machine's.
+
+    A page of the internet whose name leads to the loopback address could otherwise read the dashboard.
+    """
+    if not dashboard:
+        scheduler.http_server.stop()
+        return
+    from tornado.web import ErrorHandler
+
+    pages = scheduler.http_application
+    found = pages.find_handler
+
+    def own_host(request: Any, **more: Any) -> Any:
+        if request.host_name in (LOOPBACK, "localhost"):
+            return found(request, **more)
+        return pages.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
+
+    pages.find_handler = own_host
 
 
 def _end(cluster: Any, client: Any) -> None:

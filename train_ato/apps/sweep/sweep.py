@@ -29,6 +29,7 @@ def sweep(
     out: str | Path | None = None,
     jobs: int | None = None,
     scheduler: str | None = None,
+    dashboard: bool = False,
     progress: bool | None = None,
 ) -> SweepResult:
     """Run a scenario at many points in the engine, on Dask.
@@ -47,6 +48,8 @@ def sweep(
         Number of local worker processes; default: one for each core.
     scheduler
         Address ``tcp://HOST:PORT`` of a Dask scheduler with workers; default: local workers.
+    dashboard
+        Serve the Dask dashboard of the local workers on this machine, for all its users.
     progress
         Show a progress bar; default: in a terminal and in a notebook.
 
@@ -74,12 +77,17 @@ def sweep(
     >>> result.table[["run", "law", "seed"]].values.tolist()
     [[1, 'pid', 1], [2, 'pid', 2], [3, 'smc', 1], [4, 'smc', 2]]
     """
-    prepared = prepare_sweep(read_sweep(spec), jobs=jobs, scheduler=scheduler)
+    prepared = prepare_sweep(read_sweep(spec), jobs=jobs, scheduler=scheduler, dashboard=dashboard)
     return prepared.run(None if out is None else SweepFolder.opened(Path(out), "out"), shown=progress)
 
 
 def prepare_sweep(
-    spec: SweepSpec, *, jobs: int | None = None, scheduler: str | None = None, dash: str = ""
+    spec: SweepSpec,
+    *,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+    dashboard: bool = False,
+    dash: str = "",
 ) -> PreparedSweep:
     """Return a sweep with its points, all values checked; ``dash`` precedes names of options in messages.
 
@@ -92,11 +100,13 @@ def prepare_sweep(
         raise ValueError(f"{dash}jobs {jobs}: out of range; give 1 to {MAX_JOBS}")
     if jobs is not None and scheduler is not None:
         raise ValueError(f"{dash}jobs {jobs}: the scheduler has its own workers; remove it or {dash}scheduler")
+    if dashboard and scheduler is not None:
+        raise ValueError(f"{dash}dashboard: the scheduler has its own; remove it or {dash}scheduler")
     base = sweep_base(spec)
     points = design_points(spec)
     with activity("checking the values"):
         check_values(spec, base, points)
-    return PreparedSweep(spec, base, points, jobs, scheduler)
+    return PreparedSweep(spec, base, points, jobs, scheduler, dashboard)
 
 
 class PreparedSweep:
@@ -106,15 +116,21 @@ class PreparedSweep:
     ----------
     spec, base, points
         Specification, scenario with the fixed keys, values of the runs.
-    jobs, scheduler
+    jobs, scheduler, dashboard
         As for :func:`sweep`.
     """
 
     def __init__(
-        self, spec: SweepSpec, base: SweepBase, points: list[Point], jobs: int | None, scheduler: str | None
+        self,
+        spec: SweepSpec,
+        base: SweepBase,
+        points: list[Point],
+        jobs: int | None,
+        scheduler: str | None,
+        dashboard: bool = False,
     ) -> None:
         self.spec, self.base, self.points = spec, base, points
-        self._jobs, self._scheduler = jobs, scheduler
+        self._jobs, self._scheduler, self._dashboard = jobs, scheduler, dashboard
         self.identity = sweep_identity(spec, base)
 
     def run(
@@ -174,8 +190,9 @@ class PreparedSweep:
         compile_kernel()
         with ExitStack() as stack:
             with activity("starting the workers"):
-                client = stack.enter_context(sweep_client(self._scheduler, self._jobs))
-            announce(f"Dask dashboard: {client.dashboard_link}")
+                client = stack.enter_context(sweep_client(self._scheduler, self._jobs, self._dashboard))
+            if self._dashboard or self._scheduler is not None:
+                announce(f"Dask dashboard: {client.dashboard_link}")
             bar = stack.enter_context(share_bar(f"sweep {self.spec.title}", shown))
             self._report(bar, rows)
 

@@ -53,11 +53,14 @@ class LiveRequirements:
         self._formulas = {name: parse_formula(text) for name, text in named.items()}
         self._snapshots: list[Snapshot] = []
         self._due = 0.0
+        self._end = (setup.ticks + 1) * setup.tick
         self.markup = ""
 
     def add(self, moment: Snapshot) -> None:
         """Add a snapshot; evaluate if the last evaluation is long enough ago."""
         if not self._formulas or (self._snapshots and moment.time <= self._snapshots[-1].time):
+            return
+        if not 0.0 <= moment.time <= self._end:  # a stamp of a foreign node
             return
         self._snapshots.append(moment)
         begin = time.monotonic()

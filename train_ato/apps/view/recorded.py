@@ -74,7 +74,7 @@ class RecordedFeed(Feed):
     """
 
     def __init__(self, run: Path) -> None:
-        self.recording = recording = open_recording(run)
+        self.recording = recording = open_recording(run).within_span()
         self._cars = cars = _cars(recording)
         if REFERENCE not in recording.topics:
             raise ValueError(f"{run}: no ato/reference in the log; use `train-ato report` for the recorded topics")
