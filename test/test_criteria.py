@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,9 @@ import pytest
 import yaml
 from recordings import recording_of, with_final, with_series
 
+from plant_sim.line import SpeedLimit
 from train_ato.cli import main
-from train_ato.loop.metrics import mean_jerk_1s, summarise
+from train_ato.loop.metrics import evaluated_ticks, excess_speed, mean_jerk_1s, summarise
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.loop.stops import planned_stops, stops_of_run
@@ -191,6 +193,39 @@ def test_the_worst_stop_has_its_arrival_and_a_missed_one_its_plan() -> None:
     }  # fmt: skip
     moving = with_series(run, front_velocity=np.maximum(run.front_velocity, 0.5))
     assert worst_places(setup, moving, summarise(setup, moving))["arrival_delay_max_s"]["at_s"] == first.planned
+
+
+def test_the_largest_stop_error_has_the_largest_magnitude() -> None:
+    """Breaks without the magnitude: 10 m short and 1 m beyond would pass a window of 5 m with 1 m."""
+    setup = two_stops("criteria={stop_window: 5}")
+    run, first = on_profile(setup, late=0.0, beyond=0.0), planned_stops(setup.profile)[0]
+    moved = np.where(run.time <= first.departure, -10.0, 1.0)
+    moved = with_final(with_series(run, front_position=run.front_position + moved), run.final[0] + 1.0, 0.0)
+    assert [stop.error for stop in stops_of_run(setup, moved)] == pytest.approx([-10.0, 1.0], abs=2e-3)
+    metrics = summarise(setup, moved)
+    assert metrics["stop_error_max_m"] == pytest.approx(-10.0, abs=2e-3)
+    assert judge_run(setup.scenario.criteria, metrics)["verdict"] == "failed"
+
+
+def test_overspeed_begins_with_the_front_and_ends_with_the_rear() -> None:
+    """At 15 m/s, 20 m/s permitted and 10 m/s from 1000 to 1200 m: breaks if the place is that of vehicle 0's centre."""
+    setup = prepare(*load_scenario("demo", ("duration=20",)))
+    limits = [SpeedLimit(at=0.0, speed=20.0), SpeedLimit(at=1000.0, speed=10.0), SpeedLimit(at=1200.0, speed=20.0)]
+    setup = replace(setup, line=setup.line.model_copy(update={"speed_limits": tuple(limits)}))
+    half, length = setup.consist.vehicles[0].length / 2, setup.consist.length
+    fronts = np.array([999.9, 1000.1, 1000.0 + half + 0.1, 1199.9 + length, 1200.1 + length])
+    run = recording_of(0.1 * np.arange(5), front_position=fronts - half, front_velocity=np.full(5, 15.0))
+    assert excess_speed(setup, run) == pytest.approx([-5.0, 5.0, 5.0, 5.0, -5.0])
+
+
+@pytest.mark.parametrize(("until", "ticks"), [(2.0, 21), (1.99, 20), (0.3, 4), (0.7, 8)])
+def test_an_evaluation_ends_with_the_tick_at_its_time(until: float, ticks: int) -> None:
+    """Breaks if the tick exactly at ``until_time`` is left out, or lost to the rounding of 0.1 s: 3 x 0.1 > 0.3."""
+    setup = two_stops(f"evaluation.until_time={until}")
+    moving = recording_of(
+        0.1 * np.arange(50), front_velocity=np.ones(50), front_position=np.zeros(50), reference_velocity=np.ones(50)
+    )
+    assert evaluated_ticks(setup, moving) == slice(0, ticks)
 
 
 def test_errors_of_the_run_include_the_braking_behind_the_evaluation() -> None:

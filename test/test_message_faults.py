@@ -47,6 +47,19 @@ def test_without_a_fault_every_message_is_the_newest_one():
     assert (link.missed, link.refused, link.changed, link.diagnostics()) == (0, 0, False, {})
 
 
+def test_a_contradiction_after_accepted_messages_leaves_the_one_before():
+    """Breaks if the message before the newest one is another: it is in use after a contradiction of the newest one."""
+    link = receiver()
+    link.receive(0, command(0))
+    link.accept(2, [command(1), command(2)])
+    assert link.receive(2 * TICK, command(2, 99.0)).force[0] == 1.0
+    assert link.refusal == "contradictory messages of stamp 0.200 s"
+    single = receiver()
+    single.receive(0, command(0))
+    single.accept(1, [command(1)])
+    assert single.receive(TICK, command(1, 99.0)).force[0] == 0.0
+
+
 @pytest.mark.parametrize(
     ("fault", "expected", "refusal"),
     [

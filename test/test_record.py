@@ -3,10 +3,13 @@
 import errno
 import re
 import threading
+import zlib
 
 import pytest
 import yaml
 from mcap.reader import make_reader
+from mcap.records import Chunk, DataEnd, Footer
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from recordings import message_counts
 from rosbags.rosbag2 import Reader
 from test_wire import LONG, message, same
@@ -50,6 +53,23 @@ def test_everything_comes_back_in_order(tmp_path):
     assert not (tmp_path / "run.mcap.partial").exists()
     chosen = [entry for entry in sent if entry[0] in ("ato/command", "/clock")]
     assert [e[:2] for e in iter_raw(tmp_path, ("ato/command", "/clock"))] == [e[:2] for e in chosen]
+
+
+def test_every_checksum_of_a_log_is_there_and_right(tmp_path):
+    """Breaks if a checksum is 0: then a reader checks nothing."""
+    write(tmp_path, 120)
+    with (tmp_path / "run.mcap").open("rb") as file:
+        records = list(StreamReader(file, emit_chunks=True).records)
+    chunks = [record for record in records if isinstance(record, Chunk)]
+    assert chunks
+    for chunk in chunks:
+        content, size = get_chunk_data_stream(chunk)
+        assert chunk.uncompressed_crc == zlib.crc32(content.read(size)) != 0
+    data = (tmp_path / "run.mcap").read_bytes()
+    (footer,) = [record for record in records if isinstance(record, Footer)]
+    assert footer.summary_crc == zlib.crc32(data[footer.summary_start : -12]) != 0
+    (end,) = [record for record in records if isinstance(record, DataEnd)]
+    assert end.data_section_crc == zlib.crc32(data[: footer.summary_start - 13]) != 0
 
 
 def test_other_tools_read_the_log(tmp_path):

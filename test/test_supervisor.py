@@ -299,6 +299,25 @@ def test_a_missing_brake_release_applies_the_emergency_brake_until_standstill() 
     protection.on_release(released(stamp))
     assert protection.step(stamp, standstill=False) is Protection.EMERGENCY_BRAKE
     assert protection.step(stamp, standstill=True) is Protection.NONE
+    departed = reactions(protection, 61, 100, setup.tick_ns)
+    assert set(departed) == {Protection.NONE}, "the standstill has ended the reaction"
+
+
+def test_an_age_equal_to_a_bound_is_permitted() -> None:
+    """Breaks with >= in place of >: a reaction one tick before its bound is exceeded; ages in whole nanoseconds."""
+    setup = metro("supervision.failsafe={hold: 1, coast: 2, service: 3, release: 1}", "links.command.delay=0.3")
+    tick, bounds = setup.tick_ns, [1_000_000_000, 2_000_000_000, 3_000_000_000]
+    found = reactions(TrainProtection(setup), 0, 120, tick, command=10)
+    nominal = 300_000_000 + tick
+    excess = [(index - 9) * tick - nominal for index in range(120)]
+    assert [level for level, at in zip(found, excess, strict=True) if at in bounds] == [0, 1, 2]
+    after = [level for level, at in zip(found, excess, strict=True) if at - tick in bounds]
+    assert after == [Protection.COAST, Protection.SERVICE_BRAKE, Protection.EMERGENCY_BRAKE]
+    found = reactions(TrainProtection(setup), 0, 60, tick, release=9)  # the last one has the stamp of tick 8
+    longest = round(setup.links.brake_release.longest * 1e9)
+    last = (8 * tick + 1_000_000_000 + longest) // tick
+    assert (1_000_000_000 + longest) % tick == 0
+    assert found[last : last + 2] == [Protection.NONE, Protection.EMERGENCY_BRAKE]
 
 
 @pytest.mark.parametrize(

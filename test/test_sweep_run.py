@@ -120,7 +120,7 @@ def test_a_killed_worker_loses_and_doubles_nothing(swept: tuple[Path, set[str], 
 
 
 def test_nothing_listens_beyond_this_machine(swept: tuple[Path, set[str], str, str]) -> None:
-    """Breaks if a scheduler or worker can be reached from another machine, or a dashboard is served unasked."""
+    """Breaks if a scheduler or worker can be reached from another machine, or a dashboard is on without the option."""
     assert swept[1] == {"127.0.0.1"}
     assert "dashboard" not in swept[3]
 
@@ -149,7 +149,7 @@ def test_a_local_scheduler_executes_no_code_of_others_and_leaves_nothing(
 
 
 def test_without_a_dashboard_nothing_answers_http() -> None:
-    """Breaks if the pages of scheduler or workers are served although nobody asked for them."""
+    """Breaks if the pages of scheduler or workers are served without a dashboard."""
     with sweep_client(None, 1) as client:
         me = psutil.Process()
         ports = {

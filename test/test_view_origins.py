@@ -15,6 +15,7 @@ from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 from view_browser import viewing
 
+from train_ato.apps.view.origin_gate import _accepted
 from train_ato.apps.view.origins import host_of, may_read_topics
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
@@ -39,6 +40,16 @@ ORIGINS = [
     ("http://[", False),
 ]
 """Origin and True if it may read the topics."""
+
+
+@pytest.mark.parametrize(
+    ("hosts", "accepted"),
+    [(["localhost"], True), (["localhost", "evil.example"], False), (["localhost", "localhost"], False), ([], False)],
+)
+def test_a_request_has_one_host(hosts, accepted):
+    """Breaks if a second Host header is ignored: gate and server behind it could read different ones."""
+    lines = ["GET / HTTP/1.1", *(f"Host: {host}" for host in hosts), "", ""]
+    assert _accepted("\r\n".join(lines).encode()) is accepted
 
 
 @pytest.fixture(scope="module")

@@ -26,14 +26,14 @@ class RunFailed(Exception):
     ----------
     run : Run or None
         Record of the run up to its end, for runs started by :func:`train_ato.run`.
-    told : bool
+    printed : bool
         True: the command has printed the message.
     """
 
     def __init__(self, message: object = "", run: Any = None) -> None:
         super().__init__(message)
         self.run = run
-        self.told = False
+        self.printed = False
 
 
 class RunInterrupted(RunFailed, KeyboardInterrupt):

@@ -111,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 return DONE
             return _executed(command_line().parse_args(_with_present_command(given)))
     except RunFailed as error:
-        return FAILED if error.told else print_error(error, FAILED)
+        return FAILED if error.printed else print_error(error, FAILED)
     except KeyboardInterrupt:
         return print_error("interrupted", FAILED)
     except Exception as error:

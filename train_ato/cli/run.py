@@ -123,7 +123,7 @@ def _print_end(as_json: bool, run: Run, failure: RunFailed | None) -> None:
         from train_ato.cli.main import FAILED, print_error
 
         print_error(failure, FAILED)
-        failure.told = True
+        failure.printed = True
 
 
 @contextmanager

@@ -25,6 +25,8 @@ COMMAND_COUNTS = (
     ("commands_late", "wall_late"),
 )
 """Metric, and key in the diagnostics of the plant."""
+ROUNDING = 1e-6
+"""Difference of a time of the scenario from the stamp of the same tick by rounding [s]."""
 JERK_SPAN = 0.1
 """Time difference for acceleration and jerk [s]."""
 
@@ -101,7 +103,7 @@ def evaluated_ticks(setup: RunSetup, recording: Recording) -> slice:
         beyond = np.flatnonzero(recording.reference_position > evaluation.until)
         last = min(last, int(beyond[0])) if beyond.size else last
     if evaluation.until_time is not None:
-        last = min(last, int(np.searchsorted(recording.time, evaluation.until_time, side="right")))
+        last = min(last, int(np.searchsorted(recording.time, evaluation.until_time + ROUNDING, side="right")))
     return slice(min(first, last), last)
 
 
