@@ -62,7 +62,7 @@ def test_pid_integral_at_a_limit_is_held_against_it_only(side):
     Errors of 6, 6 and -1 m/s: the first one gives 80 t (6 + 0.06) > 400 kN, the second is held, the third counts.
     """
     of = model(SINGLE)
-    law = LAWS.make("pid", {"integral": "speed", "feedforward": False, "kp": 1.0, "ki": 0.1}, of, 0.1)
+    law = printed_law("pid", {"integral": "speed", "feedforward": False, "kp": 1.0, "ki": 0.1}, of, 0.1)
     forces = [law.step(inputs(of, velocity=np.array([10.0 - side * slow]))).force[0] for slow in (6.0, 6.0, -1.0)]
     assert forces[:2] == [side * 400e3, side * 400e3]
     assert forces[2] == pytest.approx(-side * 80e3 * (1.0 - 0.1 * (0.6 - 0.1)))
@@ -72,7 +72,7 @@ def test_pid_derivative_does_not_bridge_a_missed_sample():
     """Breaks if the difference quotient spans the missed sample: 0.04 m/s in 0.1 s would be 80 kN at kd = 2.5."""
     of = model(SINGLE)
     gains = {"kp": 1.0, "ki": 0.0, "kd": 2.5, "derivative_time": 0.0, "feedforward": False}
-    law = LAWS.make("pid", gains, of, 0.1)
+    law = printed_law("pid", gains, of, 0.1)
     speeds = (10.01, math.nan, 10.05, 10.06)
     forces = [law.step(inputs(of, velocity=np.array([speed]))).force[0] for speed in speeds]
     assert forces == pytest.approx([-800.0, -800.0, -4000.0, -4800.0 - 80e3 * 2.5 * 0.1])
@@ -82,7 +82,7 @@ def test_pid_starts_again_with_cleared_filters():
     """Breaks if ``clear_state`` keeps the filtered error, the filtered rate or the integral."""
     of = model(SINGLE)
     gains = {"kp": 1.0, "ki": 0.1, "kd": 1.0, "integral": "speed", "feedforward": False}
-    law = LAWS.make("pid", {**gains, "filter_time": 1.0, "derivative_time": 1.0}, of, 0.1)
+    law = printed_law("pid", {**gains, "filter_time": 1.0, "derivative_time": 1.0}, of, 0.1)
     for speed in (11.0, 11.5, 12.0):
         law.step(inputs(of, velocity=np.array([speed])))
     law.clear_state()
