@@ -12,6 +12,7 @@ from train_ato.messages.faults import FAULT_TOPICS, Fault, message_faults
 from train_ato.messages.receiver import Receiver
 from train_ato.messages.topics import BY_NAME, TOPICS, Rate, Role
 from train_ato.messages.types import BrakeRelease, Command
+from train_ato.messages.validity import AliveCheck, validity_check
 
 TICK = 100_000_000
 _FAULTS: TypeAdapter[tuple[Fault, ...]] = TypeAdapter(tuple[Fault, ...])
@@ -64,7 +65,7 @@ def test_a_contradiction_after_accepted_messages_leaves_the_one_before():
     ("fault", "expected", "refusal"),
     [
         (drop(), [0, 1, 2, 2, 2, 2, 6, 7], ""),
-        ({"do": "delay", "delay": 0.2}, [0, 1, 2, 2, 2, 3, 6, 7], "repeated stamp"),
+        ({"do": "delay", "delay": 0.2}, [0, 1, 2, 2, 2, 3, 6, 7], "repeated stamp 0.500 s"),
         ({"do": "repeat"}, [0, 1, 2, 2, 2, 2, 6, 7], "repeated stamp 0.200 s"),
         ({"do": "repeat", "message": "each"}, [0, 1, 2, 3, 4, 5, 6, 7], "repeated stamp 0.500 s"),
         ({"do": "reorder", "block": 0.3}, [0, 1, 2, 2, 2, 2, 6, 7], "repeated stamp"),
@@ -82,6 +83,33 @@ def test_effect_and_refusal_of_every_fault(fault, expected, refusal):
     link = receiver({"topic": "ato/command", "begin": 0.3, "end": 0.6, **fault})
     assert received(link, 8) == expected
     assert link.refusal.startswith(refusal) and bool(link.refusal) == bool(refusal)
+
+
+def test_the_alive_counter_of_a_release_rises():
+    """Breaks if a sender that repeats its content releases a brake, or one of three counters is not read."""
+    check, none = AliveCheck(), float("nan")
+    counters = ([4.0] * 3, [4.0] * 3, [3.0] * 3, [5.0, 5.0, 6.0], [-1.0] * 3, [none] * 3, [5.0] * 3)
+    assert [check.problem(BrakeRelease(0, np.ones(3), np.array(alive))) for alive in counters] == [
+        "", "alive counter 4 repeated", "alive counter 3 repeated", "alive counter 5 not possible",
+        "alive counter -1 not possible", "alive counter nan not possible", "",
+    ]  # fmt: skip
+
+
+def test_a_force_is_possible_up_to_a_bound_of_either_sign():
+    """Breaks if a force far below every brake is accepted, or the bound itself is refused."""
+    check = validity_check(BY_NAME["ato/command"])
+    assert [check(command(0, force)) for force in (1e10, -1e10, 1.01e10, -1.01e10)] == [
+        "", "", "force 1.01e+10", "force -1.01e+10",
+    ]  # fmt: skip
+
+
+def test_two_different_messages_of_one_stamp_are_both_refused():
+    """Breaks if the first of them stays in use: either may be the false one."""
+    link = receiver()
+    for tick in range(3):
+        link.receive(tick * TICK, command(tick))
+    assert link.receive(2 * TICK, command(2, 99.0)).force[0] == 1.0
+    assert (link.fresh, link.refusal) == (False, "contradictory messages of stamp 0.200 s")
 
 
 def test_the_age_of_the_newest_message_is_limited():

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
+import numpy as np
 import pytest
+from law_trains import SINGLE, inputs, model
 
 from train_ato.control.laws.pid import Pid, PidParameters
+from train_ato.control.registry import LAWS
 from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
@@ -35,6 +39,26 @@ def metro(tmp_path: Path) -> str:
     path = tmp_path / "metro.yaml"
     path.write_text(METRO)
     return str(path)
+
+
+def test_the_position_error_is_clamped_on_both_sides() -> None:
+    """Breaks if a train far behind gets the force of one far ahead: 80 t x 0.001 1/s² x 20 m are 1.6 kN."""
+    of = model(SINGLE)
+    law = LAWS.make("pid", {"kp": 0.0, "ki": 0.001, "integral_limit": 20.0}, of, 0.1)
+    level = law.step(inputs(of)).force[0]
+    forces = [
+        law.step(inputs(of, position=np.array([500.0 + e]))).force[0] - level for e in (-100.0, -20.0, 10.0, 99.0)
+    ]
+    assert forces == pytest.approx([of.inertia * 0.001 * e for e in (20.0, 20.0, -10.0, -20.0)])
+
+
+def test_the_filter_of_the_speed_error_is_a_low_pass() -> None:
+    """Breaks if the newest error has the weight of the old ones: 1 - exp(-0.1 s / 1 s) = 0.095."""
+    of = model(SINGLE)
+    law = LAWS.make("pid", {"kp": 0.05, "ki": 0.0, "filter_time": 1.0}, of, 0.1)
+    level = law.step(inputs(of)).force[0]
+    forces = [law.step(inputs(of, velocity=np.array([11.0]))).force[0] - level for _ in range(2)]
+    assert forces == pytest.approx([-0.05 * of.inertia * (1.0 - math.exp(-0.1 * n)) for n in (1, 2)])
 
 
 def test_gains_follow_the_rule(metro: str) -> None:

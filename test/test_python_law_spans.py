@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from case_costs import sampled
 from span_runs import assert_same_messages, assert_same_recording, compiled_part, messages_of, setup_of
 from test_compiled_spans import CASES as LAWS
 from test_span_components import CASES as COMPONENTS
@@ -91,7 +92,7 @@ def every_law_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(span, "has_compiled_step", lambda law: False)
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", sampled(CASES, every=2))
 @pytest.mark.usefixtures("every_law_in_python")
 def test_a_law_in_python_sends_the_messages_of_python(case: str) -> None:
     """Breaks if an input of the law, its order in the tick or its output differs in one bit, or no tick is compiled."""

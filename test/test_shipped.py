@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import jsonschema
 import pytest
 import yaml
+from case_costs import sampled
 
 from msgs_docs.generate import topic_page as topic_docs
 from msgs_docs.generate.schemas import MODELS, schema_path, schema_text
@@ -81,7 +82,7 @@ def test_every_shipped_scenario_can_start(name: str) -> None:
     assert setup.scenario.summary
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", sampled(SCENARIOS, every=2))
 def test_resolved_scenario_prepares_the_same_run(name: str, tmp_path: Path) -> None:
     """Breaks if a value is lost or rounded when the scenario is written out."""
     setup = prepare(*load_scenario(name))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from case_costs import sampled
 from span_runs import Messages, assert_same_messages, compiled_part, messages_of, setup_of
 
 from train_ato.control.compiled.packing import has_compiled_step
@@ -89,7 +90,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 """Scenario and changes, for every component with a compiled step."""
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", sampled(CASES, every=2))
 def test_compiled_components_send_the_messages_of_python(case: str) -> None:
     """Breaks if an observer, a prediction, a law or a policy differs in one bit, or runs in Python after all."""
     sink = Messages(setup_of(*CASES[case]))

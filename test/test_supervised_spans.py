@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from case_costs import sampled
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from span_runs import assert_same_messages, assert_same_recording, compiled_part, messages_of, setup_of
@@ -85,7 +86,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 FULL = ("daqin_heavy_haul", "daqin_heavy_haul:twin", "daqin_heavy_haul:disturbed+mismatch")
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", sampled(CASES, every=2))
 def test_supervised_ticks_send_the_messages_of_python(case: str) -> None:
     """Breaks if limits, odometry, state, brake release or report of a compiled step differ in one bit.
 
