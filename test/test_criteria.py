@@ -132,6 +132,13 @@ def test_every_stop_has_its_error_and_its_delay() -> None:
     assert figures["arrival_delay_max_s"] == pytest.approx(3.0, abs=setup.tick)
 
 
+def test_beyond_a_stop_is_in_the_direction_of_the_run() -> None:
+    """Breaks if a train that has run back to its stop is short of it with a larger kilometre."""
+    setup = prepare(*load_scenario("freight_consensus:realistic", ("duration=370",)))
+    (stop,) = stops_of_run(setup, on_profile(setup, late=0.0, beyond=0.4))
+    assert (stop.error, stop.as_row()["beyond_m"]) == (pytest.approx(0.4), pytest.approx(-0.4))
+
+
 def worst_of(limits: str, **series: Any) -> dict[str, tuple[float | None, float | None]]:
     """Return time and place of every criterion of a metro run of 20 s, in 0.1 s, at 10 m/s from km 0 on."""
     setup = prepare(*load_scenario("demo", (f"criteria={limits}", "duration=20", "supervision.enabled=false")))
