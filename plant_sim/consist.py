@@ -95,6 +95,9 @@ class VehicleType(SiModel):
     resistance: Resistance
     traction: tuple[EnvelopeSegment, ...] = Field((), description="largest traction force over speed")
     brake: tuple[EnvelopeSegment, ...] = Field((), description="largest electric brake force over speed, positive")
+    electric_brake: tuple[EnvelopeSegment, ...] = Field(
+        (), description="electric part of brake, which acts first; the rest is friction; default: all of it"
+    )
     shoes: Shoes | None = None
     adhesive_mass: Mass | None = Field(None, gt=0, description="mass on driven axles; default: the whole mass")
     tunnel_resistance: tuple[TunnelResistance, ...] = Field(
@@ -120,8 +123,14 @@ class VehicleType(SiModel):
                 f"mass {number_text(self.mass)} kg is above {number_text(MAX_VEHICLE_MASS)} kg; correct it, "
                 "mass is in kg"
             )
-        for name, segments in (("traction", self.traction), ("brake", self.brake)):
+        for name, segments in (
+            ("traction", self.traction),
+            ("brake", self.brake),
+            ("electric_brake", self.electric_brake),
+        ):
             _check_envelope(name, segments)
+        if self.electric_brake and not self.brake:
+            raise ValueError("electric_brake without brake: it is a part of it; add brake")
         if self.adhesive_mass is not None and self.adhesive_mass > self.mass:
             raise ValueError(
                 f"adhesive_mass {number_text(self.adhesive_mass)} kg exceeds the mass of "

@@ -56,8 +56,8 @@ FIRST, RUN_END, KIND, EQUAL = range(4)
     RATED, LAGGED, APPLIED, SATURATED_TIME, WORK_TRACTION, WORK_REGENERATED,
 ) = range(14)  # fmt: skip
 UNIT_ROWS = 14
-UNIT_VEHICLE, TRACTION_FIRST, TRACTION_END, BRAKE_FIRST, BRAKE_END = range(5)
-UNIT_INDEX_ROWS = 5
+UNIT_VEHICLE, TRACTION_FIRST, TRACTION_END, BRAKE_FIRST, BRAKE_END, ELECTRIC_FIRST, ELECTRIC_END = range(7)
+UNIT_INDEX_ROWS = 7
 # Columns of `envelope` (one row per segment) and rows of `piece` (one column per piece of line).
 SEGMENT_END, SEGMENT_FORCE, SEGMENT_SLOPE, SEGMENT_POWER = range(4)
 BEGIN, END, GRADE, GRADE_SLOPE, DRY_PER_WEIGHT = range(5)
@@ -329,8 +329,11 @@ def _units_before(dt, holding_on, rigid, state, vehicle, unit, unit_index):
 
 
 @compiled(into_caller=True, allocates=False)
-def _units_account(dt, state, unit, unit_index, reversing):
-    """Compute the applied force and its work from the friction share of this step."""
+def _units_account(dt, state, unit, unit_index, envelope, reversing):
+    """Compute the applied force and its work from the friction share of this step.
+
+    Of a brake with an electric part, the work beyond that part is lost as that of the shoes.
+    """
     for u in range(unit.shape[1]):
         i = unit_index[UNIT_VEHICLE, u]
         force = unit[LAGGED, u]
@@ -341,6 +344,12 @@ def _units_account(dt, state, unit, unit_index, reversing):
         if work >= 0.0:
             unit[WORK_TRACTION, u] += work
         else:
+            first, end = unit_index[ELECTRIC_FIRST, u], unit_index[ELECTRIC_END, u]
+            if end > first:
+                electric = _envelope(envelope, first, end, abs(state[V, i]))
+                if -force > electric:
+                    state[WORK_AIR, i] += work * (1.0 + electric / force)
+                    work *= -electric / force
             unit[WORK_REGENERATED, u] -= work
 
 
@@ -769,7 +778,7 @@ def advance(
             left = _braked_speeds(dt, state, vehicle)
         else:
             left = _speeds(dt, state, vehicle)
-        _units_account(dt, state, unit, unit_index, reversing)
+        _units_account(dt, state, unit, unit_index, envelope, reversing)
         _outside_account(k, n, dt, state, outside, outside_vehicle)
         if left > 0:
             _relocate(state, vehicle, vehicle_index, piece)

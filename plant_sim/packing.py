@@ -186,6 +186,9 @@ def _pack_units(consist: Consist, setup: PlantSetup, step: float) -> tuple[Array
             index[first, u] = len(rows)
             rows += [(NO_LIMIT, NO_LIMIT, 0.0, 0.0)] if setup.ideal_actuator else _segments(segments, scale)
             index[end, u] = len(rows)
+        index[k.ELECTRIC_FIRST, u] = len(rows)
+        rows += _segments(vehicles[i].electric_brake, mismatch.electric_brake_scale)
+        index[k.ELECTRIC_END, u] = len(rows)
     masses = np.array([vehicles[i].mass for i in numbers])
     adhesive = np.array([vehicles[i].adhesive_mass or vehicles[i].mass for i in numbers])
     unit[k.GAIN] = mismatch.actuator_gain

@@ -167,22 +167,25 @@ class SectionEffects:
         unit = self._unit_of.get(vehicle)
         if unit is not None:
             a.unit[k.ADHESION, unit] *= factor
-            a.unit_index[k.TRACTION_FIRST : k.BRAKE_END + 1, unit] = self._pointers[zone][unit]
+            a.unit_index[k.TRACTION_FIRST : k.ELECTRIC_END + 1, unit] = self._pointers[zone][unit]
 
-    def _zone_envelopes(self, consist: Consist) -> list[list[tuple[int, int, int, int]]]:
-        """Append the envelopes of all zones; return the four pointers of every unit in every zone."""
+    def _zone_envelopes(self, consist: Consist) -> list[list[tuple[int, ...]]]:
+        """Append the envelopes of all zones; return the pointers of every unit in every zone."""
         a = self._arrays
         rows: list[Row] = [(float(r[0]), float(r[1]), float(r[2]), float(r[3])) for r in a.envelope]
-        open_line = [tuple(int(value) for value in a.unit_index[1:, unit]) for unit in range(a.unit.shape[1])]
-        powers = [largest_power(rows[first:end]) for first, end, _, _ in open_line]
+        open_line = [
+            tuple(int(value) for value in a.unit_index[k.TRACTION_FIRST : k.ELECTRIC_END + 1, unit])
+            for unit in range(a.unit.shape[1])
+        ]
+        powers = [largest_power(rows[first:end]) for first, end, *_ in open_line]
         whole = math.fsum(powers) or 1.0
-        found = []
+        found: list[list[tuple[int, ...]]] = []
         for neutral, off, power in zip(
             self._zones.neutral, self._zones.electric_brake_off, self._zones.power, strict=True
         ):
-            pointers = []
+            pointers: list[tuple[int, ...]] = []
             for unit, vehicle in enumerate(consist.power_units):
-                first, end, brake_first, brake_end = open_line[unit]
+                first, end, brake_first, brake_end, electric_first, electric_end = open_line[unit]
                 if not consist.vehicles[vehicle].independent_power:
                     if neutral:
                         end = first
@@ -190,8 +193,14 @@ class SectionEffects:
                         limited = limited_segments(rows[first:end], power * powers[unit] / whole)
                         first, end = len(rows), len(rows) + len(limited)
                         rows += limited
-                    brake_end = brake_first if off else brake_end
-                pointers.append((first, end, brake_first, brake_end))
+                    if off:
+                        friction = friction_segments(rows[brake_first:brake_end], rows[electric_first:electric_end])
+                        brake_first, brake_end = len(rows), len(rows) + len(friction)
+                        rows += friction
+                        if friction:
+                            electric_first, electric_end = len(rows), len(rows) + 1
+                            rows.append((math.inf, 0.0, 0.0, 0.0))
+                pointers.append((first, end, brake_first, brake_end, electric_first, electric_end))
             found.append(pointers)
         a.envelope = np.array(rows)
         return found
@@ -251,6 +260,19 @@ def limited_segments(rows: Sequence[Row], power: float) -> list[Row]:
             exceeds = _force(row, middle) * max(middle, MIN_POWER_SPEED) > power
             found.append((stop, 0.0, 0.0, power) if exceeds else (stop, constant, slope, part))
             begin = stop
+    return found
+
+
+def friction_segments(whole: Sequence[Row], electric: Sequence[Row]) -> list[Row]:
+    """Return the segments of a brake without its electric part, at most their difference; none without such a part."""
+    found: list[Row] = []
+    begin = 0.0
+    for end in sorted({row[0] for row in (*whole, *electric) if row[0] <= whole[-1][0]}) if electric else ():
+        _, constant, slope, power = next(row for row in whole if row[0] >= end)
+        _, less, less_slope, less_power = next((row for row in electric if row[0] >= end), (end, 0.0, 0.0, 0.0))
+        lack = min(power - less_power, 0.0) / max(begin, MIN_POWER_SPEED)
+        found.append((end, constant - less + lack, slope - less_slope, max(power - less_power, 0.0)))
+        begin = end
     return found
 
 

@@ -6,8 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
+from plant_trains import plain_line, train
 from test_readers import BENCH, PATH, TRAIN
 
 from plant_sim.formats.notes import keys_not_carried
@@ -18,6 +20,7 @@ from train_ato.cli.main import main
 from train_ato.loop.setup import prepare
 from train_ato.profile.planner.inputs import find_line, find_train
 from train_ato.profile.planner.planner import plan
+from train_ato.profile.planner.train_tables import TrainTables
 from train_ato.scenario.scenario import load_scenario
 
 
@@ -74,7 +77,7 @@ def test_a_bench_train_by_hand() -> None:
     assert Envelope(strong.vehicles[0].brake).largest() == pytest.approx(134.2e3 + 0.05 * 9.81 * 122e3)
     assert (read.deceleration, read.acceleration, read.speed_max) == (1.0, None, pytest.approx(160 / 3.6))
     assert (read.traction_efficiency, read.recovery_efficiency) == pytest.approx((0.9, 0.8))
-    assert read.electric_brake is not None and Envelope(read.electric_brake).force(1.0) == 100e3
+    assert Envelope(vehicle.electric_brake).force(1.0) == 100e3
     assert [vehicle.tunnel_coefficient(area) for area in (10, 24, 32, 99)] == pytest.approx(
         [15.16, 15.16, 11.195, 7.23]
     )
@@ -140,6 +143,42 @@ def test_efficiencies_of_the_file_are_those_of_the_plan(tmp_path: Path) -> None:
     """Breaks if the efficiencies of traction and electric brake are read and dropped."""
     settings = find_train(_written(tmp_path / "unit.json", UNIT_TRAIN))[1]
     assert (settings.efficiency, settings.recovered) == pytest.approx((0.9, 0.8))
+
+
+def test_only_the_electric_part_of_a_brake_is_regenerated() -> None:
+    """Breaks if the pneumatic part of a brake is counted as electric in a run or in a plan.
+
+    100 kN and 2.6 MW of the 180 kN are electric; from 30 m/s on a level line, the electric part follows from the
+    motion at constant force, less the running resistance.
+    """
+    consist = ttobench_train(UNIT_TRAIN, "hand.json").consist
+    made = train(consist, plain_line(), start={"position": 100, "speed": 30}, holding_speed=0.0)
+    for _ in range(200):
+        made.advance(np.full((made.substeps, 1), -100e3 - 80e3))
+    totals = made.totals
+    speed, step, work = 30.0, 1e-3, 0.0
+    for _ in range(20_000):
+        electric = min(100e3, 2.6e6 / speed)
+        work += electric * speed * step
+        speed -= step * (electric + 80e3 + 2400 + 61.2 * speed + 12 * speed**2) / 134.2e3
+        if speed < 0.01:
+            break
+    assert totals.regenerated == pytest.approx(work, rel=3e-3)
+    assert totals.balance == pytest.approx(0.0, abs=1.0)
+    tables = TrainTables(consist, 160 / 3.6)
+    _, part, rest = tables.forces_at(np.array([1.0, 26.0, 40.0]))
+    assert part == pytest.approx([100e3, 100e3, 65e3]) and rest == pytest.approx([80e3] * 3)
+
+
+def test_the_friction_part_of_a_brake_works_in_a_neutral_section() -> None:
+    """Breaks if a neutral section takes away the pneumatic brake, or leaves the electric one."""
+    consist = ttobench_train(UNIT_TRAIN, "hand.json").consist
+    line = plain_line(neutral_sections=[{"begin": 0, "end": 5000}])
+    made = train(consist, line, start={"position": 100, "speed": 40}, holding_speed=0.0)
+    for _ in range(20):
+        made.advance(np.full((made.substeps, 1), -200e3))
+    assert float(made.applied.sum()) == pytest.approx(-80e3, rel=1e-6)
+    assert made.totals.regenerated == pytest.approx(0.0, abs=1e-3)
 
 
 def _written(path: Path, data: dict[str, Any]) -> str:

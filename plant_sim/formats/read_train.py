@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from plant_sim.consist import Consist, EnvelopeSegment
+from plant_sim.consist import Consist
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,8 +19,6 @@ class ReadTrain:
         Service deceleration and largest acceleration for comfort [m/s²].
     speed_max : float
         Largest speed [m/s].
-    electric_brake : tuple of EnvelopeSegment, optional
-        Electric part of the brake envelope, if the envelope of the consist also has the service air brake.
     traction_efficiency, recovery_efficiency : float, optional
         Wheel energy over line energy in traction, recovered line energy over wheel energy in braking.
     """
@@ -29,6 +27,5 @@ class ReadTrain:
     deceleration: float | None
     speed_max: float
     acceleration: float | None = None
-    electric_brake: tuple[EnvelopeSegment, ...] | None = None
     traction_efficiency: float | None = None
     recovery_efficiency: float | None = None

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.brake_data import EmergencyBrake
-from plant_sim.consist import Consist, EnvelopeSegment
+from plant_sim.consist import Consist
 from plant_sim.formats.fields import Fields, finite_number
 from plant_sim.formats.notes import print_assumption
 from plant_sim.formats.read_train import ReadTrain
@@ -98,6 +98,7 @@ def ttobench_train(data: dict[str, Any], place: str, point_mass: bool = False) -
         "resistance": {"n": resistance},
         "traction": _hyperbola(top, "max traction", speed),
         "brake": _with_pneumatic(electric, pneumatic, bound),
+        "electric_brake": electric if pneumatic > 0 else [],
         "tunnel_resistance": _tunnel_resistance(top),
     }
     consist = build_model(
@@ -117,7 +118,6 @@ def ttobench_train(data: dict[str, Any], place: str, point_mass: bool = False) -
         deceleration,
         speed,
         acceleration,
-        tuple(EnvelopeSegment.model_validate(segment) for segment in electric),
         _efficiency(top, "efficiency traction"),
         _efficiency(top, "efficiency reg brake"),
     )

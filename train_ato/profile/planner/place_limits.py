@@ -195,9 +195,10 @@ class PlaceLimits:
 
 def _forces(vehicle: VehicleType, speed: Array) -> tuple[Array, Array]:
     """Return traction and electric brake of a vehicle over the speed [N]."""
+    electric = vehicle.electric_brake or vehicle.brake
     drive, brake = (
         envelope_at(Envelope(segments), speed) if segments else np.zeros(speed.size)
-        for segments in (vehicle.traction, vehicle.brake)
+        for segments in (vehicle.traction, electric)
     )
     return drive, brake
 

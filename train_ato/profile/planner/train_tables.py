@@ -111,7 +111,11 @@ class TrainTables:
         if point_mass:
             self.behind, self.length = np.zeros(len(vehicles)), 0.0
         self._traction = [Envelope(vehicle.traction) for vehicle in vehicles if vehicle.traction]
-        self._electric = [Envelope(vehicle.brake) for vehicle in vehicles if vehicle.brake]
+        self._brakes = [
+            (Envelope(vehicle.brake), Envelope(vehicle.electric_brake or vehicle.brake))
+            for vehicle in vehicles
+            if vehicle.brake
+        ]
         self._shoes = _shoe_force(consist, reduction) if air_brake else 0.0
         polynomials = np.array([vehicle.resistance.polynomial(vehicle.mass, consist.gravity) for vehicle in vehicles])
         self._polynomial: Array = polynomials.sum(axis=0)
@@ -125,12 +129,13 @@ class TrainTables:
     def _default_speed_max(self) -> float:
         """Return the end of the traction envelope, at most 98 % of the end of the brake envelope [m/s]."""
         ends = [
-            max((float(e.rows[-1, 0]) for e in units), default=np.inf) for units in (self._traction, self._electric)
+            max((float(e.rows[-1, 0]) for e in units), default=np.inf)
+            for units in (self._traction, [whole for whole, _ in self._brakes])
         ]
         return min(ends[0], ends[1] if self._shoes > 0 else (1.0 - OVERSPEED) * ends[1], MAX_TABLE_SPEED)
 
     def _check_brakes(self) -> None:
-        if not self._electric and self._shoes <= 0:
+        if not self._brakes and self._shoes <= 0:
             raise ValueError(
                 f"train '{self.name}' has neither an electric brake nor an air brake in use; give a vehicle "
                 "type a brake envelope, or shoes and a brake.policy that applies them"
@@ -148,8 +153,8 @@ class TrainTables:
         """
         speed = np.where(speed <= self.speed_max * (1.0 + ROUNDING), np.minimum(speed, self.speed_max), speed)
         traction = np.zeros(speed.size) + sum(envelope_at(envelope, speed) for envelope in self._traction)
-        electric = np.zeros(speed.size) + sum(envelope_at(envelope, speed) for envelope in self._electric)
-        return self._with_available_force(traction, electric, self._air_brake_force(speed))
+        pairs = [tuple(envelope_at(envelope, speed) for envelope in pair) for pair in self._brakes]
+        return self._with_friction(traction, pairs, speed)
 
     def _air_brake_force(self, speed: Array) -> Array:
         kmh = 3.6 * speed
@@ -167,8 +172,16 @@ class TrainTables:
 
     def _forces_on_grid(self) -> tuple[Array, Array, Array]:
         traction = np.zeros(self.speed.size) + sum(self._tabulated(self._traction))
-        electric = np.zeros(self.speed.size) + sum(self._tabulated(self._electric))
-        return self._with_available_force(traction, electric, self._air_brake_force(self.speed))
+        pairs = [tuple(self._tabulated(list(pair))) for pair in self._brakes]
+        return self._with_friction(traction, pairs, self.speed)
+
+    def _with_friction(
+        self, traction: Array, pairs: list[tuple[Array, ...]], speed: Array
+    ) -> tuple[Array, Array, Array]:
+        """Return the available forces [N] with the friction part of the units' brakes as air brake."""
+        electric = np.zeros(speed.size) + sum(np.minimum(whole, part) for whole, part in pairs)
+        friction = np.zeros(speed.size) + sum(np.maximum(whole - part, 0.0) for whole, part in pairs)
+        return self._with_available_force(traction, electric, self._air_brake_force(speed) + friction)
 
 
 def envelope_at(envelope: Envelope, speed: Array) -> Array:
