@@ -5,7 +5,7 @@ from pathlib import Path
 
 from setuptools import find_packages, setup
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).resolve().parent  # colcon build --symlink-install runs a link to this file
 NAME = "train_ato"
 SWEEP = ["distributed>=2024.8", "scipy>=1.15", "cryptography>=42.0.4"]
 """Packages of the command sweep."""

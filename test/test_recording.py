@@ -88,17 +88,18 @@ def test_vehicles_are_kept_on_request_and_agree_with_what_is_taken_of_them(
         assert_same(truth["coupler_buff_max"][:, 0], truth["coupler_force"].min(axis=1), "buff")
 
 
-def test_ticks_without_a_message_are_no_complete_ticks(run: tuple[Path, RunSetup, Recording], tmp_path: Path) -> None:
-    """Breaks if series of a log with gaps are joined by their count instead of their stamps."""
+def test_ticks_without_a_command_hold_the_last_one(run: tuple[Path, RunSetup, Recording], tmp_path: Path) -> None:
+    """Breaks if series of a log with gaps are joined by their count, or a tick without a command is left out."""
     folder, setup, kept = run
     whole = read_recording(folder, setup)
     command = whole.topics[COMMAND]
     chosen = np.delete(np.arange(command.time.size), [3, 4, 50])
     part = type(command)(command.time[chosen], {"force": command["force"][chosen]})
     gaps = Recording({**whole.topics, COMMAND: part})
-    assert gaps.time.tolist() == kept.time[chosen].tolist()
-    assert_same(gaps.velocity, kept.velocity[chosen], "velocity")
-    assert_same(gaps.command, kept.command[chosen], "command")
+    assert gaps.time.tolist() == kept.time.tolist()
+    assert_same(gaps.velocity, kept.velocity, "velocity")
+    assert_same(gaps.command[chosen], kept.command[chosen], "command")
+    assert_same(gaps.command[[3, 4, 50]], kept.command[[2, 2, 49]], "held command")
     missing = read_recording(without(folder, tmp_path / "part", {COMMAND}), setup)
     assert COMMAND not in missing.topics
     assert missing.time.size == 0

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from train_ato.loop.run_end import RunEnd
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire, stamp_of
 from train_ato.messages.codec.diagnostic_keys import program_values
@@ -45,7 +46,7 @@ def message(topic: str, layout: TrainLayout, stamp: int, seed: int = 1):
     n, u, s = layout.n_vehicles, layout.n_units, len(layout.sensors)
     makers = {
         "/clock": lambda: Tick(stamp),
-        "train/end": lambda: Tick(stamp),
+        "train/end": lambda: RunEnd("failed", "node observer failed: it left", 7).notice(stamp),
         "recorder/progress": lambda: Tick(stamp),
         "train/vehicles": lambda: VehicleStates(stamp, values(n), values(n), values(n)),
         "train/measurement": lambda: Measurement(stamp, *(values(k) for k in (u, u, u, s, s, s))),

@@ -113,7 +113,8 @@ def log_overview(path: Path, *, broken: bool = False, progress: Progress | None 
     begin = min((int(found[0]) for found in times.values()), default=0)
     if begin >= EPOCH_NS and any(table_name(name) is not None for name in times):
         begin = EPOCH_NS
-    topics = tuple(_topic(name, types[name], found, begin) for name, found in times.items())
+    end = max((int(found[-1]) for name, found in times.items() if table_name(name) is not None), default=begin)
+    topics = tuple(_topic(name, types[name], found, begin, end) for name, found in times.items())
     attached = attachments(path, broken=broken)
     return Overview(
         path,
@@ -125,14 +126,15 @@ def log_overview(path: Path, *, broken: bool = False, progress: Progress | None 
     )
 
 
-def _topic(name: str, kind: str, stamps: NDArray[np.int64], begin: int) -> TopicOverview:
+def _topic(name: str, kind: str, stamps: NDArray[np.int64], begin: int, end: int) -> TopicOverview:
+    """Return the overview of a topic; one of the table that ends before the log has a gap up to its end [ns]."""
     first, last = (float(stamps[place] - begin) / 1e9 for place in (0, -1))
     rate = (stamps.size - 1) / (last - first) if last > first else None
     found: dict[str, Any] = {}
     if _periodic(name):
         distinct = np.unique(stamps)
-        steps = np.diff(distinct)
-        late = steps > LATE * np.median(steps) if steps.size > 1 else np.zeros(0, dtype=bool)
+        steps = np.diff(distinct, append=max(end, distinct[-1]) if table_name(name) is not None else distinct[-1])
+        late = steps > LATE * np.median(steps[:-1]) if steps.size > 2 else np.zeros(0, dtype=bool)
         if late.any():
             worst = int(steps.argmax())
             found = {

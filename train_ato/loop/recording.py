@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from train_ato.loop.repeated_reports import Report, all_reports, changed_reports
-from train_ato.loop.series import DiagnosticSeries, TopicSamples, aligned, diagnostic_series
+from train_ato.loop.series import DiagnosticSeries, TopicSamples, aligned, diagnostic_series, held
 from train_ato.loop.setup import RunSetup
+from train_ato.loop.trajectories import profile_of
 from train_ato.messages.layout import Owner
 from train_ato.messages.topics import TOPICS, Rate
 from train_ato.messages.types import Array, Diagnostic, Trajectory
@@ -72,11 +74,18 @@ def _at_ticks(
     return cached_property(values)
 
 
+def _of_reference(place: int) -> cached_property[Array]:
+    """Return a property of a recording for position, speed or acceleration of the reference."""
+    return cached_property(lambda recording: recording._references[place])
+
+
 @dataclass(frozen=True)
 class Recording:
     """One run; k complete ticks, u power units, n vehicles.
 
-    A complete tick has motion, measurement, reference and command of one stamp.
+    A complete tick has measurement and motion at its begin, and a command or motion at its end; in a log without truth
+    it has measurement, reference and command of one stamp.  A tick without a command holds the last one, a tick
+    without a reference has that of the last profile.
 
     Attributes
     ----------
@@ -129,12 +138,39 @@ class Recording:
     coupler_buff_max = _at_ticks(TRUTH, "coupler_buff_max", 0)
     coupler_samples = _at_ticks(TRUTH, "coupler_samples")
     applied = _at_ticks(MEASUREMENT, "applied")
-    command = _at_ticks(COMMAND, "force")
     estimate = _at_ticks(ESTIMATE, "force")
     disturbance = _at_ticks(DISTURBANCE, "unit_force")
-    reference_position = _at_ticks(REFERENCE, "position", 0)
-    reference_velocity = _at_ticks(REFERENCE, "velocity", 0)
-    reference_acceleration = _at_ticks(REFERENCE, "acceleration", 0)
+
+    @cached_property
+    def command(self) -> Array:
+        """Command of every tick as sent, shape (k, u); a tick without one holds the last, 0 before the first."""
+        found = self.of(COMMAND, "force")
+        return np.zeros((self.time.size, self.units)) if found is None else held(self.time, *found)
+
+    @cached_property
+    def commanded(self) -> NDArray[np.bool_]:
+        """True for the ticks with a command of their own, shape (k,)."""
+        found = self.of(COMMAND, "force")
+        return np.isin(self.time, () if found is None else found[0])
+
+    @cached_property
+    def _references(self) -> tuple[Array, ...]:
+        """Position, speed and acceleration of the reference at every tick, shape (k,) each."""
+        found = self.topics.get(REFERENCE)
+        if found is None:
+            return tuple(np.zeros((3, self.time.size)))
+        names = ("position", "velocity", "acceleration")
+        columns = [aligned(self.time, found.time, found[name][:, 0]) for name in names]
+        missing = ~np.isin(self.time, found.time)
+        if missing.any() and self.profiles:
+            planned = profile_of(self.profiles[-1]).at_times(self.time[missing])
+            for column, values in zip(columns, planned, strict=True):
+                column[missing] = values
+        return tuple(columns)
+
+    reference_position = _of_reference(0)
+    reference_velocity = _of_reference(1)
+    reference_acceleration = _of_reference(2)
 
     def of(self, topic: str, name: str) -> tuple[Array, Array] | None:
         """Return time and values of a topic, shapes (k,) and (k, n), or None."""
@@ -145,6 +181,10 @@ class Recording:
     def time(self) -> Array:
         """Stamps of the complete ticks [s], shape (k,)."""
         motion = self.motion
+        if {TRUTH, MEASUREMENT, REFERENCE, COMMAND} <= self.topics.keys() and motion is not None:
+            begun = self.topics[MEASUREMENT].time
+            complete = (begun < motion.time[-1]) | np.isin(begun, self.topics[COMMAND].time)
+            return np.intersect1d(begun[complete], motion.time)
         times = [] if motion is None else [motion.time]
         times += [self.topics[topic].time for topic in (MEASUREMENT, REFERENCE, COMMAND) if topic in self.topics]
         if len(times) < 4:

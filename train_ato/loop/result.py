@@ -9,6 +9,7 @@ from train_ato.loop.metrics import summarise
 from train_ato.loop.protection_record import protection_summary
 from train_ato.loop.recording import Recording
 from train_ato.loop.requirements import requirement_rows
+from train_ato.loop.run_end import INTERRUPTED, RunEnd
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.step_times import StepTimes
 from train_ato.loop.tracking import tracking_summary
@@ -83,10 +84,12 @@ class RunResult:
         interrupted: bool,
         failure: str | None,
         published: dict[str, int] | None = None,
+        interruption: str = "",
     ) -> RunResult:
-        """Return the result of a run from its recording."""
+        """Return the result of a run from its recording; ``interruption`` is the signal or request that ended it."""
         changes = RunChanges.of(recording.changed_reports)
         failure = failure or (None if interrupted else _failure_of_ato(recording))
+        end = RunEnd.judged(ticks, setup.ticks, failure, interruption if interrupted else None)
         complete = recording.time.size > 0
         simulated = ticks * setup.tick
         median, p99 = step_times.percentiles_us(50, 99)
@@ -99,14 +102,15 @@ class RunResult:
             "changes": changes.rows(setup.scenario),
             "step_time_us_median": median,
             "step_time_us_p99": p99,
-            "status": "failed" if failure else "interrupted" if interrupted else "done",
+            "status": end.status,
             "version": VERSION,
         }
-        if failure:
-            summary["failure"] = failure
+        if end.reason:
+            summary["failure" if failure else "interruption"] = end.reason
         if complete:
             summary |= tracking_summary(setup, recording)
             summary |= _judged(setup, recording, summary)
+        interrupted = end.status == INTERRUPTED
         return cls(recording if complete else None, summary, interrupted, failure, published or {}, changes)
 
 

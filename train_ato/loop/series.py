@@ -130,6 +130,14 @@ def _column(values: list[str | float | None]) -> Any:
         return [value if value is None or isinstance(value, str) else repr(value) for value in values]
 
 
+def held(time: Array, other: Array, values: Array) -> Array:
+    """Return the newest values at other times, shape (k, n); 0 before the first."""
+    if other.size >= time.size and np.array_equal(other[: time.size], time):
+        return np.asarray(values[: time.size], dtype=np.float64)
+    row = np.searchsorted(other, time, side="right") - 1
+    return np.where(row[:, None] >= 0, values[np.maximum(row, 0)], 0.0)
+
+
 def aligned(time: Array, other: Array, values: Array) -> Array:
     """Return values at other times: exact for equal times, else linear between neighbours, NaN in gaps.
 

@@ -1,6 +1,7 @@
 """Outcome of tracking: tracked, or the deviation of the train from its reference with the figure that decided.
 
 =============== ======================================================================================================
+no command      the commands end before the run by more than the age of a command at which the train coasts
 never departed  the reference left a stop for longer than ``departure_time``, the train stayed at rest
 lost            the position error exceeds the way of ``position_time`` at the largest speed of the profile, at the end
                 of the run or beyond the error at the start; or the speed error exceeds the emergency-brake margin of
@@ -40,8 +41,8 @@ from train_ato.supervision.ceiling import EMERGENCY_MARGIN
 TRACKED = "tracked"
 """Outcome of a run without a finding."""
 OUTCOMES = (
-    "never departed", "lost", "limit cycle", "disengaged", "not stopped", "stopped beyond", "stopped short",
-    "saturated", TRACKED,
+    "no command", "never departed", "lost", "limit cycle", "disengaged", "not stopped", "stopped beyond",
+    "stopped short", "saturated", TRACKED,
 )  # fmt: skip
 """Outcomes, the worst first."""
 DEFAULT_STOP_WINDOW = 12.0
@@ -103,6 +104,7 @@ def tracking_summary(setup: RunSetup, recording: Recording) -> dict[str, Any]:
 
 def _findings(run: EngagedRun) -> Iterator[TrackingFinding]:
     """Yield the deviations of a run."""
+    yield from _no_command(run)
     if run.rows.size:
         yield from _never_departed(run)
         yield from _lost(run)
@@ -114,6 +116,17 @@ def _findings(run: EngagedRun) -> Iterator[TrackingFinding]:
     else:
         last = float(run.recording.time[run.rows[-1]]) if run.rows.size else 0.0
         yield TrackingFinding("disengaged", last, float(run.recording.time[-1]), "s", f"the ATO, at {last:.1f} s")
+
+
+def _no_command(run: EngagedRun) -> Iterator[TrackingFinding]:
+    """Yield the time without a command at the end of the run."""
+    recording = run.recording
+    ticks = np.flatnonzero(recording.commanded)
+    last = int(ticks[-1]) + 1 if ticks.size else 0
+    silent, limit = (recording.time.size - last) * run.setup.tick, run.setup.scenario.supervision.failsafe.hold
+    if silent > limit:
+        text = f"none in the last {three_digits(silent)} s; {ticks.size} of {recording.time.size} ticks had one"
+        yield TrackingFinding("no command", silent, limit, "s", text)
 
 
 def _never_departed(run: EngagedRun) -> Iterator[TrackingFinding]:

@@ -53,9 +53,17 @@ LINE_FRAME = "line"
 END_TOPIC = "train/end"
 """Notice of the end of the run."""
 _CLOCK = "rosgraph_msgs/msg/Clock"
+_DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 _JOINT_STATE = "sensor_msgs/msg/JointState"
 _PRESSURE = "sensor_msgs/msg/FluidPressure"
 _TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
+_STATUS = (
+    Place("status[].name", "node"),
+    Place("status[].level", "level"),
+    Place("status[].message", "message"),
+    Place("status[].values", "values"),
+)
+"""State of one node."""
 
 _TABLE: tuple[Topic, ...] = (
     Topic(
@@ -284,14 +292,9 @@ _TABLE: tuple[Topic, ...] = (
     ),
     Topic(
         "/diagnostics",
-        "diagnostic_msgs/msg/DiagnosticArray",
+        _DIAGNOSTICS,
         Diagnostic,
-        (
-            Place("status[].name", "node"),
-            Place("status[].level", "level"),
-            Place("status[].message", "message"),
-            Place("status[].values", "values"),
-        ),
+        _STATUS,
         publishers=(Role.PLANT, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.SUPERVISOR),
         readers=(),
         rate=Rate.SECOND,
@@ -299,13 +302,14 @@ _TABLE: tuple[Topic, ...] = (
     ),
     Topic(
         END_TOPIC,
-        _CLOCK,
-        Tick,
-        (Place("clock", "stamp"),),
+        _DIAGNOSTICS,
+        Diagnostic,
+        _STATUS,
         publishers=(Role.PLANT,),
         readers=(Role.SUPERVISOR, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.RECORDER),
         rate=Rate.END,
-        meaning="notice of the end of the run with its last stamp; a plant that leaves without it has failed",
+        meaning="end notice: status `done`, `interrupted` or `failed`, complete ticks; message: reason; a plant "
+        "that leaves without it has failed",
         recorded=False,
         latched=True,
         depth=1,

@@ -49,7 +49,7 @@ __all__ = [
 @frozen_for_types
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """Simulation stamp (topics ``/clock``, ``train/end`` and ``recorder/progress``)."""
+    """Simulation stamp (topics ``/clock`` and ``recorder/progress``)."""
 
     stamp: int = field(metadata=described("clock", "s", "simulation time from the epoch 2026-01-01T00:00:00Z"))
 
@@ -109,7 +109,7 @@ class Command:
 @frozen_for_types
 @dataclass(frozen=True, slots=True)
 class Diagnostic:
-    """State of one node (topic ``/diagnostics``), one message per node."""
+    """State of one node (topic ``/diagnostics``, one message per node), or end of the run (``train/end``)."""
 
     stamp: int
     node: str = field(metadata=described("node", "", "name of the node"))

@@ -257,7 +257,8 @@ def _failure(run: Run, outcome: RunResult, folder: RunFolder | None) -> RunFaile
     if outcome.failure:
         return RunFailed(outcome.failure, run)
     if outcome.interrupted:
-        return RunInterrupted(f"interrupted; recorded data: {folder.path if folder else 'run of this error'}", run)
+        place = folder.path if folder else "run of this error"
+        return RunInterrupted(f"interrupted: {outcome.summary['interruption']}; recorded data: {place}", run)
     return None
 
 

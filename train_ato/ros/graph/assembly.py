@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import rclpy
 from rclpy.context import Context
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from plant_sim.warm_up import compile_kernel
@@ -66,6 +67,28 @@ class _Executor(rclpy_implementation.EventsExecutor):  # type: ignore[misc]
                 self._watch.fail("graph", error)
             else:
                 raise
+
+
+def check_arguments(arguments: Sequence[str]) -> None:
+    """Check ``--ros-args`` with a context and a node of their own.
+
+    Raises
+    ------
+    ValueError
+        For malformed arguments, a missing or malformed parameter file, or an impossible name.
+    """
+    if not arguments:
+        return
+    context = Context()
+    try:
+        rclpy.init(context=context, args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+        Node("check", context=context, enable_rosout=False, start_parameter_services=False).destroy_node()
+    except Exception as error:  # RCLError and many others, after the fault
+        kept = [line.strip() for line in str(error).splitlines() if line.strip()]
+        reason = (kept or [type(error).__name__])[0].partition(", at ")[0].rstrip(".,: ")
+        raise ValueError(f"{' '.join(arguments)}: {reason}; see `ros2 run --help` for the form") from None
+    finally:
+        context.try_shutdown()
 
 
 @contextmanager

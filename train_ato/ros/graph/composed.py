@@ -10,6 +10,7 @@ from typing import Any
 
 from train_ato.errors import FirstFailure
 from train_ato.interrupt import Interrupt, interruptible
+from train_ato.loop.run_end import INTERRUPTED
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import Role
@@ -106,12 +107,15 @@ class _Composed:
         finally:
             self._close(end)
             gc.unfreeze()
-        end.ticks = self._plant.stage.tick
+        plant_end = self._plant.end
+        end.ticks = plant_end.ticks
         end.step_ns = self._nodes[Role.CONTROLLER].stage.step_times.nanoseconds
         end.ignored = {
             role.value: count for role, node in self._nodes.items() if (count := getattr(node, "ignored", 0))
         }
-        end.interrupted = self._interrupt.asked
+        end.interruption = (
+            "" if self._interrupt.asked else plant_end.reason if plant_end.status == INTERRUPTED else None
+        )
         end.failure = self._watch.failure
         return end
 
@@ -185,6 +189,7 @@ class _Composed:
             due.append((self._all_endpoints[Role.SUPERVISOR], plant.supervised_stamp))
         # A run without lockstep ends before the answers to its last measurement; they still count.
         self._turn_until(lambda: all(endpoints.last_stamp >= stamp for endpoints, stamp in due), STOPPING_S)
+        self._plant.announce_end()
         for endpoints in self._all_endpoints.values():
             for name, count in endpoints.published.items():
                 end.published[name] = end.published.get(name, 0) + count

@@ -69,7 +69,8 @@ class GraphResult:
     ignored: dict[str, int] = field(default_factory=dict)
     """Received but unused messages by the name of the node."""
     step_ns: list[int] = field(default_factory=list)
-    interrupted: bool = False
+    interruption: str | None = None
+    """Signal or request that ended the run before its last tick; None without one."""
     failure: str | None = None
     restarts: dict[str, int] = field(default_factory=dict)
     """Number of restarts by the name of the node."""

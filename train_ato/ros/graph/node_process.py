@@ -15,7 +15,7 @@ from train_ato.arguments import BAD_INPUT
 from train_ato.messages.topics import Role
 from train_ato.ros.graph.domain_lock import inherited_locks
 from train_ato.ros.graph.environment import variables
-from train_ato.ros.standalone.notices import FAILURE, LAST_COUNT, Notice
+from train_ato.ros.standalone.notices import FAILURE, INTERRUPTION, LAST_COUNT, Notice
 
 LEAVING_S = 5.0
 """Wall time for a node to end after a failure of the run [s]."""
@@ -62,7 +62,7 @@ class NodeProcess:
         self.remark = ""
         self.joined = False
         self._hung = False
-        self._failure = ""
+        self._said: dict[str, str] = {}
         self._errors = log_folder / f"{role.value}{suffix}.stderr.txt"
         environment = {**os.environ, **variables(domain, log_folder)}
         paths = [_PACKAGE_ROOT, *filter(None, environment.get("PYTHONPATH", "").split(os.pathsep))]
@@ -86,8 +86,8 @@ class NodeProcess:
     def _read(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:
-            if line.startswith(FAILURE):
-                self._failure = line.removeprefix(FAILURE).strip()
+            if line.startswith((FAILURE, INTERRUPTION)):
+                self._said[line.partition(" ")[0]] = line.partition(" ")[2].strip()
                 continue
             name, _, values = line.rpartition(":")
             with contextlib.suppress(ValueError):  # a print of a law or a library
@@ -100,27 +100,40 @@ class NodeProcess:
         return self.counts.get("tick", [0])[0]
 
     @property
+    def interruption(self) -> str | None:
+        """Signal or request that ended the run of a plant; None without one."""
+        return self._said.get(INTERRUPTION.strip())
+
+    @property
     def last_error(self) -> str:
         """Failure that the node has printed, otherwise the last line of standard error without the name of the node."""
         if self.process.poll() is not None:
             self._reader.join(READ_S)
-        if self._failure:
-            return self._failure
+        if failure := self._said.get(FAILURE.strip()):
+            return failure
         lines = [line.strip() for line in self._errors.read_text(errors="replace").splitlines() if line.strip()]
         named = [line for line in lines if line.startswith("node ")]
         return (named or lines or [""])[-1].removeprefix(f"{self.role.value}: ")
 
     @property
+    def _reported_all(self) -> bool:
+        """True if an ended process has printed its last count: its work was done."""
+        self._reader.join(READ_S)
+        return LAST_COUNT in self.counts
+
+    @property
     def failure(self) -> str | None:
         """Failure of the node with its reason; None while it runs and after a regular end."""
         status = self.process.poll()
-        if not status:
+        if status is None or (status == 0 and self._reported_all):
             return None
         if self._hung:
             named = self.last_error if self.last_error.startswith("node ") else ""
             if not named and LAST_COUNT in self.counts:
                 return None
             text = named or "its process did not end with the run"
+        elif status == 0:
+            text = "its process ended before the run, with status 0"
         elif status < 0:
             text = f"its process was ended by {signal.Signals(-status).name}"
         else:
@@ -131,9 +144,9 @@ class NodeProcess:
     def crashed(self) -> bool:
         """True if the process has ended by a signal or with a status other than 0, without the report of a failure."""
         status = self.process.poll()
-        if not status or status == BAD_INPUT:
+        if status is None or status == BAD_INPUT or (status == 0 and self._reported_all):
             return False
-        return status < 0 or not self.last_error.startswith("node ")
+        return status <= 0 or not self.last_error.startswith("node ")
 
     def send(self, notice: Notice) -> None:
         """Write a notice to the standard input of the node."""

@@ -80,7 +80,7 @@ def run_processes(
             _end_all(nodes, failed=True)
             shared_memory.clean()
     _collect(nodes, end)
-    end.interrupted = interrupt.asked
+    end.interruption = "" if interrupt.asked else nodes[Role.PLANT].interruption
     end.restarts = {role.value: count for role, count in restarts.begun.items()}
     return end
 

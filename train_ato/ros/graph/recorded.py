@@ -14,6 +14,7 @@ from train_ato.log.run_folder import RunFolder
 from train_ato.loop.recording import DIAGNOSTICS, FIELDS, LIMITS, PROFILE, Recording
 from train_ato.loop.recording_builder import RecordingBuilder
 from train_ato.loop.result import RunResult
+from train_ato.loop.run_end import FAILED, INTERRUPTED, RunEnd
 from train_ato.loop.setup import RunSetup
 from train_ato.loop.step_times import StepTimes
 from train_ato.messages.codec.codec import Wire
@@ -40,9 +41,10 @@ def recorded_result(setup: RunSetup, folder: Path, end: GraphResult) -> RunResul
         end.wall_s,
         end.ticks,
         StepTimes(end.step_ns),
-        end.interrupted,
+        end.interruption is not None,
         end.failure or failure,
         end.published,
+        end.interruption or "",
     )
 
 
@@ -78,8 +80,40 @@ def _readable_part(setup: RunSetup, folder: Path) -> tuple[Recording, str | None
     return builder.finish(), failure
 
 
+def _end_of(
+    counts: dict[str, int], setup: RunSetup, failure: str | None, announced: RunEnd | None, stopped: str
+) -> RunEnd:
+    """Return the end of a recorded run; a tick without a command is a tick.
+
+    Parameters
+    ----------
+    counts
+        Messages recorded of every topic.
+    failure
+        Failure of the recorder, or None.
+    announced
+        End by the notice of the plant, or None.
+    stopped
+        Signal that ended the recorder, "" without one.
+    """
+    moved, measured = counts["train/vehicles"] - 1, counts["train/measurement"]
+    ticks = announced.ticks if announced is not None else moved if moved >= 0 else measured
+    if failure is None and announced is not None and announced.status == FAILED:
+        failure = announced.reason
+    interruption = announced.reason if announced is not None and announced.status == INTERRUPTED else None
+    if announced is None and stopped:
+        interruption = f"the recorder was stopped by {stopped}"
+    return RunEnd.judged(ticks, setup.ticks, failure, interruption)
+
+
 def complete_folder(
-    setup: RunSetup, folder: Path, counts: dict[str, int], wall_s: float, failure: str | None = None
+    setup: RunSetup,
+    folder: Path,
+    counts: dict[str, int],
+    wall_s: float,
+    failure: str | None = None,
+    announced: RunEnd | None = None,
+    stopped: str = "",
 ) -> RunResult | None:
     """Write resolved scenario and summary of a run without a runner beside its log.
 
@@ -91,8 +125,8 @@ def complete_folder(
         Messages recorded of every topic.
     wall_s
         Wall time of the recording [s].
-    failure
-        Failure of the recorder, or None.
+    failure, announced, stopped
+        As in :func:`_end_of`.
 
     Returns
     -------
@@ -106,13 +140,13 @@ def complete_folder(
         when = "no step" if first is None else f"nothing before {first * 1e-9:.1f} s"
         sys.stderr.write(f"recorder: {folder}: {when} is recorded, so there is no summary; start the plant last\n")
         return None
-    ticks = counts["ato/command"]
+    found = _end_of(counts, setup, failure, announced, stopped)
     end = GraphResult(
         wall_s=wall_s,
-        ticks=ticks,
+        ticks=found.ticks,
         published=counts,
-        interrupted=ticks < setup.ticks,
-        failure=failure,
+        interruption=found.reason if found.status == INTERRUPTED else None,
+        failure=found.reason if found.status == FAILED else None,
     )
     result = recorded_result(setup, folder, end)
     home.finish(setup, result)

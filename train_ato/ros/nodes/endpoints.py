@@ -19,6 +19,7 @@ from train_ato.errors import FirstFailure
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.topics import BY_NAME, END_TOPIC, Rate, Role, Topic, published_by
+from train_ato.messages.types import Diagnostic
 from train_ato.ros.nodes.parameter_services import ParameterServices
 from train_ato.ros.nodes.publishers import OnePublisher
 
@@ -106,7 +107,8 @@ class NodeEndpoints:
         )
         # A refused parameter leaves the node in a reference cycle; without this it would publish into the next run.
         context.on_shutdown(self.node.destroy_node)
-        ParameterServices(self.node, watch)
+        if role is not Role.RECORDER:  # it is not spun and would answer no request
+            ParameterServices(self.node, watch)
         self._roles = [role for role in roles if role in roles_of(wire.layout)]
         self.last_stamp = -1
         self.on_second_publisher: Callable[[str, str], bool] = lambda topic, reason: False
@@ -126,22 +128,22 @@ class NodeEndpoints:
                 self.published[topic.name] = 0
         self.joining = False
         self.handled = 0
-        self._ended = False
+        self._end: Diagnostic | None = None
         self._take_end: Callable[[], Any] | None = None
         if role is Role.RECORDER:
             self._take_end, _ = self.taker(END_TOPIC)
         elif role in BY_NAME[END_TOPIC].readers:
             self.subscribe({END_TOPIC: self._on_end})
 
-    def _on_end(self, _: Any) -> None:
-        self._ended = True
+    def _on_end(self, notice: Diagnostic) -> None:
+        self._end = notice
 
     @property
-    def ended(self) -> bool:
-        """True after the notice of the end of the run; a plant that has left without it has failed."""
-        if self._take_end is not None and self._take_end() is not None:
-            self._ended = True
-        return self._ended
+    def end(self) -> Diagnostic | None:
+        """End notice of the plant, None before it; a plant that has left without it has failed."""
+        if self._take_end is not None and (found := self._take_end()) is not None:
+            self._end = self.wire.decode(END_TOPIC, found[0])
+        return self._end
 
     def end_process_at(self, stamp: int, signal_number: int) -> None:
         """Send a signal to this process in place of the first message from a stamp [ns] on: a fault of the node."""

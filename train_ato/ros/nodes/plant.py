@@ -13,6 +13,7 @@ from rclpy.clock import Clock, ClockType
 
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.rate_limit import SteadyRateLimit
+from train_ato.loop.run_end import RunEnd
 from train_ato.loop.stage_messages import Published
 from train_ato.messages.topics import BY_NAME, END_TOPIC, Role
 from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Tick
@@ -92,6 +93,7 @@ class PlantNode:
         self._acknowledged = 0
         self.answer_watch = AnswerWatch()
         self._lost: tuple[str, str] | None = None
+        self._interruption: str | None = None
         self._standing = 0
         self.outage = Outage(2 * stage.setup.supervision_ticks)
         self._lockstep_rate: float | None = None
@@ -153,9 +155,10 @@ class PlantNode:
         """Limit the lead over the recorder if there is one."""
         self._recorded = self.endpoints.senders("recorder/progress") > 0
 
-    def request_stop(self) -> None:
-        """End the run after the current tick, or at once between two ticks."""
+    def request_stop(self, reason: str = "stopped by a request") -> None:
+        """End the run after the current tick, or at once between two ticks; the end notice has the reason."""
         self._stopping = True
+        self._interruption = f"{reason} at {self.stamp * 1e-9:.3f} s"
         if not self._waiting:
             self.endpoints.guard(self._next)
 
@@ -281,12 +284,16 @@ class PlantNode:
         if not self.finished:
             self.finished = True
             self._send(self.stage.conclude().published())
-            self.announce_end()
+
+    @property
+    def end(self) -> RunEnd:
+        """End of the run with status and reason."""
+        interruption = None if self.stage.finished else self._interruption
+        return RunEnd.judged(self.stage.tick, self.stage.setup.ticks, self.endpoints.watch.failure, interruption)
 
     def announce_end(self) -> None:
-        """Send the notice of the end of the run once; without it the absence of this node is a failure."""
-        if not self.endpoints.published[END_TOPIC]:
-            self.endpoints.publish(END_TOPIC, Tick(self.stamp))
+        """Send the end notice, after the last message and the last failure; without it this node has failed."""
+        self.endpoints.publish(END_TOPIC, self.end.notice(self.stamp))
 
     def _send(self, messages: Published) -> None:
         """Send messages of the stage; counts from the wall clock are added to its diagnostics."""

@@ -84,6 +84,13 @@ class Discovery:
         """Return the first missing node or connection as text."""
         return next((f"{role.value} {reason}" for role, reason in self._missing.items()), self._missing_for_plant())
 
+    def departed(self) -> list[Role]:
+        """Return the nodes of the run that have left, the recorder included, in the order of dependence."""
+        gone = [role for role in self.others if not self._clients[role].service_is_ready()]
+        if self.recorded and not self._endpoints.senders("recorder/progress"):
+            gone.append(Role.RECORDER)
+        return gone
+
     def last_stamps(self, turn: Callable[[], None]) -> dict[Role, int]:
         """Return the stamps of the last messages of the nodes that answer [ns]; ``turn`` runs the executor once.
 

@@ -21,7 +21,7 @@ from train_ato.messages.topics import Role
 from train_ato.ros import require_ros
 from train_ato.ros.graph.environment import middleware, opened_by
 from train_ato.ros.graph.graph_result import FREE_TIMEOUT_S, LOCKSTEP_TIMEOUT_S
-from train_ato.ros.standalone.notices import Notices, begin_stamp, read_notices
+from train_ato.ros.standalone.notices import LAST_COUNT, EndOrder, Notices, begin_stamp, read_notices
 from train_ato.scenario.former_names import present_options
 
 if TYPE_CHECKING:
@@ -53,7 +53,8 @@ def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
     own, ros = list(words), []
     if "--ros-args" in own:
         at = own.index("--ros-args")
-        own, ros = own[:at], own[at:]
+        end = own.index("--", at) if "--" in own[at:] else len(own)
+        own, ros = own[:at] + own[end + 1 :], own[at:end]
     options = parser.parse_args(present_options(parser, own))
     options.ros = ros
     return options
@@ -83,10 +84,11 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
         sys.stderr.write(f"{role.value}: other hosts may join this run ({opened})\n")
     os.environ.update(middleware())
     os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
-    stopped = threading.Event()
+    stopped = EndOrder()
     interrupt = Interrupt()
 
     def stop(number: int, frame: FrameType | None) -> None:
+        stopped.signal = stopped.signal or signal.Signals(number).name
         stopped.set()
         interrupt.ask(number, frame)
 
@@ -114,13 +116,14 @@ def _plan_end(role: Role, setup: RunSetup, endpoints: NodeEndpoints, joined: int
 
 
 def _run(
-    role: Role, options: argparse.Namespace, stopped: threading.Event, notices: Notices, completed: Completed | None
+    role: Role, options: argparse.Namespace, stopped: EndOrder, notices: Notices, completed: Completed | None
 ) -> int:
     """Create and run the node; imports are late because rclpy reads the environment at import."""
     from train_ato.errors import FirstFailure
+    from train_ato.loop.run_end import FAILED, RunEnd
     from train_ato.loop.setup import prepare
     from train_ato.messages.codec.codec import Wire
-    from train_ato.ros.graph.assembly import executor_of, make_node
+    from train_ato.ros.graph.assembly import check_arguments, executor_of, make_node
     from train_ato.ros.nodes.endpoints import ROLES, NodeEndpoints
     from train_ato.ros.standalone.runner import StandaloneRunner
     from train_ato.scenario.scenario import load_scenario
@@ -134,10 +137,12 @@ def _run(
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     joined = begin_stamp(stopped, notices) if options.restarted else None
-    if options.restarted and joined is None:
+    if options.restarted and joined is None:  # the run has ended before
+        sys.stdout.write(f"{LAST_COUNT}:0\n")
         return 0
     log_folder = Path(os.environ["ROS_LOG_DIR"]) if "ROS_LOG_DIR" in os.environ else None
     watch = FirstFailure(log_folder)
+    check_arguments(options.ros)
     with executor_of(None, options.ros or None, watch) as (context, executor):
         endpoints = NodeEndpoints(role, Wire(setup.layout), context, watch, ROLES[:-1], options.ros or None)
         if role is not Role.RECORDER:
@@ -165,10 +170,13 @@ def _run(
             from train_ato.ros.graph.recorded import complete_folder
 
             wall_s = turner.last_heard - turner.first_heard
-            result = complete_folder(setup, folder, node.log.counts, wall_s, watch.failure)
+            announced = RunEnd.of(endpoints.end) if endpoints.end is not None else None
+            counts = node.log.counts
+            result = complete_folder(setup, folder, counts, wall_s, watch.failure, announced, stopped.signal)
             if completed is not None and result is not None:
                 completed(setup, result, folder)
-            if result is not None and result.failure is not None and watch.failure is None:
-                sys.stderr.write(f"{result.failure}\n")
+            unread = result.failure if result is not None and watch.failure is None else None
+            if unread is not None and (announced is None or announced.status != FAILED):
+                sys.stderr.write(f"{unread}\n")
                 return 1
         return status

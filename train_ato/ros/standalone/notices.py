@@ -20,8 +20,10 @@ from train_ato.messages.topics import Role
 LAST_COUNT = "ignored"
 """Name of the number that a node prints last: the messages it could not use. After it the work of the node is done."""
 
-FAILURE = "failure "
-"""Begin of the standard-output line with the failure of an attached node: its standard error may be on a full disk."""
+FAILURE, INTERRUPTION = "failure ", "interruption "
+"""Begins of standard-output lines of an attached node: its failure, or the signal or request that ended the plant.
+
+Its standard error may be on a full disk."""
 
 
 class NoticeKind(Enum):
@@ -60,6 +62,18 @@ class Notice:
 
 
 Notices = queue.SimpleQueue[Notice]
+
+
+class EndOrder(threading.Event):
+    """Order to end a node.
+
+    Attributes
+    ----------
+    signal : str
+        Name of the signal that gave it; "" for an order of the process that started the node.
+    """
+
+    signal = ""
 
 
 def read_notices(stopped: threading.Event, notices: Notices) -> None:

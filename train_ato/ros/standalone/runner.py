@@ -14,13 +14,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+from train_ato.loop.run_end import INTERRUPTED
 from train_ato.messages.topics import BY_NAME, Role
 from train_ato.ros.graph.environment import opened_by
 from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
 from train_ato.ros.nodes.answer_watch import LEASE_S, silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.standalone.discovery import Discovery, answer_ready
-from train_ato.ros.standalone.notices import FAILURE, LAST_COUNT, Notice, NoticeKind, Notices
+from train_ato.ros.standalone.notices import FAILURE, INTERRUPTION, LAST_COUNT, EndOrder, Notice, NoticeKind, Notices
 
 TURN_S = 0.1
 RECORD_S = 0.02
@@ -67,7 +68,7 @@ class StandaloneRunner:
         node: Any,
         endpoints: NodeEndpoints,
         executor: Any,
-        stopped: threading.Event,
+        stopped: EndOrder,
         fingerprint: dict[str, str],
         recorded: bool = False,
         attached: bool = False,
@@ -100,28 +101,42 @@ class StandaloneRunner:
         self.endpoints.deliver(STOPPING_S)
         ignored = getattr(self.node, "ignored", 0)
         if self._attached:
+            self._report_stop()
             self._print_counts(ignored)
         elif ignored:
             sys.stderr.write(f"{self.role.value}: {ignored} {IGNORED}\n")
         if self.endpoints.watch.failure is not None:
             self._print_failure(self.endpoints.watch.failure)
-            return 1
-        return 0
+        return int(self.endpoints.watch.failure is not None or self._left_early)
+
+    @property
+    def _left_early(self) -> bool:
+        """True for an attached node that a signal has ended before the run."""
+        return self._attached and bool(self._stopped.signal) and self.role is not Role.PLANT and not self.endpoints.end
+
+    def _report_stop(self) -> None:
+        """Report the signal or request that ended this node, or the run of the plant."""
+        if self._left_early:
+            self._say(FAILURE, f"its process was ended by {self._stopped.signal}")
+        elif self.role is Role.PLANT and self.node.end.status == INTERRUPTED:
+            self._say(INTERRUPTION, self.node.end.reason)
+
+    def _say(self, kind: str, text: str) -> None:
+        """Print a line for the process that started this one."""
+        with suppress(OSError):  # the other process has ended
+            sys.stdout.write(f"{kind}{' '.join(text.split())}\n")
+            sys.stdout.flush()
 
     def _print_failure(self, failure: str) -> None:
         """Print a failure on standard error, of an attached node also on standard output."""
         if self._attached:
-            with suppress(OSError):  # the other process has ended
-                sys.stdout.write(f"{FAILURE}{' '.join(failure.split())}\n")
-                sys.stdout.flush()
+            self._say(FAILURE, failure)
         with suppress(OSError):  # full disk
             sys.stderr.write(f"{failure}\n")
 
     def _print(self, name: str, *values: int) -> None:
         if self._attached:
-            with suppress(OSError):  # the other process has ended
-                sys.stdout.write(f"{name}:{' '.join(str(value) for value in values)}\n")
-                sys.stdout.flush()
+            self._say(f"{name}:", " ".join(str(value) for value in values))
 
     def _print_counts(self, ignored: int) -> None:
         """Print the numbers of messages and the wall times of the controller's steps."""
@@ -155,9 +170,9 @@ class StandaloneRunner:
     def _check_end(self, turn: Callable[[], None]) -> None:
         """Fail the run by the name of the plant if it has left without the notice of the end."""
         last = time.monotonic() + NOTICE_S
-        while not self._ends and not self.endpoints.ended and time.monotonic() < last:
+        while not self._ends and self.endpoints.end is None and time.monotonic() < last:
             turn()
-        if not self._ends and not self.endpoints.ended:
+        if not self._ends and self.endpoints.end is None:
             self.endpoints.watch.fail(Role.PLANT.value, CUT)
 
     def _rejoin(self) -> None:
@@ -228,6 +243,7 @@ class StandaloneRunner:
                 look = time.monotonic() + TURN_S
                 self._print("tick", self.node.stage.tick)
                 self._print_returned()
+                self._check_departed()
                 self._check_answers()
         if self._stopped.is_set() and not self.node.finished:
             self._stop()
@@ -256,7 +272,7 @@ class StandaloneRunner:
 
     def _stop(self) -> None:
         """End the run after the current tick, if its command arrives."""
-        self.node.request_stop()
+        self.node.request_stop(f"node plant was stopped by {self._stopped.signal or 'its runner'}")
         self._turn_until(lambda: self.node.finished)
 
     def _turn_until(self, done: Callable[[], bool]) -> None:
@@ -264,6 +280,15 @@ class StandaloneRunner:
         last = time.monotonic() + STOPPING_S
         while not done() and self.endpoints.watch.failure is None and time.monotonic() < last:
             self._executor.spin_once(timeout_sec=TURN_S)
+
+    def _check_departed(self) -> None:
+        """Lose the nodes that have left; of an attached plant the process that started it names them."""
+        assert self._discovery is not None
+        if self._attached or self.node.finished or not (gone := self._discovery.departed()):
+            return
+        others = f", as did {' and '.join(role.value for role in gone[1:])}" if gone[1:] else ""
+        when = f"left the run at {self.node.stamp * 1e-9:.3f} s{others}"
+        self.node.lose(gone[0], f"it {when}: its process ended, or the link is cut")
 
     def _check_answers(self) -> None:
         """Fail the run by the name of the silent node if an answer is overdue, or of a plant that was suspended."""
