@@ -32,6 +32,7 @@ LAYERS = (
 CONTROL_LAYERS = (
     (
         "contract",
+        "component_fault",
         "parameters",
         "learned_resistance",
         "train_model",

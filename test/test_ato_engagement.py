@@ -95,7 +95,7 @@ def test_a_law_that_raises_stops_the_train_before_the_run_fails(monkeypatch: pyt
     monkeypatch.setattr(Pid, "step", failing)
     result, recording = driven(METRO, "law=pid", "duration=120")
     assert result.failure is not None
-    assert result.failure.startswith("node controller failed: ZeroDivisionError: gain is 0")
+    assert result.failure.startswith("node controller failed: law pid: ZeroDivisionError: gain is 0, ")
     assert recording.front_velocity[-1] < 0.1
     assert 30.0 < recording.time[-1] < 80.0
 

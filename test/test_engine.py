@@ -51,8 +51,8 @@ def test_a_law_that_raises_fails_the_run_by_name(
     out = tmp_path / "run"
     assert main(["run", "demo", "--engine", "--law", "breaks", "--set=duration=20", f"--out={out}"]) == 1
     said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert said.startswith("train-ato: node controller failed: KeyError: 'boom'")
-    assert message_counts(out)["/ato/command"] == 50
+    assert said.startswith("train-ato: node controller failed: law breaks: KeyError: 'boom', ")
+    assert message_counts(out)["/ato/command"] == 61, "10 steps are held, the next one finds the train at standstill"
     assert json.loads((out / "summary.json").read_text())["status"] == "failed"
     assert (out / "scenario.yaml").is_file()
     assert "boom" in (out / "log" / "controller.traceback.txt").read_text()

@@ -57,6 +57,7 @@ class FirstFailure:
         """Store the failure of a node; later failures are consequences and are ignored."""
         if self.failure is not None:
             return
+        node = getattr(reason, "node", node)
         text = " ".join(str(reason).split()) or type(reason).__name__
         if isinstance(reason, BaseException) and not isinstance(reason, (ValueError, OSError, RunFailed)):
             text = f"{type(reason).__name__}: {text}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
@@ -18,6 +19,10 @@ from train_ato.errors import RunFailed
 _ENDING = (signal.SIGTERM, signal.SIGHUP)
 RETURN_S = 2.0
 """Wall time after which a call of a component, interrupted by Ctrl-C, is ended [s]."""
+STEP_LIMIT_S = 8.0
+"""Wall time after which the step of a component outside of this project is ended [s]; less than the time-out of 10 s
+after which the graph gives up a node."""
+_LOOK_S = 0.1
 AGAIN_S = 0.05
 """Wall time before a dropped interruption is sent again [s]."""
 
@@ -35,6 +40,8 @@ class ComponentCall:
 
     _since: ClassVar[dict[int, float]] = {}
     """Wall time of the begin of the call of every thread [s]."""
+    interrupted: ClassVar[bool] = False
+    """True after Ctrl-C during a call that does not return."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -58,6 +65,63 @@ class ComponentCall:
         return since is not None and monotonic() - since > RETURN_S
 
 
+class TimedOut(BaseException):
+    """End of a step of a component that takes too long.
+
+    ``except Exception`` in the step does not catch it.
+    """
+
+
+class StepLimit:
+    """Context of a step of a component outside of this project: after :data:`STEP_LIMIT_S` it is ended.
+
+    A thread looks at the running steps. It sends SIGURG, which is ignored without a handler, to the main thread, where
+    it also ends a wait, and an asynchronous exception to another thread. Both act between two bytecodes: a call that
+    never returns from C goes on.
+    """
+
+    _until: ClassVar[dict[int, float]] = {}
+    """Wall time of the end of the step of every thread [s]."""
+    _watch: ClassVar[threading.Thread | None] = None
+    _handled: ClassVar[bool] = False
+
+    def __enter__(self) -> None:
+        self._until[get_ident()] = monotonic() + STEP_LIMIT_S
+        if StepLimit._watch is None or not StepLimit._watch.is_alive():  # not alive after a fork
+            StepLimit._watch = threading.Thread(target=self._look, name="step limit", daemon=True)
+            StepLimit._watch.start()
+        if not StepLimit._handled and threading.current_thread() is threading.main_thread():
+            StepLimit._handled = True
+            signal.signal(signal.SIGURG, self._end)
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: object) -> None:
+        self._until.pop(get_ident(), None)
+
+    @classmethod
+    def _end(cls, number: int, frame: FrameType | None) -> None:
+        """Signal handler: end the step of the main thread, if it is still running."""
+        until = cls._until.get(get_ident())
+        if until is not None and monotonic() >= until:
+            cls._until[get_ident()] = monotonic() + _LOOK_S  # again, if the step catches it
+            raise TimedOut
+
+    @classmethod
+    def _look(cls) -> None:
+        """End the steps that are overdue."""
+        wait = threading.Event().wait
+        while True:
+            wait(_LOOK_S)
+            main = threading.main_thread().ident
+            for thread, until in tuple(cls._until.items()):
+                if monotonic() < until:
+                    continue
+                if thread == main:
+                    signal.pthread_kill(thread, signal.SIGURG)
+                else:
+                    cls._until[thread] = monotonic() + _LOOK_S
+                    ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread), ctypes.py_object(TimedOut))
+
+
 class Interrupt:
     """Flag set by Ctrl-C, SIGTERM or a closed terminal; loops read it, so that no callback is interrupted."""
 
@@ -70,6 +134,7 @@ class Interrupt:
         """Signal handler: set the flag; end the call of a component that does not return."""
         self.asked = True
         if ComponentCall.overdue():
+            ComponentCall.interrupted = True
             raise KeyboardInterrupt
         if not self._watching:
             self._watching = True

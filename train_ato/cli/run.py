@@ -117,7 +117,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def _print_end(as_json: bool, run: Run, failure: RunFailed | None) -> None:
     """Print result and failure of a run before its figure is drawn."""
-    print_run(run, as_json)
+    print_run(run, as_json, "" if failure is None else str(failure))
     sys.stdout.flush()
     if failure is not None:
         from train_ato.cli.main import FAILED, print_error
@@ -143,8 +143,8 @@ def long_lived_objects() -> Iterator[None]:
             gc.enable()
 
 
-def print_run(run: Run, as_json: bool) -> None:
-    """Print the result; brake interventions, takeovers or a disengaged ATO have a line on stderr."""
+def print_run(run: Run, as_json: bool, failure: str = "") -> None:
+    """Print the result, a failure first; brake interventions, takeovers or a disengaged ATO have a line on stderr."""
     from train_ato.apps.report.words import driven_laws
     from train_ato.apps.runs.protection_note import protection_note
     from train_ato.apps.runs.summary_table import result_rows
@@ -152,6 +152,8 @@ def print_run(run: Run, as_json: bool) -> None:
     from train_ato.loop.verdict import verdict_line
 
     summary: dict[str, Any] = {**run.metrics, "run": str(run.path)}
+    if failure and not as_json:
+        sys.stdout.write(f"failed: {failure}\n")
     if note := protection_note(summary, summary["run"]):
         sys.stderr.write(f"train-ato: {note}\n")
     if as_json:

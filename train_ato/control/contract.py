@@ -272,6 +272,14 @@ class Law(Protocol):
     An optional method ``on_missed_sample()`` is called instead of ``step()`` if the measurement is not valid and the
     last command is repeated: difference quotients and sampled models must not bridge the gap.
 
+    After a change of the law or of its parameters during a run, an optional method ``take_over(inputs, force)`` is
+    called once before ``step()``: integrals, filters and predictions begin such that the demand is ``force``, the last
+    command [N]. With or without it the demand begins there and changes in a tick by at most jerk of the profile x
+    inertia x share x tick, for 3 s and until the law is reached; ``force_min`` and ``force_max`` are then within this
+    reach (:mod:`train_ato.control.takeover`).
+
+    A law that raises or does not return gets no further step: the train brakes to standstill, and the run fails.
+
     Optional attributes:
 
     * ``horizon`` (int, default 0): number of entries of ``LawInput.preview`` that the law uses;

@@ -5,11 +5,12 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from train_ato.control.contract import parameter, parameters_of
 
-__all__ = ["KeywordForm", "in_contract_form", "keyword_values"]
+__all__ = ["GivenComponent", "KeywordForm", "in_contract_form", "keyword_values", "started"]
 
 _KINDS = {"bool": bool, "int": int, "float": float, "str": str}
 
@@ -52,12 +53,25 @@ class KeywordForm:
     def __call__(self, parameters: Any, model: Any, period: float) -> Any:
         """Return a new component for one train."""
         values = {entry.name: getattr(parameters, entry.name) for entry in dataclasses.fields(parameters)}
-        made = self.component(**values)
-        bind = getattr(made, "bind", None)
-        if bind is not None:
-            bind(model, period)
-        made.reset()
-        return made
+        return started(self.component(**values), model, period)
+
+
+@dataclasses.dataclass(frozen=True)
+class GivenComponent:
+    """An object such as ``MyLaw(gain=0.1)`` with its name in the scenario and its keywords."""
+
+    component: Any
+    name: str
+    values: Mapping[str, Any]
+
+
+def started(component: Any, model: Any, period: float) -> Any:
+    """Bind a component with keywords to a train and the control period [s], clear its state, and return it."""
+    bind = getattr(component, "bind", None)
+    if bind is not None:
+        bind(model, period)
+    component.reset()
+    return component
 
 
 def in_contract_form(block: Any) -> Any:

@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from train_ato.control.algorithms.force_shares import total_of_units
-from train_ato.control.algorithms.guard import all_within, is_valid_state
+from train_ato.control.algorithms.guard import all_within, is_valid, is_valid_state
 from train_ato.control.command_history import CommandHistory
 from train_ato.control.command_hold import CommandHold
 from train_ato.control.compensation.contract import Compensation, CompensationInput
 from train_ato.control.compensation.rigid import ProfileLike, RigidForce
+from train_ato.control.component_fault import (
+    ComponentFailed,
+    fault_of_error,
+    output_fault,
+    raise_if_interrupted,
+    step_limit,
+)
 from train_ato.control.contract import Law, LawInput, LawOutput
 from train_ato.control.plan_text import TimedPlan, plan_to_text
 from train_ato.control.registry import LAWS
 from train_ato.control.standstill import RELEASE_FORCE, held_by_holding_brake, needs_release
+from train_ato.control.takeover import LawTransition, TakeoverRamp, largest_change, transition_jerk
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement, Reference
 from train_ato.messages.validity import MAX_FORCE
 
@@ -27,9 +36,6 @@ if TYPE_CHECKING:
     from train_ato.control.force_distribution import ForceDistribution
     from train_ato.control.planned_displacement import PlannedDisplacement
     from train_ato.control.train_model import TrainModel
-
-BLEND_TIME = 1.0
-"""Time after a change of the law over which the offset between the two laws decays to 0 [s]."""
 
 
 class ControlStack:
@@ -59,11 +65,13 @@ class ControlStack:
         Shares of the power units by place; None: the forces of the law.
     displacement
         Planned displacements of the power units by place; None: none.
+    make_law
+        Returns the law for name, parameters and period; None: a new one of the registry.
 
     Attributes
     ----------
-    answer : LawOutput or BaseException or None
-        Result of a step of the law in compiled ticks, used in place of the next step.
+    answer : tuple or None
+        Result of a step of the law in compiled ticks, an output or an exception, used in place of the next step.
     law_brakes : bool
         The law demanded the pressure of the last step in place of the policy.
     plan : TimedPlan or None
@@ -90,6 +98,7 @@ class ControlStack:
         hold_limit: float,
         distribution: ForceDistribution | None = None,
         displacement: PlannedDisplacement | None = None,
+        make_law: Callable[[str, Mapping[str, Any], float], Law] | None = None,
     ) -> None:
         self.model = model
         self.period = period
@@ -99,7 +108,8 @@ class ControlStack:
                 f"control_period: {period:g} s is not a multiple of the tick {tick:g} s; choose a multiple"
             )
         self._name = controller
-        self._law: Law = LAWS.make(controller, controller_parameters.get(controller, {}), model, period)
+        self._make_law = make_law or self._new_law
+        self._law: Law = self._make_law(controller, controller_parameters.get(controller, {}), period)
         self._compensation = compensation
         self._policy = brake_policy
         self._distribution, self._displacement = distribution, displacement
@@ -108,9 +118,10 @@ class ControlStack:
         self._history = CommandHistory(model, tick)
         self._ticks = 0
         self._last = [0.0] * model.n_units
-        self._offset: list[float] | None = None
-        self._blend = _blend_weights(period)
-        self._blended = 0
+        self._before = self._last
+        self._transition: LawTransition | None = None
+        self._takes_over = False
+        self._braking: TakeoverRamp | None = None
         self._pressure: float | None = None
         self.law_brakes = False
         self._saturated = False
@@ -119,8 +130,10 @@ class ControlStack:
         self._hold = CommandHold(hold_limit, period)
         self._saturated_steps = 0
         self._swaps = 0
+        self._fault: BaseException | None = None
+        self._fault_text = ""
         self._no_disturbance = np.zeros(model.n_units)
-        self.answer: LawOutput | BaseException | None = None
+        self.answer: tuple[Any] | None = None
         self.plan: TimedPlan | None = None
         self.set_profile(profile)
         set_brake_policy = getattr(compensation, "set_brake_policy", None)
@@ -133,27 +146,56 @@ class ControlStack:
         self._profile = profile
         self._compensation.set_profile(RigidForce(self.model, profile))
 
+    def _new_law(self, name: str, parameters: Mapping[str, Any], period: float) -> Law:
+        law: Law = LAWS.make(name, parameters, self.model, period)
+        return law
+
     def swap(self, name: str, parameters: Mapping[str, Any]) -> None:
         """Change the law or its parameters without a jump of the force.
 
-        The first output after the change equals the last command; the offset decays to 0 within ``BLEND_TIME``.
+        The new law takes over in the state of the run, see :class:`train_ato.control.contract.Law`. Its demand follows
+        from the last command on, with the largest change of :mod:`train_ato.control.takeover`; after the braking law
+        with that of its takeover.
 
         Raises
         ------
         ValueError
             With the reason; the law is then unchanged.
         """
-        self._law = LAWS.make(name, parameters, self.model, self.period)
+        self._law = self._make_law(name, parameters, self.period)
         self._name = name
-        self.plan = None
-        self._offset = []
-        self._blended = 0
+        self._fault = self.plan = None
+        change = largest_change(self.model, transition_jerk(self._profile))
+        if self._braking is not None:
+            change = self._braking.change
+        self._transition = LawTransition(change, self.model.tick)
+        self._takes_over, self._braking = True, None
         self._swaps += 1
 
-    def override(self, force: Array) -> None:
-        """Replace the command of this step by another one [N], shape (units,)."""
-        self._last = force.tolist()
-        self._history.replace(force)
+    def brake(self, force: Array) -> Array:
+        """Return the command of this step for the demand of the braking law, which replaces that of the law.
+
+        Parameters
+        ----------
+        force : Array, shape (units,)
+            Demand of the braking law [N].
+        """
+        if self._braking is None:
+            self._braking = TakeoverRamp(self.model, transition_jerk(self._profile), np.array(self._before))
+        sent = self._braking.step(force, force)
+        self._last = sent.tolist()
+        self._history.replace(sent)
+        return sent
+
+    @property
+    def last(self) -> Array:
+        """Last command [N], shape (units,)."""
+        return np.array(self._last)
+
+    @property
+    def in_transition(self) -> bool:
+        """True from a change of the law until its demand is reached."""
+        return self._transition is not None
 
     @property
     def holding(self) -> bool:
@@ -201,11 +243,17 @@ class ControlStack:
         Raises
         ------
         RunFailed
-            If the last command was repeated for longer than ``hold_limit``.
+            If the last command was repeated for longer than ``hold_limit``; after a fault of the law or the
+            compensation it is :class:`ComponentFailed`.
         """
-        self._hold.check_limit()
+        try:
+            self._hold.check_limit()
+        except ComponentFailed as failure:
+            raise failure from self._fault
         due = self._ticks % self._every == 0
         self._ticks += 1
+        self._before = self._last
+        decided = False
         valid = is_valid_state(measurement)
         if not valid:
             self._invalid_measurements += 1
@@ -227,8 +275,11 @@ class ControlStack:
             assert reference is not None
             self._last = self._decide(measurement, reference, estimate)
             self._last = self._at_standstill(measurement, reference)
-            if self._on_command_sent is not None:
-                self._on_command_sent(np.array(self._last))
+            decided = True
+        if self._transition is not None:
+            self._last = self._in_transition(self._transition, measurement, decided=decided)
+        if decided and self._on_command_sent is not None:
+            self._on_command_sent(np.array(self._last))
         force = np.array(self._last)
         self._history.append(force)
         return force, self._pressure
@@ -252,29 +303,58 @@ class ControlStack:
         known = measurement
         if self._displacement is not None:
             known = self._displacement.without(measurement, self.model.front(measurement.position))
-        inputs = self._law_input(known, reference, estimate, np.array(low), np.array(high))
-        output = self._law.step(inputs) if self.answer is None else self._take_answer(self.answer)
+        answered = self._answered(known, reference, estimate, np.array(low), np.array(high))
+        if answered is None:
+            return self._last
+        inputs, output = answered
+        wanted = output.force.tolist()
         if output.plan is not None:
             self.plan = TimedPlan(inputs.t, output.plan)
-        wanted = output.force.tolist()
-        if not all(map(math.isfinite, wanted)) or len(wanted) != self.model.n_units:
-            self._hold.hold(f"law '{self._name}' returned {str(wanted)[:60]} N")
-            return self._last
         if output.held:
-            self._hold.hold(f"law '{self._name}' repeated its last force ({output.held})")
+            reason = f"law '{self._name}' repeated its last force ({output.held})"
+            self._hold.hold(reason, by_component=is_valid(inputs))
         else:
             self._hold.resume()
         if self._air_brake and output.brake_pipe is not None and math.isfinite(output.brake_pipe):
             self._pressure = min(max(output.brake_pipe, 0.0), self.model.consist.air_brake.charged)  # type: ignore[union-attr]
             self.law_brakes = True
-        if self._offset is not None:
-            wanted = self._bumpless(wanted)
         sent = self._limited(wanted, low, high)
         if self._distribution is None:
             return sent
         return self._distribution.forces(self.model.front(measurement.position), sent, low, high)
 
-    def _take_answer(self, answer: LawOutput | BaseException) -> LawOutput:
+    def _answered(
+        self,
+        measurement: Measurement,
+        reference: Reference,
+        estimate: DisturbanceEstimate | None,
+        low: Array,
+        high: Array,
+    ) -> tuple[LawInput, LawOutput] | None:
+        """Return inputs and output of the law; None after a fault of law or compensation, which counts as held step.
+
+        After an exception the state of the component is not known, so it gets no further step.
+        """
+        if self._fault is None:
+            kind, name = "compensation", type(self._compensation).__name__
+            try:
+                with step_limit(self._compensation):
+                    inputs = self._law_input(measurement, reference, estimate, low, high)
+                if self._transition is not None:
+                    inputs = self._taken_over(inputs, self._transition)
+                kind, name = "law", self._name
+                with step_limit(self._law):
+                    output = self._law.step(inputs) if self.answer is None else self._take_answer(*self.answer)
+                self._fault_text = output_fault(name, self._law, output, self.model.n_units)
+                if not self._fault_text:
+                    return inputs, output
+            except BaseException as error:  # a user-defined law may raise any
+                raise_if_interrupted(error)
+                self._fault, self._fault_text = error, fault_of_error(kind, name, error)
+        self._hold.hold(self._fault_text, by_component=True)
+        return None
+
+    def _take_answer(self, answer: Any) -> Any:
         self.answer = None
         if isinstance(answer, BaseException):
             raise answer
@@ -292,17 +372,34 @@ class ControlStack:
         self._saturated_steps += self._saturated
         return sent
 
-    def _bumpless(self, wanted: list[float]) -> list[float]:
-        """Add the decaying offset between the last command and the first output after a change of the law."""
-        assert self._offset is not None
-        if not self._offset:
-            self._offset = [last - force for last, force in zip(self._last, wanted, strict=True)]
-        weight = self._blend[self._blended]
-        self._blended += 1
-        blended = [force + weight * offset for force, offset in zip(wanted, self._offset, strict=True)]
-        if self._blended == len(self._blend):
-            self._offset = None
-        return blended
+    def _taken_over(self, inputs: LawInput, transition: LawTransition) -> LawInput:
+        """Return the inputs of a law in its transition, whose force limits are those that its demand can reach.
+
+        At its first step the law takes over the run, if it has the method for it.
+        """
+        last = np.array(self._before)
+        if self._takes_over:
+            self._takes_over = False
+            take_over = getattr(self._law, "take_over", None)
+            if take_over is not None:
+                take_over(inputs, last)
+        if self._distribution is not None:
+            return inputs  # the law's forces are not yet those of the units
+        reach = transition.reach(self._every)
+        low, high = inputs.force_min, inputs.force_max
+        return replace(inputs, force_min=np.clip(last - reach, low, high), force_max=np.clip(last + reach, low, high))
+
+    def _in_transition(self, transition: LawTransition, measurement: Measurement, *, decided: bool) -> list[float]:
+        """Return the command after a change of the law: from the last one towards the demand, inside the limits."""
+        sent = transition.step(self._last if decided else None, self._before, self._every)
+        if transition.ended:
+            self._transition = None
+        elif decided:
+            self._saturated |= sent != self._last
+        if not is_valid_state(measurement):
+            return sent
+        low, high = self.model.limits_of_units(measurement.velocity.tolist())
+        return [min(max(force, least), most) for force, least, most in zip(sent, low, high, strict=True)]
 
     def _law_input(
         self,
@@ -331,9 +428,3 @@ class ControlStack:
                 getattr(self._law, "lookahead_times", None),
             )
         )
-
-
-def _blend_weights(period: float) -> list[float]:
-    """Return the weights of the offset after a change of the law, one per step, falling linearly from 1 to 0."""
-    count = max(1, round(BLEND_TIME / period))
-    return [1.0 - index / count for index in range(count)]

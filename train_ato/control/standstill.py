@@ -19,7 +19,7 @@ def held_by_holding_brake(
     """Return True if train and profile are at rest now and after the command delay [s]."""
     if reference.velocity != 0.0 or reference.acceleration != 0.0:
         return False
-    if not _stands(measurement):
+    if not stands(measurement):
         return False
     return profile.at(measurement.stamp * 1e-9 + delay_to_effect)[1] == 0.0
 
@@ -28,13 +28,13 @@ def needs_release(
     demand: list[float], measurement: Measurement, profile: ProfileLike, delay_to_effect: float, model: TrainModel
 ) -> bool:
     """Return True if the holding brake must be released: a departure on a falling grade without positive demand."""
-    if max(demand) > 0.0 or not _stands(measurement) or model.reversing:
+    if max(demand) > 0.0 or not stands(measurement) or model.reversing:
         return False
     position, velocity, acceleration, _ = profile.at(measurement.stamp * 1e-9 + delay_to_effect)
     return velocity > 0.0 and acceleration >= 0.0 and model.rigid_force(position, 0.0, acceleration) < 0.0
 
 
-def _stands(measurement: Measurement) -> bool:
+def stands(measurement: Measurement) -> bool:
     """Return True if all units are slower than :data:`STANDSTILL_SPEED`."""
     fastest: float = max(map(abs, measurement.velocity.tolist()))
     return fastest < STANDSTILL_SPEED

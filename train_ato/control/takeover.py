@@ -1,32 +1,72 @@
-"""Takeover of the train during a run: the demand begins at the force that acts and follows with limited jerk."""
+"""Change of who commands the train: the demand begins at the last force and follows with limited jerk.
+
+The largest change of the demand of a unit in one tick is jerk x inertia x share x tick. The jerk is that of the
+profile, or :data:`DEFAULT_JERK` for a profile without a limit of its jerk.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
+from train_ato.control.compensation.rigid import ProfileLike
 from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 
+DEFAULT_JERK = 0.5
+"""Jerk with a profile without a limit of its jerk [m/s³]; the default of a plan."""
+LARGEST_JERK = 1.0
+"""Jerk from which a profile counts as one without a limit [m/s³]."""
+TRANSITION_TIME = 3.0
+"""Time after a change of the law for which the largest change holds, and of a takeover by the full brake [s]."""
+DOUBLING_TIME = 1.0
+"""Time in which the largest change doubles after ``TRANSITION_TIME``, if the law is still not reached [s]."""
+_AGREED = 0.999
+"""Part of the largest change within which a demand is reached: a law that obeys its limits can be at the whole."""
+
+
+def transition_jerk(profile: ProfileLike) -> float:
+    """Return the jerk of a takeover [m/s³]: that of the profile, without its rarest per cent in a measured one."""
+    size = np.abs(profile.jerk())
+    largest = float(size.max(initial=0.0))
+    if largest <= 0.0:
+        return DEFAULT_JERK
+    jerk = float(np.percentile(size[size > 1e-3 * largest], 99.0))
+    return jerk if jerk < LARGEST_JERK else DEFAULT_JERK
+
+
+def largest_change(model: TrainModel, jerk: float) -> Array:
+    """Return the largest change of the demand of every unit in one tick [N]: jerk x inertia x share x tick."""
+    return np.asarray(jerk * model.tick * model.inertia * model.share)
+
 
 class TakeoverRamp:
-    """Demand of the power units from the force that acts to the wanted one.
+    """Demand of the power units from the present force to the brake.
+
+    The largest change is that of the jerk, at least the one that reaches the first wanted demand within
+    ``TRANSITION_TIME``: the brake of a heavy train with a smooth profile must not take a minute.
 
     Parameters
     ----------
     model
         The nominal train.
     jerk
-        Largest jerk of the train by the change of the demand [m/s³].
+        Jerk of the train by the change of the demand [m/s³].
+    force : Array, shape (units,), or None
+        Force at the begin [N]; None: the first measured one.
 
     Attributes
     ----------
+    change : Array, shape (units,)
+        Largest change in one tick [N].
     ended : bool
         True after the demand has reached the wanted one.
     """
 
-    def __init__(self, model: TrainModel, jerk: float) -> None:
-        self._largest_step: Array = jerk * model.tick * model.inertia * model.share
-        self._force: Array | None = None
+    def __init__(self, model: TrainModel, jerk: float, force: Array | None = None) -> None:
+        self.change = largest_change(model, jerk)
+        self._share_of_time = model.tick / TRANSITION_TIME
+        self._begun = False
+        self._force = force
         self.ended = False
 
     def step(self, wanted: Array, applied: Array) -> Array:
@@ -35,11 +75,72 @@ class TakeoverRamp:
         Parameters
         ----------
         wanted, applied : Array, shape (units,)
-            Final demand, and measured force of every unit [N]; the demand begins at the first measured force.
+            Final demand, and measured force of every unit [N].
         """
         if self._force is None:
             self._force = np.where(np.isfinite(applied), applied, 0.0)
         change = wanted - self._force
-        self.ended = bool((np.abs(change) <= self._largest_step).all())
-        self._force = self._force + np.clip(change, -self._largest_step, self._largest_step)
+        if not self._begun:
+            self._begun = True
+            self.change = np.maximum(self.change, self._share_of_time * np.abs(change))
+        self.ended = bool((np.abs(change) <= self.change).all())
+        self._force = wanted if self.ended else self._force + np.clip(change, -self.change, self.change)
         return self._force.copy()
+
+
+class LawTransition:
+    """Demand of the power units from the last command to the demand of a new law.
+
+    The first demand is the last command. For ``TRANSITION_TIME`` the demand changes by at most the largest change, and
+    then until the law is reached; meanwhile the largest change doubles in every ``DOUBLING_TIME``.
+
+    Parameters
+    ----------
+    change : Array, shape (units,)
+        Largest change in one tick [N].
+    tick
+        Period of the loop [s].
+
+    Attributes
+    ----------
+    ended : bool
+        True after the demand of the law has been reached.
+    """
+
+    def __init__(self, change: Array, tick: float) -> None:
+        self._change, self._tick = change, tick
+        self._lasting = round(TRANSITION_TIME / tick)
+        self._ticks = 0
+        self._aim: Array | None = None
+        self.ended = False
+
+    def reach(self, ticks: int) -> Array:
+        """Return the largest change over the next ticks [N], shape (units,); 0 at the first: the last command holds."""
+        if not self._ticks:
+            return 0.0 * self._change
+        later = max(0.0, (self._ticks - self._lasting) * self._tick)
+        return np.asarray(ticks * min(2.0 ** (later / DOUBLING_TIME), 1e6) * self._change)
+
+    def step(self, aim: list[float] | None, last: list[float], ticks: int) -> list[float]:
+        """Return the demand of one tick [N].
+
+        Parameters
+        ----------
+        aim
+            New demand of the law [N]; None between two steps of the law.
+        last
+            Last command [N].
+        ticks
+            Ticks between two steps of the law.
+        """
+        now = np.array(last)
+        if aim is not None:
+            self._aim = np.array(aim)
+            close = bool((np.abs(self._aim - now) <= _AGREED * self.reach(ticks)).all())
+            self.ended = close and self._ticks >= self._lasting
+        if self._aim is None or self.ended:
+            return last if aim is None else aim
+        change = self.reach(1)
+        self._ticks += 1
+        sent: list[float] = (now + np.clip(self._aim - now, -change, change)).tolist()
+        return sent

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
-import numpy as np
-
 from train_ato.control.assurance import BRAKING_LAW
+from train_ato.control.component_fault import ComponentFailed
 from train_ato.control.gains import Gains
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.stack import ControlStack
-from train_ato.control.takeover import TakeoverRamp
+from train_ato.control.standstill import stands
+from train_ato.control.takeover import TakeoverRamp, transition_jerk
 from train_ato.errors import RunFailed
 from train_ato.interrupt import ComponentCall
 from train_ato.loop.ato_mode import AtoMode
@@ -37,8 +38,6 @@ from train_ato.messages.types import (
 from train_ato.profile.profile import Profile
 from train_ato.scenario.changes import KEY, LAW, Changes, changes_to_json, requested_stamp, values_of
 
-TAKEOVER_JERK = 0.5
-"""Largest jerk of a takeover with a profile without jerk [m/s³]; the default of a plan."""
 MAX_REFERENCE_SHIFT = 1.0
 """Largest difference of a reference from the profile at its stamp [m]."""
 
@@ -76,7 +75,8 @@ class ControllerStage:
         self._call = ComponentCall(f"law '{setup.controller}'")
         self.controller = setup.controller
         self.changed: Changes = {}
-        self._error: Exception | None = None
+        self._error: ComponentFailed | None = None
+        self._failed: ComponentFailed | None = None
         self.ato = AtoMode(setup)
         self._outage = ""
         self._takeover: TakeoverRamp | None = None
@@ -108,7 +108,7 @@ class ControllerStage:
     def follow_outage(self, reason: str) -> None:
         """End an engagement at the next step, because a node of the loop was away, and brake to a stop.
 
-        The demand begins at the force that acts, and its jerk is at most that of the profile.
+        The demand begins at the force that acts and follows as in a takeover by the braking law.
         """
         self._outage = reason
 
@@ -119,9 +119,21 @@ class ControllerStage:
         self.ato.stop(stamp, self._outage)
         self._outage = ""
         assert self._profile is not None
-        jerk = float(np.abs(self._profile.jerk()).max(initial=0.0))
-        self._takeover = TakeoverRamp(self.setup.model, jerk or TAKEOVER_JERK)
+        self._takeover = TakeoverRamp(self.setup.model, transition_jerk(self._profile))
         return True
+
+    def fail(self, failure: ComponentFailed) -> None:
+        """Brake to standstill from the next step on, because a component of the loop has failed; then raise it."""
+        self._failed = failure
+
+    def _brake(self, stamp: int, failure: RunFailed) -> None:
+        """End the engagement because of a failure; after one of a component the brake follows from the last command."""
+        assert self._profile is not None
+        assert self._stack is not None
+        self.ato.fail(stamp, " ".join(str(failure).split()))
+        if isinstance(failure, ComponentFailed):
+            self._error = failure
+            self._takeover = TakeoverRamp(self.setup.model, transition_jerk(self._profile), self._stack.last)
 
     def set_profile(self, profile: Profile) -> None:
         """Set the profile; the first one creates the stack."""
@@ -140,8 +152,9 @@ class ControllerStage:
             tick=setup.tick,
             controller=self.controller,
             controller_parameters=self._parameters,
-            compensation=COMPENSATIONS.make(
-                setup.compensation, setup.compensation_parameters, setup.model, setup.control_period
+            make_law=partial(setup.component, LAWS),
+            compensation=setup.component(
+                COMPENSATIONS, setup.compensation, setup.compensation_parameters, setup.control_period
             ),
             brake_policy=setup.brake_policy(),
             profile=profile,
@@ -251,7 +264,10 @@ class ControllerStage:
                 seen, receive("train/protection", stamp, protection), receive("atp/speeds", stamp, speeds)
             )
         self.ato.changed |= resumed
-        if self._error is not None and self.ato.standstill:
+        if self._failed is not None:
+            self._brake(stamp, self._failed)
+            self._failed = None
+        if self._error is not None and self._has_ended(seen):
             raise self._error
         with self._call:
             self._change(stamp)
@@ -270,7 +286,7 @@ class ControllerStage:
     def _engaged_step(
         self, measurement: Measurement, reference: Reference | None, estimate: DisturbanceEstimate | None
     ) -> tuple[Array, float | None]:
-        """Return force and pressure of the control stack; with supervision its failure disengages the ATO.
+        """Return force and pressure of the control stack; its failure disengages the ATO, which brakes to standstill.
 
         Parameters
         ----------
@@ -280,9 +296,7 @@ class ControllerStage:
         Raises
         ------
         RunFailed
-            If the stack has no valid command for longer than ``hold_limit``, in a run without supervision.
-        Exception
-            Of a law, in a run without supervision or at standstill.
+            Without a valid measurement or reference for longer than ``hold_limit``, in a run without supervision.
         """
         stack = self._stack
         assert stack is not None
@@ -290,17 +304,19 @@ class ControllerStage:
             stack.swap(self.controller, self._parameters.get(self.controller, {}))
         try:
             force, pressure = stack.step(measurement, reference, estimate)
-        except Exception as error:  # a user-defined law may raise any
-            held_too_long = isinstance(error, RunFailed)
-            if not self.setup.layout.supervised or (self.ato.standstill and not held_too_long):
+        except RunFailed as error:
+            if not (self.setup.layout.supervised or isinstance(error, ComponentFailed)):
                 raise
-            self._error = None if held_too_long else error
-            self.ato.fail(measurement.stamp, " ".join(str(error).split()) or type(error).__name__)
+            self._brake(measurement.stamp, error)
             return self.ato.command(measurement)
         if self.ato.assured:
-            force = self.ato.braking_force(measurement)
-            stack.override(force)
+            force = stack.brake(self.ato.braking_force(measurement))
         return force, pressure
+
+    def _has_ended(self, measurement: Measurement) -> bool:
+        """Return True at standstill, and at the last tick of the run: then a failure of a component ends the run."""
+        last = measurement.stamp >= (self.setup.ticks - 1) * self.setup.tick_ns
+        return last or (self.ato.standstill if self.setup.layout.supervised else stands(measurement))
 
     def _reference_problem(self, reference: Reference) -> str:
         """Return the difference of a reference from the profile at its stamp as text, "" for a reference of it."""

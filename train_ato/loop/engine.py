@@ -121,6 +121,7 @@ class TickLoop:
         self.profile = ProfileStage(setup)
         self.observer = ObserverStage(setup)
         self.controller = ControllerStage(setup)
+        self.observer.on_fault = self.controller.fail
         self.supervisor = SupervisorStage(setup) if setup.layout.supervised else None
         self.recording = RecordingBuilder(setup, summary_only)
         self._ato: AtoReport | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,8 +16,9 @@ from train_ato.control.air_brake.policy import BrakePolicy, make_brake_policy
 from train_ato.control.contract import Law
 from train_ato.control.force_distribution import ForceDistribution
 from train_ato.control.gains import Gains, advice
+from train_ato.control.keyword_form import GivenComponent, started
 from train_ato.control.planned_displacement import PlannedDisplacement
-from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
 from train_ato.control.train_model import TrainModel
 from train_ato.loop.part_cache import PartCache
 from train_ato.loop.resolved_scenario import key_hashes, resolved_data, resolved_text
@@ -62,6 +63,8 @@ class RunSetup(RunChoices):
         Number of ticks of the run.
     profile : Profile
         Speed profile with knots at the tick.
+    given : Mapping
+        Objects given to :func:`train_ato.run` by kind of component; they run as long as their keywords hold.
     """
 
     folder: Path
@@ -73,6 +76,21 @@ class RunSetup(RunChoices):
     step_ns: int
     tick_ns: int
     ticks: int
+
+    given: Mapping[str, GivenComponent] = field(default_factory=dict)
+
+    def component(self, registry: Registry, name: str, values: Mapping[str, Any], period: float) -> Any:
+        """Return a component of this run at its start: an object given to :func:`train_ato.run`, otherwise a new one.
+
+        Raises
+        ------
+        ValueError
+            As :meth:`Registry.make`.
+        """
+        given = self.given.get(registry.kind)
+        if given is not None and given.name == name and given.values == values:
+            return started(given.component, self.model, period)
+        return registry.make(name, values, self.model, period)
 
     @property
     def tick(self) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from train_ato.apps.runs.scenario_choice import plain
-from train_ato.control.keyword_form import keyword_values
+from train_ato.control.keyword_form import GivenComponent, keyword_values
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry, load_class
 from train_ato.scenario.scenario import Scenario
 
@@ -25,12 +25,15 @@ class ComponentChoice:
         Parameters of an object; they override those of the scenario.
     registry : Registry
         Registry of its kind.
+    given : object
+        The object; None for a name or a class.
     """
 
     label: str
     component: str | type
     values: dict[str, Any] = field(default_factory=dict)
     registry: Registry = LAWS
+    given: Any = None
 
     @property
     def name(self) -> str:
@@ -88,7 +91,7 @@ def choose_component(registry: Registry, given: Any) -> ComponentChoice:
     if callable(getattr(given, "step", None)):
         values = {name: plain(value) for name, value in keyword_values(given, kind).items()}
         inside = ", ".join(f"{name}={value!r}" for name, value in values.items())
-        return ComponentChoice(f"{type(given).__name__}({inside})", type(given), values, registry)
+        return ComponentChoice(f"{type(given).__name__}({inside})", type(given), values, registry, given)
     raise ValueError(f"{kind} {given!r}: give a name, 'module:Class', a class or an object")
 
 
@@ -119,3 +122,18 @@ def put_components(
             if importable:
                 component.check_importable()
     return scenario
+
+
+def given_objects(
+    scenario: Scenario, *, law: Any = None, observer: Any = None, compensation: Any = None
+) -> dict[str, GivenComponent]:
+    """Return the objects among the components of a scenario by kind, without names and classes."""
+    chosen = ((LAWS, law), (OBSERVERS, observer), (COMPENSATIONS, compensation))
+    found = [choose_component(registry, given) for registry, given in chosen if given is not None]
+    return {
+        choice.registry.kind: GivenComponent(
+            choice.given, choice.name, dict(getattr(scenario, f"{choice.registry.kind}s")[choice.name])
+        )
+        for choice in found
+        if choice.given is not None
+    }

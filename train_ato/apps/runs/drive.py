@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from train_ato.apps.runs.component_choice import put_components
+from train_ato.apps.runs.component_choice import given_objects, put_components
 from train_ato.apps.runs.progress import progress_bar
 from train_ato.apps.runs.record import RunRecord
 from train_ato.apps.runs.run import Run
@@ -52,7 +53,8 @@ def run(
         Shipped name, ``name:variant``, a YAML file, or :func:`train_ato.scenario`.
     law
         Control law: a registered name, ``"module:Class"``, a law class, or a law object such as ``MyLaw(gain=0.1)``
-        (see :mod:`train_ato.control.contract`); default: that of the scenario.
+        (see :mod:`train_ato.control.contract`), which runs itself, except in other processes; default: that of the
+        scenario.
     observer, compensation
         Disturbance observer and delay compensation, each in the forms of ``law``; default: those of the
         scenario.
@@ -112,7 +114,15 @@ def run(
         compensation=compensation,
         importable=mode == "processes",
     )
-    return drive(choice.prepare(checked), run_mode, out=None if out is None else Path(out), shown=progress)
+    objects = given_objects(checked, law=law, observer=observer, compensation=compensation)
+    if objects and mode == "processes":
+        sys.stderr.write(
+            f"train-ato: mode 'processes': another process has no access to an object of this one; it makes its own "
+            f"{' and '.join(objects)} with the same keywords\n"
+        )
+        objects = {}
+    setup = replace(choice.prepare(checked), given=objects)
+    return drive(setup, run_mode, out=None if out is None else Path(out), shown=progress)
 
 
 @dataclass(frozen=True)

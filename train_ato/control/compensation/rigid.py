@@ -32,6 +32,9 @@ class ProfileLike(Protocol):
     def at(self, t: float) -> tuple[float, float, float, float]:
         """Return position, speed, acceleration and jerk at a time [m, m/s, m/s², m/s³]."""
 
+    def jerk(self) -> Array:
+        """Return the jerk between the knots [m/s³]."""
+
     def window(self, t: float, count: int, period: float) -> tuple[Array, Array, Array]:
         """Return position, speed and acceleration at ``count`` times from ``t`` on, each of shape (count,)."""
 

@@ -92,7 +92,7 @@ def is_regular(stages: Stages, supervised: SupervisedTicks, stack: ControlStack,
         return False
     if any(stamp * 1e-9 < freeze.end for freeze in train._sensors._freezes):
         return False
-    if stack.holding or stack.law_brakes or stack._offset is not None:
+    if stack.holding or stack.law_brakes or stack.in_transition:
         return False
     if controller._asked or train._parted._since is not None:
         return False

@@ -11,6 +11,7 @@ from train_ato.control.compensation.base import NO_PREVIEW, CompensationBase
 from train_ato.control.compiled import entries as c
 from train_ato.control.compiled.law_call import LEFT, LawCall
 from train_ato.control.compiled.laws import PYTHON
+from train_ato.control.component_fault import step_limit
 from train_ato.control.contract import Law, LawInput, LawOutput, Preview
 from train_ato.control.plan_text import TimedPlan
 from train_ato.loop.controller import ControllerStage
@@ -87,7 +88,7 @@ class PythonLaw:
     def end_span(self, done: int) -> None:
         """Give the output of a tick that was not run to the control stack."""
         if self._last is not None and self._last[0] == done:
-            self._stack.answer = self._last[1]
+            self._stack.answer = (self._last[1],)
 
     def _called(self, tick: int) -> int:
         """Run the step of a tick; return 0, or ``LEFT`` for a tick that is left to Python."""
@@ -113,7 +114,8 @@ class PythonLaw:
         inputs = self._law_input(tick)
         with self._controller._call:
             try:
-                output = law.step(inputs)
+                with step_limit(law):
+                    output = law.step(inputs)
             except BaseException as error:  # raised again by the tick in Python
                 self._last = tick, error
                 return False

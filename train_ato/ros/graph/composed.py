@@ -64,6 +64,7 @@ def run_composed(
             )
             for role in all_endpoints
         }
+        nodes[Role.OBSERVER].stage.on_fault = nodes[Role.CONTROLLER].stage.fail
         for role, endpoints in all_endpoints.items():
             if role is not Role.RECORDER:
                 executor.add_node(endpoints.node)

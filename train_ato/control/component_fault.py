@@ -1,0 +1,150 @@
+"""Faults of a law, an observer or a compensation in one line: name, reason, file and line."""
+
+from __future__ import annotations
+
+import inspect
+import math
+import traceback
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
+
+import numpy as np
+
+from train_ato.control.contract import LawOutput, LawPlan
+from train_ato.errors import RunFailed
+from train_ato.interrupt import STEP_LIMIT_S, ComponentCall, StepLimit, TimedOut
+
+_OF_PROJECT = ("train_ato", "plant_sim")
+
+
+class ComponentFailed(RunFailed):
+    """Failure of a component that a user can write; the train is braked to standstill before the run ends.
+
+    Attributes
+    ----------
+    node : str
+        Node of the component.
+    """
+
+    def __init__(self, message: object = "", node: str = "controller") -> None:
+        super().__init__(message)
+        self.node = node
+
+
+def short_name(name: str) -> str:
+    """Return the name of a component in messages: its class without the module."""
+    return name.rpartition(":")[2]
+
+
+def is_own(component: object) -> bool:
+    """Return True for a component outside of this project."""
+    return type(component).__module__.partition(".")[0] not in _OF_PROJECT
+
+
+def step_limit(component: object) -> AbstractContextManager[None]:
+    """Return the context of a step of a component: with a limit of its time for one outside of this project."""
+    return StepLimit() if is_own(component) else nullcontext()
+
+
+def raise_if_interrupted(error: BaseException) -> None:
+    """Raise an exception that is Ctrl-C, or a kind that is no fault of a component, again."""
+    if isinstance(error, KeyboardInterrupt) and ComponentCall.interrupted:
+        raise error
+
+
+def fault_of_error(kind: str, name: str, error: BaseException) -> str:
+    """Return the fault of a component by an exception that its step has raised.
+
+    Parameters
+    ----------
+    kind, name
+        For example ``law`` and ``my_law:MyLaw``.
+    error
+        The exception; its traceback begins in this project.
+    """
+    reason = " ".join(str(error).split())
+    if isinstance(error, SystemExit):
+        text = f"called sys.exit({error.code!r})"
+    elif isinstance(error, TimedOut):
+        text = f"step() did not return within {STEP_LIMIT_S:g} s"
+    else:
+        text = f"{type(error).__name__}: {reason}" if reason else type(error).__name__
+    return f"{kind} {short_name(name)}: {text}{_place_of(error)}"
+
+
+def _place_of(error: BaseException) -> str:
+    """Return file and line of the last frame outside of this project and of libraries, as text with a comma."""
+    frames = [
+        (frame.f_code.co_filename, line)
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if frame.f_globals.get("__name__", "").partition(".")[0] not in _OF_PROJECT
+    ]
+    own = [frame for frame in frames if "site-packages" not in frame[0] and "/lib/python" not in frame[0]]
+    if not own:
+        last = list(traceback.walk_tb(error.__traceback__))[-1:]
+        own = [(frame.f_code.co_filename, line) for frame, line in last]
+    return f", {own[-1][0]}:{own[-1][1]}" if own else ""
+
+
+def output_fault(name: str, law: Any, output: Any, units: int) -> str:
+    """Return the fault of an output that is not one of the contract, with its remedy; "" without one.
+
+    Parameters
+    ----------
+    name, law
+        Name of the law, and the law.
+    output
+        Result of its step.
+    units
+        Number of power units.
+    """
+    found = _wrong_part(output, units)
+    if not found:
+        return ""
+    return f"law {short_name(name)}: step() returned {found}; return LawOutput(force=array of {units}){_step_of(law)}"
+
+
+def estimate_fault(name: str, observer: Any, estimate: Any, units: int) -> str:
+    """Return the fault of an estimate that is no array of the units, with its remedy; "" without one."""
+    if isinstance(estimate, np.ndarray) and estimate.shape == (units,) and estimate.dtype.kind in "fiu":
+        return ""
+    found = f"shape {estimate.shape}" if isinstance(estimate, np.ndarray) else type(estimate).__name__
+    text = f"observer {short_name(name)}: step() returned {found}; return an array of {units}"
+    return f"{text}{_step_of(observer)}"
+
+
+def _wrong_part(output: Any, units: int) -> str:
+    """Return the part of an output that is not of the contract, as text; "" without one."""
+    if not isinstance(output, LawOutput):
+        return type(output).__name__
+    force = output.force
+    if not isinstance(force, np.ndarray):
+        return f"force of type {type(force).__name__}"
+    if force.shape != (units,):
+        return f"{str(force.tolist())[:60]} N, shape {force.shape}"
+    if force.dtype.kind not in "fiu":
+        return f"force of {force.dtype}"
+    if not all(map(math.isfinite, force.tolist())):
+        return f"{str(force.tolist())[:60]} N"
+    if output.brake_pipe is not None and not isinstance(output.brake_pipe, (int, float)):
+        return f"brake_pipe of type {type(output.brake_pipe).__name__}"
+    if not isinstance(output.held, str):
+        return f"held of type {type(output.held).__name__}"
+    if output.plan is not None and not isinstance(output.plan, LawPlan):
+        return f"plan of type {type(output.plan).__name__}"
+    return ""
+
+
+def _step_of(law: Any) -> str:
+    """Return file and line of the step of a law outside of this project, as text with a comma."""
+    if not is_own(law):
+        return ""
+    for method in ("demand", "step"):
+        code = getattr(getattr(type(law), method, None), "__code__", None)
+        if code is not None and not code.co_filename.startswith(_project_folder()):
+            return f", {code.co_filename}:{code.co_firstlineno}"
+    return ""
+
+
+def _project_folder() -> str:
+    return inspect.getfile(RunFailed).rpartition("/train_ato/")[0] + "/train_ato/"
