@@ -230,6 +230,7 @@ def test_several_units_and_the_brake_pipe(tmp_path, capsys):
     """Breaks if a total force is not distributed, forces per unit change, or units have wrong positions."""
     time = np.arange(0.0, 60.1, 0.5)
     v, x, f = metro(time)
+    f = 4 * f  # a force that a train of this mass needs
     base = {"time_s": time, "speed_m_s": v / 4, "position_km": 10 + (x - 500) / 4000}
     train = ["--consist", "hxd1_c80_210", "--line", "daqin_section"]
     pressure = np.interp(time, [0, 30, 40], [6.0, 6.0, 5.5])

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 import shlex
+from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from import_files import TRAIN, metro, recorded, take, text_of
 
-from train_ato.apps.import_csv.dates import date_and_time
+from train_ato.apps.import_csv.dates import moments
 from train_ato.apps.import_csv.headers import column_name, is_units_row
 from train_ato.cli.main import main
 
@@ -86,14 +89,157 @@ def test_a_row_of_units_is_no_row_of_numbers() -> None:
 )
 def test_dates(text: str, iso: str) -> None:
     """Breaks if day and month are exchanged, or the fraction is lost."""
-    assert date_and_time(text).isoformat() == iso
+    zero = "2026-01-01T00:00:00"
+    found, begin = moments([text, zero])
+    assert found is not None and begin is not None
+    wanted = datetime.fromisoformat(iso) - datetime.fromisoformat(f"{zero}+00:00")
+    assert found - begin == pytest.approx(wanted.total_seconds(), abs=1e-6)
 
 
-@pytest.mark.parametrize("text", ["03/01/2026 08:15:30", "32.03.2026 08:15", "01.13.2026 08:15", "soon"])
-def test_an_ambiguous_or_impossible_date_is_refused(text: str) -> None:
-    """Breaks if a month is guessed, or a day that does not exist is accepted."""
-    with pytest.raises(ValueError):
-        date_and_time(text)
+@pytest.mark.parametrize("text", ["32.03.2026 08:15", "01.13.2026 08:15", "soon", "13/13/2026 08:15", "13:00 PM"])
+def test_an_impossible_date_is_refused(text: str) -> None:
+    """Breaks if a day that does not exist is accepted."""
+    assert moments([text]) == [None]
+
+
+@pytest.mark.parametrize(
+    ("texts", "seconds"),
+    [
+        (["11:59:58 AM", "12:00:02 PM", "1:00:00 PM"], [4, 3602]),
+        (["11:59:58 PM", "12:00:02 AM", "12:30:00 a.m."], [4, 1802]),
+        (["23:59:59", "0:00:01,5", "00:01"], [2.5, 61]),
+        (["11/24/2026 23:59:59", "11/25/2026 00:00:01"], [2]),
+        (["24/11/2026 23:59:59", "25/11/2026 00:00:01"], [2]),
+        (["03/01/2026 23:59:59", "03/02/2026 00:00:01"], [2]),
+        (["03/01/2026 23:59:59", "04/01/2026 00:00:01"], [2]),
+        (["1727799360", "1727799362"], [2]),
+        (["1727799360000", "1727799361500"], [1.5]),
+    ],
+)
+def test_times_of_recorders(texts: list[str], seconds: list[float]) -> None:
+    """Breaks if noon, midnight, the order of day and month, or the unit of a Unix time is wrong."""
+    found = [value for value in moments(texts) if value is not None]
+    assert [value - found[0] for value in found[1:]] == pytest.approx(seconds)
+
+
+def metro_rows(**columns: Callable[[float, float, float, float], str]) -> list[list[str]]:
+    """Return a header and rows of columns made of time, speed, position and force [SI]."""
+    time = np.arange(0.0, 120.5, 1.0)
+    rows = zip(time, *metro(time), strict=True)
+    return [list(columns), *([make(*row) for make in columns.values()] for row in rows)]
+
+
+CLOCK = "{:02d}:{:02d}:{:02d}"
+
+
+def clock(t: float) -> str:
+    """Return the time of day of a run that passes midnight."""
+    second = (86_340 + int(t)) % 86_400
+    return CLOCK.format(second // 3600, second // 60 % 60, second % 60)
+
+
+SPEED = {"speed_kmh": lambda t, v, x, f: f"{3.6 * v:.4f}"}
+PLACE = {"position_m": lambda t, v, x, f: f"{x:.3f}"}
+FORCE = {"force_kn": lambda t, v, x, f: f"{f / 1e3:.3f}"}
+TIME = {"time_s": lambda t, v, x, f: f"{t:.1f}"}
+LAYOUTS: dict[str, tuple[dict[str, Any], str, str]] = {
+    "clock": ({"time": lambda t, v, x, f: clock(t)} | SPEED | PLACE | FORCE, ",", ""),
+    "date and clock": (
+        {"Date": lambda t, v, x, f: "11/24/2026" if t < 60 else "11/25/2026", "Time": lambda t, v, x, f: clock(t)}
+        | SPEED | PLACE | FORCE, ";", "",
+    ),
+    "unix": ({"timestamp": lambda t, v, x, f: f"{1727799360000 + 1000 * t:.0f}"} | SPEED | PLACE | FORCE, ",", ""),
+    "sep": (TIME | SPEED | PLACE | FORCE, "|", "sep=|\n"),
+    "km plus m": (
+        TIME | SPEED | {"position_km": lambda t, v, x, f: f"{int(x // 1000)}+{x % 1000:07.3f}"} | FORCE, ";", "",
+    ),
+    "us": (
+        TIME | {"Speed [mph]": lambda t, v, x, f: f"{v / 0.44704:.4f}"}
+        | {"Milepost [mi]": lambda t, v, x, f: f"{x / 1609.344:.6f}"}
+        | {"F [klbf]": lambda t, v, x, f: f"{f / 4448.22:.5f}"}, ",", "",
+    ),
+    "feet": (
+        TIME | SPEED | {"position_ft": lambda t, v, x, f: f"{x / 0.3048:.3f}"}
+        | {"force_lbf": lambda t, v, x, f: f"{f / 4.44822:.2f}"}, ",", "",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [*LAYOUTS, "quoted"])
+def test_layouts_of_recorders_are_the_same_run(name: str, tmp_path: Path, capsys) -> None:
+    """Breaks if a layout is refused, or a unit, a time of day or a decimal comma changes the run."""
+    columns, separator, first = LAYOUTS.get(name, (TIME | SPEED | PLACE | FORCE, ",", ""))
+    rows = metro_rows(**columns)
+    if name == "quoted":
+        rows = [[f'"{cell.replace(".", ",")}"' for cell in row] for row in rows]
+    text = first + "".join(separator.join(row) + "\n" for row in rows)
+    found = take(tmp_path, capsys, text, "--profile-only", "--out", str(tmp_path / "p.csv"))
+    assert found["simulated_s"] == pytest.approx(120)
+    assert found["distance_m"] == pytest.approx(metro(120.0)[1] - metro(0.0)[1], abs=0.5)
+    assert found["speed_max_kmh"] == pytest.approx(54, abs=0.3)
+    if name in ("us", "feet"):
+        coarse = np.arange(0.0, 120.5, 1.0)
+        v, f = (np.interp(np.arange(0.0, 120.05, 0.1), coarse, metro(coarse)[k]) for k in (0, 2))
+        power = np.maximum(v * f, 0.0)
+        work = 0.1 * float((power[1:] + power[:-1]).sum()) / 2
+        whole = take(tmp_path, capsys, text, "--out", str(tmp_path / "whole"))
+        assert whole["energy_traction_kwh"] == pytest.approx(work / 3.6e6, rel=1e-3)
+
+
+def test_falling_kilometres_run_on_the_reversed_line(tmp_path: Path, capsys) -> None:
+    """Breaks if falling positions are refused without a remedy that works, or are not mirrored with the line."""
+    line = tmp_path / "line.yaml"
+    line.write_text("{schema: train_ato/line/1, name: l, begin_km: 80, end_km: 90}")
+    falling = TIME | SPEED | {"position_km": lambda t, v, x, f: f"{88 - x / 1000:.5f}"} | FORCE
+    text = "".join(",".join(row) + "\n" for row in metro_rows(**falling))
+    (tmp_path / "down.csv").write_text(text)
+    train = ["--consist", "xuzhou_metro_3", "--line", str(line)]
+    assert main(["import", str(tmp_path / "down.csv"), *train, "--out", str(tmp_path / "a")]) == 2
+    assert "positions fall, from 87.5 to" in (err := capsys.readouterr().err) and "--line LINE:reverse" in err
+    train[-1] += ":reverse"
+    found = take(tmp_path, capsys, text, "--out", str(tmp_path / "b"), train=train)
+    assert found["distance_m"] == pytest.approx(metro(120.0)[1] - metro(0.0)[1], abs=0.5)
+    assert "falling kilometres, mirrored" in found["measured_notes"]
+    first = float((tmp_path / "b" / "profile.csv").read_text().splitlines()[3].split(",")[1])
+    assert first == pytest.approx(170e3 - 87.5e3, abs=20), "begin + end of the line less the position"
+
+
+@pytest.mark.parametrize("leap", [-60.0, 60.0, 180.0])
+def test_a_leap_of_the_odometer_is_refused_at_its_line(leap: float, tmp_path: Path, capsys) -> None:
+    """Breaks if positions that the speed contradicts are imported, as one of 180 m in 5.8 km was."""
+    time = np.arange(0.0, 120.5, 1.0)
+    v, x, f = metro(time)
+    rows = {"time_s": time, "speed_kmh": 3.6 * v, "position_m": np.where(time > 50, x + leap, x), "force_kn": f / 1e3}
+    (tmp_path / "leap.csv").write_text(text_of(rows))
+    command = ["import", str(tmp_path / "leap.csv"), *TRAIN, "--out"]
+    assert main([*command, str(tmp_path / "a")]) == 2
+    err = capsys.readouterr().err
+    assert "leap.csv: line 53, position_m: " in err and len(err.splitlines()) == 1
+    assert leap < 0 or "a leap of the odometer; correct the positions" in err
+    assert main([*command, str(tmp_path / "b"), "--ignore", "position_m"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("factor", "status", "message"),
+    [
+        (1e-3, 2, "line 7, force_kn: the force does 0.00"),
+        (1 / 4.45, 0, "the force does 1."),
+        (0.7, 0, ""),
+        (1.4, 0, ""),
+    ],
+)
+def test_the_work_of_the_force_is_compared_with_the_speed(
+    factor: float, status: int, message: str, tmp_path: Path, capsys
+) -> None:
+    """Breaks if a force in kN under the name of N is imported without a word, or another load is refused."""
+    time = np.arange(0.0, 120.5, 1.0)
+    v, x, f = metro(time)
+    rows = {"time_s": time, "speed_kmh": 3.6 * v, "position_m": x, "force_kn": factor * f / 1e3}
+    (tmp_path / "work.csv").write_text(text_of(rows))
+    assert main(["import", str(tmp_path / "work.csv"), *TRAIN, "--out", str(tmp_path / "a")]) == status
+    printed = capsys.readouterr()
+    assert message in printed.err + printed.out
+    assert bool(message) == ("kWh for its speed and resistance" in printed.err + printed.out)
 
 
 def test_rows_out_of_order(plain: str, tmp_path: Path, capsys) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from plant_sim.library import load_consist, load_line
+from plant_sim.line_direction import ENDING
 from train_ato.apps.import_csv.columns import QUANTITIES, TIMESTAMP
 from train_ato.apps.import_csv.recording import Measured, measured
 from train_ato.apps.import_csv.samples import LARGEST_GAP, sort_rows
@@ -53,15 +54,18 @@ def _columns_text() -> str:
         (
             "columns, named with their unit; time, speed and force are required:",
             *lines,
-            f"  {TIMESTAMP:{width}}  instead of time: 2026-03-01T08:15:30.5 or 01.03.2026 08:15:30,5",
+            f"  {TIMESTAMP:{width}}  instead of time: 2026-03-01T08:15:30.5, 01.03.2026 08:15:30,5,",
+            f"  {'':{width}}  3/1/2026 8:15:30 AM, 08:15:30, date and time in two columns, or Unix time in s or ms",
             f"for every power unit from 0 on, as unit_0_force_kn: {of_unit}",
             "",
             "Names of recorders are read too: V [km/h], Speed (m/s), F in kN, or units in the row below the names.",
             "",
-            "Separators are commas, semicolons (then also decimal commas) or tabs; lines with # are comments. Rows may",
-            "be unevenly spaced: every quantity is interpolated linearly at the ticks. Empty cells are gaps and are",
-            "bridged up to --largest-gap. The profile is the measured speed, averaged over a window that depends on",
-            "the resolution of the speed. A total force is distributed equally over the power units.",
+            "Separators are commas, semicolons or tabs, or that of a first line sep=;. Decimal commas are read,",
+            "between commas in quotes; lines with # are comments. A place may be 12+345. Falling kilometres need",
+            "LINE:reverse and are mirrored with the line. Rows may be unevenly spaced: every quantity is interpolated",
+            "linearly at the ticks. Empty cells are gaps and are bridged up to --largest-gap. The profile is the",
+            "measured speed, averaged over a window that depends on the resolution of the speed. A total force is",
+            "distributed equally over the power units. Places and force are compared with the speed.",
             "",
             "  train-ato import recorder.csv --consist hxd1_c80_105 --line daqin_section",
             "  train-ato import kmc.csv --consist my_train.yaml --line my_line.yaml --rename 'v_ist:=speed_kmh' \\",
@@ -127,7 +131,8 @@ def execute(options: argparse.Namespace) -> int:
     note = sort_rows(found_in) if options.sort else ""
     half = consist.vehicles[0].length / 2
     offsets = np.array(consist.offsets)[list(consist.power_units)]
-    found = measured(found_in, len(consist.power_units), half, offsets, options.largest_gap)
+    mirror = line.begin + line.end if options.line.endswith(ENDING) else None
+    found = measured(found_in, len(consist.power_units), half, offsets, options.largest_gap, mirror)
     found.notes += [note] if note else []
     window = window_of(found) if options.smooth is None else options.smooth
     profile = measured_profile(found, options.tick, _start(options, found, half, line), window)

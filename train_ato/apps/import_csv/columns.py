@@ -16,8 +16,10 @@ TIMESTAMP = "timestamp"
 """Column of date and time of day instead of seconds."""
 _MORE: dict[str, tuple[tuple[str, float], ...]] = {
     "s": (("h", 1 / 3600),),
+    "m": (("mi", 1 / 1609.344), ("ft", 1 / 0.3048)),
     "m/s": (("mph", 1 / 0.44704),),
-    "Pa": (("bar", 1e-5),),
+    "N": (("lbf", 1 / 4.4482216152605), ("klbf", 1 / 4448.2216152605)),
+    "Pa": (("bar", 1e-5), ("psi", 1 / 6894.757293168)),
 }
 """Units of recorders in addition to those of the data files of train_ato."""
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from plant_sim.number_text import number_text
 from train_ato.apps.import_csv.columns import Column
 from train_ato.apps.import_csv.faults import FileFaults
 from train_ato.apps.import_csv.samples import LARGEST_GAP, ColumnSamples, Rows
@@ -24,6 +25,9 @@ POSITION_NOISE = 5.0
 """Minimum tolerance of decreasing positions [m]; larger for a coarser resolution."""
 DISTANCE_SHARE, DISTANCE_LEAST = 0.2, 200.0
 """Tolerance between positions and integral of the speed: fraction, and minimum length [m]."""
+
+LEAP, LEAP_SHARE, LEAP_WAY = 50.0, 0.25, 200.0
+"""Tolerance between positions and integral of the speed over ``LEAP_WAY`` [m]: length [m], and fraction of the way."""
 
 
 @dataclass
@@ -63,7 +67,14 @@ class Measured:
     notes: list[str] = field(default_factory=list)
 
 
-def measured(table: CsvTable, units: int, half: float, offsets: Array, largest_gap: float = LARGEST_GAP) -> Measured:
+def measured(
+    table: CsvTable,
+    units: int,
+    half: float,
+    offsets: Array,
+    largest_gap: float = LARGEST_GAP,
+    mirror: float | None = None,
+) -> Measured:
     """Check the data of a file and return them by quantity.
 
     Parameters
@@ -78,23 +89,28 @@ def measured(table: CsvTable, units: int, half: float, offsets: Array, largest_g
         Distance of every power unit behind the centre of vehicle 0 [m], shape (units,).
     largest_gap
         Maximum time between rows [s].
+    mirror
+        Sum of begin and end of a line against its direction [m]: falling positions x become mirror - x; None: refused.
 
     Raises
     ------
     ValueError
         One line for each fault: file, line, column: problem; fix.
     """
-    return _Check(table, units, half, offsets, largest_gap).run()
+    return _Check(table, units, half, offsets, largest_gap, mirror).run()
 
 
 class _Check:
     """Checks of one file."""
 
-    def __init__(self, table: CsvTable, units: int, half: float, offsets: Array, largest_gap: float) -> None:
+    def __init__(
+        self, table: CsvTable, units: int, half: float, offsets: Array, largest_gap: float, mirror: float | None
+    ) -> None:
         self._table = table
         self._units = units
         self._half = half
         self._offsets = offsets
+        self._mirror = mirror
         self._rows = Rows(table, largest_gap)
         self._faults = FileFaults(table.path)
 
@@ -216,7 +232,12 @@ class _Check:
                 f"{self._table.path}: '{one}' and '{parts[0].column.title}' are both the force; --ignore one"
             )
         for samples in parts:
-            self._rows.refuse(samples, samples.values < 0, "{} is negative; name a signed force force_kn")
+            title = samples.column.title.replace("{", "{{").replace("}", "}}")
+            self._rows.refuse(
+                samples,
+                samples.values < 0,
+                f"{{}} is negative; read a signed force with --rename '{title}:=force_kn', or in its own unit",
+            )
         if not parts:
             return whole
         first = parts[0]
@@ -225,7 +246,25 @@ class _Check:
 
     def _unit_positions(self) -> dict[int, ColumnSamples]:
         columns = [column for column in self._table.columns.values() if column.quantity == "position"]
-        return {column.unit: self._rows.samples(column) for column in columns if column.unit is not None}
+        found = {column.unit: self._rows.samples(column) for column in columns if column.unit is not None}
+        return {unit: self._rising(samples) for unit, samples in found.items()}
+
+    def _rising(self, samples: ColumnSamples) -> ColumnSamples:
+        """Return positions that rise in the direction of running; those of falling kilometres are mirrored."""
+        values = samples.values
+        steps = np.diff(values)
+        if not (values[-1] < values[0] and (steps < 0).sum() > 4 * (steps > 0).sum()):
+            return samples
+        title = samples.column.title
+        if self._mirror is None:
+            raise self._table.wrong(
+                int(samples.rows[int(np.argmax(steps < 0)) + 1]),
+                samples.column,
+                f"positions fall, from {number_text(values[0] / 1e3)} to {number_text(values[-1] / 1e3)} km: name the "
+                f"line of this direction with --line LINE:reverse, or use the speed only with --ignore '{title}'",
+            )
+        self._rows.notes.append(f"{title}: falling kilometres, mirrored with the line")
+        return samples.moved(self._mirror - values)
 
     def _position(self, speed: ColumnSamples, unit_position: dict[int, ColumnSamples]) -> ColumnSamples | None:
         """Return the position of vehicle 0 from the position column of the file."""
@@ -233,6 +272,7 @@ class _Check:
         if centre is not None and front is not None:
             both = f"'{centre.column.title}' and '{front.column.title}'"
             raise ValueError(f"{self._table.path}: {both} are both the position; remove one with --ignore")
+        centre, front = (None if samples is None else self._rising(samples) for samples in (centre, front))
         if front is not None:
             centre = front.moved(front.values - self._half)
         elif centre is None and 0 in unit_position:
@@ -244,6 +284,7 @@ class _Check:
         noise = max(POSITION_NOISE, 1.5 * self._table.resolution(centre.column))
         self._rows.refuse(centre, fallen > noise, "{} is behind an earlier position; positions must increase")
         self._check_distance(centre, speed)
+        self._check_leaps(centre, speed)
         return centre
 
     def _check_distance(self, position: ColumnSamples, speed: ColumnSamples) -> None:
@@ -257,3 +298,27 @@ class _Check:
                 f"{self._table.path}: '{place}' covers {run / 1e3:.3f} km, the integral of '{pace}' is {way / 1e3:.3f} "
                 f"km; check the units, or use the speed only with --ignore '{place}'"
             )
+
+    def _check_leaps(self, position: ColumnSamples, speed: ColumnSamples) -> None:
+        """Compare the positions with the integral of the speed place by place, to detect leaps of an odometer."""
+        ways = np.concatenate(([0.0], np.cumsum(np.diff(speed.time) * (speed.values[1:] + speed.values[:-1]) / 2)))
+        way = np.interp(position.time, speed.time, ways)
+        ahead = position.values - way
+        least = LEAP + 3 * self._table.resolution(position.column)
+        last = np.maximum(np.searchsorted(way, way + LEAP_WAY), np.arange(1, way.size + 1)).clip(max=way.size - 1)
+        leap = np.abs(ahead[last] - ahead)
+        wrong = np.flatnonzero(leap > np.maximum(least, LEAP_SHARE * (way[last] - way)))
+        if not wrong.size:
+            return
+        row = int(wrong[0])
+        row += 1 + int(np.argmax(np.abs(np.diff(ahead[row : last[row] + 1]))))
+        place, gap = position.column.title, float(ahead[row] - ahead[row - 1])
+        than = f"{number_text(abs(gap))} m {'more' if gap > 0 else 'less'} than"
+        seconds = float(position.time[row] - position.time[row - 1])
+        raise self._table.wrong(
+            int(position.rows[row]),
+            position.column,
+            f"{number_text(position.values[row] - position.values[row - 1])} m in {number_text(seconds)} s since the "
+            f"row above, {than} '{speed.column.title}' gives: a leap of the odometer; correct the positions, or use "
+            f"the speed only with --ignore '{place}'",
+        )

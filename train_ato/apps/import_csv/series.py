@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plant_sim.line import Line
 from plant_sim.number_text import number_text
 from train_ato.apps.import_csv.recording import Measured
 from train_ato.apps.import_csv.samples import ColumnSamples
@@ -16,6 +17,12 @@ __all__ = ["MeasuredSeries", "series_of"]
 
 MAX_FORCE_RATIO = 3.0
 """Maximum force relative to the envelope; larger ones have a wrong unit."""
+
+WORK_NOTE, WORK_REFUSED = (0.4, 2.5), (0.1, 10.0)
+"""Work of the force over the energy that the train needs: outside of them a note, and an error of the unit."""
+LEAST_WORK = 1e5
+"""Energy below which the work is not checked [J]."""
+KWH = 3.6e6
 
 
 @dataclass(frozen=True)
@@ -72,6 +79,7 @@ def series_of(found: Measured, setup: RunSetup) -> MeasuredSeries:
             f"--ignore '{title}'"
         )
     _check_forces(found, setup)
+    _check_work(found, setup)
     units = setup.layout.n_units
     time: Array = np.asarray(setup.tick * np.arange(setup.ticks + 1), dtype=np.float64)
     front = setup.profile.position[: time.size]
@@ -140,3 +148,62 @@ def _check_forces(found: Measured, setup: RunSetup) -> None:
                     f"{number_text(value / 1e3)} kN is {abs(value) / bound * MAX_FORCE_RATIO:.1f} times the maximum "
                     f"of train '{setup.consist.name}'; check the unit in the column name",
                 )
+
+
+def _check_work(found: Measured, setup: RunSetup) -> None:
+    """Compare the work of the force with the energy of the train over its largest gain of speed.
+
+    The train needs its kinetic energy, the work of its running resistance, and the potential energy of the line. Mass
+    and line may differ from those of the day, so a small difference is a note.
+    """
+    vehicles, gravity = setup.consist.vehicles, setup.consist.gravity
+    time, speed = found.speed.time, found.speed.values
+    kinetic = 0.5 * sum(vehicle.inertia for vehicle in vehicles) * speed**2
+    gain = kinetic - np.minimum.accumulate(kinetic)
+    last = int(np.argmax(gain))
+    first = last - int(np.argmin(kinetic[: last + 1][::-1]))
+    steps = np.diff(time[first : last + 1])
+    if not steps.size:
+        return
+
+    def work(force: Array) -> float:
+        power = force * speed[first : last + 1]
+        return float((steps * (power[1:] + power[:-1]) / 2).sum())
+
+    moments = time[first : last + 1]
+    force = np.sum(
+        [samples.at(moments) for samples in found.force.values()] if None not in found.force
+        else [found.force[None].at(moments)], axis=0,
+    )  # fmt: skip
+    terms = np.sum([vehicle.resistance.polynomial(vehicle.mass, gravity) for vehicle in vehicles], axis=0)
+    v = speed[first : last + 1]
+    place = np.interp(moments, setup.profile.time, setup.profile.position)
+    climbed = setup.consist.mass * gravity * _height(setup.line, place[0], place[-1])
+    needed = (
+        float(gain[last]) + work(terms[0] + terms[1] * v + terms[2] * v**2) + max(climbed, -0.5 * float(gain[last]))
+    )
+    ratio = work(np.maximum(force, 0.0)) / needed
+    if needed < LEAST_WORK or WORK_NOTE[0] <= ratio <= WORK_NOTE[1]:
+        return
+    samples = next(iter(found.force.values()))
+    lines = [int(found.table.lines[found.speed.rows[row]]) for row in (first, last)]
+    text = (
+        f"the force does {number_text(ratio * needed / KWH)} kWh up to line {lines[1]}, where train "
+        f"'{setup.consist.name}' needs {number_text(needed / KWH)} kWh for its speed and resistance; check the unit "
+        f"in the column name, --rename '{samples.column.title}:=force_kn' for kN, or the mass of --consist"
+    )
+    row = int(found.speed.rows[first])
+    if WORK_REFUSED[0] <= ratio <= WORK_REFUSED[1]:
+        found.notes.append(found.table.at(row, samples.column, text))
+        return
+    raise found.table.wrong(row, samples.column, text)
+
+
+def _height(line: Line, begin: float, end: float) -> float:
+    """Return the height of a place of a line above another [m]."""
+    places = [entry.at for entry in line.grades]
+    ends = [*places[1:], max(end, *places)] if places else []
+    return sum(
+        entry.grade * max(0.0, min(stop, end) - max(entry.at, begin))
+        for entry, stop in zip(line.grades, ends, strict=True)
+    )

@@ -7,16 +7,15 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from train_ato.apps.import_csv.columns import TIMESTAMP, Column, column_of
-from train_ato.apps.import_csv.dates import date_and_time
+from train_ato.apps.import_csv.dates import DATE, TIME_OF_DAY, moments
 from train_ato.apps.import_csv.faults import FileFaults
-from train_ato.apps.import_csv.headers import column_name, is_units_row, with_units
+from train_ato.apps.import_csv.headers import column_name, is_time, is_units_row, with_units
 from train_ato.messages.types import Array
 
 __all__ = ["CsvTable", "read_table"]
@@ -25,6 +24,12 @@ LARGEST_FILE = 512 * 2**20
 """Maximum size of a file [bytes]."""
 SEPARATORS = (";", "\t", ",")
 _NUMBER = re.compile(r"^[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?$")
+_KM_PLUS = re.compile(r"^(-?\d+)\+(\d{3}(?:[.,]\d+)?)$")
+"""Kilometre and metres of a place: ``12+345``."""
+_THOUSANDS = re.compile(r"^[-+]?[1-9]\d{0,2},\d{3}$")
+_SEPARATOR_LINE = re.compile(r"^sep=(.)$")
+"""First line of a spreadsheet with the separator."""
+PLACES = ("position", "front_position")
 _NOTHING = frozenset(("", "nan", "null", "none", "na", "n/a", "-"))
 """Texts of a cell without number."""
 
@@ -76,8 +81,8 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> Cs
     """Read a recorder's file.
 
     The first line that is not empty and does not begin with ``#`` has the column names, separated by semicolons,
-    tabs or commas; the next line may have their units.  With another separator than commas, decimal commas are read
-    too.  Cells may be empty.
+    tabs or commas; the next line may have their units.  A first line ``sep=;`` gives the separator.  Decimal commas
+    are read; between commas they need quotes.  Cells may be empty.  Date and time of day may be in two columns.
 
     Parameters
     ----------
@@ -97,7 +102,10 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> Cs
     number, head = next(lines, (0, ""))
     if not number:
         raise ValueError(f"{path}: no column names; give them in the first line, for example time_s,speed_kmh,force_kn")
-    separator = next((mark for mark in SEPARATORS if mark in head), ",")
+    declared = _SEPARATOR_LINE.match(head.strip())
+    if declared is not None:
+        number, head = next(lines, (0, ""))
+    separator = declared[1] if declared else next((mark for mark in SEPARATORS if mark in head), ",")
     titles = [title.strip() for title in _cells(head, separator)]
     while titles and not titles[-1]:
         titles.pop()
@@ -107,10 +115,24 @@ def read_table(path: Path, rename: dict[str, str], ignore: frozenset[str]) -> Cs
     if rows and is_units_row(cells := _cells(rows[0][1], separator)[: len(titles)]):
         names = with_units(titles, cells)
         del rows[0]
-    kept = _columns(table, titles, names, rename, ignore, lambda text: faults.add(f"line {number}, {text}"))
-    _read_rows(table, kept, rows, separator, len(titles), faults)
+    first = _cells(rows[0][1], separator) if rows else []
+    names, dates = _with_times(titles, names, [cell.strip() for cell in first], {*rename, *ignore})
+    ignored = ignore | ({titles[dates]} if dates is not None else set())
+    kept = _columns(table, titles, names, rename, ignored, lambda text: faults.add(f"line {number}, {text}"))
+    _read_rows(table, kept, rows, separator, len(titles), faults, dates)
     faults.refuse()
     return table
+
+
+def _with_times(titles: list[str], names: list[str], cells: list[str], given: set[str]) -> tuple[list[str], int | None]:
+    """Return the names with a column of times of day as ``timestamp``, and the column of their dates, or None."""
+    free = [place for place, title in enumerate(titles) if title not in given and place < len(cells)]
+    clocks = [place for place in free if TIME_OF_DAY.match(cells[place]) and is_time(titles[place])]
+    dates = [place for place in free if DATE.match(cells[place])]
+    if not clocks:
+        return names, None
+    names = [TIMESTAMP if place == clocks[0] else name for place, name in enumerate(names)]
+    return names, dates[0] if dates else None
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -184,7 +206,13 @@ def _column(table: CsvTable, place: int, title: str, name: str) -> Column:
 
 
 def _read_rows(
-    table: CsvTable, kept: list[int], rows: list[tuple[int, str]], separator: str, width: int, faults: FileFaults
+    table: CsvTable,
+    kept: list[int],
+    rows: list[tuple[int, str]],
+    separator: str,
+    width: int,
+    faults: FileFaults,
+    dates: int | None,
 ) -> None:
     columns = list(table.columns.values())
     texts: list[list[str]] = [[] for _ in columns]
@@ -196,8 +224,10 @@ def _read_rows(
             faults.add_of_kind("rows", "width", problem)
             continue
         numbers.append(number)
-        for entries, place in zip(texts, kept, strict=True):
-            entries.append(cells[place].strip())
+        for column, entries, place in zip(columns, texts, kept, strict=True):
+            text = cells[place].strip()
+            dated = dates is not None and column.quantity == TIMESTAMP
+            entries.append(f"{cells[dates or 0].strip()} {text}" if dated else text)
     table.lines = np.array(numbers, dtype=np.int64)
     marks: dict[str, str] = {}
     for column, entries in zip(columns, texts, strict=True):
@@ -213,12 +243,25 @@ def _numbers(
     """Convert the cells of a column to SI; ``marks`` has the first number of the file with each decimal mark."""
     values = np.full(len(entries), np.nan)
     decimals = 0
+    commas = [text for text in entries if "," in text]
+    thousands = separator == "," and bool(commas) and all(_THOUSANDS.match(text) for text in commas)
     for row, text in enumerate(entries):
         if text.lower() in _NOTHING:
             continue
-        if not _NUMBER.match(text) or ("," in text and separator == ","):
-            comma = "; decimal commas need columns separated by semicolons or tabs" if separator == "," in text else ""
-            faults.add_of_kind(column.title, "number", table.at(row, column, f"'{text[:30]}' is not a number{comma}"))
+        if column.quantity in PLACES and column.factor in (1.0, 1e3) and (place := _KM_PLUS.match(text)):
+            metres = float(place[2].replace(",", "."))
+            sign = -1.0 if text.startswith("-") else 1.0
+            values[row] = (1e3 * float(place[1]) + sign * metres) / column.factor
+            decimals = max(decimals, 3 if column.factor > 1 else 0)
+            continue
+        if not _NUMBER.match(text):
+            faults.add_of_kind(column.title, "number", table.at(row, column, f"'{text[:30]}' is not a number"))
+            continue
+        if thousands and "," in text:
+            problem = (
+                f"'{text[:30]}' may be {text.replace(',', '.')} or {text.replace(',', '')}; write it without a comma"
+            )
+            faults.add_of_kind(column.title, "number", table.at(row, column, problem))
             continue
         mark = "," if "," in text else "." if "." in text else ""
         if mark and mark not in marks:
@@ -249,18 +292,13 @@ def _two_marks(marks: dict[str, str]) -> str:
 def _moments(table: CsvTable, column: Column, entries: list[str], faults: FileFaults) -> Array:
     """Convert date and time of day to seconds since the first row."""
     values = np.full(len(entries), np.nan)
-    first: datetime | None = None
-    for row, text in enumerate(entries):
-        if text.lower() in _NOTHING:
-            continue
-        try:
-            moment = date_and_time(text)
-        except ValueError:
+    rows = [row for row, text in enumerate(entries) if text.lower() not in _NOTHING]
+    for row, moment in zip(rows, moments([entries[row] for row in rows]), strict=True):
+        if moment is None:
             example = "write for example 2026-03-01T08:15:30.5 or 01.03.2026 08:15:30"
-            problem = table.at(row, column, f"'{text[:30]}' is not a date and time; {example}")
+            problem = table.at(row, column, f"'{entries[row][:30]}' is not a date and time; {example}")
             faults.add_of_kind(column.title, "date", problem)
             continue
-        first = first or moment
-        values[row] = (moment - first).total_seconds()
+        values[row] = moment
     table.decimals[column.title] = -1
     return values
