@@ -51,7 +51,7 @@ def _length(values: Sequence[int | None]) -> int:
 
 
 def _microseconds(text: str, first: str) -> int | None:
-    """Return a moment in microseconds, in UTC without a time zone; ``first`` of month and day in a date with slashes."""
+    """Return a moment in microseconds, in UTC without a zone; ``first`` of month and day in a date with slashes."""
     if _UNIX.match(text):
         value = float(text.replace(",", "."))
         return round(value * (1e3 if value > MILLISECONDS else 1e6))

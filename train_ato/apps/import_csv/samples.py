@@ -111,7 +111,13 @@ class Rows:
         if wrong.size:
             row = int(wrong[0]) + 1
             order = "the same time as" if steps[row - 1] == 0 else f"{number_text(-steps[row - 1])} s before"
-            remedy = "remove one row" if steps[row - 1] == 0 else "sort the rows by time, or give --sort"
+            same = all(
+                values[row] == values[row - 1] or (np.isnan(values[row]) and np.isnan(values[row - 1]))
+                for values in table.values.values()
+            )
+            remedy = "sort the rows by time, or give --sort"
+            if steps[row - 1] == 0:
+                remedy = "the row is repeated; remove it, or give --sort" if same else "remove one row"
             raise table.wrong(row, column, f"{order} the row above; {remedy}{_more(wrong)}")
         wide = np.flatnonzero(steps > self._largest_gap * (1 + 1e-9))
         if wide.size:
