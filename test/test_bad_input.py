@@ -345,3 +345,25 @@ def test_characters_outside_an_encoding_are_escapes(tmp_path: Path) -> None:
     text = shell(f"{run} --set 'summary=µ' --json", tmp_path, PYTHONIOENCODING="ascii").stdout
     assert json.loads(text)["ticks"] == 20
     assert json.loads(shell("train-ato list --json", tmp_path, PYTHONIOENCODING="ascii").stdout)
+
+
+def test_a_full_disk_is_a_failure_and_no_bad_input(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if the exit status of a failed write is that of a wrong argument, or the file has no name."""
+
+    def execute(options: object) -> int:
+        raise OSError(28, "No space left on device", "out/run.mcap")
+
+    monkeypatch.setattr("train_ato.cli.list.execute", execute)
+    assert main(["list"]) == 1
+    assert capsys.readouterr().err == "train-ato: out/run.mcap: No space left on device\n"
+
+
+def test_sys_exit_in_a_component_is_a_failure(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if ``sys.exit(0)`` in the code of a user ends a command with status 0."""
+    monkeypatch.setattr("train_ato.cli.list.execute", lambda options: sys.exit(0))
+    assert main(["list"]) == 1
+    assert "called sys.exit(0)" in capsys.readouterr().err

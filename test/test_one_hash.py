@@ -14,9 +14,10 @@ from train_ato.apps.grid.interpreters import Interpreter, find_interpreters
 from train_ato.cli import main
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import RunFolder
-from train_ato.log.run_hash import run_hash
+from train_ato.log.run_hash import _without_wall_clock, run_hash
 from train_ato.loop.engine import run_engine
 from train_ato.messages.codec.codec import Wire
+from train_ato.messages.types import Diagnostic
 
 SHORT = GridScenario("demo", ("duration=3",))
 OWN = Interpreter(sys.executable, "3.11.7", "2", "0", True, ("X86_V3",), own=True)
@@ -41,6 +42,15 @@ def test_hash_covers_every_message_and_no_wall_clock(tmp_path: Path) -> None:
     assert run_hash(seed, wire) != run_hash(one, wire)
     shorter, _ = recorded(tmp_path, "shorter", GridScenario("demo", ("duration=2.9",)))
     assert run_hash(shorter, wire) != run_hash(one, wire)
+    found = [compare_logs(*pair, wire) for pair in ((one, again), (one, shorter), (shorter, one))]
+    assert len({entry.messages for entry in found}) == 1  # those of the longer log
+    assert [entry.equal for entry in found] == [True, False, False]
+    slow, fast = (
+        wire.encode("/diagnostics", Diagnostic(0, "controller", 0, "", {"wall_step_ms": took, "late": "1"}))
+        for took in ("2", "1")
+    )
+    assert _without_wall_clock(wire, slow) == _without_wall_clock(wire, fast)
+    assert b"late" in _without_wall_clock(wire, slow)
 
 
 def test_equal_hashes_are_equal_logs(tmp_path: Path) -> None:

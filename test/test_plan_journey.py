@@ -20,7 +20,7 @@ from train_ato.profile.planner.journey_file import read_journey
 from train_ato.profile.planner.plan_from_state import TrainState
 from train_ato.profile.planner.planner import Plan, plan
 from train_ato.profile.planner.settings import PlanSettings
-from train_ato.profile.planner.timing_points import SpeedWindow, TimeWindow, TimingPoint
+from train_ato.profile.planner.timing_points import SpeedWindow, TimeWindow, TimingPoint, check_points
 from train_ato.scenario.scenario import load_scenario
 
 KEPT = 0.06
@@ -45,6 +45,14 @@ def passed(result: Plan, place: float) -> tuple[float, float]:
 def free() -> Plan:
     """Return the journey without windows between its ends."""
     return journey()
+
+
+@pytest.mark.parametrize("place", [0.0, -1.0])
+def test_a_timing_point_is_beyond_the_one_before_it(place: float) -> None:
+    """Breaks if two points share a place: one of them has no section of its own."""
+    points = (TimingPoint(at=0, stop=True), TimingPoint(at=place, arrival=TimeWindow(latest=100.0)))
+    with pytest.raises(ValueError, match=r"timing point km .* is not beyond km 0.000"):
+        check_points(points)
 
 
 def test_a_journey_without_windows_has_the_energy_of_the_timetable(free: Plan) -> None:

@@ -35,6 +35,11 @@ def test_trains(name: str, vehicles: int, mass_t: float, length: float, units: i
     plant.advance(np.zeros((plant.substeps, units)))
 
 
+def test_a_vehicle_is_half_of_both_lengths_behind_the_one_before_it() -> None:
+    """Breaks if the distance of two centres is the length of one: locomotive 35.222 m, wagons 12 m."""
+    assert load_consist("hxd1_c80_105").offsets[:3] == pytest.approx((0.0, 23.611, 35.611))
+
+
 def test_every_shipped_file_is_tested() -> None:
     """Breaks if a file is added without a test."""
     assert set(consist_names()) == {

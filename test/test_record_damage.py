@@ -315,6 +315,13 @@ def test_long_arrays_are_refused_at_the_first_message(topic: str, tmp_path: Path
         tracemalloc.stop()
 
 
+def test_a_chunk_without_checksum_has_the_length_of_its_head() -> None:
+    """Breaks if a chunk of 9 bytes with a head of 10 is read, where no checksum shows it."""
+    head = bytes(16) + (10).to_bytes(8, "little") + bytes(8) + (9).to_bytes(8, "little")
+    with pytest.raises(Damage, match="the length of a chunk differs"):
+        chunk_content(head + bytes(9))
+
+
 @pytest.mark.parametrize("name", ["zstd", "lz4"])
 def test_a_chunk_unpacks_no_more_than_its_head_says(name: str) -> None:
     """Breaks if a chunk that says 10 bytes and has 300 MB is unpacked before its length is compared."""

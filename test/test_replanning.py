@@ -21,7 +21,7 @@ from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.loop.trajectories import profile_of
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.types import DisturbanceEstimate, Measurement, Reference, Trajectory
-from train_ato.profile.planner.shortfall_detector import Sample, Shortfall, ShortfallDetector
+from train_ato.profile.planner.shortfall_detector import Sample, Shortfall, ShortfallDetector, _regression_end
 from train_ato.scenario.scenario import check_scenario, load_scenario
 
 SLIPPERY = ("plant.adhesion={kind: constant, coefficient: 0.3}", "plant.jumps=[{at: 10, what: adhesion, factor: 0.2}]")
@@ -169,6 +169,18 @@ def test_only_a_force_that_does_not_follow_the_error_is_a_limit(
     assert (None if found is None else found.level) == level
     if found is not None:
         assert found.direction == (-1 if growth > 0 else 1)
+
+
+def test_a_constant_force_with_an_error_that_shrinks_is_no_shortfall() -> None:
+    """Breaks if a large error is enough: from -0.8 to -0.36 m/s the force is sufficient."""
+    watch = _watch()
+    samples = [Sample(-1.0, -0.8 + 0.015 * k, 8.0, 100e3, 150e3, (192e3, 230e3)) for k in range(30)]
+    assert [watch.step(sample) for sample in samples] == [None] * 30
+
+
+def test_the_error_is_that_of_the_regression_at_the_last_sample() -> None:
+    """Breaks if the slope is another: mean 7/3, slope 3/2 for each sample."""
+    assert _regression_end([1.0, 2.0, 4.0]) == pytest.approx(7.0 / 3.0 + 1.5)
 
 
 def _inputs(stamp: int, planned: int) -> dict[str, Any]:
