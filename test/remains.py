@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 
 from waiting import wait_for
 
 from train_ato.ros.graph import shared_memory
-from train_ato.ros.graph.domain_lock import LOCK_FOLDER
+from train_ato.ros.graph.domain_lock import inherited_locks
 
 
 def processes_of(folder: Path) -> dict[str, int]:
@@ -25,21 +24,10 @@ def processes_of(folder: Path) -> dict[str, int]:
     return found
 
 
-def open_locks() -> list[str]:
-    """Return the lock files of domains that this process holds open."""
-    found = []
-    for descriptor in Path("/proc/self/fd").iterdir():
-        with suppress(OSError):
-            target = str(descriptor.readlink())
-            if target.startswith(f"{LOCK_FOLDER}/train_ato-domain-"):
-                found.append(target)
-    return found
-
-
 def check_nothing_left(folder: Path) -> None:
     """Fail if a run of this process has left a process, shared memory, a lock or a traceback."""
     assert not processes_of(folder)
-    assert not open_locks()
+    assert not inherited_locks()
     wait_for(lambda: not shared_memory.abandoned(), "the end of the shared memory")
     for path in folder.glob("log/*.stderr.txt"):
         assert "Traceback" not in path.read_text(errors="replace"), path

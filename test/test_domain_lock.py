@@ -1,4 +1,4 @@
-"""Lock of a ROS domain: one per machine, also with another TMPDIR; no symbolic link is followed."""
+"""Domain of a run: lock in the scope of the network, and the environment."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import pytest
 from waiting import wait_for
 
 import train_ato
-from train_ato.ros.graph import domain_lock
+from train_ato.cli import main
 from train_ato.ros.graph.domain_lock import DomainLock
-from train_ato.ros.graph.environment import claim_domain, held_domains
+from train_ato.ros.graph.environment import check_domain, claim_domain, domain_of_environment, held_domains, opened_by
 
 CLAIM = """
 import sys
@@ -37,7 +37,7 @@ def test_runs_with_another_tmpdir_find_the_lock(tmp_path: Path) -> None:
         )
         assert f"--domain {domain}: another run holds it" in done.stderr
         assert domain in held_domains()
-    assert not DomainLock(domain).path.exists()
+    assert domain not in held_domains()
 
 
 def test_a_domain_is_locked_until_the_last_node_of_a_killed_run_has_ended(tmp_path: Path) -> None:
@@ -78,32 +78,49 @@ def alive(processes: list[int]) -> bool:
     return any(path.exists() and path.read_text().rpartition(")")[2].split()[0] != "Z" for path in found)
 
 
-@pytest.mark.parametrize("kind", ["link", "dangling link", "folder", "pipe"])
-def test_a_lock_that_is_no_plain_file_is_neither_followed_nor_held(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_lock_has_the_scope_of_the_network(tmp_path: Path) -> None:
+    """Breaks if containers of one network, with a folder /tmp each, take one domain."""
+    with claim_domain() as domain:
+        with pytest.raises(ValueError, match=f"--domain {domain}: another run holds it"), claim_domain(domain):
+            pass
+        names = Path("/proc/net/unix").read_text(encoding="ascii", errors="replace")
+        assert f"@{DomainLock(domain).name}\n" in names
+    assert domain not in held_domains()
+
+
+@pytest.mark.parametrize("text", ["0", "101", "232"])
+def test_every_valid_domain_of_the_environment_is_taken(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the domain of every other ROS program, or a high one, is refused or ignored."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    assert domain_of_environment() == int(text)
+    check_domain(None)
+    check_domain(int(text))
+
+
+@pytest.mark.parametrize("text", ["233", "300", "abc", "-1", "1.5"])
+def test_a_wrong_domain_of_the_environment_is_refused(
+    text: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Breaks if a link is followed, counts as a run, or the wait for a pipe has no end."""
-    monkeypatch.setattr(domain_lock, "LOCK_FOLDER", tmp_path)
-    target = tmp_path / "target"
-    if kind == "link":
-        target.write_text("kept")
-    path = DomainLock(7).path
-    {"folder": path.mkdir, "pipe": lambda: os.mkfifo(path)}.get(kind, lambda: path.symlink_to(target))()
-    with pytest.raises(ValueError, match=r"train_ato-domain-7\.lock: is not a plain file; remove it"), claim_domain(7):
-        pass
-    assert held_domains() == []
-    assert target.exists() == (kind == "link")
-    if kind == "link":
-        assert target.read_text() == "kept"
+    """Breaks if a run ignores a wrong variable and takes another domain."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    assert main(["run", "demo", "--json"]) == 2
+    assert (
+        capsys.readouterr().err
+        == f"train-ato: ROS_DOMAIN_ID {text}: not a ROS domain; set it to 0 to 232, or unset it\n"
+    )
 
 
-def test_the_file_of_a_killed_run_is_taken_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Breaks if the file itself is the lock."""
-    monkeypatch.setattr(domain_lock, "LOCK_FOLDER", tmp_path)
-    DomainLock(7).path.write_text("")
-    assert held_domains() == []
-    with claim_domain(7) as domain:
-        assert domain == 7
-        assert not DomainLock(7).acquire()
-        assert held_domains() == [7]
-    assert list(tmp_path.iterdir()) == []
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("FASTRTPS_DEFAULT_PROFILES_FILE", "/nonexistent.xml", "no such file"),
+        ("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNETT", "unknown"),
+    ],
+)
+def test_a_variable_without_effect_is_refused(
+    name: str, value: str, says: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if a missing profile opens the run to the network, or a misspelt range is taken as not set."""
+    monkeypatch.setenv(name, value)
+    with pytest.raises(ValueError, match=f"{name}={value}: {says}"):
+        opened_by()

@@ -52,7 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="wall time for the nodes to find each other, or none (default: 30, with --processes 180)",
     )
-    parser.add_argument("--domain", type=int, metavar="N", help="ROS domain, 1 to 101 (default: a free one)")
+    parser.add_argument(
+        "--domain", type=int, metavar="N", help="ROS domain, 0 to 232 (default: ROS_DOMAIN_ID, or a free one)"
+    )
 
 
 def restart_limit(wanted: bool, limit: int | None) -> int:

@@ -43,6 +43,7 @@ def run(
     rate: float | None = None,
     lockstep: bool = True,
     restarts: int = 0,
+    domain: int | None = None,
     **former: Any,
 ) -> Run:
     """Run a scenario and return the run.
@@ -75,6 +76,8 @@ def run(
         False: the graph does not wait for commands; a late one is counted, and the last one is held meanwhile.
     restarts
         With a process for each node: maximum number of restarts of each node; default: none, the run fails with a node.
+    domain
+        ROS domain of a graph; default: that of ``ROS_DOMAIN_ID``, without it a free one.
     **former
         ``controller`` and ``realtime``: former names, with a notice.
 
@@ -104,7 +107,7 @@ def run(
     """
     present = present_arguments(former, "train_ato.run", {"law": law, "rate": rate, "lockstep": lockstep})
     law, rate, lockstep = present["law"], present["rate"], present["lockstep"]
-    run_mode = RunMode(mode, rate, lockstep, restarts=restarts)
+    run_mode = RunMode(mode, rate, lockstep, domain, restarts=restarts)
     run_mode.check()
     choice = choose_scenario(scenario).changed(set, seed)
     checked = put_components(
@@ -138,7 +141,7 @@ class RunMode:
     lockstep : bool
         False: the graph does not wait for commands; its rate is 1 if none is given.  The engine is always in lockstep.
     domain : int or None
-        ROS domain; None takes a free one.
+        ROS domain; None takes that of ``ROS_DOMAIN_ID``, without it a free one.
     compression : str
         Compression of the log: ``none``, ``fast`` or ``small``.
     restarts : int

@@ -1,21 +1,13 @@
-"""Lock of a ROS domain on this machine, by a file with the same path for all users and environments.
+"""Lock of a ROS domain in one network: an abstract Unix socket, whose name the network namespace owns.
 
-The package ``filelock`` opens its file with ``O_CREAT``.  With ``fs.protected_regular`` the kernel refuses that in a
-folder with the sticky bit for a file of another user; after a killed run of that user the domain would stay held.
+Two containers with one network see the nodes of each other, and share the names of abstract sockets; their folders for
+temporary files differ.  The kernel removes the name with the last process that has the socket.
 """
 
 from __future__ import annotations
 
 import errno
-import fcntl
-import os
-import stat
-from contextlib import suppress
-from pathlib import Path
-
-LOCK_FOLDER = Path("/tmp")
-"""Folder of the lock files.  It does not depend on ``TMPDIR``: runs with different ones must find each other."""
-
+import socket
 
 _held: set[int] = set()
 """File descriptors of the locks of this process."""
@@ -39,70 +31,38 @@ class DomainLock:
 
     Attributes
     ----------
-    path : Path
-        Lock file.
+    name : str
+        Name of the abstract socket.
     """
 
     def __init__(self, domain: int) -> None:
-        self.path = LOCK_FOLDER / f"train_ato-domain-{domain}.lock"
-        self._file: int | None = None
+        self.name = f"train_ato-domain-{domain}"
+        self._socket: socket.socket | None = None
 
     def acquire(self) -> bool:
-        """Acquire the lock; return False if another process holds it, or removes its file at the same time.
-
-        Raises
-        ------
-        ValueError
-            If the path is not a plain file, for example a symbolic link: it is neither followed nor locked.
-        """
+        """Acquire the lock; return False if another process of this network holds it."""
+        found = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
-            file = self._open()
+            found.bind(f"\0{self.name}")
         except OSError as error:
-            if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
-                raise ValueError(f"{self.path}: is not a plain file; remove it") from None
+            found.close()
+            if error.errno != errno.EADDRINUSE:
+                raise
             return False
-        try:
-            if not stat.S_ISREG(os.fstat(file).st_mode):
-                raise ValueError(f"{self.path}: is not a plain file; remove it")
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if os.fstat(file).st_ino != self.path.lstat().st_ino:
-                raise BlockingIOError
-        except BaseException as error:
-            os.close(file)
-            if isinstance(error, OSError):
-                return False
-            raise
-        self._file = file
-        _held.add(file)
+        self._socket = found
+        _held.add(found.fileno())
         return True
 
-    def _open(self) -> int:
-        """Open or create the file; a file of another user is opened without permission to create it."""
-        flags = os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-        with suppress(FileNotFoundError):
-            return os.open(self.path, flags)
-        file = os.open(self.path, flags | os.O_CREAT | os.O_EXCL, 0o666)
-        with suppress(OSError):
-            os.fchmod(file, 0o666)  # other users lock it after the end of this process
-        return file
-
     def release(self) -> None:
-        """Remove the file, then release the lock."""
-        if self._file is not None:
-            with suppress(OSError):
-                self.path.unlink()
-            _held.discard(self._file)
-            os.close(self._file)
-            self._file = None
+        """Release the lock."""
+        if self._socket is not None:
+            _held.discard(self._socket.fileno())
+            self._socket.close()
+            self._socket = None
 
     @property
     def held(self) -> bool:
-        """True if another process holds the lock."""
-        try:
-            if not stat.S_ISREG(self.path.lstat().st_mode):
-                return False
-        except OSError:
-            return False
+        """True if another process, or another lock of this one, holds the lock."""
         if not self.acquire():
             return True
         self.release()

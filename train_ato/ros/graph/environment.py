@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import random
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +14,10 @@ from train_ato.ros import DEFAULT_MIDDLEWARE
 from train_ato.ros.graph.domain_lock import DomainLock
 
 DOMAINS = range(1, 102)
-"""Domains with ports below the ephemeral ones."""
+"""Domains with ports below the ephemeral ones, for runs without a wanted one."""
+VALID = range(233)
+"""Domains of ROS 2."""
+_RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
 
 _PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -26,9 +30,19 @@ def discovery_profile(name: str = "fastdds.xml") -> Path:
 
 
 def opened_by() -> str | None:
-    """Return the environment variable that permits other hosts of the network; None if they are excluded."""
+    """Return the environment variable that permits other hosts of the network; None if they are excluded.
+
+    Raises
+    ------
+    ValueError
+        If a profile file does not exist, or a discovery range is unknown.
+    """
     own_profile = os.environ.get(_PROFILE)
-    if own_profile is not None and Path(own_profile).parent != discovery_profile().parent:
+    if own_profile and not Path(own_profile).is_file():
+        raise ValueError(f"{_PROFILE}={own_profile}: no such file; name a profile, or unset {_PROFILE}")
+    if (reach := os.environ.get(_RANGE)) and reach not in _RANGES:
+        raise ValueError(f"{_RANGE}={reach}: unknown; choose from {', '.join(_RANGES)}, or unset it")
+    if own_profile and Path(own_profile).parent != discovery_profile().parent:
         return f"{_PROFILE}={own_profile}"
     if os.environ.get(_RANGE) == "SUBNET":
         return f"{_RANGE}=SUBNET"
@@ -54,44 +68,58 @@ def middleware(profile: str = "fastdds.xml") -> dict[str, str]:
 
 
 def check_domain(wanted: int | None) -> None:
-    """Refuse a ROS domain out of range; None is any free one."""
-    if wanted is not None and wanted not in DOMAINS:
-        raise ValueError(f"--domain {wanted}: give a domain from {DOMAINS.start} to {DOMAINS.stop - 1}")
+    """Refuse a ROS domain out of range, given or in ``ROS_DOMAIN_ID``; None without one is any free one."""
+    if wanted is not None and wanted not in VALID:
+        raise ValueError(f"--domain {wanted}: give a domain from {VALID.start} to {VALID.stop - 1}")
+    if wanted is None:
+        domain_of_environment()
 
 
-@contextmanager
-def claim_domain(wanted: int | None = None) -> Iterator[int]:
-    """Lock a ROS domain for the duration of a run, so that runs on one machine are separate.
-
-    Parameters
-    ----------
-    wanted
-        Domain to use; default: a free one.
+def domain_of_environment() -> int | None:
+    """Return the domain of ``ROS_DOMAIN_ID``, None if it is not set.
 
     Raises
     ------
     ValueError
-        If it is out of range, another run holds it, or its lock file is not a plain file.
+        If it is not a ROS domain.
     """
-    check_domain(wanted)
-    start = os.getpid() % len(DOMAINS)
-    order = [DOMAINS[(start + i) % len(DOMAINS)] for i in range(len(DOMAINS))] if wanted is None else [wanted]
+    text = os.environ.get("ROS_DOMAIN_ID", "")
+    if text and not (text.isdecimal() and int(text) in VALID):
+        raise ValueError(
+            f"ROS_DOMAIN_ID {text}: not a ROS domain; set it to {VALID.start} to {VALID.stop - 1}, or unset it"
+        )
+    return int(text) if text else None
+
+
+@contextmanager
+def claim_domain(wanted: int | None = None, name: str = "--domain") -> Iterator[int]:
+    """Lock a ROS domain for the duration of a run, so that the runs in one network are separate.
+
+    Parameters
+    ----------
+    wanted
+        Domain to use; default: a free one with ports below the ephemeral ones.
+    name
+        Option or variable of ``wanted`` in messages.
+
+    Raises
+    ------
+    ValueError
+        If it is out of range, or another run holds it.
+    """
+    if wanted is not None:
+        check_domain(wanted)
+    order = random.SystemRandom().sample(DOMAINS, len(DOMAINS)) if wanted is None else [wanted]
     for domain in order:
         lock = DomainLock(domain)
-        try:
-            acquired = lock.acquire()
-        except ValueError:
-            if wanted is not None:
-                raise
-            continue
-        if acquired:
+        if lock.acquire():
             try:
                 yield domain
             finally:
                 lock.release()
             return
     if wanted is not None:
-        raise ValueError(f"--domain {wanted}: another run holds it ({DomainLock(wanted).path}); leave --domain out")
+        raise ValueError(f"{name} {wanted}: another run holds it; end that run, or leave the domain out for a free one")
     raise ValueError(f"all domains from {DOMAINS.start} to {DOMAINS.stop - 1} are held by other runs; end one of them")
 
 
@@ -102,8 +130,8 @@ def print_domain(domain: int) -> None:
 
 
 def held_domains() -> list[int]:
-    """Return the domains that are locked by runs on this machine."""
-    return [domain for domain in DOMAINS if DomainLock(domain).held]
+    """Return the domains that are locked by runs in this network."""
+    return [domain for domain in VALID if DomainLock(domain).held]
 
 
 def variables(domain: int, log_folder: Path) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from train_ato.loop.setup import RunSetup
 from train_ato.loop.step_times import StepTimes
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import BY_NAME
+from train_ato.ros.graph.environment import opened_by
 from train_ato.ros.graph.graph_result import GraphResult
 from train_ato.scenario.changes import RunChanges
 
@@ -149,5 +151,7 @@ def complete_folder(
         failure=found.reason if found.status == FAILED else None,
     )
     result = recorded_result(setup, folder, end)
+    if opened_by():
+        result = replace(result, summary={**result.summary, "reach": "network"})
     home.finish(setup, result)
     return result

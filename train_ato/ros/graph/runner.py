@@ -12,7 +12,7 @@ from pathlib import Path
 from train_ato.log.compression import DEFAULT
 from train_ato.loop.result import Progress, RunResult
 from train_ato.loop.setup import RunSetup
-from train_ato.ros.graph.environment import applied, claim_domain, print_domain, variables
+from train_ato.ros.graph.environment import applied, claim_domain, domain_of_environment, print_domain, variables
 from train_ato.ros.graph.graph_result import IGNORED, GraphOptions, GraphResult
 from train_ato.ros.graph.recorded import recorded_result
 
@@ -44,7 +44,7 @@ def run_graph(
     rate
         Maximum simulated seconds per second of wall time; 0 is unlimited in lockstep, 1 without it.
     domain
-        ROS domain; None takes a free one.
+        ROS domain; None takes that of ``ROS_DOMAIN_ID``, without it a free one.
     timeout
         Wall time without an answer of a node after which the run fails [s]; None: 10 in lockstep, 1 without it.
     compression
@@ -74,7 +74,8 @@ def run_graph(
             progress(Progress(ticks * setup.tick, setup.ticks * setup.tick, time.perf_counter() - begin))
 
     try:
-        with claim_domain(domain) as held:
+        name = "--domain" if domain is not None else "ROS_DOMAIN_ID"
+        with claim_domain(domain if domain is not None else domain_of_environment(), name) as held:
             print_domain(held)
             end = _run(mode, setup, folder, held, options, report)
     except ValueError:

@@ -19,7 +19,7 @@ from train_ato.log.compression import DEFAULT, add_compression
 from train_ato.messages.faults import node_faults
 from train_ato.messages.topics import Role
 from train_ato.ros import require_ros
-from train_ato.ros.graph.environment import middleware, opened_by
+from train_ato.ros.graph.environment import domain_of_environment, middleware, opened_by
 from train_ato.ros.graph.graph_result import FREE_TIMEOUT_S, LOCKSTEP_TIMEOUT_S
 from train_ato.ros.standalone.notices import LAST_COUNT, EndOrder, Notices, begin_stamp, read_notices
 from train_ato.scenario.former_names import present_options
@@ -79,10 +79,15 @@ def run_role(role: Role, words: Sequence[str], completed: Completed | None = Non
     """
     prepare_streams()
     options = _arguments(role, words)
-    opened = opened_by()
+    try:
+        domain_of_environment()
+        opened = opened_by()
+        os.environ.update(middleware())
+    except ValueError as error:
+        sys.stderr.write(f"{role.value}: {error}\n")
+        return BAD_INPUT
     if opened and not options.attached:
         sys.stderr.write(f"{role.value}: other hosts may join this run ({opened})\n")
-    os.environ.update(middleware())
     os.environ.setdefault("ROS_PYTHON_CHECK_FIELDS", "1")
     stopped = EndOrder()
     interrupt = Interrupt()
