@@ -12,8 +12,9 @@ from plan_cases import limit_by_hand, random_case
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
+from plant_sim.line_direction import reversed_line
 from train_ato.profile.planner.line_tables import SpeedLimits
-from train_ato.profile.planner.planner import plan
+from train_ato.profile.planner.planner import net_energy_bound, plan
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import TrainTables
 
@@ -280,3 +281,55 @@ def test_the_shortest_time_with_tunnels_dead_sections_and_steps_is_found(seed: i
     line, car = obstacles(seed)
     found = plan(line, train_of({"car": car}, 4), FREE).running_time
     assert found == pytest.approx(shortest_time(line, car, 4, (1.0, 0.8)), rel=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("factor", "least"),
+    [*(pytest.param(*row, marks=pytest.mark.slow) for row in ((1.05, 31.781), (1.1, 27.701))), (1.2, 22.094)],
+)
+def test_the_energy_in_tunnels_is_that_of_an_independent_optimum(factor: float, least: float) -> None:
+    """Breaks if the air of a tunnel has the speed of full traction: 1.7 to 2.6 % above the optimum.
+
+    The optima in kWh are those of linear programs in sequence with the tunnels of the line, ``bench/plan_optimum.py``.
+    """
+    line, car = obstacles(0)
+    line = line.model_copy(update={"neutral_sections": ()})
+    consist = train_of({"car": railcar(tunnel_resistance=car["tunnel_resistance"])}, 4)
+    fastest = plan(line, consist, FREE).running_time
+    found = plan(line, consist, FREE.model_copy(update={"time": factor * fastest}))
+    assert found.energy / 3.6e6 == pytest.approx(least, rel=3e-3)
+    if factor == 1.05:
+        assert 0.98 * found.energy < net_energy_bound(found) <= 1.0005 * least * 3.6e6
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 10))])
+def test_more_time_is_never_dearer(seed: int) -> None:
+    """Breaks if a timetable with a larger reserve needs more energy."""
+    line, car = obstacles(seed)
+    consist = train_of({"car": car}, 4)
+    fastest = plan(line, consist)
+    found = [
+        plan(line, consist, PlanSettings(time=factor * fastest.running_time)).energy for factor in (1.05, 1.15, 1.3)
+    ]
+    assert all(more <= less * ROUNDING for less, more in pairwise([fastest.energy, *found]))
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 5))])
+def test_the_reverse_of_the_reverse_is_the_line(seed: int) -> None:
+    """Breaks if a reversal moves a place by more than rounding: the plans of both lines have the same time."""
+    line, car = obstacles(seed)
+    twice = reversed_line(reversed_line(line))
+    consist = train_of({"car": car}, 4)
+    assert plan(twice, consist).running_time == pytest.approx(plan(line, consist).running_time, rel=1e-6)
+    grids = np.linspace(200, 4200, 400)
+    limits = [SpeedLimits(entry, 60.0).at(grids + 0.01, 100.0) for entry in (line, twice)]
+    assert limits[0] == pytest.approx(limits[1])
+
+
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 30))])
+def test_a_jerk_limit_costs_three_percent_at_most(seed: int) -> None:
+    """Breaks if the jerk limit loses time where the line leaves room: sections of 4 km with steps and obstacles."""
+    line, car = obstacles(seed)
+    consist = train_of({"car": car}, 4)
+    smooth, free = (plan(line, consist, PlanSettings(jerk=jerk)).running_time for jerk in (0.5, None))
+    assert smooth <= 1.03 * free

@@ -27,6 +27,8 @@ class SectionTables:
         v²/2 of the speed limit of the whole train at every place [m²/s²].
     line_min, line_mean, line_max : Array, shape (cells,)
         Line force of every cell, divided by the inertia [m/s²].
+    air : Array, shape (3, cells)
+        Least, own and largest tunnel air of every cell over v² and inertia [1/m].
     rates : Array, shape (4, n)
         Accelerations over the speed, see :func:`acceleration_table` [m/s²].
     traction_reserve, brake_reserve : Array, shape (cells,)
@@ -37,6 +39,7 @@ class SectionTables:
     line_min: Array
     line_mean: Array
     line_max: Array
+    air: Array
     rates: Array
     traction_reserve: Array
     brake_reserve: Array

@@ -17,6 +17,7 @@ from train_ato.profile.knots import knot_count
 from train_ato.profile.planner.driving_strategy import DrivingStrategy, SectionInputs, SectionKnots
 from train_ato.profile.planner.jerk_limit import fit_jerk_limit
 from train_ato.profile.planner.net_energy import weighted_energy
+from train_ato.profile.planner.place_limits import PlaceLimits
 from train_ato.profile.planner.section import PlanSection
 from train_ato.profile.planner.settings import PlanSettings
 from train_ato.profile.planner.train_tables import TrainTables
@@ -45,6 +46,8 @@ class Plan:
         Line of the plan.
     work : Array, shape (3, n - 1)
         Work of traction, of all brakes and of the electric brake between two knots [J], each >= 0.
+    places : PlaceLimits, optional
+        Limits by place of the plan; None for a line without.
     """
 
     profile: Profile
@@ -55,6 +58,7 @@ class Plan:
     train: TrainTables
     line: Line
     work: Array
+    places: PlaceLimits | None = None
 
     @property
     def running_time(self) -> float:
@@ -138,7 +142,7 @@ def assemble_plan(
     profile, force = _join_knots(knots_of, arrivals, inputs, period, since)
     limit = inputs.limits.at(profile.position + inputs.train.half, inputs.train.length)
     work = _work_between(profile, force, inputs)
-    return Plan(profile, force, limit, tuple(arrivals), settings, inputs.train, line, work)
+    return Plan(profile, force, limit, tuple(arrivals), settings, inputs.train, line, work, inputs.places)
 
 
 def _work_between(profile: Profile, force: Array, inputs: SectionInputs) -> Array:

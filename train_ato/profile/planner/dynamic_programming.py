@@ -71,6 +71,8 @@ class CoarseGrid:
         Least E at the places; 0 without.
     line_mean : Array, shape (n,)
         Mean line force of every fine cell, divided by the inertia [m/s²].
+    air : Array, shape (n,)
+        Tunnel air of every fine cell over v² and inertia [1/m].
     table : Array
         Rows of the passes, see :mod:`train_ato.profile.planner.passes`.
     service, deceleration
@@ -87,6 +89,7 @@ class CoarseGrid:
         top: Array,
         floor: Array,
         line_mean: Array,
+        air: Array,
         table: Array,
         service: float,
         deceleration: float,
@@ -99,9 +102,13 @@ class CoarseGrid:
         change = np.concatenate(([0.0], np.cumsum(np.minimum(np.abs(np.diff(top)), slope * steps))))
         share = 0.5 * (places - places[0]) / length + 0.5 * change / max(float(change[-1]), 1e-9)
         self.places: Array = np.interp(np.linspace(0.0, share[-1], count + 1), share, places)
-        work = np.concatenate(([0.0], np.cumsum(line_mean * steps)))
         self.steps: Array = np.diff(self.places)
-        self.line_mean: Array = np.diff(np.interp(self.places, places, work)) / self.steps
+
+        def mean(values: Array) -> Array:
+            total = np.concatenate(([0.0], np.cumsum(values * steps)))
+            return np.asarray(np.diff(np.interp(self.places, places, total)) / self.steps)
+
+        self.line_mean, self.air = mean(line_mean), mean(air)
         self.top: Array = np.interp(self.places, places, top)
         self.top[-1] = end
         self.floor: Array = np.interp(self.places, places, floor)
@@ -128,7 +135,7 @@ def switching_curve(
     energies = np.linspace(0.0, float(grid.top.max()) * (1 + 1e-9), grid.points)
     prices = np.broadcast_to(np.asarray(price, dtype=np.float64), grid.steps.shape).copy()
     traction, electric = _curves(
-        energies, grid.top, grid.floor, grid.line_mean, grid.steps, grid.table, spacing,
+        energies, grid.top, grid.floor, grid.line_mean, grid.air, grid.steps, grid.table, spacing,
         (grid.service, grid.deceleration), prices, (weights.traction, weights.recovered),
     )  # fmt: skip
     return grid.places, traction, electric
@@ -202,8 +209,8 @@ def _marginal_cost(
 
 @compiled
 def _curves(
-    energies: Array, top: Array, floor: Array, line_mean: Array, steps: Array, table: Array, speed_step: float,
-    service: tuple[float, float], prices: Array, weights: tuple[float, float],
+    energies: Array, top: Array, floor: Array, line_mean: Array, air: Array, steps: Array, table: Array,
+    speed_step: float, service: tuple[float, float], prices: Array, weights: tuple[float, float],
 ) -> tuple[Array, Array]:  # fmt: skip
     """Return both switching curves; ``service`` are the acceleration and deceleration limits [m/s²]."""
     n, m = steps.size, energies.size
@@ -223,10 +230,11 @@ def _curves(
             pull = table[TRACTION, j] + (place - j) * (table[TRACTION, j + 1] - table[TRACTION, j])
             drag = table[COAST, j] + (place - j) * (table[COAST, j + 1] - table[COAST, j])
             brake = table[ELECTRIC, j] + (place - j) * (table[ELECTRIC, j + 1] - table[ELECTRIC, j])
-            fast = min(energy + step * min(service[0], pull - line_mean[k]), ceiling)
-            coast = energy - step * (drag + line_mean[k])
-            slow = energy - step * min(service[1], drag + line_mean[k])
-            low = min(energy - step * min(service[1], brake + line_mean[k]), slow) if weights[1] > 0.0 else slow
+            line = line_mean[k] + 2.0 * air[k] * energy
+            fast = min(energy + step * min(service[0], pull - line), ceiling)
+            coast = energy - step * (drag + line)
+            slow = energy - step * min(service[1], drag + line)
+            low = min(energy - step * min(service[1], brake + line), slow) if weights[1] > 0.0 else slow
             range_ = (low, slow, coast)
             if k == n - 1 and ceiling <= 0.0:  # the stop
                 new[i] = price * 2.0 * step / max(speed, MIN_SPEED) + weights[0] * max(-coast, 0.0)

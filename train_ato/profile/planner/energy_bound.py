@@ -29,7 +29,7 @@ depends on the place only, so that t(E), which is convex, counts with its mean o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +76,8 @@ class _Bounded:
         Factor of every node of m in the work against the line force, and of m E at both ends [J/kg].
     spread : Array, shape (n,)
         Factor of the change of m in a cell, the largest error of that work [J/kg].
+    air : Array, shape (n,)
+        Least tunnel air of every cell over v² [1/m].
     """
 
     nodes: Array
@@ -85,11 +87,13 @@ class _Bounded:
     largest: Array
     line_work: Array
     spread: Array
+    air: Array
 
-    def bracket(self, price: float, weight: float, slope: float, speed: Array) -> Array:
+    def bracket(self, price: float, weight: float, slope: float, speed: Array, air: float) -> Array:
         """Return lower bounds of the bracket [m/s²] between increasing speeds [m/s], for one m and its slope."""
         resistance, traction, electric = self.forces(speed)
         energy = speed**2 / 2
+        resistance = resistance + air * speed**2
         pull = max(weight - self.weights.traction, 0.0) * np.maximum(traction[1:], traction[:-1])
         pull = pull + max(self.weights.recovered - weight, 0.0) * np.maximum(electric[1:], electric[:-1])
         moved = -slope * (energy[1:] if slope > 0 else energy[:-1])
@@ -134,7 +138,11 @@ def energy_lower_bound(sections: list[PlanSection], time: float) -> float:
 def _prepared(section: PlanSection, cells: int) -> _Bounded:
     """Return a section without the window of the jerk limit, so that no feasible run exceeds its largest E."""
     free = PlanSection(
-        section.inputs, section.begin, section.end, begin_speed=section.begin_speed, end_speed=section.end_speed
+        replace(section.inputs, places=None),
+        section.begin,
+        section.end,
+        begin_speed=section.begin_speed,
+        end_speed=section.end_speed,
     )
     places, fastest, table = free.grid.places, free.energy_profile(), free.tables.rates
     nodes = np.linspace(places[0], places[-1], cells + 1)
@@ -155,7 +163,11 @@ def _prepared(section: PlanSection, cells: int) -> _Bounded:
     line_work[-1] += fastest[-1]
     spread = np.zeros(cells)
     np.add.at(spread, cell[:-1], 0.25 * (high - low) * free.grid.steps**2 / steps[cell[:-1]])
-    return _Bounded(nodes, steps, table, energy_weights(section.inputs.settings), largest, line_work, spread)
+    air = np.zeros(cells)
+    if section.inputs.places is not None:
+        least = section.inputs.places.least_air(free.grid)
+        air = np.array([least[a:b].min() for a, b in zip(first, last, strict=True)])
+    return _Bounded(nodes, steps, table, energy_weights(section.inputs.settings), largest, line_work, spread, air)
 
 
 def _least_bracket(section: _Bounded, weight: Array, price: float) -> tuple[Array, Array]:
@@ -165,7 +177,10 @@ def _least_bracket(section: _Bounded, weight: Array, price: float) -> tuple[Arra
     least, at = np.empty(slope.size), np.empty(slope.size)
     for k in range(slope.size):
         count = min(int(np.searchsorted(speed, np.sqrt(2.0 * section.largest[k]), side="left")), speed.size - 1)
-        both = [section.bracket(price, float(m), float(slope[k]), speed[: count + 1]) for m in weight[k : k + 2]]
+        both = [
+            section.bracket(price, float(m), float(slope[k]), speed[: count + 1], float(section.air[k]))
+            for m in weight[k : k + 2]
+        ]
         least[k] = 0.5 * (float(both[0].min()) + float(both[1].min()))
         at[k] = speed[1 + int(np.argmin(both[0] + both[1]))]
     return least, np.minimum(at, np.sqrt(2.0 * section.largest))
@@ -223,7 +238,7 @@ class _Program:
         columns = np.stack(
             (y + cell, 0 * cell, m + cell, m + cell + 1, w + cell, w + cell + 1, z + cell, z + cell + 1), axis=1
         )  # y <= p / v + m r - (m - a)+ t - (c - m)+ b - m' E
-        half = 0.5 * resistance
+        half = 0.5 * (resistance + section.air * speed**2)
         pull, brake = 0.5 * traction, 0.5 * electric
         factors = np.stack(
             (np.ones(cell.size), -1.0 / speed, -half - rate, -half + rate, pull, pull, brake, brake), axis=1

@@ -48,7 +48,7 @@ def section_work(section: PlanSection, strategy: DrivingStrategy) -> tuple[float
     energy, train = section.energy_profile(strategy), section.inputs.train
     steps, columns = section.grid.steps, SPEED_STEP * np.arange(train.speed.size)
     speed = np.sqrt(energy[:-1] + energy[1:])
-    resistance = np.interp(speed, columns, train.resistance)
+    resistance = np.interp(speed, columns, train.resistance) + section.tables.air[1] * train.inertia * speed**2
     _, mean, _ = section.inputs.force.over_cells(section.grid)
     force: Array = np.diff(energy) / steps * train.inertia + resistance + mean
     braked = np.minimum(np.maximum(-force, 0.0), np.interp(speed, columns, train.electric))

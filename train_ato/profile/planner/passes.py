@@ -38,15 +38,17 @@ def _reduced(table: Array, row: int, energy: float, spacing: float, reserve: flo
 
 
 @compiled
-def _at_balance(table: Array, spacing: float, reserve: float, line: float, begin: float, end: float) -> Any:
+def _at_balance(
+    table: Array, spacing: float, reserve: float, line: float, air: float, begin: float, end: float
+) -> Any:  # fmt: skip
     """Return E at the end of a cell, or E of the balancing speed if the step from ``begin`` has passed it."""
-    first = _reduced(table, TRACTION, begin, spacing, reserve) - line
-    last = _reduced(table, TRACTION, end, spacing, reserve) - line
+    first = _reduced(table, TRACTION, begin, spacing, reserve) - line - 2.0 * air * begin
+    last = _reduced(table, TRACTION, end, spacing, reserve) - line - 2.0 * air * end
     if end <= 0.0 or first * last >= 0.0 or (end - begin) * first <= 0.0:
         return end
     for _ in range(BALANCE_STEPS):
         middle = 0.5 * (begin + end)
-        if (_reduced(table, TRACTION, middle, spacing, reserve) - line) * first > 0.0:
+        if (_reduced(table, TRACTION, middle, spacing, reserve) - line - 2.0 * air * middle) * first > 0.0:
             begin = middle
         else:
             end = middle
@@ -55,8 +57,8 @@ def _at_balance(table: Array, spacing: float, reserve: float, line: float, begin
 
 @compiled
 def backward(
-    limit: Array, table: Array, spacing: float, line_min: Array, line_mean: Array, steps: Array, reserve: Array,
-    service: float, end_energy: float, coast_above: float,
+    limit: Array, table: Array, spacing: float, line_min: Array, line_mean: Array, air: Array, steps: Array,
+    reserve: Array, service: float, end_energy: float, coast_above: float,
 ) -> tuple[Array, int]:  # fmt: skip
     """Return the largest E that keeps every limit ahead, and the cell without a solution (or -1).
 
@@ -66,6 +68,8 @@ def backward(
         E of the speed limit of the whole train.
     line_min, line_mean : Array, shape (n,)
         Minimum and mean line force of every cell, divided by the inertia [m/s²].
+    air : Array, shape (3, n)
+        Least, own and largest tunnel air of every cell over v² and inertia [1/m].
     steps : Array, shape (n,)
         Length of every cell [m].
     reserve : Array, shape (n,)
@@ -81,9 +85,10 @@ def backward(
     for k in range(n - 1, -1, -1):
         at = energy[k + 1]
         for stage in range(2):
-            rate = min(service, _reduced(table, BRAKE, at, spacing, reserve[k]) + line_min[k])
+            drag = 2.0 * air[0, k] * max(at, 0.0)
+            rate = min(service, _reduced(table, BRAKE, at, spacing, reserve[k]) + line_min[k] + drag)
             if at > coast_above:
-                own = _read(table, COAST, at, spacing)
+                own = _read(table, COAST, at, spacing) + 2.0 * air[1, k] * at
                 coast = own + line_mean[k]
                 if coast > 0.25 * own:
                     rate = min(rate, coast)
@@ -96,9 +101,9 @@ def backward(
 
 @compiled
 def forward(
-    ceiling: Array, table: Array, spacing: float, line_max: Array, line_mean: Array, line_min: Array, steps: Array,
-    reserve: Array, brake_reserve: Array, service: float, service_deceleration: float, begin_energy: float,
-    cut_off: Array, brake_onset: Array,
+    ceiling: Array, table: Array, spacing: float, line_max: Array, line_mean: Array, line_min: Array, air: Array,
+    steps: Array, reserve: Array, brake_reserve: Array, service: float, service_deceleration: float,
+    begin_energy: float, cut_off: Array, brake_onset: Array,
 ) -> tuple[Array, int]:  # fmt: skip
     """Return E of the fastest solution under the ceiling of the backward pass, and the cell of a stall (or -1).
 
@@ -116,17 +121,20 @@ def forward(
         above = energy[k] > ceiling[k] * (1.0 + 1e-9) + 1e-12
         for stage in range(2):
             if above:
-                rate = -min(service_deceleration, _reduced(table, BRAKE, at, spacing, brake_reserve[k]) + line_min[k])
+                rate = _reduced(table, BRAKE, at, spacing, brake_reserve[k]) + line_min[k]
+                rate = -min(service_deceleration, rate + 2.0 * air[0, k] * max(at, 0.0))
             else:
-                rate = min(service, _reduced(table, TRACTION, at, spacing, reserve[k]) - line_max[k])
+                rate = _reduced(table, TRACTION, at, spacing, reserve[k]) - line_max[k]
+                rate = min(service, rate - 2.0 * air[2, k] * max(at, 0.0))
             last = at
             at = energy[k] + (0.5 if stage == 0 else 1.0) * steps[k] * rate
         if not above:
-            at = _at_balance(table, spacing, reserve[k], line_max[k], energy[k], at)
+            at = _at_balance(table, spacing, reserve[k], line_max[k], air[2, k], energy[k], at)
         if at > cut_off[k + 1]:
-            coast = energy[k] - steps[k] * min(service_deceleration, _read(table, COAST, last, spacing) + line_mean[k])
+            line = line_mean[k] + 2.0 * air[1, k] * max(last, 0.0)
+            coast = energy[k] - steps[k] * min(service_deceleration, _read(table, COAST, last, spacing) + line)
             if coast > brake_onset[k + 1]:
-                rate = _reduced(table, ELECTRIC, last, spacing, brake_reserve[k]) + line_mean[k]
+                rate = _reduced(table, ELECTRIC, last, spacing, brake_reserve[k]) + line
                 braked = energy[k] - steps[k] * min(service_deceleration, rate)
                 coast = min(coast, max(braked, brake_onset[k + 1]))
             at = min(at, max(coast, cut_off[k + 1]))
@@ -139,7 +147,7 @@ def forward(
 
 @compiled
 def traction_floor(
-    energy: float, last: int, table: Array, spacing: float, line_max: Array, steps: Array, reserve: Array,
+    energy: float, last: int, table: Array, spacing: float, line_max: Array, air: Array, steps: Array, reserve: Array,
     service: float,
 ) -> Array:  # fmt: skip
     """Return the least E at every place from which full traction reaches an E at a later place, shape (n + 1,).
@@ -152,7 +160,8 @@ def traction_floor(
     floor = np.zeros(steps.size + 1)
     floor[last] = energy
     for k in range(last - 1, -1, -1):
-        rate = min(service, _reduced(table, TRACTION, floor[k + 1], spacing, reserve[k]) - line_max[k])
+        rate = _reduced(table, TRACTION, floor[k + 1], spacing, reserve[k]) - line_max[k]
+        rate = min(service, rate - 2.0 * air[2, k] * floor[k + 1])
         floor[k] = floor[k + 1] - steps[k] * rate
         if floor[k] <= 0.0:
             floor[k] = 0.0

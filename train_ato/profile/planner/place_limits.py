@@ -2,7 +2,7 @@
 
 The passes of the planner have one reserve of traction and one of the brakes in every cell, a fraction of the whole
 force. Here it is the largest reserve up to an upper bound of the speed in the cell, the speed under full traction, so
-that a plan is feasible on the plant; it is exact where the train has full traction. So is the tunnel air.
+that a plan is feasible on the plant; it is exact where the train has full traction.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class PlaceLimits:
     def over_cells(
         self, grid: PlaceGrid, limit: Array, low: Array, begin_energy: float, rates: tuple[float, float]
     ) -> Array:
-        """Return the reserves of traction and brakes and the tunnel air [m/s²] in every cell, shape (3, cells).
+        """Return reserves of traction and brakes, and tunnel air over v² and inertia [1/m], of all cells: (3, cells).
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class PlaceLimits:
         index = np.minimum(np.ceil(most / self._train.speed[1]).astype(int), self._train.speed.size - 1)
         growing = np.maximum.accumulate(reserves, axis=2)
         found = np.maximum(growing[first, :, index], growing[last, :, index])
-        return np.concatenate((found.T, (air * most**2)[None]))
+        return np.concatenate((found.T, air[None]))
 
     def _speed_bound(
         self,
@@ -131,6 +131,11 @@ class PlaceLimits:
             energy = min(max(energy + step * min(rate, acceleration), 0.0), most)
             bound.append(energy)
         return np.sqrt(2.0 * np.array(bound))
+
+    def least_air(self, grid: PlaceGrid) -> Array:
+        """Return the least tunnel air over v² and inertia in every cell [1/m], shape (cells,)."""
+        ends = [self.tunnel_coefficient(places) for places in (grid.places, np.nextafter(grid.places, -np.inf))]
+        return np.asarray(np.minimum(ends[0][:-1], ends[1][1:]) / self._train.inertia)
 
     def tunnel_coefficient(self, front: Array) -> Array:
         """Return the additional air resistance over v² of the train at places of its front [N s²/m²]."""

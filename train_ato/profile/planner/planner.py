@@ -86,8 +86,9 @@ def plan(
 def net_energy_bound(result: Plan) -> float:
     """Return a lower bound of the net energy of every plan with the running time of a plan [J].
 
-    Limits of forces by place are left out: without them, a plan needs no more work.  The larger of two bounds: a linear
-    program, close on long sections with much reserve, and the value of a price of time, close on the others.
+    The air of tunnels counts.  Limits of forces by place are left out: without them, a plan needs no more work.  The
+    larger of two bounds: a linear program, close on long sections with much reserve, and the value of a price of time,
+    close on the others.
 
     Raises
     ------
@@ -99,7 +100,9 @@ def net_energy_bound(result: Plan) -> float:
 
     settings = result.settings
     force = LineForce(result.line, result.train, settings.grade_over_length)
-    inputs = SectionInputs(result.train, force, SpeedLimits(result.line, result.train.speed_max), settings)
+    inputs = SectionInputs(
+        result.train, force, SpeedLimits(result.line, result.train.speed_max), settings, result.places
+    )
     stops = stops_of(result.line, settings)
     sections = [
         PlanSection(inputs, begin, end, begin_speed=v0, end_speed=v1) for begin, end, v0, v1 in stops.sections(settings)

@@ -108,7 +108,7 @@ class PlanSection:
                 f"braking curves ahead allow {3.6 * np.sqrt(2 * top[0]):.1f} km/h; reduce begin_speed"
             )
         energy, stalled = forward(
-            top, tables.rates, SPEED_STEP, tables.line_max, tables.line_mean, tables.line_min, grid.steps,
+            top, tables.rates, SPEED_STEP, tables.line_max, tables.line_mean, tables.line_min, tables.air, grid.steps,
             tables.traction_reserve, tables.brake_reserve, _or_infinite(settings.acceleration),
             _or_infinite(settings.deceleration), first, strategy.cut_off_energy(grid.places),
             strategy.brake_onset_energy(grid.places),
@@ -130,7 +130,7 @@ class PlanSection:
         """Return the largest v²/2 that keeps every limit ahead [m²/s²]."""
         grid, tables = self.grid, self.tables
         top, lost = backward(
-            limit, tables.rates, SPEED_STEP, tables.line_min, tables.line_mean, grid.steps,
+            limit, tables.rates, SPEED_STEP, tables.line_min, tables.line_mean, tables.air, grid.steps,
             tables.brake_reserve, _or_infinite(self.inputs.settings.deceleration), self.end_speed**2 / 2, coast_above,
         )  # fmt: skip
         if lost >= 0:
@@ -153,6 +153,7 @@ class PlanSection:
             self._ceiling_energy(tables.limit),
             np.zeros(places.size) if floor is None else np.interp(places, *floor),
             tables.line_mean,
+            tables.air[1],
             tables.rates,
             _or_infinite(self.inputs.settings.acceleration),
             _or_infinite(self.inputs.settings.deceleration),
@@ -214,8 +215,7 @@ class PlanSection:
         low, mean, high = (force / train.inertia for force in self.inputs.force.over_cells(grid))
         rate = self._service_rate
         placed = self._placed(grid, low)
-        if placed is not None:
-            mean, high = mean + placed[2], high + placed[2]
+        air = np.zeros((3, grid.cells)) if placed is None else np.stack((placed[2],) * 3)
         if self.window > 0 and self.fastest_speed is not None:
             speed = np.interp(grid.places, *self.fastest_speed)
             width = np.maximum(speed[1:], speed[:-1]) * self.window / 2 + rate * self.window**2 / 8
@@ -223,6 +223,7 @@ class PlanSection:
             high = sliding_extreme(high, width, grid.places, True)
             if placed is not None:
                 placed[:2] = [sliding_extreme(reserve, width, grid.places, True) for reserve in placed[:2]]
+                air[[0, 2]] = [sliding_extreme(air[1], width, grid.places, largest) for largest in (False, True)]
         extension = self.limit_extension * self.window / 2
         limit = self.inputs.limits.over_grid(grid, train.length, extension, rate) ** 2 / 2
         for ceiling in (self.ceiling, self.inputs.ceiling):
@@ -232,11 +233,11 @@ class PlanSection:
         reserves = np.stack(self.reserve.over(grid))
         if placed is not None:
             reserves = 1.0 - (1.0 - reserves) * (1.0 - placed[:2])
-        self._tables, self._tables_key = SectionTables(limit, low, mean, high, rates, *reserves), key
+        self._tables, self._tables_key = SectionTables(limit, low, mean, high, air, rates, *reserves), key
         return self._tables
 
     def _placed(self, grid: PlaceGrid, low: Array) -> Array | None:
-        """Return reserves of traction and brakes and tunnel air [m/s²] in every cell; None without limits by place."""
+        """Return reserves of traction and brakes and tunnel air [1/m] in every cell; None without limits by place."""
         places, settings = self.inputs.places, self.inputs.settings
         if places is None:
             return None

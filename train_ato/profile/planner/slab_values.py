@@ -5,6 +5,7 @@ For a run through a slab of length h from E to E', with the mean grade force g, 
 * traction and brake work is E' - E + int r ds + h g, at least with the resistance r at the lowest E of the run.  Within
   the slab E changes by at most alpha upward and beta downward, hence this E is at least min(E, E') - alpha beta h /
   (alpha + beta).  r is concave in E: a chord is below it.  The cost increases with the work: less r, less cost.
+* Tunnel air is a part of r, the least of the slab; it is linear in E.
 * The time is int ds / sqrt(2 E) >= h / sqrt(2 mean E) (Jensen), with the mean of the highest run from E to E', up with
   alpha and down with beta.
 * Speed limits hold at the borders of the slabs only, forces have the largest value of the slab, and a train that would
@@ -173,18 +174,21 @@ def _continue_chord(values: Array, first: int, width: float) -> None:
 
 @compiled
 def least_value(
-    steps: Array, line: Array, limit: Array, table: Array, width: float, service: tuple[float, float],
+    steps: Array, line: Array, air: Array, limit: Array, open_table: Array, width: float, service: tuple[float, float],
     ends: tuple[float, float], price: float, weights: tuple[float, float],
 ) -> Any:  # fmt: skip
     """Return a lower bound of the least energy + price x time from the begin to the end."""
-    size = table.shape[1]
+    size, table = open_table.shape[1], open_table.copy()
     values, lowered = np.zeros(size), np.zeros(size)
     for j in range(size):
         values[j] = weights[0] * max(ends[1] - 0.5 * (j * width) ** 2, 0.0)
     top, last = ends[1], size - 1
-    pull, brake, drag = table[PULL].max(), table[STOPPING].max(), table[RESISTANCE].max()
+    pull, brake = table[PULL].max(), table[STOPPING].max()
     for k in range(steps.size - 1, -1, -1):
         h, force = steps[k], line[:, k]
+        for j in range(size):
+            table[RESISTANCE, j] = open_table[RESISTANCE, j] + air[k] * (j * width) ** 2
+        drag = table[RESISTANCE].max()
         steepest = max(
             min(service[0], pull - force[0]), min(service[1], brake + drag + force[2]), drag + force[2], 1e-6
         )

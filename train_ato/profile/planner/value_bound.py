@@ -5,14 +5,14 @@ where V(s, E) is the least value of W + p T from place s with E = v²/2 to the e
 bound without a gap of its own.  V is found by dynamic programming backward over slabs of the line, each step of which
 is below the true value; W is divided by the inertia, without auxiliaries.
 
-Jerk limit and limits of forces by place are left out, which lowers the bound only.  The gap has two causes: the plan is
-not optimal or keeps the jerk limit, and the slabs are finite.
+Jerk limit and limits of forces by place, except the air of tunnels, are left out, which lowers the bound only.  The gap
+has two causes: the plan is not optimal or keeps the jerk limit, and the slabs are finite.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,6 +49,8 @@ class _Slabs:
         Lengths of the slabs [m].
     line : Array, shape (3, n)
         Least, mean and largest line force.
+    air : Array, shape (n,)
+        Least tunnel air over v² [1/m].
     limit : Array, shape (n + 1,)
         E of the speed limit at the borders.
     table : Array, shape (4, m)
@@ -63,6 +65,7 @@ class _Slabs:
 
     steps: Array
     line: Array
+    air: Array
     limit: Array
     table: Array
     width: float
@@ -121,7 +124,13 @@ def _climb(bound: Callable[[float], float], price: float) -> float:
 def _slabs(section: PlanSection, size: Resolution) -> _Slabs:
     """Return a section without a jerk limit; slabs by distance, and by change of speed and time of the fastest run."""
     inputs, settings = section.inputs, section.inputs.settings
-    free = PlanSection(inputs, section.begin, section.end, begin_speed=section.begin_speed, end_speed=section.end_speed)
+    free = PlanSection(
+        replace(inputs, places=None),
+        section.begin,
+        section.end,
+        begin_speed=section.begin_speed,
+        end_speed=section.end_speed,
+    )
     places, fastest = free.grid.places, free.energy_profile()
     shares = (free.grid.steps, np.abs(np.diff(np.sqrt(2.0 * fastest))), durations(fastest, free.grid.steps))
     share = np.concatenate(([0.0], np.cumsum([part / max(float(part.sum()), 1e-9) for part in shares], axis=1).sum(0)))
@@ -133,6 +142,8 @@ def _slabs(section: PlanSection, size: Resolution) -> _Slabs:
     line = np.stack(
         (np.minimum.reduceat(low, border[:-1]), np.diff(work) / steps, np.maximum.reduceat(high, border[:-1]))
     )
+    least = np.zeros(free.grid.cells) if inputs.places is None else inputs.places.least_air(free.grid)
+    air = np.minimum.reduceat(least, border[:-1])
     at = places[border]
     limits = [inputs.limits.at(at + shift, inputs.train.length) for shift in (-1e-6, 1e-6)]
     near = np.lib.stride_tricks.sliding_window_view(np.pad(fastest, 2, mode="edge"), 5).max(axis=1)  # limits of a cell
@@ -140,7 +151,7 @@ def _slabs(section: PlanSection, size: Resolution) -> _Slabs:
     limit = np.minimum(np.maximum(*limits) ** 2 / 2, highest[border])
     width = float(np.sqrt(2.0 * limit.max())) / size.points
     return _Slabs(
-        steps, line, limit, _table(free.tables.rates, width, size.points + 3), width,
+        steps, line, air, limit, _table(free.tables.rates, width, size.points + 3), width,
         (settings.acceleration or np.inf, settings.deceleration or np.inf),
         (free.begin_speed**2 / 2, free.end_speed**2 / 2),
     )  # fmt: skip
@@ -165,7 +176,7 @@ def _least_value(slabs: _Slabs, price: float, weights: EnergyWeights) -> float:
     """Return a lower bound of energy + price x time of a section [J/kg]."""
     return float(
         least_value(
-            slabs.steps, slabs.line, slabs.limit, slabs.table, slabs.width, slabs.service, slabs.ends, price,
+            slabs.steps, slabs.line, slabs.air, slabs.limit, slabs.table, slabs.width, slabs.service, slabs.ends, price,
             (weights.traction, weights.recovered),
         )
     )  # fmt: skip
