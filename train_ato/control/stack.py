@@ -340,10 +340,10 @@ class ControlStack:
             try:
                 with step_limit(self._compensation):
                     inputs = self._law_input(measurement, reference, estimate, low, high)
-                if self._transition is not None:
-                    inputs = self._taken_over(inputs, self._transition)
                 kind, name = "law", self._name
                 with step_limit(self._law):
+                    if self._transition is not None:
+                        inputs = self._taken_over(inputs, self._transition)
                     output = self._law.step(inputs) if self.answer is None else self._take_answer(*self.answer)
                 self._fault_text = output_fault(name, self._law, output, self.model.n_units)
                 if not self._fault_text:

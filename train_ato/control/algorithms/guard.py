@@ -203,6 +203,10 @@ class GuardedLaw:
         self.saturated = [False] * self.n
         self._last_force = [0.0] * self.n
 
+    def take_over(self, inputs: LawInput, force: Array) -> None:
+        """Begin at the last command [N], shape (units,), in place of 0; laws with integrals set these in addition."""
+        self._last_force = force.tolist()
+
     def step(self, inputs: LawInput) -> LawOutput:
         """Return the force demand of every unit [N], finite and inside the limits."""
         if not is_valid(inputs):

@@ -48,10 +48,11 @@ from operator import sub
 from typing import TYPE_CHECKING, ClassVar
 
 from plant_sim.summation import plain_sum
-from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.guard import GuardedLaw, is_valid
 from train_ato.control.algorithms.rbf import Weights, activations
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -149,6 +150,15 @@ class Funnel(GuardedLaw):
     def on_missed_sample(self) -> None:
         """Handle a missed sample: the filter restarts at the next one."""
         self._alpha = None
+
+    def take_over(self, inputs: LawInput, force: Array) -> None:
+        """Begin at the last command [N]: the bias of the network, which is empty, takes the rest of the demand."""
+        super().take_over(inputs, force)
+        if self.parameters.resistance == "model" or not is_valid(inputs):
+            return
+        wanted, limit = plain_sum(self.demand(inputs)), self.parameters.weight_limit
+        self.clear_state()
+        self._bias = min(max((plain_sum(force.tolist()) - wanted) / self.model.inertia, -limit), limit)
 
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force demand of every unit [N]."""

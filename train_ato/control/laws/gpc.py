@@ -47,7 +47,7 @@ import numpy as np
 
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.diophantine import sampled_actuator
-from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.guard import GuardedLaw, is_valid
 from train_ato.control.algorithms.identification import Increments, ResidualNetwork
 from train_ato.control.algorithms.predictive_law import LinearLaw, linear_law
 from train_ato.control.contract import LawInput, parameter
@@ -135,6 +135,17 @@ class Gpc(GuardedLaw):
         self._count = 0
         self._wanted = [0.0] * self.n
         self._resisting = 0.0
+
+    def take_over(self, inputs: LawInput, force: Array) -> None:
+        """Begin with past samples of the last command [N] and of the motion that the reference has now."""
+        super().take_over(inputs, force)
+        if not is_valid(inputs):
+            return
+        speeds, sent = inputs.velocity.tolist(), self._last_force
+        if self._single:
+            speeds, sent = [self.mean(speeds)], [plain_sum(sent)]
+        for loop, speed, last, mass in zip(self._loops, speeds, sent, self._mass, strict=True):
+            loop.begin(speed, float(inputs.reference_acceleration[0]), last / mass)
 
     def on_missed_sample(self) -> None:
         """Handle a missed sample: the grid of samples continues, with the prediction of the model as measurement."""
@@ -224,7 +235,7 @@ class Loop:
     """
 
     def __init__(self, parameters: GpcParameters, forward: float, backward: float, lag: float, sampling: float) -> None:
-        self._parameters = parameters
+        self._parameters, self._sampling = parameters, sampling
         self._models = [
             Increments(*sampled_actuator(delay, lag, sampling), parameters.deviation_limit)
             for delay in (forward, backward)
@@ -264,6 +275,11 @@ class Loop:
         v, u = np.array(self._speeds[:3]), np.array(self._sent[:2])
         wanted = law.scale * (law.tracking @ ahead) - law.feedback @ v - law.past @ u
         return float(wanted) - self._xi * law.residual
+
+    def begin(self, speed: float, acceleration: float, sent: float) -> None:
+        """Set the samples before the first one: a motion with a speed [m/s], an acceleration and a command [m/s²]."""
+        self._speeds = [speed - (k + 1) * self._sampling * acceleration for k in range(4)]
+        self._sent = [sent] * 4
 
     def coast(self, sent: float) -> None:
         """Add a sample without measurement: the speed is the prediction of the model, and nothing is learnt."""

@@ -36,9 +36,10 @@ from dataclasses import dataclass
 from operator import sub
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.guard import GuardedLaw, is_valid
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
+from train_ato.messages.types import Array
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -120,6 +121,17 @@ class Pid(GuardedLaw):
     def on_missed_sample(self) -> None:
         """Handle a missed sample: the difference quotient restarts."""
         self._before = None
+
+    def take_over(self, inputs: LawInput, force: Array) -> None:
+        """Begin at the last command [N] by the sums of the speed error; the position error cannot be chosen."""
+        super().take_over(inputs, force)
+        if self._of_position or not is_valid(inputs):
+            return
+        wanted, limit = self.demand(inputs), self.parameters.integral_limit
+        self.clear_state()
+        for unit, (_, ki, _) in enumerate(self._gains):
+            if ki > 0.0:
+                self._integral[unit] = min(max((wanted[unit] - float(force[unit])) / ki, -limit), limit)
 
     def demand(self, inputs: LawInput) -> list[float]:
         """Return the force demand of every unit [N]."""
