@@ -160,6 +160,19 @@ def test_a_file_that_is_no_line_is_named(tmp_path: Path, name: str, text: str, m
     assert "\n" not in str(caught.value) and name in str(caught.value)
 
 
+def test_a_stretch_without_a_limit_is_on_the_safe_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if a train is not limited before the first limit of a file, without a word."""
+    late = BENCH | {"speed limits": BENCH["speed limits"] | {"values": [[700.0, 90], [2000.0, 60]]}}
+    line = ttobench.ttobench_line(late, "late.json")
+    assert [(e.at, round(3.6 * e.speed, 9)) for e in line.speed_limits] == [(0, 60), (700, 90), (2000, 60)]
+    own = tmp_path / "late.yaml"
+    own.write_text("{schema: train_ato/line/1, name: y, end_km: 2, speed_limits: [{at: 300, speed: 20}]}")
+    find_line(str(own))
+    printed = capsys.readouterr().err
+    assert "late.json: no speed limit from 0 to 700 m; assumed 60 km/h there, its lowest one" in printed
+    assert "speed_limits: none from 0 to 300 m; only the train limits the speed there" in printed
+
+
 def test_traps_of_an_own_line_are_noted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if 300 m/s or a grade beyond the end is taken without a word, or a colon in a name hides the file."""
     file = tmp_path / "km 12:300.yaml"

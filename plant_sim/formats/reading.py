@@ -121,6 +121,11 @@ def _note_traps(line: Line, place: str) -> None:
                 f"{place}: {key}: speed {number_text(speed)} is {number_text(3.6 * speed)} km/h; write speed_kmh for "
                 "km/h"
             )
+    if line.speed_limits and line.speed_limits[0].at > line.begin:
+        print_assumption(
+            f"{place}: speed_limits: none from {number_text(line.begin)} to {number_text(line.speed_limits[0].at)} m; "
+            "only the train limits the speed there"
+        )
     for name in ("grades", "speed_limits", "stops", "curves", "tunnels", "temporary_restrictions", "neutral_sections",
                  "power_limits", "adhesion"):  # fmt: skip
         places = [float(row.begin if hasattr(row, "begin") else row.at) for row in getattr(line, name)]

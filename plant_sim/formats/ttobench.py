@@ -13,8 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.formats.fields import Fields, finite_number
+from plant_sim.formats.notes import print_assumption
 from plant_sim.input_error import build_model
 from plant_sim.line import Line, order_fault
+from plant_sim.number_text import number_text
 
 LENGTHS = {"m": 1.0, "km": 1e3}
 SPEEDS = {"km/h": 1 / 3.6, "m/s": 1.0}
@@ -48,6 +50,13 @@ def ttobench_line(data: dict[str, Any], place: str) -> Line:
     if isinstance(data.get("metadata"), dict):
         name = Fields(data["metadata"], f"{place}: metadata").text("id", name)
     begin, end = min(stops[0], 0.0), stops[-1]
+    if limits[0][0] > begin:
+        lowest = min(speed for _, speed in limits)
+        print_assumption(
+            f"{place}: no speed limit from {number_text(begin)} to {number_text(limits[0][0])} m; assumed "
+            f"{number_text(3.6 * lowest)} km/h there, its lowest one"
+        )
+        limits.insert(0, (begin, lowest))
     return build_model(
         Line,
         {
