@@ -39,6 +39,8 @@ _SCALARS: tuple[tuple[str, re.Pattern[str], list[str]], ...] = (
     ("merge", re.compile(r"^<<$"), ["<"]),
 )
 """Type, text and first characters of the plain scalars that are not text."""
+MAX_DIGITS = 400
+"""Largest number of digits of an integer: more than of the largest floating-point number."""
 _Base: Any = getattr(yaml.cyaml, "CParser", None) if yaml.__with_libyaml__ else None
 _PYTHON = (yaml.reader.Reader, yaml.scanner.Scanner, yaml.parser.Parser)
 _PARSERS: tuple[Any, ...] = _PYTHON if _Base is None else (_Base,)
@@ -88,6 +90,9 @@ class _UniqueKeys(yaml.constructor.SafeConstructor):
     def construct_yaml_int(self, node: Any) -> int:
         """Construct an integer: decimal, ``0o17`` or ``0x1f``."""
         text = str(self.construct_scalar(node)).replace("_", "")
+        if len(text) > MAX_DIGITS:
+            problem = f"an integer of {len(text)} digits; give at most {MAX_DIGITS}"
+            raise yaml.constructor.ConstructorError(None, None, problem, node.start_mark)
         return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
 
 

@@ -13,6 +13,21 @@ from pydantic import BaseModel, ValidationError
 from plant_sim.units import SiModel
 
 _Model = TypeVar("_Model", bound=SiModel)
+_NO_BLOCK = "is no block of keys; write key: value below it"
+_PLAIN = {
+    "model_type": _NO_BLOCK,
+    "model_attributes_type": _NO_BLOCK,
+    "dict_type": _NO_BLOCK,
+    "tuple_type": "is no list; write [first, second]",
+    "list_type": "is no list; write [first, second]",
+    "too_short": "needs at least {min_length} entries; add them",
+    "too_long": "has {actual_length} entries, at most {max_length}; remove some",
+    "string_type": "is no text; write it in quotes",
+    "bool_type": "is neither true nor false; write one of them",
+    "bool_parsing": "is neither true nor false; write one of them",
+    "string_pattern_mismatch": "use letters, digits, _ and - only, at most 60, a letter first",
+}
+"""Errors of pydantic that name classes or patterns, in plain words."""
 _SHORT = reprlib.Repr()
 _SHORT.maxother = _SHORT.maxstring = 60
 
@@ -21,6 +36,13 @@ def close_match(name: str, known: Iterable[str]) -> str:
     """Return the hint ``; did you mean '...'?`` with the nearest known name; empty if none is near."""
     matches = difflib.get_close_matches(str(name), [str(entry) for entry in known], n=1, cutoff=0.6)
     return f"; did you mean '{matches[0]}'?" if matches else ""
+
+
+def one_of(count: int) -> str:
+    """Return the remedy for a wrong number of one of ``count`` parts, counted from 0."""
+    if count < 1:
+        return "there is none; remove it"
+    return "give 0, the only one" if count == 1 else f"give 0 ... {count - 1}"
 
 
 def build_model(model: type[_Model], raw: Any, where: str) -> _Model:
@@ -81,6 +103,8 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
         )
         place, value = f"{place}.{key}", repr(first["ctx"]["tag"])
         text = f"is none of {', '.join(kinds)}{close_match(first['ctx']['tag'], kinds)}"
+    elif first["type"] in _PLAIN:
+        text = _PLAIN[first["type"]].format(**first.get("ctx", {}))
     else:
         text = first["msg"].removeprefix("Value error, ")
         text = text[0].lower() + text[1:]

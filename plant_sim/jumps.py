@@ -6,6 +6,7 @@ import numpy as np
 
 from plant_sim import kernel as k
 from plant_sim.consist import Consist
+from plant_sim.input_error import one_of
 from plant_sim.packing import Arrays, lag_decay
 from plant_sim.parted_couplers import PartedCouplers
 from plant_sim.plant_setup import Jump, PlantSetup, TrainSeparation
@@ -66,7 +67,7 @@ class Jumps:
         for what, listed, count in (("vehicle", jump.vehicles, self._vehicles), ("unit", jump.units, self._units)):
             wrong = [i for i in listed or () if not 0 <= i < count]
             if wrong:
-                raise ValueError(f"jumps lists {what} {wrong[0]}: not in the train; give 0 ... {count - 1}")
+                raise ValueError(f"jumps lists {what} {wrong[0]}: not in the train; {one_of(count)}")
         if jump.what == "brake" and not self._arrays.vehicle[k.SHOE].any():
             raise ValueError("a jump of brake multiplies the shoe forces, but no vehicle has shoes; remove it")
         if jump.what == "adhesion" and not self._adhesive:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from plant_sim import kernel as k
 from plant_sim.brake_events import BrakeEvents
 from plant_sim.consist import Consist
+from plant_sim.input_error import one_of
 from plant_sim.packing import NO_LIMIT, Arrays
 from plant_sim.states import Array
 
@@ -52,9 +53,7 @@ class PartedCouplers:
         rigid = [range(first, end) for first, end, kind, _ in self._arrays.run if kind == k.RIGID]
         for coupler in couplers:
             if not 0 <= coupler < len(self._gaps):
-                there = (
-                    f"give 0 ... {len(self._gaps) - 1}" if len(self._gaps) else "the train is one vehicle; remove it"
-                )
+                there = one_of(len(self._gaps)) if len(self._gaps) else "the train is one vehicle; remove it"
                 raise ValueError(f"jumps: no coupler is behind vehicle {coupler}; {there}")
             if any(coupler in run for run in rigid):
                 raise ValueError(f"jumps: the coupler behind vehicle {coupler} is rigid; list one with a draft gear")

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.input_error import one_of
 from plant_sim.plant_setup import Freeze, Sensors
 from plant_sim.states import Array, Measurement, VehicleStates
 from plant_sim.streams import random_stream
@@ -88,11 +89,11 @@ class SensorSet:
         for i in sensors.couplers:
             if not 0 <= i < len(gaps) - 1:
                 raise ValueError(
-                    f"sensors.couplers lists vehicle {i}: no coupler is behind it; give 0 ... {len(gaps) - 2}"
+                    f"sensors.couplers lists vehicle {i}: no coupler is behind it; {one_of(len(gaps) - 1)}"
                 )
         for unit in (*(freeze.unit for freeze in sensors.freeze), *(slip.unit for slip in sensors.wheel_slip)):
             if unit >= len(units):
-                raise ValueError(f"a sensor fault names unit {unit}: not in the train; give 0 ... {len(units) - 1}")
+                raise ValueError(f"a sensor fault names unit {unit}: not in the train; {one_of(len(units))}")
         self._front: NDArray[np.int64] = np.array(sensors.couplers, dtype=np.int64)
         self._rear = self._front + 1
         self._gaps = gaps[self._front]

@@ -57,6 +57,21 @@ CASES: list[tuple[str, list[str], str]] = [
         ["run", "demo", "--set", "faults=[{do: kill, node: observer, begin: 4}]"],
         r"faults\.0\.begin: unknown key \(known: at, at_min, at_ms, do, node\)",
     ),
+    *(
+        (f"plain words: {pair[:20]}", ["run", "demo", "--set", pair], rf"{words}[^^]*$")
+        for pair, words in (
+            ("plant=5", "plant = 5: is no block of keys; write key: value"),
+            ("links.command=3", "links.command = 3: is no block of keys"),
+            ("interventions=[3]", "interventions.0 = 3: is no block of keys"),
+            ("criteria.requirements=5", "criteria.requirements = 5: is no block of keys"),
+            ("faults=3", "faults = 3: is no list"),
+            ("profile.phases=[]", "needs at least 1 entries"),
+            ("criteria.requirements={'a b': 'G speed >= 0'}", "use letters, digits, _ and - only"),
+            ("profile={file: /nonexist}", r"/nonexist: cannot be read \(No such file or directory\)"),
+            (f"seed={'9' * 5000}", "seed: an integer of 5000 digits"),
+            ("plant.sensors.freeze=[{quantity: velocity, unit: 7, begin: 1, end: 2}]", "give 0, the only one"),
+        )
+    ),
     ("unknown law", ["run", "demo", "--law", "pidd"], r"unknown law 'pidd'.*did you mean 'pid'"),
     ("unknown observer", ["run", "demo", "--observer", "x"], r"unknown observer 'x'.*known: .*ndo"),
     ("unknown compensation", ["run", "demo", "--compensation", "x"], r"unknown compensation 'x'.*known: .*preview"),

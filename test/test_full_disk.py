@@ -39,10 +39,10 @@ sys.exit(main(sys.argv[2:]))
 """
 
 
-def run(largest: int, *arguments: str) -> subprocess.CompletedProcess[str]:
+def run(largest: int, *arguments: str, program: str = PROGRAM) -> subprocess.CompletedProcess[str]:
     """Run a command with a limit on the size of its files [bytes], after compilation of the kernel."""
     return subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(largest), *arguments],
+        [sys.executable, "-c", program, str(largest), *arguments],
         env={**os.environ, "PYTHONPATH": str(Path(plant_sim.__file__).parents[1])},
         capture_output=True,
         text=True,
@@ -57,6 +57,19 @@ def test_a_run_that_cannot_begin_leaves_nothing(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1].startswith(f"train-ato: --out {tmp_path / 'out'}: cannot be written")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_report_or_table_that_finds_no_room_is_named(tmp_path: Path) -> None:
+    """Breaks if the line has the error of the disk only, without the file."""
+    folder = tmp_path / "run"
+    assert main(["run", "demo", "--engine", "--set=duration=5", f"--out={folder}"]) == 0
+    out = {name: str(tmp_path / name) for name in ("report.html", "csv", "parquet")}
+    commands = (["report", f"--out={out['report.html']}"], ["export", "--csv", f"--out={out['csv']}"],
+                ["export", f"--out={out['parquet']}"])  # fmt: skip
+    program = PROGRAM.replace("sys.exit(main(sys.argv[2:]))", "for words in sys.argv[2:]: main(words.split())")
+    done = run(300, *(" ".join([name, str(folder), *rest]) for name, *rest in commands), program=program)
+    for line, place in zip(done.stderr.splitlines(), out.values(), strict=True):
+        assert line.startswith(f"train-ato: {place}") and line.endswith("File too large"), done.stderr
 
 
 @pytest.mark.parametrize("way", ["--engine", "--composed"])

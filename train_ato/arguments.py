@@ -146,6 +146,8 @@ def parse_yaml_value(text: str, option: str) -> Any:
     try:
         return parse_yaml(text)
     except ValueError:
+        if text.strip().lstrip("+-").isdigit():
+            raise ValueError(f"{option}: an integer of {len(text.strip())} digits; give a shorter one") from None
         raise ValueError(
             f"{option}: '{text[:60]}' is not valid YAML; quote a text that contains [ ] {{ }} : or #"
         ) from None

@@ -30,7 +30,7 @@ def read_bytes(path: Path) -> bytes:
             raise ValueError(f"{path}: larger than {MAX_FILE_SIZE} bytes; give a file of a train or a line")
         return path.read_bytes()
     except OSError as error:
-        raise ValueError(f"{path}: cannot be read ({error.__class__.__name__}); give a readable text file") from None
+        raise ValueError(f"{path}: cannot be read ({error.strerror}); give a readable text file") from None
 
 
 def read_data(path: Path) -> dict[str, Any]:

@@ -1,9 +1,25 @@
-"""Writing of a small file as a whole or not at all."""
+"""Writing of files: a small one as a whole or not at all, errors with the name of the file."""
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Give the errors of the block the name of the file: the error of a full disk has none.
+
+    Raises
+    ------
+    OSError
+        With the name of the file.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno or 0, error.strerror or str(error), str(path)) from None
 
 
 def write_whole(path: Path, text: str) -> None:

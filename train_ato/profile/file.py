@@ -49,8 +49,10 @@ def read_profile(path: Path, period: float | None = None) -> Profile:
         if path.stat().st_size > LARGEST_FILE:
             raise ValueError(f"{path}: larger than {LARGEST_FILE} bytes; name a profile file")
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: cannot be read ({error.__class__.__name__}); name a readable profile file") from None
+    except OSError as error:
+        raise ValueError(f"{path}: cannot be read ({error.strerror}); name a readable profile file") from None
+    except UnicodeDecodeError:
+        raise ValueError(f"{path}: is no text in UTF-8; name a profile file") from None
     try:
         if path.suffix.lower() in (".yaml", ".yml"):
             return _parse_yaml(text, period)

@@ -38,6 +38,7 @@ from train_ato.apps.report.quantities import (
     none_to_full,
     traces_of,
 )
+from train_ato.log.whole_file import writing
 
 WIDTH = 6.7
 """Width of a figure [inch]: a text column of 170 mm."""
@@ -305,7 +306,8 @@ def draw_track(axes: Axes, data: PageData) -> None:
 @styled()
 def save_figure(figure: Figure, path: Path, dpi: int = DPI) -> None:
     """Write a figure in the common style, without date; equal figures result in equal files."""
-    figure.savefig(path, dpi=dpi, metadata={"Date": None} if path.suffix == ".svg" else {"Software": None})
+    with writing(path):
+        figure.savefig(path, dpi=dpi, metadata={"Date": None} if path.suffix == ".svg" else {"Software": None})
 
 
 def write_figure(figure: Figure, path: Path) -> None:

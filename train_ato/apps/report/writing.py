@@ -12,6 +12,7 @@ from train_ato.apps.report.summary_rows import difference_text, filled_groups, r
 from train_ato.apps.report.verdict_rows import best_text, criterion_cells, verdict_texts
 from train_ato.apps.runs.protection_note import summary_events
 from train_ato.apps.runs.ranking import difference_from_best
+from train_ato.log.whole_file import write_whole
 from train_ato.version import VERSION
 
 
@@ -131,14 +132,8 @@ def _missing_in_all(pages: list[PageData]) -> list[tuple[str, str]]:
 
 def write_atomically(text: str, path: Path) -> int:
     """Write a file atomically and return its size [bytes]."""
-    data = text.encode("utf-8")
-    scratch = path.with_name(path.name + ".part")
-    try:
-        scratch.write_bytes(data)
-        scratch.replace(path)
-    finally:
-        scratch.unlink(missing_ok=True)
-    return len(data)
+    write_whole(path, text)
+    return path.stat().st_size
 
 
 def warnings_of(data: PageData, run: str = "") -> list[str]:

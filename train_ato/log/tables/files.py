@@ -15,6 +15,7 @@ import pyarrow.parquet
 
 from train_ato.log.tables.columns import TIME, unit_of
 from train_ato.log.tables.loading import Frames
+from train_ato.log.whole_file import writing
 from train_ato.messages.topics import BY_NAME
 from train_ato.version import VERSION
 
@@ -110,7 +111,7 @@ def _parquet(table: pa.Table, path: Path) -> Iterable[int]:
     texts = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
     # numbers seldom repeat, so dictionaries are slow and large; split byte streams compress best
     settings = {"compression": "zstd", "use_dictionary": texts or False, "use_byte_stream_split": floats or False}
-    with pa.parquet.ParquetWriter(path, table.schema, **settings) as writer:
+    with writing(path), pa.parquet.ParquetWriter(path, table.schema, **settings) as writer:
         for begin in range(0, table.num_rows, 8 * ROWS):
             part = table.slice(begin, 8 * ROWS)
             writer.write_table(part)
@@ -121,7 +122,7 @@ def _csv(table: pa.Table, path: Path) -> Iterable[int]:
     head = io.StringIO()
     csv.writer(head, lineterminator="\n").writerow(table.column_names)
     options = pa.csv.WriteOptions(include_header=False)
-    with path.open("wb") as file:
+    with writing(path), path.open("wb") as file:
         file.write(head.getvalue().encode())
         with pa.csv.CSVWriter(file, table.schema, write_options=options) as writer:
             for begin in range(0, table.num_rows, ROWS):
