@@ -157,7 +157,7 @@ def test_an_observer_that_raises_stops_the_train() -> None:
     assert moving > 5.0 and abs(end) < 0.1
 
 
-@pytest.mark.parametrize("mode", ["engine", pytest.param("composed", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("mode", ["engine", pytest.param("composed", marks=pytest.mark.graph)])
 def test_a_law_object_is_the_object_that_runs(mode: Any) -> None:
     """Breaks if the run makes another law from the keywords: the user's object would see no step."""
     law = Unsound("nan")
@@ -165,7 +165,7 @@ def test_a_law_object_is_the_object_that_runs(mode: Any) -> None:
     assert law.steps == run.metrics["ticks"] == 200
 
 
-@pytest.mark.slow
+@pytest.mark.graph
 def test_a_law_that_loops_stops_the_nodes_of_one_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Breaks if the executor hangs with the law."""
     monkeypatch.setattr(interrupt, "STEP_LIMIT_S", 0.5)

@@ -25,6 +25,8 @@ SAMPLE = [
     ("xuzhou_metro", "acceleration", "smc", "funnel"),
     ("xuzhou_metro", "acceleration", "rbf_switching_smc", "pid"),
     ("xuzhou_metro", "standstill", "pid", "gpc"),
+    ("xuzhou_metro", "acceleration", "pid", "mpc"),
+    ("xuzhou_metro", "acceleration", "lag_smc", "mpc"),
 ]
 ALL = [
     (scenario, place, old, new)

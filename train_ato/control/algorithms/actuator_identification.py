@@ -149,6 +149,14 @@ class ActuatorIdentification:
         self.gain, self.misfit = 1.0, 0.0
         self.model_is_unsafe = False
 
+    def take_over(self, in_flight: Array, last: Array, applied: Array) -> None:
+        """Begin with the commands in flight, shape (d, units), the last command and the forces that act [N]."""
+        commands = (in_flight if in_flight.size else last[None])[-self.length :]
+        self.sent[:] = commands[0]
+        self.sent[-len(commands) :] = commands
+        self.sent[1:] = self.sent[:-1].copy()  # the first step adds the last command
+        self._modelled[:] = applied
+
     @property
     def factor(self) -> float:
         """Present factor on the delays."""

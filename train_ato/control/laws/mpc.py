@@ -101,7 +101,7 @@ from train_ato.control.algorithms.actuator_identification import ActuatorIdentif
 from train_ato.control.algorithms.disturbance_filters import motion_by_rate
 from train_ato.control.algorithms.force_plan import PARTS, ForcePlan, PlanStart
 from train_ato.control.algorithms.force_shares import mean_over_units
-from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.guard import GuardedLaw, is_valid
 from train_ato.control.algorithms.lag_feedforward import feedforward, hauled_feedforward
 from train_ato.control.algorithms.limits_ahead import limits_force
 from train_ato.control.algorithms.measured_motion import MeasuredMotion
@@ -212,6 +212,12 @@ class Mpc(GuardedLaw):
         self._cautious_steps = 0
         self._cautious = self._simulated = False
         self._set_delays(1.0)
+
+    def take_over(self, inputs: LawInput, force: Array) -> None:
+        """Begin with the commands in flight, without which the prediction would lack their force."""
+        super().take_over(inputs, force)
+        if is_valid(inputs):
+            self._identification.take_over(inputs.commands_in_flight, force, inputs.applied)
 
     def on_missed_sample(self) -> None:
         """Handle a missed sample: the observer restarts at the next one with the present disturbance."""
