@@ -103,15 +103,6 @@ def test_a_force_is_possible_up_to_a_bound_of_either_sign():
     ]  # fmt: skip
 
 
-def test_two_different_messages_of_one_stamp_are_both_refused():
-    """Breaks if the first of them stays in use: either may be the false one."""
-    link = receiver()
-    for tick in range(3):
-        link.receive(tick * TICK, command(tick))
-    assert link.receive(2 * TICK, command(2, 99.0)).force[0] == 1.0
-    assert (link.fresh, link.refusal) == (False, "contradictory messages of stamp 0.200 s")
-
-
 def test_the_age_of_the_newest_message_is_limited():
     """Breaks if a receiver returns a message that is older than permitted, or none at the largest age."""
     link = receiver(drop(begin=0.2), max_age=3 * TICK)

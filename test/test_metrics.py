@@ -10,7 +10,15 @@ from recordings import recording_of, with_final
 
 from plant_sim.line import Line
 from train_ato.loop.engine import run_engine
-from train_ato.loop.metrics import differences, evaluated_ticks, limit_over_train, overspeed, stop_error, summarise
+from train_ato.loop.metrics import (
+    differences,
+    evaluated_ticks,
+    limit_over_train,
+    mean_jerk_1s,
+    overspeed,
+    stop_error,
+    summarise,
+)
 from train_ato.loop.recording import Recording
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.types import Diagnostic
@@ -151,6 +159,13 @@ def test_jerk_is_taken_over_a_tenth_of_a_second_whatever_the_tick(tick: float) -
     spread = np.diff(acceleration) / 0.1
     np.testing.assert_allclose(jerk, spread)
     assert jerk.size == acceleration.size - 1
+
+
+@pytest.mark.parametrize("tick", [0.05, 0.1, 0.5])
+def test_jerk_over_a_second_is_that_of_the_mean_acceleration(tick: float) -> None:
+    """Breaks if the change of the mean is divided by another time than a second: 0.2 m/s³ over 5 s."""
+    span = max(tick, 0.1)
+    assert mean_jerk_1s(0.2 * np.arange(0.0, 5.0, span), tick) == pytest.approx(0.2)
 
 
 def test_limit_holds_until_the_rear_has_left_it() -> None:
