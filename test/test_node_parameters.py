@@ -18,7 +18,8 @@ from waiting import LOOK_S, wait_for
 
 from train_ato.loop.setup import prepare
 from train_ato.messages.topics import Role
-from train_ato.ros.graph.assembly import executor_of
+from train_ato.ros.graph.assembly import check_arguments, executor_of
+from train_ato.ros.nodes.endpoints import FirstFailure, NodeEndpoints
 from train_ato.scenario.scenario import load_scenario
 
 
@@ -80,7 +81,6 @@ def test_parameters_of_all_laws_have_ranges_and_meanings(make):
         ("pid.kpp:=1.0", "did you mean 'pid.kp'"),
         ("pid.kp:=-1.0e30", "pid.kp"),
         ("pid.kp:=.nan", "pid.kp"),
-        ("pid.kp:=1", "pid.kp"),
         ("law:=nosuch", "nosuch"),
     ],
 )
@@ -90,6 +90,44 @@ def test_wrong_parameters_at_the_start_are_refused(make, given, says):
         make(Role.CONTROLLER, arguments=["--ros-args", "-p", given])
     assert says in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("given", ["pid.kp:=1", "ndo.omega:=5.0", "timeout:=5", "observer:=ndo", "gust.ramp:=1.0"])
+def test_a_file_for_all_nodes_and_integers_are_accepted(make, given):
+    """Breaks if a node refuses a parameter of another node of a file `/**`, or an integer for a double."""
+    bench = make(Role.CONTROLLER, arguments=["--ros-args", "-p", given])
+    assert (bench.endpoints.node.get_parameter("pid.kp").value == 1.0) == (given == "pid.kp:=1")
+
+
+MALFORMED = [
+    ["--params-file", "/nonexistent.yaml"], ["--params-file", "flat.yaml"], ["--params-file", "broken.yaml"],
+    ["--params-file", "indent.yaml"], ["-p", "law"], ["-r", "bad"], ["-r", "__ns:=not/abs"], ["-r", "__node:=1x"],
+    ["--log-level", "nonsense"], ["--enclave", "x"], ["--remap"],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("given", MALFORMED, ids=" ".join)
+def test_malformed_ros_arguments_are_one_line(given, tmp_path, monkeypatch, capfd):
+    """Breaks if an error of rcl gives a traceback, or several lines."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "flat.yaml").write_text("law: smc\n")
+    (tmp_path / "broken.yaml").write_text("a: [\n")
+    (tmp_path / "indent.yaml").write_text("controller:\n ros__parameters:\n    law: smc\n   x: 1\n")
+    with pytest.raises(ValueError, match="--ros-args") as caught:
+        check_arguments(["--ros-args", *given])
+    assert given[-1] in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr().err == ""
+
+
+def test_the_recorder_offers_no_services(make):
+    """Breaks if a node that answers no request offers parameter services: `ros2 param list` waits for ever."""
+    endpoints = make(Role.CONTROLLER).endpoints
+    offered = [name for name, _ in endpoints.node.get_service_names_and_types_by_node("controller", "/")]
+    assert any(name.endswith("list_parameters") for name in offered)
+    recorder = NodeEndpoints(Role.RECORDER, endpoints.wire, endpoints.node.context, FirstFailure())
+    offered = recorder.node.get_service_names_and_types_by_node("recorder", "/")
+    assert not [name for name, _ in offered if "param" in name]
 
 
 def test_a_node_refused_at_its_start_leaves_the_domain(setup, domain):

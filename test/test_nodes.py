@@ -27,6 +27,7 @@ from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by
 from train_ato.messages.types import Command, DisturbanceEstimate, Reference, Tick, Trajectory
 from train_ato.ros.nodes.answer_watch import CHECK_S, SUSPENDED_S, silent_node
 from train_ato.ros.nodes.plant import LEAD, PlantNode
+from train_ato.ros.nodes.tick_answers import TickAnswers
 from train_ato.scenario.scenario import load_scenario
 
 TICK = 100_000_000
@@ -115,7 +116,7 @@ def test_endpoints_are_those_of_the_table(make, role, setup):
     }
     table = {(f"/{t.name.lstrip('/')}", "out") for t in TOPICS if role in t.publishers and t.exists(setup.layout)}
     table |= {(f"/{t.name.lstrip('/')}", "in") for t in read_by(role) if t.exists(setup.layout)}
-    assert own - {("/parameter_events", "out")} == table
+    assert own - {("/parameter_events", "out"), ("/rosout", "out")} == table
 
 
 def _answer(bench, publisher, stamp, force=0.0):
@@ -250,6 +251,18 @@ def test_pause_step_start_and_stop(plant, setup):
     bench.until(lambda: node.finished)
     bench.until(lambda: len(bench.heard["train/vehicles"]) == 4)
     assert len(bench.heard["train/measurement"]) == 3
+
+
+@pytest.mark.parametrize(("stamp", "shown"), [(-EPOCH_NS, "0"), (5 * TICK, "0.500 s")])
+def test_an_answer_with_a_wrong_stamp_is_named(stamp, shown):
+    """Breaks if the message of a missing answer does not name the stamp of the answer that came."""
+    answers = TickAnswers(_unsupervised(2))
+    assert answers.unused_of(Role.CONTROLLER) == ""
+    assert not answers.take(Command(stamp, np.zeros(1)), False)
+    assert (
+        answers.unused_of(Role.CONTROLLER) == f"; a command stamped {shown} came: echo the stamp of train/measurement"
+    )
+    assert answers.unused_of(Role.SUPERVISOR) == ""
 
 
 def test_the_plant_never_runs_away_from_the_recorder(make):

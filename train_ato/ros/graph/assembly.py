@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -80,6 +81,8 @@ def check_arguments(arguments: Sequence[str]) -> None:
     if not arguments:
         return
     context = Context()
+    shown, nothing = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, 2)  # rcl prints lines of its own
     try:
         rclpy.init(context=context, args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
         Node("check", context=context, enable_rosout=False, start_parameter_services=False).destroy_node()
@@ -89,6 +92,9 @@ def check_arguments(arguments: Sequence[str]) -> None:
         raise ValueError(f"{' '.join(arguments)}: {reason}; see `ros2 run --help` for the form") from None
     finally:
         context.try_shutdown()
+        os.dup2(shown, 2)
+        os.close(shown)
+        os.close(nothing)
 
 
 @contextmanager

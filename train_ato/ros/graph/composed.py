@@ -179,7 +179,8 @@ class _Composed:
             silent = silent_node(last, self._plant.stamp, self._plant.blocked, self._plant.supervised_stamp)
             self._plant.lose(
                 silent,
-                f"no answer to stamp {self._plant.stamp * 1e-9:.3f} s within {self._plant.timeout:g} s",
+                f"no answer to stamp {self._plant.stamp * 1e-9:.3f} s within {self._plant.timeout:g} s"
+                f"{self._plant.answers.unused_of(silent)}",
             )
 
     def _close(self, end: GraphResult) -> None:
@@ -191,6 +192,8 @@ class _Composed:
         # A run without lockstep ends before the answers to its last measurement; they still count.
         self._turn_until(lambda: all(endpoints.last_stamp >= stamp for endpoints, stamp in due), STOPPING_S)
         self._plant.announce_end()
+        if self._watch.failure is not None:
+            self._all_endpoints[Role.PLANT].log(self._watch.failure)
         for endpoints in self._all_endpoints.values():
             for name, count in endpoints.published.items():
                 end.published[name] = end.published.get(name, 0) + count

@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from typing import Any
 
+from rcl_interfaces.msg import Log as LogMessage
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -25,6 +26,8 @@ from train_ato.ros.nodes.publishers import OnePublisher
 
 ROLES = (Role.PLANT, Role.SUPERVISOR, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.RECORDER)
 """Nodes of a graph, a supervisor only in a supervised run (:func:`roles_of`)."""
+ROSOUT = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Quality of service of the lines on ``/rosout``."""
 COMMAND_DEPTH = 10
 """Queue length of the plant for commands; in lockstep only a few are in flight."""
 
@@ -126,6 +129,7 @@ class NodeEndpoints:
                 )
                 self._senders[topic.name] = self._publishers[topic.name].handle.publish_raw
                 self.published[topic.name] = 0
+        self._log = self.node.create_publisher(LogMessage, "/rosout", ROSOUT)
         self.joining = False
         self.handled = 0
         self._end: Diagnostic | None = None
@@ -313,10 +317,15 @@ class NodeEndpoints:
         """Names of the subscribed topics."""
         return tuple(self._subscriptions)
 
+    def log(self, text: str, level: int = LogMessage.ERROR) -> None:
+        """Publish a line of standard error on ``/rosout``, which other hosts read."""
+        stamp = self.node.get_clock().now().to_msg()
+        self._log.publish(LogMessage(stamp=stamp, level=level, name=self.name, msg=text))
+
     def deliver(self, limit: float) -> None:
         """Wait until every reader has received the published messages, at most ``limit`` [s]."""
         last = time.monotonic() + limit
-        for publisher in self._publishers.values():
+        for publisher in (*self._publishers.values(), self._log):
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, last - time.monotonic())))
 
     def senders(self, name: str) -> int:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.msg import ParameterType, SetParametersResult
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 from rclpy.parameter_service import ParameterService
 
 from train_ato.errors import FirstFailure, of_own_code
@@ -30,6 +31,11 @@ class ParameterServices(ParameterService):  # type: ignore[misc]
         return response
 
     def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
+        for entry in request.parameters:  # an integer is a number of a parameter with doubles, as on the command line
+            node, value = self._get_node(), entry.value
+            integer = value.type == ParameterType.PARAMETER_INTEGER and node.has_parameter(entry.name)
+            if integer and node.get_parameter(entry.name).type_ is RosParameter.Type.DOUBLE:
+                value.type, value.double_value = ParameterType.PARAMETER_DOUBLE, float(value.integer_value)
         try:
             return super()._set_parameters_atomically_callback(request, response)
         except Exception as error:

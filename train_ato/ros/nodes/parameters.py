@@ -14,10 +14,12 @@ from typing import Any
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
 
 from plant_sim.number_text import number_text
 from train_ato.control.contract import Parameter
 from train_ato.control.parameters import closest, warn_former_name
+from train_ato.control.registry import LAWS, OBSERVERS
 
 _LARGEST = 1.7e308
 _INT64 = 2**63 - 1
@@ -44,6 +46,7 @@ def declare(node: Node, parameters: list[Declared]) -> dict[str, Any]:
     """
     _rename_former(node, parameters)
     _refuse_unknown(node, [parameter.name for parameter in parameters])
+    _make_doubles(node, parameters)
     values = {}
     for parameter in parameters:
         try:
@@ -71,9 +74,32 @@ def _rename_former(node: Node, parameters: list[Declared]) -> None:
             given[parameter.name] = given.pop(former)
 
 
+def _make_doubles(node: Node, parameters: list[Declared]) -> None:
+    """Turn start parameters that are integers into doubles where the node has a double."""
+    given = node._parameter_overrides
+    for parameter in parameters:
+        found = given.get(parameter.name)
+        if isinstance(parameter.value, float) and found is not None and type(found.value) is int:
+            given[parameter.name] = RosParameter(parameter.name, value=float(found.value))
+
+
+def _of_another_node(name: str) -> bool:
+    """Return True for a parameter of another node of a graph: a file for all nodes has those of each."""
+    from train_ato.ros.nodes.plant_requests import NAMES  # that module declares with this one
+
+    if name in (*NAMES, "law", "controller", "observer"):
+        return True
+    block, _, key = name.rpartition(".")
+    return any(
+        block in registry.names() and key in {entry.name for entry in registry.parameters(block)}
+        for registry in (LAWS, OBSERVERS)
+    )
+
+
 def _refuse_unknown(node: Node, names: list[str]) -> None:
     for given in node._parameter_overrides:
-        if given not in names and given not in _CLOCK and not given.startswith("qos_overrides."):
+        known = given in names or given in _CLOCK or _of_another_node(given)
+        if not known and not given.startswith("qos_overrides."):
             raise ValueError(
                 f"parameter {given}: node {node.get_name()} has none of that name{closest(given, names)}; "
                 f"`ros2 param list` names all"

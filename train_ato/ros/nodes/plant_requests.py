@@ -78,6 +78,8 @@ STRENGTHS: tuple[Parameter, ...] = (
     ),
 )
 """Strengths of the services."""
+NAMES = ("timeout", "lockstep", "rate", "pace", "realtime", "paused", "scenario", *(entry.name for entry in STRENGTHS))
+"""Parameters of the plant, the former names included."""
 CHOICES = {entry.name: entry.choices for entry in STRENGTHS if entry.choices}
 """Permitted values of the strengths that are texts."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from train_ato.messages.topics import Role
+from train_ato.messages.topics import EPOCH_NS, Role
 from train_ato.messages.types import BrakeRelease, Command, Pipe
 
 if TYPE_CHECKING:
@@ -12,6 +12,9 @@ if TYPE_CHECKING:
 
 BY_ROLE: dict[Role, tuple[type, ...]] = {Role.CONTROLLER: (Command, Pipe), Role.SUPERVISOR: (BrakeRelease,)}
 """Types of the answers by node."""
+NAMES: dict[type, str] = {Command: "a command", Pipe: "a pressure", BrakeRelease: "a brake release"}
+ECHOED = {Role.CONTROLLER: "train/measurement", Role.SUPERVISOR: "train/odometry"}
+"""Topic with the stamp of an answer, by node."""
 
 
 class TickAnswers:
@@ -37,6 +40,7 @@ class TickAnswers:
         self.release: BrakeRelease | None = None
         self.ignored = 0
         self._stamps: dict[type, int] = {Command: -1, Pipe: -1, BrakeRelease: -1}
+        self._unused: dict[type, int] = {}
         self._lost: tuple[type, ...] = ()
 
     @property
@@ -48,11 +52,21 @@ class TickAnswers:
         """Use no answers of a lost node any more."""
         self._lost = BY_ROLE.get(role, ())
 
+    def unused_of(self, role: Role) -> str:
+        """Return the last answer of a node with a stamp that was not due, and the remedy, as text; "" without one."""
+        found = [(kind, self._unused[kind]) for kind in BY_ROLE.get(role, ()) if kind in self._unused]
+        if not found:
+            return ""
+        kind, stamp = found[-1]
+        shown = "0" if stamp == -EPOCH_NS else f"{stamp * 1e-9:.3f} s"
+        return f"; {NAMES[kind]} stamped {shown} came: echo the stamp of {ECHOED[role]}"
+
     def take(self, answer: Command | Pipe | BrakeRelease, expected: bool) -> bool:
         """Take an answer to an expected stamp that is newer than the last one; count others and return False."""
         kind = type(answer)
         if kind in self._lost or not expected or answer.stamp <= self._stamps[kind]:
             self.ignored += 1
+            self._unused[kind] = answer.stamp
             return False
         self._stamps[kind] = answer.stamp
         if isinstance(answer, Command):

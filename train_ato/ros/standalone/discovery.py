@@ -32,7 +32,7 @@ def answer_ready(endpoints: NodeEndpoints, fingerprint: dict[str, str]) -> None:
     def answer(request: Any, response: Any) -> Any:
         absent = endpoints.missing((Role.RECORDER,) if request.data else ())
         response.success = not absent
-        text = f"waits for {absent[0]}" if absent else "all endpoints are connected"
+        text = f"waits for {', '.join(absent)}" if absent else "all endpoints are connected"
         response.message = f"{text}{_STAMP}{endpoints.last_stamp}{_SCENARIO}{json.dumps(fingerprint)}"
         return response
 
@@ -81,8 +81,9 @@ class Discovery:
         return not self._missing and not self._missing_for_plant()
 
     def missing_peers(self) -> str:
-        """Return the first missing node or connection as text."""
-        return next((f"{role.value} {reason}" for role, reason in self._missing.items()), self._missing_for_plant())
+        """Return every missing node and connection as text."""
+        lacking = [f"{role.value} {reason}" for role, reason in self._missing.items()]
+        return "; ".join([*lacking, *filter(None, [self._missing_for_plant()])])
 
     def departed(self) -> list[Role]:
         """Return the nodes of the run that have left, the recorder included, in the order of dependence."""
@@ -109,7 +110,7 @@ class Discovery:
 
     def _missing_for_plant(self) -> str:
         absent = self._endpoints.missing((Role.RECORDER,) if self.recorded else ())
-        return f"plant waits for {absent[0]}" if absent else ""
+        return f"plant waits for {', '.join(absent)}" if absent else ""
 
     def _compare(self, role: Role, theirs: str) -> None:
         """Fail the run if the scenario of a node differs; a program without a fingerprint is not checked."""

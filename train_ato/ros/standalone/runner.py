@@ -14,6 +14,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+from rcl_interfaces.msg import Log as LogMessage
+
 from train_ato.loop.run_end import INTERRUPTED
 from train_ato.messages.topics import BY_NAME, Role
 from train_ato.ros.graph.environment import opened_by
@@ -98,6 +100,8 @@ class StandaloneRunner:
         {Role.PLANT: self._drive, Role.RECORDER: self._record}.get(self.role, self._follow)()
         if self.role is Role.PLANT:
             self.node.announce_end()
+        if self.endpoints.watch.failure is not None:
+            self.endpoints.log(self.endpoints.watch.failure)
         self.endpoints.deliver(STOPPING_S)
         ignored = getattr(self.node, "ignored", 0)
         if self._attached:
@@ -266,7 +270,9 @@ class StandaloneRunner:
             if time.monotonic() > next_report:
                 next_report = time.monotonic() + REPORT_EVERY_S
                 hint = "" if opened_by() else "; only nodes of this machine are found (msgs_docs/nodes.md)"
-                self.endpoints.node.get_logger().info(f"not begun: {self._discovery.missing_peers()}{hint}")
+                text = f"not begun: {self._discovery.missing_peers()}{hint}"
+                self.endpoints.node.get_logger().info(text)
+                self.endpoints.log(text, LogMessage.INFO)
             self._executor.spin_once(timeout_sec=0.02)
         return False
 
@@ -304,7 +310,6 @@ class StandaloneRunner:
             blocked, stamp = self.node.blocked, self.node.stamp
             last = self._discovery.last_stamps(lambda: self._executor.spin_once(timeout_sec=TURN_S))
             hanging = [role for role in self._discovery.others if role not in last]
-            self.node.lose(
-                hanging[0] if hanging else silent_node(last, stamp, blocked, self.node.supervised_stamp),
-                f"no answer to stamp {stamp * 1e-9:.3f} s within {self.node.timeout:g} s",
-            )
+            silent = hanging[0] if hanging else silent_node(last, stamp, blocked, self.node.supervised_stamp)
+            unused = self.node.answers.unused_of(silent)
+            self.node.lose(silent, f"no answer to stamp {stamp * 1e-9:.3f} s within {self.node.timeout:g} s{unused}")
