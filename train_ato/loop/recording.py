@@ -160,7 +160,10 @@ class Recording:
         if found is None:
             return tuple(np.zeros((3, self.time.size)))
         names = ("position", "velocity", "acceleration")
-        columns = [aligned(self.time, found.time, found[name][:, 0]) for name in names]
+        columns = [
+            aligned(self.time, found.time, found[name][:, 0]) if name in found else np.zeros(self.time.size)
+            for name in names
+        ]
         missing = ~np.isin(self.time, found.time)
         if missing.any() and self.profiles:
             planned = profile_of(self.profiles[-1]).at_times(self.time[missing])

@@ -21,6 +21,8 @@ from train_ato.control.contract import Parameter
 from train_ato.control.parameters import closest, warn_former_name
 from train_ato.control.registry import LAWS, OBSERVERS
 
+OF_NODES = {"law", "controller", "observer"}
+"""Parameters of the nodes besides those of laws and observers; the plant adds its own."""
 _LARGEST = 1.7e308
 _INT64 = 2**63 - 1
 _CLOCK = frozenset({"use_sim_time", "start_type_description_service"})
@@ -85,9 +87,7 @@ def _make_doubles(node: Node, parameters: list[Declared]) -> None:
 
 def _of_another_node(name: str) -> bool:
     """Return True for a parameter of another node of a graph: a file for all nodes has those of each."""
-    from train_ato.ros.nodes.plant_requests import NAMES  # that module declares with this one
-
-    if name in (*NAMES, "law", "controller", "observer"):
+    if name in OF_NODES:
         return True
     block, _, key = name.rpartition(".")
     return any(

@@ -21,7 +21,7 @@ from train_ato.loop.plant import PlantStage
 from train_ato.messages.faults import MAX_FAULT_TIME
 from train_ato.messages.links import MAX_DELAY
 from train_ato.ros.nodes.endpoints import NodeEndpoints
-from train_ato.ros.nodes.parameters import Declared, declare
+from train_ato.ros.nodes.parameters import OF_NODES, Declared, declare
 from train_ato.scenario.interventions import (
     MAX_GUST,
     MAX_GUST_DURATION,
@@ -78,8 +78,8 @@ STRENGTHS: tuple[Parameter, ...] = (
     ),
 )
 """Strengths of the services."""
-NAMES = ("timeout", "lockstep", "rate", "pace", "realtime", "paused", "scenario", *(entry.name for entry in STRENGTHS))
-"""Parameters of the plant, the former names included."""
+OF_NODES.update(("timeout", "lockstep", "rate", "pace", "realtime", "paused", "scenario"))
+OF_NODES.update(entry.name for entry in STRENGTHS)
 CHOICES = {entry.name: entry.choices for entry in STRENGTHS if entry.choices}
 """Permitted values of the strengths that are texts."""
 
