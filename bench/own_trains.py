@@ -26,6 +26,7 @@ import numpy as np
 import yaml
 
 import train_ato as ta
+from train_ato.apps.check_component.random_trains import random_gear, random_vehicle
 from train_ato.control.registry import LAWS
 from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import load_scenario
@@ -38,39 +39,12 @@ AFTER = 30.0
 """Time after the planned arrival at the last stop [s]."""
 
 
-def vehicle(random: np.random.Generator, mass: float, length: float, force: float, top: float) -> dict[str, Any]:
-    """Return a vehicle of a mass [t], a length [m], a largest force [kN] (0: not driven) and a top speed [km/h]."""
-    base, linear, air = random.uniform([0.9, 0.004, 1e-4], [2.0, 0.01, 5e-4]).tolist()
-    found: dict[str, Any] = {
-        "mass_t": mass, "length": length, "rotating_mass_factor": float(random.uniform(1.02, 1.1)),
-        "resistance": {"n_per_kn": [base, linear, air]},
-    }  # fmt: skip
-    if force > 0.0:
-        corner = 0.4 * top
-        found["traction"] = [{"to_kmh": corner, "force_kn": force}, {"to_kmh": top, "power_kw": force * corner / 3.6}]
-        found["brake"] = [{"to_kmh": top, "force_kn": 1.05 * force}]
-    return found
-
-
-def gear(random: np.random.Generator, kind: str) -> dict[str, Any]:
-    """Return the draft gear of a kind of train."""
-    if kind != "freight":
-        stiffness = float(random.uniform(8, 30))
-        return {"kind": "linear", "stiffness_mn_per_m": stiffness, "damping_mns_per_m": 0.02 * stiffness}
-    preload, stiffness, slack = random.uniform([30, 2e6, 5], [80, 5e6, 12]).tolist()
-    return {
-        "kind": "clip", "stroke": 0.166, "force_at_stroke_kn": 2270, "preload_kn": preload, "preload_length_mm": 2,
-        "stiffness": stiffness, "unloading_ratio": 0.3, "slack_mm": slack, "damping": 1e5, "stop_stiffness": 2e8,
-        "transition_stiffness": 6e7, "transition_damping": 5e6,
-    }  # fmt: skip
-
-
 def train(random: np.random.Generator, kind: str) -> tuple[dict[str, Any], float, float]:
     """Return a train, its acceleration at low speed [m/s²] and its top speed [km/h]."""
     if kind == "units":
         cars, mass, start = int(random.integers(1, 9)), float(random.uniform(25, 60)), float(random.uniform(0.5, 1.2))
         top = float(random.uniform(80, 200))
-        types = {"engine": vehicle(random, mass, float(random.uniform(15, 26)), 1.1 * start * mass, top)}
+        types = {"engine": random_vehicle(random, mass, float(random.uniform(15, 26)), 1.1 * start * mass, top)}
         order: list[dict[str, Any]] = [{"type": "engine", "count": cars}]
     else:
         hauled = int(random.integers(20, 81) if kind == "freight" else random.integers(4, 15))
@@ -80,15 +54,15 @@ def train(random: np.random.Generator, kind: str) -> tuple[dict[str, Any], float
         start = float(random.uniform(0.06, 0.15)) if kind == "freight" else float(random.uniform(0.2, 0.45))
         force = (1.08 * start + 0.03) * total / engines
         types = {
-            "engine": vehicle(random, mass, 20.0, force, top),
-            "wagon": vehicle(random, load, 14.0 if kind == "freight" else 26.4, 0.0, top),
+            "engine": random_vehicle(random, mass, 20.0, force, top),
+            "wagon": random_vehicle(random, load, 14.0 if kind == "freight" else 26.4, 0.0, top),
         }
         order = [{"type": "engine"}, {"type": "wagon", "count": hauled}]
         if engines == 2:
             order.insert(1 if random.random() < 0.5 else 2, {"type": "engine"})
     found: dict[str, Any] = {
         "schema": "train_ato/consist/1", "name": "own", "vehicle_types": types, "train": order,
-        "draft_gears": {"gear": gear(random, kind)}, "default_gear": "gear",
+        "draft_gears": {"gear": random_gear(random, "clip" if kind == "freight" else "linear")}, "default_gear": "gear",
     }  # fmt: skip
     return found, start, top
 

@@ -46,6 +46,14 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
         "xuzhou_metro", {"duration": 60, "law": "smc", "laws.smc": {"equivalent": "feedforward", "phi": 0.1}}
     ),
     "funnel": ("crh380a_funnel:short", {**FREE, "duration": 60, "law": "funnel", "compensation": "none"}),
+    "funnel, feed-forward, three units": (
+        "crh380a_gpc:short", {**FREE, "duration": 60, "law": "funnel", "compensation": "preview",
+                              "laws.funnel": {"feedforward": True}},
+    ),
+    "fixed_time_smc, feed-forward": (
+        "crh380a_gpc:short", {**FREE, "duration": 60, "law": "fixed_time_smc", "compensation": "preview",
+                              "laws.fixed_time_smc": {"equivalent": "feedforward", "unmatched": True}},
+    ),
     "funnel, printed": (
         "crh380a_funnel:short",
         {**FREE, "duration": 60, "law": "funnel", "compensation": "none",

@@ -12,6 +12,9 @@ from train_ato.apps.runs.progress import share_bar
 from train_ato.cli.screen import note_compilation, print_json
 from train_ato.errors import RunFailed
 
+RANDOM_TRAINS = 20
+"""Number of random trains that a law drives."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of a check."""
@@ -27,11 +30,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> int:
     """Run the tests; a failed test ends with status 1."""
     name, kind = options.component, options.command.removeprefix("check-")
-    if kind == "compensation":
+    if kind != "observer":
         note_compilation()
     # Standard output is only for the findings; the component may print too.
     with share_bar(f"checking {name}") as progress, contextlib.redirect_stdout(sys.stderr):
-        findings = check_component(kind, name, progress=progress)
+        findings = check_component(kind, name, progress=progress, random_trains=RANDOM_TRAINS)
     if options.json:
         print_json([dataclasses.asdict(finding) for finding in findings])
     else:

@@ -16,8 +16,10 @@ from train_ato.apps.check_component.common import TOO_SLOW, Rig, Test
 from train_ato.apps.check_component.compensation import COMPENSATION_TESTS, CompensationRig
 from train_ato.apps.check_component.law import LAW_TESTS, LawRig
 from train_ato.apps.check_component.observer import OBSERVER_TESTS, ObserverRig
+from train_ato.apps.check_component.random_trips import random_trips, trips_text
 from train_ato.apps.check_component.trains import PERIOD
 from train_ato.control.contract import parameters_of
+from train_ato.control.gains import has_gains
 from train_ato.control.keyword_form import in_contract_form
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry, load_class
 
@@ -84,6 +86,7 @@ def check_component(
     target: str | type,
     values: dict[str, Any] | None = None,
     progress: Callable[[float, str], None] | None = None,
+    random_trains: int = 0,
 ) -> list[Finding]:
     """Run every contract test.
 
@@ -97,6 +100,8 @@ def check_component(
         Parameters that differ from the defaults.
     progress
         Called with the completed part of the work, 0 ... 1, and its description.
+    random_trains
+        Number of random trains that a law with ``gains: model`` drives.
 
     Returns
     -------
@@ -141,6 +146,10 @@ def check_component(
                 done = (index + (1 + list(of.tests).index(finding.test)) / len(of.tests)) / len(TRAINS)
                 progress(done, f"{name}, {finding.test}")
     findings.append(Finding("all", "accepts at least one train", accepted > 0, f"{accepted} of {len(TRAINS)}"))
+    if random_trains and kind == "law" and has_gains(component):
+        name = LAWS.name_of(getattr(component, "component", component))
+        trips = random_trips(name, random_trains, values=values)
+        findings.append(Finding(f"{random_trains} random trains", "gains of the model fit", *trips_text(trips)))
     return findings
 
 

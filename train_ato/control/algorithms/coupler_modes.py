@@ -45,6 +45,46 @@ SWEEPS = 60
 
 
 @dataclass(frozen=True)
+class TrainModes:
+    """All modes of the couplers, in the order of their frequencies.
+
+    Attributes
+    ----------
+    omega : Array, shape (modes,)
+        Frequencies [rad/s].
+    viscous, friction : Array, shape (modes,)
+        Damping ratio by the dampers, and by the friction in the gears.
+    mobility : Array, shape (modes,)
+        b² of the mean of the units [1/kg].
+    units : Array, shape (modes,)
+        Sum of s_i phi_r(i)², the mobility of units that feed back their own speeds [1/kg].
+    """
+
+    omega: Array
+    viscous: Array
+    friction: Array
+    mobility: Array
+    units: Array
+
+    @classmethod
+    def of(cls, model: TrainModel) -> TrainModes:
+        """Return the modes of a train; none if all couplers are rigid."""
+        mass, stiffness, viscous, friction, share = _bodies(model)
+        root = 1.0 / np.sqrt(mass)
+        squared, vectors = eigenvalues(_chain(stiffness) * np.outer(root, root))
+        order = np.argsort(squared, kind="stable")[1:]
+        omega, shapes = np.sqrt(squared[order]), vectors[:, order] * root[:, np.newaxis]
+        stretch = np.diff(shapes, axis=0) ** 2
+        return cls(
+            omega,
+            _ordered_product(viscous, stretch) / (2.0 * omega),
+            _ordered_product(friction * stiffness, stretch) / omega**2,
+            _ordered_product(share, shapes) ** 2,
+            _ordered_product(share, shapes**2),
+        )
+
+
+@dataclass(frozen=True)
 class CouplerModes:
     """Modes with the largest effect on the speed of the units.
 
@@ -68,16 +108,9 @@ class CouplerModes:
     @classmethod
     def of(cls, model: TrainModel) -> CouplerModes:
         """Return the modes of a train; none if all couplers are rigid, or if no mode moves the units."""
-        mass, stiffness, viscous, friction, share = _bodies(model)
-        root = 1.0 / np.sqrt(mass)
-        squared, vectors = eigenvalues(_chain(stiffness) * np.outer(root, root))
-        order = np.argsort(squared, kind="stable")[1:]
-        omega, shapes = np.sqrt(squared[order]), vectors[:, order] * root[:, np.newaxis]
-        mobility = _ordered_product(share, shapes) ** 2
-        stretch = np.diff(shapes, axis=0) ** 2
-        losses = _ordered_product(viscous, stretch) / (2.0 * omega)
-        losses += _ordered_product(friction * stiffness, stretch) / omega**2
-        damping = np.clip(losses, *DAMPING)
+        modes = TrainModes.of(model)
+        omega, mobility = modes.omega, modes.mobility
+        damping = np.clip(modes.viscous + modes.friction, *DAMPING)
         compliance = float(_ordered_product(np.ones(omega.size), (mobility / omega**2)[:, np.newaxis])[0])
         size = mobility / (4.0 * damping * omega)
         size[mobility < LEAST_MOBILITY / model.inertia] = 0.0

@@ -42,9 +42,17 @@ def default_omega(model: TrainModel) -> float:
         if (damping := _damping_in_slack(model)) is not None and dead > 0.0:
             path = longest / sum(sides for _, sides in groups)
             kept = min(kept, math.tanh(0.5 * math.pi * damping * path / dead))
-        for share, sides in groups:
-            omega = min(omega, 0.5 * kept * sides * model.mass / (share * model.inertia * longest))
+        omega = min(omega, 0.5 * wave_gain(model, kept))
     return omega
+
+
+def wave_gain(model: TrainModel, kept: float) -> float:
+    """Return the gain on the speed error with a part ``kept`` of the wave impedance, infinite without waves [1/s]."""
+    longest = wave_time(model)
+    if longest <= 0.0:
+        return math.inf
+    gains = (kept * sides * model.mass / (share * model.inertia * longest) for share, sides in hauling_groups(model))
+    return min(gains, default=math.inf)
 
 
 def _damping_in_slack(model: TrainModel) -> float | None:

@@ -48,9 +48,9 @@ HAS_BEFORE, HAS_FILTERED, PID_UNITS = range(3)
     F_PRINTED, F_K10, F_K20, F_BETA2, F_LEAK, F_DECAY, F_CHARGE, F_CLIP, F_NEGATIVE, F_NARROW, F_INERTIA, F_PERIOD,
     F_DELAY_STATE, F_GAMMA_W, F_BIAS_RATE, F_WEIGHT_LIMIT, F_FIXED, F_DYNAMIC, F_PRINTED_KAPPA, F_DELTA, F_WIDTH,
     F_TWO, F_CENTRES, F_A1, F_A2, F_BETA1, F_P1, F_MAX_FUNNEL, F_IOTA, F_GAMMA_M, F_FILTER_STEPS,
-    F_USES_MODEL, F_USES_NETWORK, F_C0, F_C1, F_C2, F_FADING_SPEED,
-) = range(37)  # fmt: skip
-FUNNEL_CONSTANTS = 37
+    F_USES_MODEL, F_USES_NETWORK, F_C0, F_C1, F_C2, F_FADING_SPEED, F_FEEDFORWARD,
+) = range(38)  # fmt: skip
+FUNNEL_CONSTANTS = 38
 # Entries of `state` of the funnel; the weights are from H_WEIGHTS on, then the excess as a queue.
 (
     H_BIAS, H_PHI1, H_PHI2, H_H, H_BOUND, H_T, H_HAS_ALPHA, H_ALPHA, H_HAS_WANTED, H_WANTED, H_EXCESS_COUNT,
@@ -169,7 +169,9 @@ def _network(constant, state, inputs, speed, error):
 @compiled
 def _resistance(constant, state, inputs, now, speed, error):
     force = 0.0
-    if constant[F_USES_MODEL] > 0.0:
+    if constant[F_FEEDFORWARD] > 0.0:
+        force = ordered_total(inputs[FEEDFORWARD])
+    elif constant[F_USES_MODEL] > 0.0:
         size = abs(speed)
         running = (constant[F_C0] + constant[F_C1] * size + constant[F_C2] * size * size) * libm_tanh(
             speed / constant[F_FADING_SPEED]
@@ -212,6 +214,8 @@ def funnel_step(constant, state, inputs, now, force):
     if n > 1:
         target = mean_of_units(inputs[SHARE], inputs[VELOCITY] * 0.0 + target, n)
         pull = mean_of_units(inputs[SHARE], inputs[VELOCITY] * 0.0 + pull, n)
+    if constant[F_FEEDFORWARD] > 0.0:
+        pull = 0.0
     _delay_state(constant, state, inputs)
     k1 = _gain(constant, constant[F_K10], place_error, state[H_PHI1])
     alpha, rate = _surface(constant, state, target - k1 * place_error, pull - k1 * (speed - target))

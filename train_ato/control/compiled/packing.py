@@ -73,8 +73,8 @@ class CompiledLaw:
         self.constant = constant(law)
         self.call = NO_CALL
         own: Any = law
-        separate = (isinstance(law, Smc) and law._measured) or (isinstance(law, LagSmc) and not law._common)
-        uses_couplers = separate or isinstance(law, FixedTimeSmc)
+        measured = isinstance(law, Smc | FixedTimeSmc) and law._measured
+        uses_couplers = measured or (isinstance(law, LagSmc) and not law._common)
         self.couplers: UnitCouplers | None = own._couplers if uses_couplers else None
 
     @property
@@ -149,12 +149,13 @@ def _funnel_constants(law: Funnel) -> Array:
         c.F_PRINTED: law._printed, c.F_K10: law._k10, c.F_K20: law._k20, c.F_BETA2: law._beta2, c.F_LEAK: law._leak,
         c.F_DECAY: law._decay, c.F_CHARGE: law._charge, c.F_CLIP: law._clip, c.F_NEGATIVE: law._negative_gains,
         c.F_NARROW: law._narrow, c.F_INERTIA: law.model.inertia, c.F_PERIOD: law.period,
-        c.F_DELAY_STATE: p.delay_state, c.F_GAMMA_W: p.gamma_w, c.F_BIAS_RATE: p.bias_rate,
+        c.F_DELAY_STATE: law._uses_delay_state, c.F_GAMMA_W: p.gamma_w, c.F_BIAS_RATE: p.bias_rate,
         c.F_WEIGHT_LIMIT: p.weight_limit, c.F_FIXED: p.funnel == "fixed", c.F_DYNAMIC: p.funnel == "dynamic",
         c.F_PRINTED_KAPPA: p.kappa == "printed", c.F_DELTA: p.delta, c.F_WIDTH: law._width, c.F_TWO: 2.0,
         c.F_CENTRES: p.rbf_centers, c.F_A1: A1, c.F_A2: A2, c.F_BETA1: BETA1, c.F_P1: P1,
         c.F_MAX_FUNNEL: MAX_FUNNEL, c.F_IOTA: IOTA, c.F_GAMMA_M: GAMMA_M,
-        c.F_USES_MODEL: p.resistance != "network", c.F_USES_NETWORK: p.resistance != "model", c.F_C0: law.model._c0,
+        c.F_FEEDFORWARD: p.feedforward, c.F_USES_MODEL: p.resistance != "network" and not p.feedforward,
+        c.F_USES_NETWORK: p.resistance != "model", c.F_C0: law.model._c0,
         c.F_C1: law.model._c1, c.F_C2: law.model._c2, c.F_FADING_SPEED: DRY_FRICTION_SPEED,
         c.F_FILTER_STEPS: max(1, math.ceil(law.period / FILTER_STEP - 1e-9)),
     }  # fmt: skip

@@ -48,8 +48,8 @@ SURFACE_ENTRIES, NETWORK_ENTRIES = 3, CENTRES + 2
 # Entries of `constant` of fixed_time_smc; the masses of the units are last.
 (
     T_SURFACE, T_REACHING, T_UNMATCHED, T_LARGE, T_SMALL, T_LARGE_SLOPE, T_SMALL_SLOPE, T_BRANCH_ERROR, T_MIN_ERROR,
-    T_PERIOD, T_GAIN, T_RATE_GAIN, T_MASS,
-) = range(13)  # fmt: skip
+    T_PERIOD, T_GAIN, T_RATE_GAIN, T_MEASURED, T_MASS,
+) = range(14)  # fmt: skip
 # Entries of `state` of fixed_time_smc, for every unit: speed before with its flag, then those of a Luenberger observer.
 T_HAS_SPEED, T_SPEED, T_OBSERVER = range(3)
 T_ENTRIES = 5
@@ -157,9 +157,12 @@ def fixed_time_smc_step(constant, state, inputs, now, force):
         surface = rate + auxiliary
         reached = _power(surface, constant[T_SMALL]) + _power(surface, constant[T_LARGE])
         pull = -slope * rate - constant[T_REACHING] * reached
-        against = inputs[COUPLERS, unit] + inputs[RESISTANCE, unit] + inputs[SHOES, unit]
-        mass = constant[T_MASS + unit]
-        force[unit] = against - inputs[DISTURBANCE, unit] + mass * (now[ACCELERATION_AT_EFFECT] + pull)
+        if constant[T_MEASURED] > 0.0:
+            equivalent = inputs[COUPLERS, unit] + inputs[RESISTANCE, unit] + inputs[SHOES, unit]
+            pull += now[ACCELERATION_AT_EFFECT]
+        else:
+            equivalent = inputs[FEEDFORWARD, unit]
+        force[unit] = equivalent - inputs[DISTURBANCE, unit] + constant[T_MASS + unit] * pull
 
 
 @compiled

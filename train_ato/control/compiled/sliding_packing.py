@@ -30,7 +30,7 @@ def fixed_time_smc_constants(law: FixedTimeSmc) -> Array:
     """Return the constants of `fixed_time_smc`."""
     p, place = law.parameters, law._offsets[0]._place
     head = [p.surface, p.reaching, p.unmatched, LARGE, SMALL, LARGE - 1.0, SMALL - 1.0, BRANCH_ERROR, MIN_ERROR,
-            place._period, place._gain, place._rate_gain]  # fmt: skip
+            place._period, place._gain, place._rate_gain, law._measured]  # fmt: skip
     return np.array([*map(float, head), *law._mass])
 
 

@@ -26,26 +26,36 @@ plant, there are no links between the cars.
 
 The gain 50 of the paper settles 108 m in 0.06 s at 1.6e10 m/s²; gains of 1.7-2 give its 1.7 s and still need 2e6 m/s².
 A real train (0.5 m/s², lag, delay) needs 0.3 with `eso`, and is unstable from 0.6 s of delay on: see `lag_smc`.
+``equivalent: feedforward`` is for such trains: the feed-forward replaces x_r'' and -known, and the inertia of the train
+that of the vehicle.
 
-Needs: the force of every coupler beside a power unit: a train of driven vehicles with linear draft gears without slack
-(one vehicle is sufficient), or sensors; the error message names the missing couplers. An observer for d_hat
-(`cascaded`, `eso`). It uses no feed-forward: compensations that give only a feed-forward are rejected.
+Gains of the model: ``equivalent: feedforward``, and one gain g for surface and reaching law. For errors of the size z
+(in m and m/s) kp = g (1 + 1.43 z^(-2/7) + 1.67 z^(2/3)), which is 4.1 g at 1, 4.1 g at .1 and 6.4 g at .01. With a
+fifth of the kp of `pid` on the same train, g = kp/5, it is below the limit of stability, 3.1 kp, for all errors
+above .3 mm and .3 mm/s.
+
+Needs: with ``equivalent: measured`` the force of every coupler beside a power unit: a train of driven vehicles with
+linear draft gears without slack (one vehicle is sufficient), or sensors; the error message names the missing couplers.
+An observer for d_hat (`cascaded`, `eso`). Compensations that give only a feed-forward are rejected. With
+``equivalent: feedforward`` any train.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.luenberger import LuenbergerObserver
 from train_ato.control.algorithms.sliding import sig
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.control.observers.cascaded import CascadedParameters, make_cascade
+from train_ato.control.parameters import RefusedParameter
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -71,23 +81,47 @@ class FixedTimeSmcParameters:
         choices=("measured", "estimated"),
     )  # fmt: skip
     offset_bandwidth: float = parameter(10.0, "1/s", 1e-3, 1e6, "bandwidth of the estimate of d1")
+    equivalent: str = parameter(
+        "measured", "", 0, 0, "equivalent control from couplers and resistance, or from the feed-forward",
+        choices=("measured", "feedforward"),
+    )  # fmt: skip
 
 
 class FixedTimeSmc(GuardedLaw):
     """Fixed-time sliding mode per vehicle, with the states of its neighbours (paper 002)."""
 
     Parameters: ClassVar[type] = FixedTimeSmcParameters
-    uses_feedforward = False
+
+    @classmethod
+    def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
+        """Return the parameters with the bandwidth of `pid` on the same train.
+
+        Parameters
+        ----------
+        model
+            The train.
+        period
+            Control period [s].
+        """
+        gain = LoopGains.of(model, period).speed / 5.0
+        return {"equivalent": "feedforward", "surface": gain, "reaching": gain}
 
     def __init__(self, parameters: FixedTimeSmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
+        self._measured = parameters.equivalent == "measured"
+        self.uses_feedforward, self.feedforward_hint = not self._measured, "equivalent: feedforward"
         self._couplers = UnitCouplers(model)
-        if self._couplers.unknown:
-            raise ValueError(
-                f"needs the force of {self._couplers.unknown_names()} beside driven vehicles; drive every vehicle with "
-                f"linear draft gears between them, or {self._couplers.sensors_text()}"
+        needs_couplers = self._measured or parameters.states == "estimated"
+        if needs_couplers and self._couplers.unknown:
+            setting = "equivalent: feedforward" if self._measured else "states: measured"
+            raise RefusedParameter(
+                f"{'equivalent: measured' if self._measured else 'states: estimated'} needs the force of "
+                f"{self._couplers.unknown_names()} beside driven vehicles",
+                setting,
+                f"drive every vehicle with linear draft gears between them, or {self._couplers.sensors_text()}",
             )
-        self._mass: list[float] = model.unit_inertia.tolist()
+        self._own_mass: list[float] = model.unit_inertia.tolist()
+        self._mass = self._own_mass if self._measured else (model.inertia * model.share).tolist()
         self._offsets = [SpeedOffset(parameters.offset_bandwidth, period) for _ in range(self.n)]
         self._estimators = [make_cascade(CascadedParameters(), period) for _ in range(self.n)]
         self._modelled: list[float] | None = None
@@ -113,13 +147,21 @@ class FixedTimeSmc(GuardedLaw):
         position: list[float] = inputs.position.tolist()
         velocity: list[float] = inputs.velocity.tolist()
         targets, speeds = inputs.reference_position.tolist(), inputs.reference_velocity.tolist()
-        opposing, disturbance = self._couplers.opposing(inputs), inputs.disturbance.tolist()
+        equivalent, disturbance = self._equivalent(inputs), inputs.disturbance.tolist()
         wanted = []
         for unit, (x, v) in enumerate(zip(position, velocity, strict=True)):
             pull = self._pull(x - targets[unit], v + self._offset(unit, x, v) - speeds[unit])
-            equivalent = opposing[unit].total - disturbance[unit]
-            wanted.append(equivalent + self._mass[unit] * (inputs.acceleration_at_effect + pull))
+            if self._measured:
+                pull += inputs.acceleration_at_effect
+            wanted.append(equivalent[unit] - disturbance[unit] + self._mass[unit] * pull)
         return wanted
+
+    def _equivalent(self, inputs: LawInput) -> list[float]:
+        """Return the force against the motion of every unit's vehicle [N], or the feed-forward in its place."""
+        if self._measured:
+            return [forces.total for forces in self._couplers.opposing(inputs)]
+        known: list[float] = inputs.feedforward.tolist()
+        return known
 
     def _offset(self, unit: int, x: float, v: float) -> float:
         """Return the estimated speed offset d1 of a unit [m/s]; 0 without ``unmatched``."""
@@ -131,7 +173,7 @@ class FixedTimeSmc(GuardedLaw):
 
     def _estimated(self, inputs: LawInput) -> LawInput:
         """Return the inputs with the estimates of position, speed and disturbance of the cascades."""
-        known = zip(inputs.applied.tolist(), self._couplers.opposing(inputs), self._mass, strict=True)
+        known = zip(inputs.applied.tolist(), self._couplers.opposing(inputs), self._own_mass, strict=True)
         now = [(applied - opposing.total) / mass for applied, opposing, mass in known]
         before = self._modelled or now
         self._modelled = now
@@ -143,7 +185,7 @@ class FixedTimeSmc(GuardedLaw):
             position=np.array([found.position for found in self._estimators]),
             velocity=np.array([found.velocity for found in self._estimators]),
             disturbance=np.array(
-                [m * (found.d2 + found.d1_rate) for m, found in zip(self._mass, self._estimators, strict=True)]
+                [m * (found.d2 + found.d1_rate) for m, found in zip(self._own_mass, self._estimators, strict=True)]
             ),
         )
 

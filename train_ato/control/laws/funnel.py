@@ -34,9 +34,18 @@ dynamic funnel equals fixed gains k1 = k2 = 1 to four digits (phi2 grows like e^
 ``funnel: prescribed`` narrows without regard to saturation, the comparison of the paper; ``fixed`` keeps the boundaries
 constant.
 
+``feedforward: true`` takes f and m v_d' from the feed-forward of the compensation, which leads the command by delay and
+lag. The delay state, which compares command and force of one time, is then not used.
+
+Gains of the model: ``feedforward: true`` without delay state is the loop kp = k1 + k2, ki = k1 k2. (With the delay
+state e2 has no delay, but e1 has the loop kp = k1 + lam_h, ki = k1 lam_h behind the delay, and the speed is late after
+every change of the acceleration.) From the kp of `pid` on the same train k10 = k20 = kp/2.2, because with ``clip: 0.1``
+the gains rise by a tenth. The bias is the integral of e2 at bias_rate = kp²/64, a sixteenth of critical; the part of
+the network that depends on the speed has no use on a known train (gamma_w = 0).
+
 Needs: any train; several units are controlled as one. Inertia and shares; for ``resistance: model`` also the nominal
-resistance and line. The delay state replaces a predictor (with one, set ``delay_state: false``). It uses no
-feed-forward: compensations that give only a feed-forward are rejected.
+resistance and line. The delay state replaces a predictor (with one, set ``delay_state: false``). Compensations that
+give only a feed-forward are rejected unless ``feedforward: true``.
 """
 
 from __future__ import annotations
@@ -45,10 +54,11 @@ import math
 from collections import deque
 from dataclasses import dataclass
 from operator import sub
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.guard import GuardedLaw, is_valid
+from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.rbf import Weights, activations
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
@@ -81,6 +91,9 @@ class FunnelParameters:
     )  # fmt: skip
     resistance: str = parameter(
         "network", "", 0, 0, "f from the network, from the model, or both", choices=("network", "model", "both")
+    )
+    feedforward: bool = parameter(
+        False, "", 0, 1, "take f and m v_d' from the feed-forward of the compensation, without the delay state"
     )
     k10: float = parameter(0.3, "1/s", 0.0, 100.0, "gain on the position error; 1 in variant printed")
     k20: float = parameter(0.7, "1/s", 0.0, 100.0, "gain on the speed error; 1 in variant printed")
@@ -119,11 +132,29 @@ class Funnel(GuardedLaw):
     """Dynamic-surface funnel control with a delay state and a network (paper 003)."""
 
     Parameters: ClassVar[type] = FunnelParameters
-    uses_feedforward = False
+
+    @classmethod
+    def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
+        """Return the parameters with the bandwidth of `pid` on the same train.
+
+        Parameters
+        ----------
+        model
+            The train.
+        period
+            Control period [s].
+        """
+        kp = LoopGains.of(model, period).speed
+        return {
+            "k10": kp / 2.2, "k20": kp / 2.2, "clip": 0.1, "gamma_w": 0.0, "bias_rate": kp * kp / 64.0,
+            "feedforward": True,
+        }  # fmt: skip
 
     def __init__(self, parameters: FunnelParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
         p = parameters
+        self.uses_feedforward, self.feedforward_hint = p.feedforward, "feedforward: true"
+        self._uses_delay_state = p.delay_state and not p.feedforward
         self._printed = p.variant == "printed"
         self._k10, self._k20, self._beta2 = (1.0, 1.0, PRINTED_BETA2) if self._printed else (p.k10, p.k20, p.beta2)
         leak = PRINTED_LEAK / model.inertia if self._printed else p.lam_h
@@ -165,7 +196,7 @@ class Funnel(GuardedLaw):
         mass = self.model.inertia
         place_error = self.mean(list(map(sub, inputs.position.tolist(), inputs.reference_position.tolist())))
         speed, target = self.mean(inputs.velocity.tolist()), self.mean(inputs.reference_velocity.tolist())
-        pull = self.mean(inputs.reference_acceleration.tolist())
+        pull = 0.0 if self.uses_feedforward else self.mean(inputs.reference_acceleration.tolist())
         self._advance_delay_state(inputs)
         k1 = self._gain(self._k10, place_error, self.phi1)
         alpha, rate = self._surface(target - k1 * place_error, pull - k1 * (speed - target))
@@ -179,7 +210,7 @@ class Funnel(GuardedLaw):
 
     def _advance_delay_state(self, inputs: LawInput) -> None:
         """Integrate the delay state (21) over the last sample."""
-        if self._wanted is None or not self.parameters.delay_state:
+        if self._wanted is None or not self._uses_delay_state:
             return
         sent, acting = plain_sum(self._last_force), plain_sum(inputs.applied.tolist())
         if self._printed:
@@ -221,7 +252,9 @@ class Funnel(GuardedLaw):
         p = self.parameters
         model = self.model
         force = 0.0
-        if p.resistance != "network":
+        if self.uses_feedforward:
+            force = plain_sum(inputs.feedforward.tolist())
+        elif p.resistance != "network":
             force = model.resisting_force(model.front(inputs.position), speed, inputs.train_shoe_force)
         if p.resistance == "model":
             return force

@@ -30,10 +30,19 @@ Corrections and properties:
   on a coupled train.
 * Nominal A, B by Padé and zero-order hold from the delay of the model, one set for traction and one for braking.
 * The law contains its own delay model: use compensation `none`; with `predictor` set ``delay: none``.
+* ``feedforward: true`` adds the feed-forward of the compensation, and v, u and w are the deviations from the reference
+  and from this force. Otherwise a command that is constant over a long horizon cuts every corner of the reference.
+
+Gains of the model: ``feedforward: true`` and one command over the horizon N T (nu = 1, ``hold``), which is the loop
+kp = 3/((2N + 1) T) for a small command weight. It has two thirds of the kp of `pid` on the same train, because a
+command lasts for T. T is the dead time theta = delay + lag + period, so that B has the delay within its three terms;
+it is longer if N would be above 40. position_gain = kp/4 is ki = kp²/4. The network learns sixteen times slower than
+the loop (learning_rate = kp T/160). Nothing is identified (``identify: none``), because the deviations of a known train
+are noise.
 
 Needs: any train; delay and lag of the model, and the reference ahead. The law predicts over the delay by itself:
-`predictor` and `train_predictor` are rejected unless ``delay: none``. It uses no feed-forward: compensations that give
-only a feed-forward are rejected. It suits trains that move as one mass; a long train needs a horizon of 20 s, one
+`predictor` and `train_predictor` are rejected unless ``delay: none``. Compensations that give only a feed-forward are
+rejected unless ``feedforward: true``. It suits trains that move as one mass; a long train needs a horizon of 20 s, one
 command over it, and ``resistance_feedforward: true`` (`daqin_heavy_haul:tuned`).
 """
 
@@ -41,7 +50,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from operator import add, sub
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -49,6 +59,7 @@ from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.diophantine import sampled_actuator
 from train_ato.control.algorithms.guard import GuardedLaw, is_valid
 from train_ato.control.algorithms.identification import Increments, ResidualNetwork
+from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.predictive_law import LinearLaw, linear_law
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
@@ -59,6 +70,10 @@ if TYPE_CHECKING:
 
 MIN_LEARNING_SPEED = 0.1
 """Speed up to which nothing is learnt, because friction holds the train [m/s]."""
+SAMPLED_SHARE = 2.0 / 3.0
+"""Gain of the sampled loop over that of a loop in every control period."""
+LONGEST_HORIZON = 40
+"""Largest N of the gains of the model."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +102,9 @@ class GpcParameters:
     resistance_feedforward: bool = parameter(
         False, "", 0, 1, "add the force for the nominal resistance; false in the paper", formerly="modelled"
     )
+    feedforward: bool = parameter(
+        False, "", 0, 1, "control the deviations from the reference; the feed-forward of the compensation is added"
+    )
     residual_gain: str = parameter(
         "horizon", "", 0, 0, "Lc from the horizon, or Lc = Hc(1)/B(1) by (21)", choices=("horizon", "stationary")
     )
@@ -104,7 +122,27 @@ class Gpc(GuardedLaw):
     """Generalised predictive control with identification and a back-propagation network (paper 004)."""
 
     Parameters: ClassVar[type] = GpcParameters
-    uses_feedforward = False
+
+    @classmethod
+    def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
+        """Return sampling, horizon and rates with two thirds of the bandwidth of `pid` on the same train.
+
+        Parameters
+        ----------
+        model
+            The train.
+        period
+            Control period [s].
+        """
+        loop = LoopGains.of(model, period)
+        kp = SAMPLED_SHARE * loop.speed
+        longest = max(loop.dead_time, 3.0 / ((2.0 * LONGEST_HORIZON + 1.0) * kp))
+        sampling = min(math.ceil(longest / period - 1e-9) * period, 10.0)
+        n = max(3, math.ceil(0.5 * (3.0 / (kp * sampling) - 1.0) - 1e-9))
+        return {
+            "sampling": sampling, "n": n, "nu": 1, "beyond_horizon": "hold", "command_weight": 1.0,
+            "feedforward": True, "identify": "none", "position_gain": kp / 4.0, "learning_rate": kp * sampling / 160.0,
+        }  # fmt: skip
 
     def __init__(self, parameters: GpcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)
@@ -113,11 +151,12 @@ class Gpc(GuardedLaw):
             raise ValueError(
                 f"nu {p.nu} is longer than n {p.n}; the control horizon cannot exceed the prediction horizon"
             )
+        self.uses_feedforward, self.feedforward_hint = p.feedforward, "feedforward: true"
         if p.delay == "model":
             self.predicts_delay, self.delay_hint = True, "delay: none"
         self._every = max(1, round(p.sampling / period))
         self._sampling = self._every * period
-        self.horizon = math.ceil(p.n * self._every) + 1
+        self.horizon = 0 if p.feedforward else math.ceil(p.n * self._every) + 1
         self._single = p.structure == "mean"
         forward, backward, lag = model.delay.tolist(), model.delay_brake.tolist(), model.lag
         if p.delay == "none":
@@ -134,7 +173,7 @@ class Gpc(GuardedLaw):
             loop.reset()
         self._count = 0
         self._wanted = [0.0] * self.n
-        self._resisting = 0.0
+        self._known = [0.0] * self.n
 
     def take_over(self, inputs: LawInput, force: Array) -> None:
         """Begin with past samples of the last command [N] and of the motion that the reference has now."""
@@ -156,20 +195,24 @@ class Gpc(GuardedLaw):
         self._count += 1
 
     def demand(self, inputs: LawInput) -> list[float]:
-        """Return the force demand of every unit [N]; constant between samples, except for the resistance."""
+        """Return the force demand of every unit [N]; constant between samples, except for the known forces."""
         if self._count % self._every == 0:
             self._wanted = self._sample(inputs)
         self._count += 1
-        if not self.parameters.resistance_feedforward:
+        if self.uses_feedforward:
+            self._known = inputs.feedforward.tolist()
+        elif self.parameters.resistance_feedforward:
+            resisting = self._resistance(inputs)
+            self._known = [resisting * share for share in self.share]
+        else:
             return self._wanted
-        self._resisting = self._resistance(inputs)
-        return [force + self._resisting * share for force, share in zip(self._wanted, self.share, strict=True)]
+        return list(map(add, self._wanted, self._known))
 
     def _sent(self) -> list[float]:
-        """Return the last command without the resistance feed-forward [N]."""
-        if not self.parameters.resistance_feedforward:
+        """Return the last command without the known forces [N]."""
+        if not (self.uses_feedforward or self.parameters.resistance_feedforward):
             return self._last_force
-        return [force - self._resisting * share for force, share in zip(self._last_force, self.share, strict=True)]
+        return list(map(sub, self._last_force, self._known))
 
     def _resistance(self, inputs: LawInput) -> float:
         """Return the resisting force of the nominal train on the reference at the time of effect [N]."""
@@ -179,16 +222,22 @@ class Gpc(GuardedLaw):
         return self.model.resisting_force(place, speed, inputs.train_shoe_force)
 
     def _sample(self, inputs: LawInput) -> list[float]:
-        """Return the force demand until the next sample, without the resistance feed-forward [N]."""
+        """Return the force demand until the next sample, without the known forces [N]."""
         speeds: list[float] = inputs.velocity.tolist()
         errors: list[float] = (inputs.position - inputs.reference_position).tolist()
         sent, saturated = self._sent(), any(self.saturated)
         if self._single:
             speeds, errors, sent = [self.mean(speeds)], [self.mean(errors)], [plain_sum(sent)]
-        ahead = self._ahead(inputs)
+        held = [saturated or abs(speed) <= MIN_LEARNING_SPEED for speed in speeds]
+        if self.uses_feedforward:
+            target = self.mean(inputs.reference_velocity.tolist())
+            speeds, ahead = [speed - target for speed in speeds], np.zeros(self.parameters.n)
+        else:
+            ahead = self._ahead(inputs)
+        loops = zip(self._loops, speeds, sent, self._mass, errors, held, strict=True)
         accelerations = [
-            loop.step(speed, force / mass, ahead - self.parameters.position_gain * error, saturated)
-            for loop, speed, force, mass, error in zip(self._loops, speeds, sent, self._mass, errors, strict=True)
+            loop.step(speed, force / mass, ahead - self.parameters.position_gain * error, hold)
+            for loop, speed, force, mass, error, hold in loops
         ]
         disturbance = inputs.disturbance.tolist()
         if self._single:
@@ -253,7 +302,7 @@ class Loop:
         self._sent: list[float] = []
         self._xi = 0.0
 
-    def step(self, speed: float, sent: float, ahead: Array, saturated: bool) -> float:
+    def step(self, speed: float, sent: float, ahead: Array, held: bool) -> float:
         """Return the command acceleration [m/s²].
 
         Parameters
@@ -264,12 +313,12 @@ class Loop:
             Last command as sent [m/s²].
         ahead : Array, shape (N,)
             Reference speed at the next samples [m/s].
-        saturated
-            The last command was at a limit: nothing is learnt.
+        held
+            Nothing is learnt, because the last command was at a limit or the train stands.
         """
         self._remember(speed, sent)
         side = int(self._sent[0] < 0.0)
-        if not saturated and abs(speed) > MIN_LEARNING_SPEED:
+        if not held:
             self._learn(side)
         law = self._law(side)
         v, u = np.array(self._speeds[:3]), np.array(self._sent[:2])

@@ -17,6 +17,11 @@ less delay than modelled the separate loops have the larger errors. Coupler forc
 They are not cancelled through the delay, which would be negative damping, but act through the derivative of the
 surface only.
 
+Gains of the model: on s3 = 0 the loop is kp = c1, ki = c0. With the kp of `pid` on the same train c1 = kp and
+c0 = kp²/4, and the acceleration reaches s3 = 0 within half of the dead time theta = delay + lag + period,
+k_i = 2/theta. ``command: common``, because the predicted coupler forces of a long train are late; k = 0, because the
+linear term alone is sufficient without chattering.
+
 Needs: the measured force, the lag of the model, and the state at the time of effect: compensation `predictor`
 (``train: chain`` for units coupled by springs). Without the coupler forces beside the units the law controls the
 mean of the train (``command: common``). It uses no feed-forward: compensations that give only a feed-forward are
@@ -27,11 +32,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
 
@@ -59,6 +65,23 @@ class LagSmc(GuardedLaw):
     """Sliding mode on a surface with the lag of the actuator."""
 
     Parameters: ClassVar[type] = LagSmcParameters
+
+    @classmethod
+    def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
+        """Return the parameters with the bandwidth of `pid` on the same train.
+
+        Parameters
+        ----------
+        model
+            The train.
+        period
+            Control period [s].
+        """
+        loop = LoopGains.of(model, period)
+        return {
+            "command": "common", "c1": loop.speed, "c0": loop.speed**2 / 4.0, "k": 0.0, "k_i": 2.0 / loop.dead_time,
+        }  # fmt: skip
+
     uses_feedforward = False
 
     def __init__(self, parameters: LagSmcParameters, model: TrainModel, period: float) -> None:

@@ -12,11 +12,15 @@ Law, per unit, e = v - v_d (with the opposite sign in papers 001 and 004)::
 
 ``K`` is the unit's share of the train's inertia (``per_mass: true``; kp in 1/s, ki in 1/s², kd dimensionless) or its
 share of 1 (``per_mass: false``; kp in N/(m/s), ki in N/m, kd in N s²/m).  With ``gains: model`` kp and ki follow from
-the model, for a train that has to stop within centimetres: the train is an integrator of the force behind the dead time
-theta = delay + lag + period, and the rule of Skogestad (SIMC, Journal of Process Control 13, 2003, table 1) gives
-kp = 1/(2 theta), ki = kp/(8 theta). Paper 000 prints the second form with 1e7, 1, 1;
-its error is then the force divided by 1e7. With ``u_ff`` the nominal train follows the reference at the time at which
-the command takes effect; the PID of the papers has no feed-forward (``feedforward: false``).
+the model. The train is an integrator of the force behind the dead time theta = delay + lag + period, and the rule of
+Skogestad (SIMC, Journal of Process Control 13, 2003, table 1) gives kp = 1/(2 theta), ki = kp/(8 theta). Two limits
+lower kp on trains with elastic couplers: half of the gain at which a mode of the couplers, a quarter of a turn or more
+behind through delay and lag, loses its damping (of that by friction a third counts); and two thirds of the wave
+impedance of the hauled vehicles. ki is at most kp²/4, and kp at most 1/s. Paper 000 prints the second form with 1e7,
+1, 1; its error is then the force divided by 1e7.
+
+With ``u_ff`` the nominal train follows the reference at the time at which the command takes effect; the PID of the
+papers has no feed-forward (``feedforward: false``).
 
 The defaults suit a long train. Above its first mode the locomotive does not move the mass of the train but a wave in
 the couplers, with a ratio of force to speed (wave impedance) of about 1e6 N s/m; K kp must be below it.
@@ -37,6 +41,7 @@ from operator import sub
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from train_ato.control.algorithms.guard import GuardedLaw, is_valid
+from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
 from train_ato.messages.types import Array
@@ -76,25 +81,17 @@ class Pid(GuardedLaw):
 
     @classmethod
     def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
-        """Return kp [1/s] and ki [1/s²] for delay, lag and couplers of a train, after the SIMC rule.
-
-        On several vehicles with elastic couplers the gains are at most the printed ones, for the wave in the couplers.
+        """Return kp [1/s] and ki [1/s²] for delay, lag and couplers of a train.
 
         Parameters
         ----------
         model
-            Train with delay and lag [s].
+            The train.
         period
-            Of the law [s].
+            Control period [s].
         """
-        delay = max(float(model.delay.max(initial=0.0)), float(model.delay_brake.max(initial=0.0)))
-        dead_time = delay + model.lag + period
-        kp = 1.0 / (2.0 * dead_time)
-        ki = kp / (8.0 * dead_time)
-        gears = model.consist.draft_gears.values()
-        if len(model.consist.vehicles) > 1 and any(gear.kind != "rigid" for gear in gears):
-            kp, ki = min(kp, PidParameters().kp), min(ki, PidParameters().ki)
-        return {"kp": kp, "ki": ki}
+        loop = LoopGains.of(model, period)
+        return {"kp": loop.speed, "ki": loop.position}
 
     def __init__(self, parameters: PidParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)

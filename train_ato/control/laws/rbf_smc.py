@@ -22,6 +22,9 @@ it here: the observer is a linear filter, and the estimate of the paper is d_hat
 
 with the same bits up to rounding. Default 0: delta_hat stays in d_hat.
 
+Gains of the model: those of `smc`; centres up to .5 m and .5 m/s, so that the network has the same slope for all
+errors of a run. It integrates S at a rate of 1.3 gamma, and S decays at ks: gamma = ks²/16 is a tenth of critical.
+
 Needs: the same as `smc`.
 """
 
@@ -29,7 +32,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from train_ato.control.algorithms.rbf import RBF_CENTERS, Weights, activations
 from train_ato.control.contract import parameter
@@ -57,6 +60,20 @@ class RbfSmc(Smc):
     """Sliding mode with a 2-5-1 RBF network for the error of the model (paper 000)."""
 
     Parameters: ClassVar[type] = RbfSmcParameters
+
+    @classmethod
+    def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
+        """Return the parameters of `smc`, and those of a network that learns slower than its loop.
+
+        Parameters
+        ----------
+        model
+            The train.
+        period
+            Control period [s].
+        """
+        found = super().model_gains(model, period)
+        return {**found, "gamma": found["ks"] ** 2 / 16.0, "spread": 0.5, "width": 0.25}
 
     def __init__(self, parameters: RbfSmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)

@@ -30,6 +30,12 @@ Corrections:
   not correspond, so its sign is used only while it has explained e'' for some time; otherwise the physical sign (+) is
   used.
 
+Gains of the model: with the initial weights u_n = -2.07 k_w s/phi near s = 0, so that kp = c + 2.07 k_w/phi and
+ki = c 2.07 k_w/phi. From the kp of `pid` on the same train both parts are kp/2, which gives ki = kp²/4, with
+phi = 2 m/s. u_n integrates s at the rate 1.77 eta, and s decays at kp/2: eta is a sixteenth of (kp/2)²/1.77. The
+weights may add half of the strongest acceleration of the train. ``identify: false``, because with a delay the sign of
+ds/du is not in the samples.
+
 Needs: any train; the feed-forward of a compensation (with lag and delay `preview`, `pade`, `twin` or `predictor`; none
 for ``derivatives: measured``), inertia and shares; no coupler sensor.
 """
@@ -38,10 +44,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from plant_sim.summation import plain_sum
 from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.rbf import RBF_CENTERS, Weights, activations
 from train_ato.control.algorithms.sliding import sign
 from train_ato.control.compensation.pade import pade_coefficients
@@ -53,6 +60,10 @@ if TYPE_CHECKING:
 
 INITIAL_WEIGHT = -0.9
 """Initial weight w_j(0) over k_w r_j."""
+START_SLOPE = 2.066
+"""Slope of -u_n/k_w over s/phi at s = 0 with the initial weights and d = 0.5."""
+START_RATE = 1.77
+"""Sum of h_j² at s = 0 with d = 0.5: a rate eta of the weights is START_RATE eta of u_n."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +110,25 @@ class RbfSwitchingSmc(GuardedLaw):
     """Sliding mode with a switching term learnt by an RBF network (paper 001)."""
 
     Parameters: ClassVar[type] = RbfSwitchingSmcParameters
+
+    @classmethod
+    def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
+        """Return the parameters with the bandwidth of `pid` on the same train.
+
+        Parameters
+        ----------
+        model
+            The train.
+        period
+            Control period [s].
+        """
+        kp, phi = LoopGains.of(model, period).speed, 2.0
+        k_w = kp * phi / (2.0 * START_SLOPE)
+        strongest = plain_sum(max(t.largest(), b.largest()) for t, b in zip(model.traction, model.brake, strict=True))
+        return {
+            "c": kp / 2.0, "k_w": k_w, "phi": phi, "eta": kp * kp / (64.0 * START_RATE), "identify": False,
+            "weight_limit": k_w + 0.5 * strongest / model.inertia,
+        }  # fmt: skip
 
     def __init__(self, parameters: RbfSwitchingSmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)

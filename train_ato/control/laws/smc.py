@@ -27,6 +27,11 @@ Corrections and additions:
   l1 = .07, l2 = .002, ks = .02, kappa = .01, phi = 1 work there: M (l1 + ks + kappa/phi) must be near the wave
   impedance of the couplers, 1e6 N s/m.
 
+Gains of the model: with ``equivalent: feedforward`` (22) is near S = 0 the loop kp = l1 + ks, ki = l2 + ks l1 with an
+integral of ks l2. From the kp of `pid` on the same train, ks = kp/4, l1 = 3 kp/4 and l2 = l1²/16 give ki = .22 kp²
+(`pid`: .25 kp²) and an integral six times slower than the loop. The switching terms have kappa = .1 kp and phi = 1 m/s,
+a tenth of kp at the most, and xi = .01 kp, a twentieth at S = 1 m/s: nothing chatters.
+
 Needs: with ``equivalent: measured`` the force of every coupler beside a power unit, from a sensor or from a linear
 spring without slack between two units; the error message names the missing couplers, and compensations that give only a
 feed-forward are rejected. With ``equivalent: feedforward`` any train without sensors.
@@ -36,10 +41,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from operator import sub
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from train_ato.control.algorithms.couplers import UnitCouplers
 from train_ato.control.algorithms.guard import GuardedLaw
+from train_ato.control.algorithms.loop_gains import LoopGains
 from train_ato.control.algorithms.sliding import IntegralSurface, adaptive_gain, saturation, sig
 from train_ato.control.contract import LawInput, parameter
 from train_ato.control.gains import gains_choice
@@ -80,6 +86,24 @@ class Smc(GuardedLaw):
     """Sliding mode with integral surface and adaptive reaching law (paper 000)."""
 
     Parameters: ClassVar[type] = SmcParameters
+
+    @classmethod
+    def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
+        """Return the parameters with the bandwidth of `pid` on the same train.
+
+        Parameters
+        ----------
+        model
+            The train.
+        period
+            Control period [s].
+        """
+        kp = LoopGains.of(model, period).speed
+        ks, l1 = kp / 4.0, 3.0 * kp / 4.0
+        return {
+            "equivalent": "feedforward", "l1": l1, "l2": l1 * l1 / 16.0, "ks": ks, "xi": 0.01 * kp,
+            "kappa": 0.1 * kp, "phi": 1.0,
+        }  # fmt: skip
 
     def __init__(self, parameters: SmcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)

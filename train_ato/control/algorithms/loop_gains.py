@@ -1,0 +1,87 @@
+"""Gains on speed and position error for a train: the loop that the gains ``model`` of every law share.
+
+Near its reference a train is an integrator of the force behind the dead time theta = delay + lag + period, and every
+law is a feed-forward with the feedback ``-M (kp e' + ki e)`` on the errors of speed and position. The rule of
+Skogestad (SIMC, Journal of Process Control 13, 2003, table 1) for an integrator with dead time is kp = 1/(2 theta),
+ki = kp/(8 theta). Elastic couplers lower kp:
+
+* In a mode r of the couplers, of frequency w and damping zeta, the feedback through delay and lag has the phase phi(w)
+  and the gain A(w). It adds the damping rate kp p A cos(phi)/2, with the part p = M sum s_i phi_r(i)² of the units of
+  shares s_i in the mode. Beyond a quarter of a turn it excites the mode; kp is at most half of the limit
+  2 zeta w/(p A |cos phi|), with a phase a fifth larger. A third of the damping by friction counts: a cycle from draft
+  to buff through the slack has half of it.
+* A group of power units is at most two thirds of the wave impedance of the hauled vehicles beside it.
+
+ki is then at most kp²/4, which gives two equal poles.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from plant_sim.elementary import cos_each
+from train_ato.control.algorithms.coupler_modes import TrainModes
+from train_ato.control.algorithms.train_constants import MATCHED_SHARE, dead_time, wave_gain
+
+if TYPE_CHECKING:
+    from train_ato.control.train_model import TrainModel
+
+LARGEST_GAIN = 1.0
+"""Largest gain on the speed error [1/s], for trains without dead time: above it the noise of the speed is the force."""
+MODE_SHARE = 0.5
+"""Gain over the one at which a mode is undamped."""
+FRICTION_SHARE = 1.0 / 3.0
+"""Part of the damping by friction that counts."""
+PHASE_MARGIN = 1.2
+"""Factor on the phase of delay and lag."""
+
+
+@dataclass(frozen=True)
+class LoopGains:
+    """Gains of the common loop.
+
+    Attributes
+    ----------
+    speed : float
+        kp, on the speed error [1/s].
+    position : float
+        ki, on the position error [1/s²].
+    dead_time : float
+        theta [s].
+    """
+
+    speed: float
+    position: float
+    dead_time: float
+
+    @classmethod
+    def of(cls, model: TrainModel, period: float) -> LoopGains:
+        """Return the gains for a train and a control period [s]."""
+        theta = dead_time(model) + period
+        kp = min(
+            LARGEST_GAIN, 1.0 / (2.0 * theta), wave_gain(model, MATCHED_SHARE), _gain_of_modes(model, 0.5 * period)
+        )
+        return cls(kp, min(kp / (8.0 * theta), 0.25 * kp * kp), theta)
+
+
+def _gain_of_modes(model: TrainModel, sampling: float) -> float:
+    """Return the largest gain on the speed error that excites no mode of the couplers [1/s], infinite without one.
+
+    Parameters
+    ----------
+    model
+        The train.
+    sampling
+        Mean delay by the sampling [s].
+    """
+    modes = TrainModes.of(model)
+    lagging = modes.omega * model.lag
+    phase = modes.omega * (dead_time(model) - model.lag + sampling) + np.array(list(map(math.atan, lagging.tolist())))
+    excited = -cos_each(np.minimum(PHASE_MARGIN * phase, math.pi))
+    rate = modes.omega * (modes.viscous + FRICTION_SHARE * modes.friction)
+    reached = model.inertia * modes.units * excited / np.sqrt(1.0 + lagging * lagging)
+    return float((2.0 * MODE_SHARE * rate[reached > 0.0] / reached[reached > 0.0]).min(initial=math.inf))
