@@ -100,9 +100,14 @@ def profile(tick: float = 0.1, speed: float = 20.0, pull: float = 0.5, cruise: f
     return Profile.uniform(0.0, tick, position, velocity, acceleration)
 
 
+def printed(name: str) -> dict[str, Any]:
+    """Return the choice of the printed gains of a law; empty for a law without a choice."""
+    return {"gains": PRINTED} if has_gains(LAWS.get(name)) else {}
+
+
 def printed_law(name: str, values: Mapping[str, Any], of: TrainModel, period: float) -> Any:
     """Return a law with the printed values of the parameters that are not given."""
-    return LAWS.make(name, {"gains": PRINTED, **values} if has_gains(LAWS.get(name)) else values, of, period)
+    return LAWS.make(name, {**printed(name), **values}, of, period)
 
 
 def inputs(of: TrainModel, **changes: Any) -> LawInput:

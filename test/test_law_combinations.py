@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from law_trains import printed
 
 from plant_sim.library import consist_path
 from train_ato.cli import main
@@ -60,9 +61,9 @@ def rolling(name: str) -> RunSetup:
 
 
 def combined(name: str, law: str, observer: str, compensation: str) -> RunSetup:
-    """Return the run of one combination; raise the error of the command line for an incompatible one."""
+    """Return the run of one combination with printed gains, or raise the error of the command line."""
     base = rolling(name)
-    choice = {"law": law, "observer": observer, "compensation": compensation}
+    choice = {"law": law, "observer": observer, "compensation": compensation, "laws": {law: printed(law)}}
     setup = dataclasses.replace(base, scenario=base.scenario.model_copy(update=choice))
     setup.law(law)
     return setup
@@ -112,15 +113,19 @@ def test_every_combination(name: str, law: str) -> None:
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        (["--law=smc", "--compensation=twin"], "set laws.smc.equivalent: feedforward, or compensation: none"),
-        (["--law=funnel", "--compensation=pade"], "does not use it; set law: pid"),
+        (["--law=smc", "--compensation=twin", "--set=laws.smc.gains=printed"],
+         "set laws.smc.equivalent: feedforward, or compensation: none"),
+        (["--law=funnel", "--compensation=pade", "--set=laws.funnel.gains=printed"],
+         "does not use it; set laws.funnel.feedforward: true"),
         (["--law=gpc", "--compensation=predictor"], "so does this law; set laws.gpc.delay: none, or comp"),
         (["--compensation=twin", "--set=laws.pid.feedforward=false"], "set laws.pid.feedforward: true"),
-        (["--law=smc", "--set=plant.sensors.couplers=[]"], "coupler_0, or a unit of 184 t .*fit the sensors .plant."),
-        (["--law=fixed_time_smc", "--set=plant.sensors.couplers=[]"], "coupler_0 beside driven .*; drive every"),
+        (["--law=smc", "--set=plant.sensors.couplers=[]", "--set=laws.smc.gains=printed"],
+         "coupler_0, or a unit of 184 t .*fit the sensors .plant."),
+        (["--law=fixed_time_smc", "--set=plant.sensors.couplers=[]", "--set=laws.fixed_time_smc.gains=printed"],
+         "coupler_0 beside driven .*; drive every"),
         (["--observer=ndo", "--set=observers.ndo.scope=vehicle", "--set=plant.sensors.couplers=[]"], "scope: train"),
         (["--compensation=predictor", "--set=compensations.predictor.train=chain"], "every vehicle driven, here 1"),
-        (["--set=law_changes=[{at: 3, law: smc}]", "--compensation=twin"],
+        (["--set=law_changes=[{at: 3, law: smc}]", "--compensation=twin", "--set=laws.smc.gains=printed"],
          "'smc' with compensation 'twin'"),
     ],
 )  # fmt: skip

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 from case_costs import sampled
-from law_trains import HILLY, LEVEL, SINGLE, asked, model, profile, stack
+from law_trains import HILLY, LEVEL, SINGLE, asked, model, printed, profile, stack
 
 from plant_sim.plant_setup import PlantSetup
 from plant_sim.train import Train
@@ -82,7 +82,7 @@ def driven(law: str, manoeuvre: str) -> tuple[Array, Array, Array]:
     late = case.delay > 0.0
     of, along = model(SINGLE, LEVEL, case.delay, case.lag), profile(pull=0.8)
     control = stack(
-        of, setting.law, setting.values | (setting.late if late else {}),
+        of, setting.law, printed(setting.law) | setting.values | (setting.late if late else {}),
         setting.compensation if late else "none", along=along,
     )  # fmt: skip
     observer = ObserverStack(
@@ -205,7 +205,7 @@ def test_a_gap_is_no_jump(law: str, values: dict[str, Any]) -> None:
     of, along = model(SINGLE, LEVEL), profile(pull=0.8)
     peaks = []
     for gap in (range(0), range(300, 308)):
-        control = stack(of, law, values, along=along)
+        control = stack(of, law, printed(law) | values, along=along)
         train = Train(SINGLE, LEVEL, PlantSetup(), STEP_NS, TICK_NS)
         errors = []
         for k in range(600):

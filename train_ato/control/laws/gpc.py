@@ -314,7 +314,7 @@ class Loop:
         ahead : Array, shape (N,)
             Reference speed at the next samples [m/s].
         held
-            Nothing is learnt, because the last command was at a limit or the train stands.
+            Nothing is learnt, because the last command was at a limit or the train is at rest.
         """
         self._remember(speed, sent)
         side = int(self._sent[0] < 0.0)
