@@ -180,11 +180,16 @@ class Gpc(GuardedLaw):
         super().take_over(inputs, force)
         if not is_valid(inputs):
             return
-        speeds, sent = inputs.velocity.tolist(), self._last_force
+        speeds, acceleration = inputs.velocity.tolist(), float(inputs.reference_acceleration[0])
+        if self.uses_feedforward:
+            target, acceleration = self.mean(inputs.reference_velocity.tolist()), 0.0
+            speeds = [speed - target for speed in speeds]
+            self._known = inputs.feedforward.tolist()
+        sent = self._sent()
         if self._single:
             speeds, sent = [self.mean(speeds)], [plain_sum(sent)]
         for loop, speed, last, mass in zip(self._loops, speeds, sent, self._mass, strict=True):
-            loop.begin(speed, float(inputs.reference_acceleration[0]), last / mass)
+            loop.begin(speed, acceleration, last / mass)
 
     def on_missed_sample(self) -> None:
         """Handle a missed sample: the grid of samples continues, with the prediction of the model as measurement."""
