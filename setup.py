@@ -7,7 +7,7 @@ from setuptools import find_packages, setup
 
 HERE = Path(__file__).resolve().parent  # colcon build --symlink-install runs a link to this file
 NAME = "train_ato"
-SWEEP = ["distributed>=2024.8", "scipy>=1.15", "cryptography>=42.0.4"]
+SWEEP = ["distributed>=2026.1", "scipy>=1.15", "cryptography>=46.0.7"]
 """Packages of the command sweep."""
 
 
@@ -63,24 +63,25 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
+    # Every bound is a version that exists, passes .ci/lowest and is above the published security holes.
     install_requires=[
         "numpy>=1.26",
         "numba>=0.60",
-        "mcap>=1.2",
+        "mcap>=1.2.1",
         "zstandard>=0.20",
-        "rosbags>=0.10.6",
+        "rosbags>=0.11.9",
         "pydantic>=2.7",
-        "PyYAML>=6",
-        "rich>=13",
+        "PyYAML>=6.0.1",
+        "rich>=15",
         "matplotlib>=3.8",
-        "pillow>=9",
-        "bokeh>=3.7",
-        "Jinja2>=3.1",
-        "tornado>=6.2",
+        "pillow>=12.2",
+        "bokeh>=3.9.2",
+        "Jinja2>=3.1.6",
+        "tornado>=6.5.5",
         "foxglove-sdk>=0.30",
         "scipy>=1.15",
         "pandas>=2.1",
-        "pyarrow>=14",
+        "pyarrow>=23.0.1",
         "pebble>=5.0.7",
         "rainflow>=3.2",
         "argcomplete>=3.1",
