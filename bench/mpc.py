@@ -7,7 +7,7 @@
 Every law runs with its default or the scenario's gains; pid under `preview` (under `twin` on daqin_heavy_haul:twin),
 pid_eso is pid under `predictor` with the observer `eso`, mpc under `none` (`twin` there), and paper is the law of the
 paper of the scenario under the compensation of the scenario, on the metro line under `preview`, under `twin` with the
-gains of the variant `tuned`.
+fitted gains.
 Rows with noise are over the seeds, with the median and the largest of every figure.
 """
 
@@ -101,7 +101,7 @@ def row(scenario: str, changes: dict[str, Any], law: str, seeds: int) -> dict[st
     A scenario whose second seed gives the figures of the first has no noise: further seeds are left out.
     """
     if TWIN in scenario:
-        scenario += {"paper": "+tuned", "mpc": "+identified"}.get(law, "")
+        scenario += "+identified" if law == "mpc" else ""
     found: list[dict[str, Any]] = []
     for seed in range(1, 1 + seeds):
         try:
@@ -163,7 +163,7 @@ Written by `python bench/mpc.py --page`, from `python bench/mpc.py --json`; goal
 [mpc_goals.md](mpc_goals.md). Rows with noise: median / largest over the seeds of the column `seeds`, from seed 1 on.
 `pid`: under `preview`; `mpc`: under `none`; both under `twin` on `daqin_heavy_haul:twin`, `mpc` there with the variant
 `identified`; `pid_eso`: `pid` under `predictor` with the observer `eso`; `paper`: law of the paper of the scenario,
-under `twin` with the gains of the variant `tuned`. A dash: the scenario does not have the figure.
+under `twin` with fitted gains. A dash: the scenario does not have the figure.
 "Best so far": the best other law of this package before `mpc`.
 
 """

@@ -1,11 +1,11 @@
-"""Gains of the variants `tuned` of the shipped scenarios, found by `train_ato.tune`.
+"""Gains of the laws for the shipped trains, found by `train_ato.tune`.
 
     python bench/tuned_gains.py [SCENARIO ...] [--runs 18]     # search of every law without a result in the file
-    python bench/tuned_gains.py --table                        # table of msgs_docs/tuning.md
-    python bench/tuned_gains.py --variants                     # YAML of the variants
+    python bench/tuned_gains.py --table                        # scores and metrics before and after
+    python bench/tuned_gains.py --laws                         # YAML for train_ato/control/fitted_gains.yaml
 
 Searches are in bench/tuned_gains.yaml, their results in bench/tuned_gains.json, written after every law; an entry that
-is removed is searched again. The variant has the tuned gains if they are better in the search and on the held-out
+is removed is searched again. The table has the tuned gains if they are better in the search and on the held-out
 scenarios, otherwise the gains of the scenario.
 """
 
@@ -100,7 +100,7 @@ def score_texts(result: Mapping[str, Any]) -> str:
 
 
 def shipped_gains(result: Mapping[str, Any]) -> tuple[dict[str, Any], bool]:
-    """Return the gains of the variant, and True if they are the tuned ones."""
+    """Return the gains for the table, and True if they are the tuned ones."""
     better = bool(result["improved"] and result["improved_held_out"])
     return result["gains" if better else "initial"], better
 
@@ -135,30 +135,30 @@ def _text(value: Any) -> str:
     return "-" if value is None else number_text(value, 3) if isinstance(value, float) else str(value)
 
 
-def print_variants() -> None:
-    """Print the block `laws` of the variant `tuned` of every scenario."""
+def print_laws() -> None:
+    """Print the block `laws` of the table for the train of every scenario."""
     found: dict[str, dict[str, Any]] = {}
     for scenario, law, result in pairs():
         found.setdefault(scenario, {})[law] = shipped_gains(result)[0]
     for scenario, laws in found.items():
-        print(f"# {scenario}\n  tuned:\n    laws:")
+        print(f"# {scenario}\n  laws:")
         for law, gains in laws.items():
             text = yaml.safe_dump(gains, default_flow_style=True, sort_keys=False, width=1000).strip()
-            print(f"      {law}: {text}")
+            print(f"    {law}: {text}")
 
 
 def main() -> int:
-    """Search, or print the table or the variants."""
+    """Search, or print the table or the gains."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenario", nargs="*")
     parser.add_argument("--runs", type=int, default=18)
     parser.add_argument("--table", action="store_true")
-    parser.add_argument("--variants", action="store_true")
+    parser.add_argument("--laws", action="store_true")
     options = parser.parse_args()
     if options.table:
         print_table()
-    elif options.variants:
-        print_variants()
+    elif options.laws:
+        print_laws()
     else:
         searches = yaml.safe_load(SEARCHES.read_text(encoding="utf-8"))
         for scenario in options.scenario or [name for name, entry in searches.items() if "laws" in entry]:

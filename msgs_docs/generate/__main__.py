@@ -4,7 +4,8 @@
     python -m msgs_docs.generate --check            list files older than the code; exit status 1 if any
     python -m msgs_docs.generate --measure [NAME]   first make the runs of law pages or tables; default: all
 
-Start it in the top folder of the repository.  Tables: `faults`, `hazards`, `random_runs`, `left_out`, `one_hash`.
+Start it in the top folder of the repository.  Tables: `faults`, `hazards`, `random_runs`, `left_out`, `one_hash`,
+`any_law`.
 ``--measure`` of all pages takes an hour on two cores.
 """
 
@@ -17,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from msgs_docs.generate import (
+    any_law_page,
     fault_page,
     hazard_page,
     node_page,
@@ -47,6 +49,7 @@ TABLES = {
     random_page.NAME: random_page.measure_random_runs,
     choice_runs.NAME: choice_runs.measure_choices,
     one_hash_page.NAME: one_hash_page.measure_one_hash,
+    any_law_page.NAME: any_law_page.measure_any_law,
 }
 """Measurement of a table of runs by name of its page."""
 
@@ -73,6 +76,7 @@ def generated() -> dict[Path, str]:
         ROOT / equation_page.PAGE: equation_page.page(ROOT),
         ROOT / choice_page.PAGE: choice_page.page(ROOT),
         ROOT / one_hash_page.PAGE: one_hash_page.page(ROOT),
+        ROOT / any_law_page.PAGE: any_law_page.page(ROOT),
         ROOT / node_page.PAGE: node_page.page(ROOT / node_page.PAGE),
         ROOT / requirement_page.PAGE: requirement_page.page(ROOT / requirement_page.PAGE),
         **{schemas.schema_path(kind): schemas.schema_text(kind) for kind in schemas.MODELS},

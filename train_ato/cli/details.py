@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from plant_sim.consist import Consist
 from plant_sim.library import consist_names, line_names, load_consist, load_line, read_yaml
 from plant_sim.line import Line
 from plant_sim.number_text import number_text
 from train_ato.control.contract import Parameter
+from train_ato.control.gains import fitted_trains, has_gains
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
-from train_ato.scenario.scenario import find, load_scenario, shipped_scenarios, variants_of
+from train_ato.scenario.scenario import Scenario, find, load_scenario, shipped_scenarios, variants_of
 
 Facts = dict[str, str]
 GRADES = (0.0, 0.002, 0.005, 0.010)
@@ -72,11 +74,36 @@ def _scenario(name: str) -> Facts:
         "observer": scenario.observer,
         "compensation": scenario.compensation,
     }
+    facts |= _gains(scenario, path)
     return facts | {f"{stem}:{variant}": summary for variant, summary in variants_of(find(stem)[0]).items()}
 
 
+def _gains(scenario: Scenario, path: Path) -> Facts:
+    """Return the gains that every law would take in a scenario, and their source."""
+    from train_ato.loop.setup import prepare
+
+    try:
+        setup = prepare(scenario, path)
+    except ValueError:
+        return {}
+    found = {}
+    for law in LAWS.loadable():
+        gains = setup.gains(law)
+        if gains.source:
+            values = ", ".join(f"{key} {_shown(value)}" for key, value in gains.values.items() if key != "gains")
+            found[f"gains of {law}"] = f"{gains.source}, {gains.reason}{': ' if values else ''}{values}"
+    return found
+
+
+def _shown(value: Any) -> str:
+    return number_text(value, 3) if isinstance(value, float) else str(value)
+
+
 def _block(registry: Registry, name: str) -> Facts:
-    return {"summary": registry.summary(name)} | {p.name: _parameter(p) for p in registry.parameters(name)}
+    facts = {"summary": registry.summary(name)} | {p.name: _parameter(p) for p in registry.parameters(name)}
+    if registry is LAWS and has_gains(LAWS.get(name)):
+        facts["trains"] = f"fitted: {', '.join(fitted_trains(name))}; `train-ato list SCENARIO` has the gains of a run"
+    return facts
 
 
 def _parameter(parameter: Parameter) -> str:

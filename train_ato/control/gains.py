@@ -157,6 +157,11 @@ def _fitted(law: str, model: TrainModel, period: float) -> tuple[dict[str, Any] 
     return None, f"not fitted to {train}"
 
 
+def fitted_trains(law: str) -> list[str]:
+    """Return the names of the trains to which a law is fitted."""
+    return [train for entry in _table() if law in entry["laws"] for train in entry["trains"]]
+
+
 @functools.cache
 def _table() -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = yaml.safe_load(TABLE.read_text(encoding="utf-8"))

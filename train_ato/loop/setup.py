@@ -230,7 +230,7 @@ class RunSetup(RunChoices):
         return resolved_text(self._resolved_data)
 
     def _all_values(self, law: str) -> dict[str, Any]:
-        """Return every parameter of a law with a choice of gains, which a later table or rule does not change."""
+        """Return every parameter of a law with a choice of gains, otherwise those that are given."""
         gains = self.gains(law)
         defaults = {entry.name: entry.default for entry in LAWS.parameters(law)} if gains.source else {}
         return {**defaults, **gains.values}

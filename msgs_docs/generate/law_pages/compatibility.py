@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -54,10 +55,26 @@ def conflicts(law: str) -> Iterator[tuple[str, str]]:
     """Yield the compensations that reject a law with its defaults, each with the reason."""
     made = LAWS.make(law, {}, shipped("xuzhou_metro_3", ()), PERIOD)
     for name in COMPENSATIONS.loadable():
-        try:
-            check_compatible(law, made, name, COMPENSATIONS.get(name))
-        except ValueError as error:
-            yield name, str(error).partition("': ")[2]
+        if reason := conflict(law, made, name):
+            yield name, reason
+
+
+def conflict(law: str, made: Any, compensation: str) -> str:
+    """Return the reason of a compensation for the refusal of a law; "" if it accepts it."""
+    try:
+        check_compatible(law, made, compensation, COMPENSATIONS.get(compensation))
+    except ValueError as error:
+        return str(error).partition("': ")[2]
+    return ""
+
+
+def accepted_with_hauled(law: str, compensation: str) -> bool:
+    """Return True if a compensation accepts a law on the shipped train with hauled vehicles."""
+    try:
+        made = LAWS.make(law, {}, shipped("hxd1_c80_105", (0,)), PERIOD)
+    except ValueError:
+        return False
+    return not conflict(law, made, compensation)
 
 
 def companions(component: Component) -> list[str]:
@@ -65,7 +82,8 @@ def companions(component: Component) -> list[str]:
     if component.kind == "law":
         reasons: dict[str, list[str]] = {}
         for name, reason in conflicts(component.name):
-            reasons.setdefault(reason.replace(f"'{name}'", "it"), []).append(f"`{name}`")
+            only = " (accepted with hauled vehicles)" if accepted_with_hauled(component.name, name) else ""
+            reasons.setdefault(reason.replace(f"'{name}'", "it"), []).append(f"`{name}`{only}")
         return [f"Rejected with compensation {' or '.join(names)}: {reason}." for reason, names in reasons.items()]
     if component.kind == "compensation":
         laws = [law for law in LAWS.loadable() if component.name in dict(conflicts(law))]

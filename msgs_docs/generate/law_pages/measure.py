@@ -9,8 +9,11 @@ from typing import Any
 from msgs_docs.generate.law_pages.components import Component
 from msgs_docs.generate.law_pages.demo_runs import demo_of
 from msgs_docs.generate.law_pages.figures import draw_demo
+from train_ato.control.gains import PRINTED, has_gains
+from train_ato.control.registry import LAWS
 from train_ato.papers.claims import Case, Result
 from train_ato.papers.pool import Finished, WorkerPool
+from train_ato.scenario.scenario import load_scenario
 
 KEPT = ("speed_rmse_kmh", "speed_error_max_kmh", "position_error_max_m", "command_variation_kn_per_s")
 WORKERS = 2
@@ -74,6 +77,9 @@ def _rounded(value: float) -> float:
 def command(case: Case) -> str:
     """Return the command line of a case."""
     options, settings = [], []
+    scenario, _ = load_scenario(case.scenario, changes=dict(case.changes))
+    if has_gains(LAWS.get(scenario.law)) and "gains" not in scenario.laws.get(scenario.law, {}):
+        settings.append(f"--set laws.{scenario.law}.gains={PRINTED}")
     for key, value in case.changes.items():
         if key in ("law", "observer", "compensation"):
             options.append(f"--{key} {value}")
