@@ -122,3 +122,21 @@ def test_a_law_and_a_scenario_list_their_gains(capsys: pytest.CaptureFixture[str
     assert "fitted: hxd1_c80_105" in capsys.readouterr().out
     assert main(["list", "demo"]) == 0
     assert "fitted, fitted to hxd1_c80_105: kp 0.05, ki 0.001" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("assignment", "start"),
+    [
+        ("laws.pid.kpp=1", "laws.pid.kpp: no such parameter"),
+        ("law=smcc", "unknown law 'smcc'"),
+        ("plant.lagg=1", "plant.lagg: "),
+    ],
+)
+def test_a_wrong_option_is_named_once_without_the_shipped_file(
+    assignment: str, start: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a wrong `--set` blames the shipped file, lacks the block of its key, or repeats its problem."""
+    assert main(["run", "demo", "--engine", "--set", assignment]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"train-ato: --set {assignment}: {start}")
+    assert "demo.yaml" not in error and error.count("did you mean") == 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -61,12 +60,13 @@ def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
     for kind in KINDS:
         if kind in overlay:
             check_component_name(f"--{kind}", kind, overlay[kind])
-    scenario, path = load_scenario(options.scenario, tuple(options.assignments), overlay)
-    with compilation_noted(PLANNER_NOTE if scenario.profile.plan is not None else COMPILE_NOTE):
-        try:
+    assignments = tuple(options.assignments)
+    try:
+        scenario, path = load_scenario(options.scenario, assignments, overlay)
+        with compilation_noted(PLANNER_NOTE if scenario.profile.plan is not None else COMPILE_NOTE):
             return prepare(scenario, path)
-        except ValueError as error:
-            raise ValueError(_of_options(str(error), str(path), overlay)) from None
+    except ValueError as error:
+        raise ValueError(_of_options(str(error), assignments, overlay)) from None
 
 
 def check_component_name(option: str, kind: str, name: str) -> None:
@@ -91,9 +91,14 @@ def check_component_name(option: str, kind: str, name: str) -> None:
         raise ValueError(f"{option}: {error}") from None
 
 
-def _of_options(message: str, path: str, overlay: Mapping[str, Any]) -> str:
-    """Return the message of a refused combination with the options of its components in place of the scenario file."""
+def _of_options(message: str, assignments: tuple[str, ...], overlay: dict[str, Any]) -> str:
+    """Return the message of a refused scenario with the options that caused it in place of the scenario file."""
+    file, _, problem = message.partition(": ")
+    for text in assignments:
+        key = text.partition("=")[0].strip()
+        if problem.startswith(f"{key}:") or (key == "law" and problem.startswith("unknown law")):
+            return f"--set {text}: {problem}"
     named = [
         f"--{kind} {overlay[kind]}" for kind in KINDS if kind in overlay and f"{kind} '{overlay[kind]}'" in message
     ]
-    return f"{' '.join(named)}: {message.removeprefix(f'{path}: ')}" if named else message
+    return f"{' '.join(named)}: {problem if file.endswith('.yaml') else message}" if named else message

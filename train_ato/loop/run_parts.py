@@ -41,7 +41,7 @@ def fitting_law(name: str, values: Mapping[str, Any], model: TrainModel, period:
     """
     if not model.n_units:
         raise ValueError(f"law '{name}': no vehicle of the train has traction or brake; add an envelope")
-    loaded = COMPENSATIONS.get(compensation)
+    loaded, law_class = COMPENSATIONS.get(compensation), LAWS.get(name)
     try:
         law: Law = LAWS.make(name, values, model, period)
     except RefusedParameter as error:
@@ -50,7 +50,7 @@ def fitting_law(name: str, values: Mapping[str, Any], model: TrainModel, period:
         raise
     except ValueError as error:
         try:
-            check_compatible(name, LAWS.get(name), compensation, loaded)
+            check_compatible(name, law_class, compensation, loaded)
         except ValueError as second:
             raise ValueError(f"{error}; also {second}") from None
         raise

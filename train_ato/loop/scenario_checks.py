@@ -39,9 +39,11 @@ def check_requirements(scenario: Scenario, layout: TrainLayout, line: Line) -> N
 
 def check_parameters(scenario: Scenario) -> None:
     """Check names and values of the parameters of all laws, observers and compensations at the start."""
-    for name, values in scenario.laws.items():
-        LAWS.check_parameters(name, values)
-    for name, values in scenario.observers.items():
-        OBSERVERS.check_parameters(name, values)
-    for name, values in scenario.compensations.items():
-        COMPENSATIONS.check_parameters(name, values)
+    blocks = {"laws": LAWS, "observers": OBSERVERS, "compensations": COMPENSATIONS}
+    for block, registry in blocks.items():
+        for name, values in getattr(scenario, block).items():
+            try:
+                registry.check_parameters(name, values)
+            except ValueError as error:
+                message = str(error)
+                raise ValueError(f"{block}.{message}" if message.startswith(f"{name}.") else message) from None
