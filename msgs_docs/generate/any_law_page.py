@@ -95,10 +95,10 @@ def outcome(name: str, law: str, gains: str) -> dict[str, Any]:
         return {"outcome": "refused", "reason": str(error).partition(f"law '{law}'")[2].lstrip(":, ") or str(error)}
     except RunFailed as error:
         return {"outcome": "failed", "reason": str(error)}
-    return row(summary)
+    return summary_figures(summary)
 
 
-def row(summary: dict[str, Any]) -> dict[str, Any]:
+def summary_figures(summary: dict[str, Any]) -> dict[str, Any]:
     """Return outcome, criteria that are not met, takeovers and figures of a summary."""
     missed = {entry["criterion"]: _short(entry["value"]) for entry in summary["criteria"] if not entry["passed"]}
     found: dict[str, Any] = {"outcome": summary["tracking"]}
