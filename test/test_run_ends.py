@@ -240,3 +240,27 @@ def test_the_end_of_a_run_has_its_status_and_reason(case: Case, tmp_path: Path) 
     assert vehicles.messages - 1 - summary["ticks"] in (-1, 0)  # the last tick of a killed plant is not complete
     if case.status == "failed" and case.victim == "controller" and case.options[0] == "--no-lockstep":
         assert summary["tracking"] != "tracked"
+
+
+def test_the_lateness_of_ticks_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Periods of 10 ms, one of 38 ms and a pause: one late tick, 28 ms, 28 of 138 ms behind; the pause is none."""
+    pytest.importorskip("rclpy")
+    from train_ato.ros.nodes import tick_lateness
+
+    clock = [0]
+    monkeypatch.setattr(tick_lateness.time, "monotonic_ns", lambda: clock[0])
+    monkeypatch.setattr(tick_lateness.time, "time_ns", lambda: clock[0] + 7)
+    lateness = tick_lateness.TickLateness()
+    assert lateness.report() == {}
+    for step in [0, *[10] * 10, 38]:
+        clock[0] += step * 1_000_000
+        lateness.begin(0.01)
+    found = lateness.report()
+    assert found["wall_tick_begin_ns"] == "7"
+    assert found["wall_tick_steps_us"].split() == [*["10000"] * 10, "38000"]
+    assert (found["wall_ticks_late"], found["wall_lateness_max_s"]) == ("1", "0.028000")
+    assert found["wall_behind_share"] == f"{28 / 138:.6f}"
+    lateness.restart()
+    clock[0] += 10**9
+    lateness.begin(0.01)
+    assert lateness.report()["wall_ticks_late"] == "1"

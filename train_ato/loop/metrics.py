@@ -27,6 +27,13 @@ COMMAND_COUNTS = (
 """Metric, and key in the diagnostics of the plant."""
 ROUNDING = 1e-6
 """Difference of a time of the scenario from the stamp of the same tick by rounding [s]."""
+LATENESS = {
+    "ticks_late": "wall_ticks_late",
+    "lateness_max_s": "wall_lateness_max_s",
+    "lateness_p99_s": "wall_lateness_p99_s",
+    "behind_share": "wall_behind_share",
+}
+"""Metric of a run with a rate, and key in the diagnostics of the plant."""
 JERK_SPAN = 0.1
 """Time difference for acceleration and jerk [s]."""
 
@@ -71,6 +78,9 @@ def summarise(setup: RunSetup, recording: Recording) -> dict[str, Any]:
         "unsound_measurements": int(totals.get("unsound_measurements", 0)),
         **{key: int(totals.get(name, 0)) for key, name in COMMAND_COUNTS},
     }
+    metrics |= {key: totals[name] for key, name in LATENESS.items() if name in totals}
+    if "ticks_late" in metrics:
+        metrics["ticks_late"] = int(metrics["ticks_late"])
     if "plant" not in {report.node for report in recording.changed_reports}:
         metrics = {key: value for key, value in metrics.items() if key not in OF_THE_PLANT}
         metrics["coupler_draft_max_kn"] = float(max(0.0, recording.coupler_draft_max.max())) / 1e3

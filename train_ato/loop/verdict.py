@@ -49,6 +49,7 @@ CRITERIA: tuple[Criterion, ...] = (
     Criterion("coupler_buff", "coupler_buff_max_kn", "coupler buff", "kN", 1e-3),
     Criterion("acceleration", "acceleration_max", "acceleration", "m/s²"),
     Criterion("jerk", "jerk_1s_max", "jerk over 1 s", "m/s³"),
+    Criterion("real_time", "lateness_max_s", "lateness of a tick, largest", "s"),
     Criterion("brake_interventions", "brake_interventions", "interventions of the supervisor", ""),
 )
 """All criteria, in the order of the verdict."""
@@ -159,7 +160,12 @@ def verdict_line(summary: Metrics) -> str:
     facts = [text for text in (stop, overspeed, _coupler_text(summary), _error_text(summary)) if text]
     if not facts and not failed:
         return ""
-    parts = [*(_failure_text(row, summary) for row in failed), *facts, *_protection_texts(summary)]
+    parts = [
+        *(_failure_text(row, summary) for row in failed),
+        *facts,
+        *_protection_texts(summary),
+        *_lateness_texts(summary),
+    ]
     outcome = "" if is_tracked(summary) else f"{tracking_text(summary)}; "
     return f"{outcome}{_head(summary, len(rows), failed)}: {'; '.join(parts)}"
 
@@ -201,6 +207,15 @@ def _stop_text(summary: Metrics) -> str:
 
 def _stopped(beyond: float) -> str:
     return f"stopped {three_digits(abs(beyond))} m {'beyond' if beyond > 0 else 'short of'} the target"
+
+
+def _lateness_texts(summary: Metrics) -> list[str]:
+    """Return the lateness of a run with a rate and late ticks as text."""
+    late = summary.get("ticks_late")
+    if not late:
+        return []
+    largest, share = 1e3 * summary["lateness_max_s"], 100 * summary["behind_share"]
+    return [f"{late:.0f} ticks late by up to {three_digits(largest)} ms, {three_digits(share)} % behind the rate"]
 
 
 def _protection_texts(summary: Metrics) -> list[str]:

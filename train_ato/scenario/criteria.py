@@ -80,6 +80,9 @@ class Criteria(SiModel):
     jerk: Jerk | None = Field(
         None, gt=0, description="largest change of vehicle 0's mean acceleration from one second to the next"
     )
+    real_time: Time | None = Field(
+        None, gt=0, description="largest lateness of a tick against the rate, in a run of nodes with a rate"
+    )
     brake_interventions: int | None = Field(
         None, ge=0, description="largest number of brake interventions of the supervisor"
     )

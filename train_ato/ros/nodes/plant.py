@@ -22,6 +22,7 @@ from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.outage import OUTAGE_RATE, Outage
 from train_ato.ros.nodes.plant_requests import NO_RATE, PlantRequests
 from train_ato.ros.nodes.tick_answers import TickAnswers
+from train_ato.ros.nodes.tick_lateness import TickLateness
 
 LEAD = 400
 """Maximum lead of the plant over the recorder [ticks]: less than half of the recorder's queues."""
@@ -94,6 +95,7 @@ class PlantNode:
         self.answer_watch = AnswerWatch()
         self._lost: tuple[str, str] | None = None
         self._interruption: str | None = None
+        self._lateness = TickLateness()
         self._standing = 0
         self.outage = Outage(2 * stage.setup.supervision_ticks)
         self._lockstep_rate: float | None = None
@@ -273,12 +275,20 @@ class PlantNode:
             self._single = False
             self._waiting = True
             self.sent_stamp = self.stage.stamp
+            self._lateness.begin(self._tick_period)
             self._send(self.stage.observe().published())
 
     @property
     def _lead(self) -> int:
         """Lead over the recorder [ticks]; it acknowledges complete ticks only, so none of an outage."""
         return 0 if self.outage.away else self.stage.tick - max(self._acknowledged, self._return_tick)
+
+    @property
+    def _tick_period(self) -> float:
+        """Wall time of a tick at the present rate [s], 0 without a rate."""
+        if self._period is not None:
+            return float(self._period) * 1e-9
+        return float(self.stage.setup.tick) / self._rate.factor if self._rate.factor else 0.0
 
     def _conclude(self) -> None:
         if not self.finished:
@@ -297,9 +307,12 @@ class PlantNode:
 
     def _send(self, messages: Published) -> None:
         """Send messages of the stage; counts from the wall clock are added to its diagnostics."""
-        if self._period is not None or self.ignored or self.held:
-            wall = {"wall_late": self.late, "wall_held": self.held, "wall_ignored": self.ignored}
-            counts = {name: str(count) for name, count in wall.items()}
+        paced = self._tick_period > 0
+        if (paced or self.ignored or self.held) and any(isinstance(message, Diagnostic) for _, message in messages):
+            counts = self._lateness.report()
+            if self._period is not None or self.ignored or self.held:
+                wall = {"wall_late": self.late, "wall_held": self.held, "wall_ignored": self.ignored}
+                counts |= {name: str(count) for name, count in wall.items()}
             messages = [
                 (topic, replace(message, values={**message.values, **counts}))
                 if isinstance(message, Diagnostic)
@@ -357,6 +370,7 @@ class PlantNode:
         was, self.paused = self.paused, paused
         if was and not paused:
             self._rate.restart()
+            self._lateness.restart()
             self._resume_loop()
 
     def set_rate(self, factor: float) -> None:
