@@ -163,6 +163,13 @@ IDEAL = (
         ),
     ),
     Trial(
+        "the air brake keeps",
+        tracked,
+        {"rbf unbraked": {"largest": 50.0}},
+        (edge("rbf", "largest", 0.149, 0.151), edge("rbf unbraked", "largest", 0.151, 0.149)),
+        others=frozenset(("rbf unbraked",)),
+    ),
+    Trial(
         "the control force changes",
         swinging,
         {"pid": {"force": 1e5}, "smc": {"force": 5e4}, "rbf": {"force": 5e4}},

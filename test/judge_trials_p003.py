@@ -85,7 +85,7 @@ TRIALS = (
         (
             edge("printed long", "place", 0.00249, 0.00251),
             edge("corrected long", "place", 0.0249, 0.0251, elsewhere=True),
-            edge("corrected long", "until", 1.55, 1.6, elsewhere=True),
+            edge("corrected long", "until", 50.75, 50.8, elsewhere=True),
             edge("corrected long", "speed", 0.0105, 0.0106, elsewhere=True),
         ),
         elsewhere={"printed long": {"place": 0.05}},

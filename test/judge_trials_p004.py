@@ -12,7 +12,7 @@ from train_ato.papers.claims import Result
 from train_ato.papers.p004_gpc.cases import SAMPLINGS, WEIGHTS
 
 TRAINS = ("half_more", "half_less", "heavy", "light", "noise")
-COMFORT = {"stop_error_m": 0.1, "jerk_1s_max": 0.3, "acceleration_max": 0.5}
+COMFORT = {"stop_error_m": 0.1, "jerk_1s_max": 0.3, "acceleration_max": 0.5, "energy_traction_kwh": 2000.0}
 
 
 def moving(speed: float = 0.01, place: float = 0.1, **figures: Any) -> Result:
@@ -121,6 +121,13 @@ TRIALS = (
         ),
         elsewhere={"gpc long": {"stop_error_m": 8.0}},
         others=frozenset(("gpc on position",)),
+    ),
+    Trial(
+        "efficient",
+        moving,
+        {},
+        (edge("gpc long", "energy_traction_kwh", 2199.0, 2201.0), edge("gpc long", "speed", 0.399, 0.401)),
+        others=frozenset(("pid preview long",)),
     ),
     Trial(
         "goal with 200 kN",

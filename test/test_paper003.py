@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from recordings import with_series
+from reproduce_results import series
 from tracking_results import tracked, with_command
 
 from train_ato.loop.engine import run_engine
@@ -17,7 +19,7 @@ from train_ato.papers.p003_funnel.cases import CASES, LAWS, TRAINS
 from train_ato.papers.p003_funnel.claims import PAPER
 from train_ato.papers.p003_funnel.saturation_checks import recovery_by_38
 from train_ato.papers.p003_funnel.series import boundaries, last_saturation, off_profile
-from train_ato.papers.tracking import position_error, speed_error, time_within, written
+from train_ato.papers.tracking import late_cruise, position_error, speed_error, time_within, written
 from train_ato.scenario.scenario import load_scenario
 
 COUNT = 2000
@@ -42,6 +44,17 @@ def test_last_saturation_bridges_gaps_and_takes_the_longest() -> None:
     assert last_saturation(recording, 200e3) == pytest.approx((30.05, 59.95), abs=0.06)
     with pytest.raises(ValueError, match="never at its limit"):
         last_saturation(recording, 240e3)
+
+
+def test_the_limit_of_theorem_1_is_read_late_in_the_longest_cruise() -> None:
+    """Breaks if the window holds a change of speed, a shorter cruise, standstill, or the begin of the cruise."""
+    speed = np.repeat([0.0, 20.0, 30.0, 40.0, 20.0, 0.0], [12, 4, 2, 8, 2, 12])
+    pull = np.repeat([0.0, 0.0, 0.3, 0.0, -0.3, 0.0], [12, 4, 2, 8, 2, 12])
+    base = series(np.zeros(40), np.zeros(40))
+    run = with_series(base, reference_velocity=speed, reference_acceleration=pull)
+    assert np.flatnonzero(late_cruise(run)).tolist() == [22, 23, 24, 25]
+    with pytest.raises(ValueError, match="no constant speed"):
+        late_cruise(with_series(run, reference_acceleration=np.full(40, 0.1)))
 
 
 def test_time_within_a_band_and_how_figures_are_written() -> None:

@@ -51,10 +51,32 @@ def largest(values: Array) -> float:
 MOVING = 1.0
 """Reference speed from which speed errors are evaluated [m/s]; at rest the holding brake acts."""
 
+STEADY = 1e-6
+"""Acceleration of the reference below which its speed is constant [m/s²]."""
+
 
 def moving(recording: Recording) -> NDArray[np.bool_]:
     """Return a mask of the ticks at which the reference moves, shape (k,)."""
     return np.asarray(recording.reference_velocity > MOVING)
+
+
+def late_cruise(recording: Recording) -> NDArray[np.bool_]:
+    """Return a mask of the last half of the longest interval at constant speed, shape (k,).
+
+    Raises
+    ------
+    ValueError
+        If the reference has no such interval.
+    """
+    steady = moving(recording) & (np.abs(recording.reference_acceleration) < STEADY)
+    changes = np.flatnonzero(np.diff(np.concatenate(([False], steady, [False]))))
+    begins, ends = changes[::2], changes[1::2]
+    if not begins.size:
+        raise ValueError("the reference has no constant speed")
+    longest = int(np.argmax(ends - begins))
+    mask = np.zeros(steady.size, dtype=bool)
+    mask[(begins[longest] + ends[longest]) // 2 : ends[longest]] = True
+    return mask
 
 
 def largest_position_error(result: Result) -> float:

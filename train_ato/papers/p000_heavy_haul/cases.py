@@ -115,6 +115,7 @@ def _cases() -> dict[str, Case]:
         noise = {"sensors": {"velocity_noise": 0.01}}
         cases[f"ndo {omega:g} noise"] = _ideal(_printed_observer(omega), duration=SHORT, plant=noise)
     cases["rbf_ndo apart disturbed"] = _ideal(_law("rbf_smc", PRINTED_NETWORK, 1000.0), "+disturbed")
+    cases["rbf unbraked"] = _ideal(IDEAL_LAWS["rbf"][1], brake={"policy": "none", "events": []})
     cubic = {"disturbances": [{"kind": "eq40", "speed_power": 3}]}
     cases["rbf_ndo cubic"] = _ideal(_printed_observer(1000.0), plant=cubic)
     clamped = _law("smc", PRINTED | {"integral_limit": 100.0})

@@ -42,6 +42,8 @@ QUIETER_THAN_SMC = ratio("change of the error, NDO over SMC", MUCH_BETTER, "pape
 STATIC_FORCE = TRACTION * (1.0 - LOCOMOTIVE / TRAIN) / 1e3
 """Force of the first coupler at full traction without resistance and oscillation, F (M - m_0)/M [kN]."""
 CARRIED = Bound("largest coupler force", STATIC_FORCE, "kN", "closed form F (M - m_0)/M at full traction")
+BRAKED = Bound("largest error with the air brake", 0.15, "km/h", "paper: band of RBFNN-SMC, held with 461 kN at most")
+UNBRAKED = Bound("largest error without it", 0.15, "km/h", "the same band, lost with 461 kN alone", least=True)
 SMOOTHER = ratio("rms step of SMC or RBFNN over PID", BETTER, "paper: smoother")
 
 
@@ -205,6 +207,22 @@ def coupler_force_range(results: Results) -> Judgement:
         "traction. The structural damping of the gears, 1e5 N s/m, is not in the paper and reduces the buff force"
     )
     return conclude(f"{low:.0f} ... {high:+.0f} kN", [CARRIED.check(worst((high, -low)))], reason)
+
+
+@CLAIMS.judged_by("the air brake keeps the electric brake within 461 kN", "figure 9", ("rbf", "rbf unbraked"))
+def electric_brake(results: Results) -> Judgement:
+    """Judge the need of the air brake by the speed error that a limit of 461 kN leaves with and without it."""
+    braked, unbraked = results["rbf"], results["rbf unbraked"]
+    errors = [largest_kmh(result) for result in (braked, unbraked)]
+    times = [float(result.summary["saturated_s"]) for result in (braked, unbraked)]
+    return conclude(
+        f"with the air brake {errors[0]:.3f} km/h at most, {times[0]:.0f} s at the limit of the force; without it "
+        f"{errors[1]:.3g} km/h, {times[1]:.0f} s",
+        [BRAKED.check(errors[0]), UNBRAKED.check(errors[1])],
+        "the train here has no more than 461 kN, so its force alone proves nothing; with the air brake it holds "
+        "the speed on the long descents, without it not",
+        otherwise="461 kN do not hold the speed with the air brake, or hold it without",
+    )
 
 
 @CLAIMS.judged_by("the control force changes more smoothly than PID's", "figure 9", ("pid", "smc", "rbf", "rbf_ndo"))

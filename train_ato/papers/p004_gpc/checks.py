@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from train_ato.papers.bounds import BETTER, MUCH_BETTER, TENTH, Bound, about, least, ratio, worst
+from train_ato.papers.bounds import BETTER, MUCH_BETTER, TENTH, UNCHANGED, Bound, about, least, ratio, worst
 from train_ato.papers.checks import GOAL, conclude, variation
 from train_ato.papers.checks import recording as series_of
 from train_ato.papers.claims import THREE, Claims, Judgement, Result, Results
@@ -33,6 +33,8 @@ PUNCTUAL = Bound("stop error", 0.5, "m", "usual stopping accuracy of main lines"
 PUNCTUAL_REPAIRED = Bound("stop error, gain on the position", 0.5, "m", "usual stopping accuracy of main lines")
 JERK = Bound("jerk over 1 s", 0.75, "m/s³", "usual jerk in service")
 JERK_REPAIRED = Bound("jerk over 1 s, gain on the position", 0.75, "m/s³", "usual jerk in service")
+EFFICIENT = ratio("energy of traction over PID + preview", 1.0 + UNCHANGED, "efficient: that of the profile, unchanged")
+ON_PROFILE = Bound("largest speed error", 0.4, "m/s", "goal of this project at any delay")
 WITHIN_12 = Bound("position error at 200 kN", 12.0, "m", GOAL)
 WITHIN_12_PLANNED = Bound("the same, gpc on a profile for 200 kN", 12.0, "m", GOAL)
 AS_INDEPENDENT = about("position error at 200 kN, not planned", 43.0, "m", "independent", TENTH)
@@ -181,6 +183,18 @@ def comfort(results: Results) -> Judgement:
         elsewhere=[PUNCTUAL_REPAIRED.check(stops["gpc on position"]), JERK_REPAIRED.check(jerks["gpc on position"])],
         changed="the stop needs a gain on the position, which is not in the paper",
         otherwise="beyond the usual stop error or jerk, with a gain on the position as well",
+    )
+
+
+@CLAIMS.judged_by("efficient", "met; no figures", ("gpc long", "pid preview long"))
+def efficiency(results: Results) -> Judgement:
+    """Judge the energy of the run against that of PID with preview, which keeps the profile best."""
+    ours, preview = (float(results[f"{key} long"].summary["energy_traction_kwh"]) for key in ("gpc", "pid preview"))
+    return conclude(
+        f"{ours:.0f} kWh of traction, PID + preview {preview:.0f} kWh on the same profile",
+        [EFFICIENT.check(ours / preview), ON_PROFILE.check(largest_speed_error(results["gpc long"]))],
+        "the paper names no measure; here the law adds no energy to that of the profile, which it does not choose",
+        otherwise="the law takes more energy than the profile needs, or leaves the profile",
     )
 
 
