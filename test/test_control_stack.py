@@ -97,7 +97,7 @@ def test_output_stays_inside_the_limits_at_the_present_speed():
 def test_a_change_of_the_law_begins_at_the_last_command_and_keeps_the_jerk_of_the_profile():
     """Breaks if the first output is another one, a tick exceeds jerk x inertia x tick, or the law is not reached."""
     of, along = model(SINGLE), profile()
-    control, alone = stack(of, along=along), stack(of, "pid", {"kp": 0.8}, along=along)
+    control, alone = (stack(of, "pid", {"kp": kp}, along=along) for kp in (0.05, 0.8))
     before, _ = run(control, of, along, 200, error=-0.4)
     run(alone, of, along, 200, error=-0.4)
     largest = np.percentile(np.abs(along.jerk())[along.jerk() != 0.0], 99) * of.inertia * of.tick

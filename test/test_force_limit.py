@@ -68,7 +68,7 @@ def test_a_demand_at_a_limit_counts_once_however_it_came_there(
 
 def test_the_metric_is_at_least_the_time_of_the_commands_at_the_limits_of_the_model() -> None:
     """Breaks if the summary has the count of the plant only: 0 s of a law that clips itself."""
-    setup = prepare(*load_scenario("demo", ("duration=150", "law=smc")))
+    setup = prepare(*load_scenario("demo", ("duration=150", "law=smc", "laws.smc.gains=printed")))
     outcome = run_engine(setup)
     assert outcome.recording is not None
     velocity = outcome.recording.topics["train/measurement"]["velocity"]

@@ -163,8 +163,8 @@ def test_a_law_rejects_an_unsuitable_train_with_the_reason():
     with pytest.raises(
         ValueError, match=r"law 'smc': equivalent: measured needs the force of coupler_0, or a unit of 184 t"
     ):
-        LAWS.make("smc", {}, model(HAULED), 0.1)
-    LAWS.make("smc", {}, model(HAULED, sensors=(0,)), 0.1)
+        LAWS.make("smc", {"gains": "printed"}, model(HAULED), 0.1)
+    LAWS.make("smc", {"gains": "printed"}, model(HAULED, sensors=(0,)), 0.1)
     LAWS.make("smc", {}, model(SINGLE), 0.1)
     LAWS.make("smc", {}, model(FIVE), 0.1)
     with pytest.raises(ValueError, match=r"observer 'ndo': .*coupler_0, coupler_3; fit the sensors"):

@@ -30,9 +30,9 @@ SPECIAL = (
     ("demo", ("compensation=predictor", "compensations.predictor.train=chain")),
     ("demo", ("compensation=predictor", "compensations.predictor.delay=estimated", "model.delay=0")),
     ("demo", ("compensation=twin", "laws.pid.feedforward=false")),
-    ("demo", ("law=smc", "compensation=twin", UNMEASURED)),
+    ("demo", ("law=smc", "laws.smc.gains=printed", "compensation=twin", UNMEASURED)),
     ("demo", ("law=fixed_time_smc", "compensation=twin", UNMEASURED)),
-    ("demo", ("compensation=twin", "law_changes=[{at: 3, law: smc}]")),
+    ("demo", ("compensation=twin", "laws.smc.gains=printed", "law_changes=[{at: 3, law: smc}]")),
     ("xuzhou_metro", ("brake.policy=trigger",)),
     ("daqin_heavy_haul", ("replan={}",)),
     ("daqin_heavy_haul", ("brake.policy=none",)),
@@ -118,9 +118,11 @@ def test_an_unknown_component_names_its_option(
 def test_a_refused_pair_names_its_options(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Breaks if the message names the scenario file for a choice of the command line."""
     out = f"--out={tmp_path / 'run'}"
-    assert main(["run", "demo", "--engine", "--law=smc", "--compensation=twin", out]) == 2
-    assert capsys.readouterr().err.startswith("train-ato: --law smc --compensation twin: law 'smc' with compensation")
-    assert main(["run", "demo", "--engine", "--law=smc", "--set=compensation=twin", out]) == 2
-    assert capsys.readouterr().err.startswith("train-ato: --law smc: law 'smc' with compensation 'twin': ")
+    assert main(["run", "demo", "--engine", "--law=funnel", "--compensation=twin", out]) == 2
+    assert capsys.readouterr().err.startswith(
+        "train-ato: --law funnel --compensation twin: law 'funnel' with compensation"
+    )
+    assert main(["run", "demo", "--engine", "--law=funnel", "--set=compensation=twin", out]) == 2
+    assert capsys.readouterr().err.startswith("train-ato: --law funnel: law 'funnel' with compensation 'twin': ")
     assert main(["compare", "demo", "--laws=pid,smcc", out]) == 2
     assert capsys.readouterr().err.startswith("train-ato: --laws: unknown law 'smcc' (did you mean 'smc'?)")

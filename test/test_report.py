@@ -62,7 +62,7 @@ def test_events_of_a_run_are_found_at_their_times(eventful: Path) -> None:
         ("outside", 66.2, None),
         ("protection", 66.3, 70.0),
         ("ato", 66.4, None),
-        ("ato", 68.0, None),
+        ("ato", 69.2, None),
     }
     texts = " | ".join(event.text for event in detect_events(open_recording(eventful)))
     for words in (
@@ -453,8 +453,8 @@ def test_result_and_reason_are_printed_before_the_figure_is_drawn(
     out = tmp_path / "run"
     assert main(["run", "demo", "--engine", "--law", "breaks", "--set=duration=20", f"--out={out}"]) == 1
     ((printed, told),) = before
-    assert printed.startswith("failed (the run did not end)") and "recorded in" in printed
-    assert told.count("boom") == 1
+    assert printed.startswith("failed: node controller failed: law breaks: ") and "recorded in" in printed
+    assert printed.count("boom") == 1 and "node controller failed: law breaks" in told
     assert json.loads((out / "summary.json").read_text())["status"] == "failed"
     assert "boom" not in capsys.readouterr().err
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
-from import_files import recorded, take
+from import_files import MASS, metro, recorded, take, text_of
 
 from train_ato.apps.report.curves import CURVES, NotAvailable
 from train_ato.log.recorded import open_recording
@@ -40,7 +41,13 @@ def test_a_train_with_an_air_brake_is_not_said_to_have_none(
     train: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Breaks if a missing recording of the brake pipe is reported as a property of the train."""
-    take(tmp_path, capsys, recorded(0.5, 60.0), train=["--consist", train, "--line", "level"])
+    time = np.arange(0.0, 60.25, 0.5)
+    mass, slower = {"hxd1_c80_105": (10684e3, 12.0), "xuzhou_metro_3": (MASS, 1.0)}[train]
+    speed, position, force = (column / slower for column in metro(time))
+    text = text_of(
+        {"time_s": time, "speed_kmh": 3.6 * speed, "position_m": position, "force_kn": force * mass / MASS / 1e3}
+    )
+    take(tmp_path, capsys, text, train=["--consist", train, "--line", "level"])
     recording = open_recording(tmp_path / "imported")
     for name in ("pipe", "shoe_force"):
         with pytest.raises(NotAvailable, match=reason):

@@ -38,9 +38,9 @@ EXACT = {
 ARRAYS = {
     "train_ato/profile/planner/train_tables.py": {
         "sum((envelope_at(envelope, speed) for envelope in self._traction))",
-        "sum((envelope_at(envelope, speed) for envelope in self._electric))",
         "sum(self._tabulated(self._traction))",
-        "sum(self._tabulated(self._electric))",
+        "sum((np.minimum(whole, part) for whole, part in pairs))",
+        "sum((np.maximum(whole - part, 0.0) for whole, part in pairs))",
     }
 }
 """Sums of numpy arrays: added in order in every version."""

@@ -87,14 +87,14 @@ def _coupler_time(recording: Recording, key: str, forces: Array) -> float | None
     """Return the time of the largest coupler force of the run.
 
     The plant has the largest force of all its steps since the start in its diagnostics, once a second; the tick with
-    the largest force in the second of its last increase is less than a tick beside it.
+    the largest force in the second of its last increase is less than a tick beside it. A run for its summary only
+    keeps no forces of the ticks, and its coupler forces have no time.
     """
     reported = recording.reported("plant", key)
-    within = np.ones(recording.time.size, dtype=bool)
-    if reported is not None:
-        changed = np.flatnonzero(np.diff(reported[1])) + 1
-        last = int(changed[-1]) if changed.size else 0
-        begin = reported[0][last - 1] if last else -np.inf
-        within = (recording.time >= begin) & (recording.time <= reported[0][last])
-    rows = np.flatnonzero(within)
-    return _at_largest(recording.time[rows], forces[rows])
+    if reported is None:
+        return _at_largest(recording.time, forces)
+    changed = np.flatnonzero(np.diff(reported[1])) + 1
+    last = int(changed[-1]) if changed.size else 0
+    end, begin = reported[0][last], reported[0][last - 1] if last else -np.inf
+    rows = np.flatnonzero((recording.time >= begin) & (recording.time <= end))
+    return None if np.isnan(forces[rows]).any() else _at_largest(recording.time[rows], forces[rows])

@@ -9,6 +9,8 @@ from typing import Any
 import yaml
 
 from plant_sim.library import consist_path, read_yaml
+from train_ato.control.gains import PRINTED, has_gains
+from train_ato.control.registry import LAWS
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.scenario.overlays import overlay
 from train_ato.scenario.scenario import load_scenario
@@ -38,7 +40,7 @@ class ChoiceRun:
         return yaml.safe_dump([self.scenario, *self.sets, self.consist], default_flow_style=True, width=10_000).strip()
 
     def setup(self) -> RunSetup:
-        """Return the prepared run.
+        """Return the prepared run, with the printed gains of its law where the scenario gives none.
 
         Raises
         ------
@@ -46,11 +48,13 @@ class ChoiceRun:
             For a wrong scenario, assignment or key of the train.
         """
         scenario, path = load_scenario(self.scenario, self.sets)
+        printed = {"laws": {scenario.law: {"gains": PRINTED}}} if has_gains(LAWS.get(scenario.law)) else {}
+        scenario, path = load_scenario(self.scenario, self.sets, printed)
         if self.consist:
             name = scenario.plant.consist
             assert isinstance(name, str)
             changed = overlay(read_yaml(consist_path(name)), self.consist)
-            scenario, path = load_scenario(self.scenario, self.sets, {"plant": {"consist": changed}})
+            scenario, path = load_scenario(self.scenario, self.sets, {**printed, "plant": {"consist": changed}})
         return prepare(scenario, path)
 
 

@@ -169,6 +169,8 @@ class SpanMessages:
         position, velocity = a.truth[:done, :2].copy().swapaxes(0, 1)
         truth = {"front_position": position[:, :1], "front_velocity": velocity[:, :1]}
         truth |= {"rear_position": position[:, -1:], "unit_position": position[:, 1:-1]}
+        if self._train.n > 1:  # the forces of all couplers are not kept
+            truth |= dict.fromkeys(("coupler_draft_max", "coupler_buff_max"), np.full((done, 1), np.nan))
         add(TRUTH, self._stamps, {**truth, "unit_velocity": velocity[:, 1:-1]})
         add(MEASUREMENT, self._stamps, {})
         reference = dict(zip(("position", "velocity", "acceleration"), a.reference[:, :done, None], strict=True))
