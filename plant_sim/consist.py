@@ -6,11 +6,12 @@ A consist file (YAML, ``schema: train_ato/consist/1``) contains all data of a tr
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
 from plant_sim.brake_data import AirBrake, EmergencyBrake, Shoes
+from plant_sim.formats.notes import print_assumption
 from plant_sim.gears import DraftGear
 from plant_sim.number_text import number_text
 from plant_sim.summation import plain_sum
@@ -48,20 +49,33 @@ class EnvelopeSegment(SiModel):
 class Resistance(SiModel):
     """Running resistance of one vehicle as a polynomial of speed, in exactly one of three forms.
 
-    N/kN is converted into N with the gravity of the consist.
+    N/kN is converted into N with the gravity of the consist. ``n_per_kn_kmh`` has its speed in km/h, as tables of
+    railways have; its former name ``n_per_kn`` is read with a note.
     """
 
-    n_per_kn: tuple[float, float, float] | None = Field(
+    n_per_kn_kmh: tuple[float, float, float] | None = Field(
         None, description="A + B V + C V², V in km/h, N per kN of weight"
     )
     n: tuple[float, float, float] | None = Field(None, description="a + b v + c v², v in m/s, N")
     n_per_kg: tuple[float, float, float] | None = Field(None, description="a + b v + c v², v in m/s, N per kg of mass")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _former_name(cls, data: Any) -> Any:
+        if not isinstance(data, dict) or "n_per_kn" not in data:
+            return data
+        if "n_per_kn_kmh" in data:
+            raise ValueError("n_per_kn and n_per_kn_kmh are the same quantity; keep one of them")
+        print_assumption(
+            "the speed of resistance n_per_kn is read in km/h, that of n and n_per_kg in m/s; write n_per_kn_kmh"
+        )
+        return {"n_per_kn_kmh" if key == "n_per_kn" else key: value for key, value in data.items()}
+
     @model_validator(mode="after")
     def _one_form(self) -> Resistance:
-        given = [form for form in (self.n_per_kn, self.n, self.n_per_kg) if form is not None]
+        given = [form for form in (self.n_per_kn_kmh, self.n, self.n_per_kg) if form is not None]
         if len(given) != 1:
-            raise ValueError("resistance has exactly one of n_per_kn, n, n_per_kg; give one")
+            raise ValueError("resistance has exactly one of n_per_kn_kmh, n, n_per_kg; give one")
         if min(given[0]) < 0:
             raise ValueError(f"coefficient {min(given[0]):g} of the running resistance is negative; give 0 or more")
         return self
@@ -73,8 +87,8 @@ class Resistance(SiModel):
         if self.n_per_kg is not None:
             a, b, c = self.n_per_kg
             return a * mass, b * mass, c * mass
-        assert self.n_per_kn is not None
-        a, b, c = self.n_per_kn
+        assert self.n_per_kn_kmh is not None
+        a, b, c = self.n_per_kn_kmh
         weight = mass * gravity * 1e-3
         return a * weight, b * weight * 3.6, c * weight * 3.6**2
 

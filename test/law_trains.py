@@ -36,11 +36,11 @@ MOTORED = {
     "traction": [{"to": 50.0, "force": 400e3}],
     "brake": [{"to": 50.0, "force": 400e3}],
 }
-WAGON = {"mass": 100e3, "length": 12.0, "resistance": {"n_per_kn": [0.92, 0.0048, 0.000125]}}
+WAGON = {"mass": 100e3, "length": 12.0, "resistance": {"n_per_kn_kmh": [0.92, 0.0048, 0.000125]}}
 LOCOMOTIVE = {
     "mass": 184e3,
     "length": 35.222,
-    "resistance": {"n_per_kn": [1.20, 0.0065, 0.000279]},
+    "resistance": {"n_per_kn_kmh": [1.20, 0.0065, 0.000279]},
     "traction": [{"to": 33.3, "force": 760e3}],
     "brake": [{"to": 33.3, "force": 461e3}],
 }

@@ -27,11 +27,11 @@ def random_train(rng: np.random.Generator, vehicles: int) -> tuple[Consist, floa
         "mass": mass,
         "length": float(rng.uniform(10, 28)),
         "rotating_mass_factor": float(rng.uniform(1, 1.15)),
-        "resistance": {"n_per_kn": resistance},
+        "resistance": {"n_per_kn_kmh": resistance},
         "traction": traction,
         "brake": [*fading, {"to": 1.1 * top, "force": pull * 1.1}],
     }
-    wagon = {"mass": mass, "length": float(rng.uniform(10, 28)), "resistance": {"n_per_kn": [1.0, 0.005, 0.0003]}}
+    wagon = {"mass": mass, "length": float(rng.uniform(10, 28)), "resistance": {"n_per_kn_kmh": [1.0, 0.005, 0.0003]}}
     train: list[dict[str, Any]] = [{"type": "engine"}]
     if vehicles > 1:
         train.append({"type": "wagon", "count": vehicles - 1})

@@ -160,7 +160,7 @@ BRAKED = Consist.model_validate(
             "loco": {
                 "mass": 184e3,
                 "length": 35.222,
-                "resistance": {"n_per_kn": [1.2, 0.0065, 0.000279]},
+                "resistance": {"n_per_kn_kmh": [1.2, 0.0065, 0.000279]},
                 "traction": [{"to": 33.3, "force": 760e3}],
                 "brake": [{"to": 33.3, "force": 461e3}],
                 "shoes": {"count": 32, "force": 6.93e3, "friction": 0.441},
@@ -168,7 +168,7 @@ BRAKED = Consist.model_validate(
             "wagon": {
                 "mass": 100e3,
                 "length": 12.0,
-                "resistance": {"n_per_kn": [0.92, 0.0048, 0.000125]},
+                "resistance": {"n_per_kn_kmh": [0.92, 0.0048, 0.000125]},
                 "shoes": {"count": 8, "force": 16.18e3, "friction": 0.481},
             },
         },

@@ -13,7 +13,7 @@ from train_ato.loop.setup import prepare
 from train_ato.scenario.scenario import check_scenario
 
 HERE = Path("departure.yaml")
-LIGHT = {"mass_t": 60, "length": 15, "resistance": {"n_per_kn": [1.0, 0.005, 0.0001]}}
+LIGHT = {"mass_t": 60, "length": 15, "resistance": {"n_per_kn_kmh": [1.0, 0.005, 0.0001]}}
 DRIVEN = {
     **LIGHT,
     "traction": [{"to_kmh": 60, "force_kn": 120}],

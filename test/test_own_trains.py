@@ -17,7 +17,7 @@ from train_ato.loop.verdict import verdict_line
 from train_ato.scenario.scenario import load_scenario
 
 CAR = {
-    "mass_t": 20, "length": 15, "rotating_mass_factor": 1.1, "resistance": {"n_per_kn": [2.0, 0.02, 0.001]},
+    "mass_t": 20, "length": 15, "rotating_mass_factor": 1.1, "resistance": {"n_per_kn_kmh": [2.0, 0.02, 0.001]},
     "traction": [{"to_kmh": 30, "force_kn": 26}, {"to_kmh": 110, "power_kw": 216}],
     "brake": [{"to_kmh": 110, "force_kn": 28}],
 }  # fmt: skip

@@ -16,12 +16,12 @@ from train_ato.profile.planner.settings import PlanSettings
 def metro() -> Consist:
     """Return six cars, four of them driven, 280 t."""
     motor = {
-        "mass_t": 50, "length": 20, "rotating_mass_factor": 1.12, "resistance": {"n_per_kn": [2.0, 0.01, 0.0004]},
+        "mass_t": 50, "length": 20, "rotating_mass_factor": 1.12, "resistance": {"n_per_kn_kmh": [2.0, 0.01, 0.0004]},
         "traction": [{"to_kmh": 35, "force_kn": 65}, {"to_kmh": 100, "power_kw": 632}],
         "brake": [{"to_kmh": 100, "force_kn": 70}],
     }  # fmt: skip
     trailer = {
-        "mass_t": 40, "length": 20, "rotating_mass_factor": 1.05, "resistance": {"n_per_kn": [2.0, 0.01, 0.0003]},
+        "mass_t": 40, "length": 20, "rotating_mass_factor": 1.05, "resistance": {"n_per_kn_kmh": [2.0, 0.01, 0.0003]},
     }  # fmt: skip
     return Consist.model_validate(
         {

@@ -44,7 +44,7 @@ def scaled(
 
 def metro(power: float, *between: dict[str, float]) -> Consist:
     """Return a metro of four motor and two trailer cars with a constant power [W] per motor car from 40 km/h on."""
-    resistance = {"n_per_kn": [2.0, 0.02, 0.0005]}
+    resistance = {"n_per_kn_kmh": [2.0, 0.02, 0.0005]}
     traction = [{"to_kmh": 40, "force_kn": 60}, *between, {"to_kmh": 90, "power": power}]
     motor = {
         "mass": 38000, "length": 20, "rotating_mass_factor": 1.1, "resistance": resistance, "traction": traction,

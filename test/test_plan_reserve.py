@@ -23,7 +23,7 @@ GRID_SHARE = 5e-4
 def car(top_kmh: float, force_kn: float = 47.8) -> Consist:
     """Return a car of 43.5 t with one constant traction force up to its top speed."""
     vehicle = {
-        "mass_t": 43.5, "length": 18.4, "resistance": {"n_per_kn": [2.4, 0.0225, 0.00072]},
+        "mass_t": 43.5, "length": 18.4, "resistance": {"n_per_kn_kmh": [2.4, 0.0225, 0.00072]},
         "traction": [{"to_kmh": top_kmh, "force_kn": force_kn}], "brake": [{"to_kmh": 2 * top_kmh, "force_kn": 55}],
     }  # fmt: skip
     data = {"schema": "train_ato/consist/1", "name": "car", "vehicle_types": {"car": vehicle}}

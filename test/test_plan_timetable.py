@@ -30,7 +30,7 @@ def slow_line() -> Line:
 def slow_train() -> Consist:
     vehicle = {
         "mass": 328471, "length": 90.25, "rotating_mass_factor": 1.06074,
-        "resistance": {"n_per_kn": [0.9708, 0.0216232, 0.00138097]},
+        "resistance": {"n_per_kn_kmh": [0.9708, 0.0216232, 0.00138097]},
         "traction": [{"to": 40.0812, "force": 122571}], "brake": [{"to": 44.0893, "force": 252851}],
     }  # fmt: skip
     data = {"schema": "train_ato/consist/1", "name": "slow", "vehicle_types": {"car": vehicle}}
@@ -97,7 +97,7 @@ def test_a_fall_with_a_level_start_is_driven_in_any_time(time: float) -> None:
         {"schema": "train_ato/line/1", "name": "fall", "end_km": 10, "grades": [{"at": 0, "grade_permille": -20}]}
     )
     vehicle = {
-        "mass_t": 40, "length": 18, "resistance": {"n_per_kn": [1.3, 0.002, 0.00125]},
+        "mass_t": 40, "length": 18, "resistance": {"n_per_kn_kmh": [1.3, 0.002, 0.00125]},
         "traction": [{"to_kmh": 117, "force_kn": 20}], "brake": [{"to_kmh": 129, "force_kn": 21}],
     }  # fmt: skip
     data = {"schema": "train_ato/consist/1", "name": "car117", "vehicle_types": {"car": vehicle}}

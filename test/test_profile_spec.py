@@ -27,7 +27,7 @@ CONSIST = Consist.model_validate(
                 "mass_t": 200,
                 "length": 120,
                 "rotating_mass_factor": 1.05,
-                "resistance": {"n_per_kn": [1.2, 0.01, 0.0005]},
+                "resistance": {"n_per_kn_kmh": [1.2, 0.01, 0.0005]},
                 "traction": [{"to_kmh": 40, "force_kn": 210}, {"to_kmh": 120, "power_kw": 2333.333}],
                 "brake": [{"to_kmh": 120, "force_kn": 250}],
             }

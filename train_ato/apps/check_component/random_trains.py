@@ -22,7 +22,7 @@ def random_vehicle(random: np.random.Generator, mass: float, length: float, forc
     base, linear, air = random.uniform([0.9, 0.004, 1e-4], [2.0, 0.01, 5e-4]).tolist()
     found: dict[str, Any] = {
         "mass_t": mass, "length": length, "rotating_mass_factor": float(random.uniform(1.02, 1.1)),
-        "resistance": {"n_per_kn": [base, linear, air]},
+        "resistance": {"n_per_kn_kmh": [base, linear, air]},
     }  # fmt: skip
     if force > 0.0:
         corner = 0.4 * top
