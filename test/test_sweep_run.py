@@ -20,7 +20,7 @@ import yaml
 from waiting import wait_for
 
 import train_ato as ta
-from train_ato.apps.sweep.cluster import sweep_client
+from train_ato.apps.sweep.cluster import OWNER, SCRATCH, _scratch_folder, sweep_client
 from train_ato.apps.sweep.folder import SweepFolder
 from train_ato.apps.sweep.groups import NotDrawable
 from train_ato.apps.sweep.rerun import run_row_again
@@ -146,6 +146,23 @@ def test_a_local_scheduler_executes_no_code_of_others_and_leaves_nothing(
             assert connection.getresponse().status == status
             connection.close()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_only_the_folders_of_ended_sweeps_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the folder of a killed sweep stays, or that of a running sweep or of another program is removed."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    for name in ("train_ato_sweep_killed", "train_ato_sweep_foreign", "other"):
+        (tmp_path / name / "dask-scratch-space").mkdir(parents=True)
+    for name in ("train_ato_sweep_killed", "other"):
+        (tmp_path / name / OWNER).touch()
+    (tmp_path / "train_ato_sweep_link").symlink_to(tmp_path / "other")
+    kept = {"train_ato_sweep_foreign", "train_ato_sweep_link", "other"}
+    with _scratch_folder() as running:
+        assert {path.name for path in tmp_path.iterdir()} == {*kept, Path(running).name}
+        with _scratch_folder() as second:
+            assert {path.name for path in tmp_path.iterdir()} == {*kept, Path(running).name, Path(second).name}
+    assert {path.name for path in tmp_path.iterdir()} == kept
+    assert (tmp_path / "other" / OWNER).is_file()
 
 
 def test_without_a_dashboard_nothing_answers_http() -> None:
@@ -295,8 +312,11 @@ def test_failed_and_refused_runs_are_rows(tmp_path: Path) -> None:
 
 @pytest.mark.graph
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
-def test_an_ended_sweep_keeps_its_rows_and_leaves_no_process(number: signal.Signals, tmp_path: Path) -> None:
-    """Breaks if the end of the sweep loses finished runs, leaves a worker, or cannot be continued."""
+def test_an_ended_sweep_keeps_its_rows_and_leaves_no_process(
+    number: signal.Signals, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if the end of the sweep loses finished runs, leaves a worker or folder, or cannot be continued."""
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
     slow = SPEC | {"over": SPEC["over"] | {"law": ["gpc"]}, "set": {"duration": 400}, "runs": 12}  # not compiled
     (tmp_path / "spec.yaml").write_text(yaml.safe_dump(slow))
     process = start(tmp_path, "spec.yaml", "--out", "out", "--jobs", "2")
@@ -314,6 +334,7 @@ def test_an_ended_sweep_keeps_its_rows_and_leaves_no_process(number: signal.Sign
     assert process.returncode == 0, error
     rows = rows_in(tmp_path / "out")
     assert rows[: len(before)] == before and sorted(row["run"] for row in rows) == list(range(1, 13))
+    assert list(tmp_path.glob(f"{SCRATCH}*")) == []
     assert json.loads(output)["counts"] == {"done": 12}
 
 

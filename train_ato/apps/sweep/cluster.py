@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import logging
 import os
+import shutil
 import signal
 import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 __all__ = ["MAX_JOBS", "available_cores", "sweep_client"]
@@ -16,6 +19,10 @@ __all__ = ["MAX_JOBS", "available_cores", "sweep_client"]
 MISSING = "the package {} is not installed; install it with `pip install distributed scipy cryptography`"
 LOOPBACK = "127.0.0.1"
 MAX_JOBS = 256
+SCRATCH = "train_ato_sweep_"
+"""Begin of the name of the temporary folder of local workers."""
+OWNER = "owner.lock"
+"""File in it that the process of the sweep has locked until its end, also that by SIGKILL."""
 SCHEDULER_S = 10.0
 """Longest wait for the answer of a scheduler [s]."""
 WORKERS_S = 30.0
@@ -123,7 +130,7 @@ def _local(jobs: int, dashboard: bool) -> Iterator[Any]:
     from distributed import Client, LocalCluster
     from distributed.security import Security
 
-    with tempfile.TemporaryDirectory(prefix="train_ato_sweep_") as scratch, _main_not_imported():
+    with _scratch_folder() as scratch, _main_not_imported():
         pages: dict[str, list[str]] = {"distributed.worker.http.routes": []}
         pages |= {} if dashboard else {"distributed.scheduler.http.routes": []}
         # The Ctrl-C of the terminal is for this process alone; the workers inherit the mask, also later ones.
@@ -145,6 +152,26 @@ def _local(jobs: int, dashboard: bool) -> Iterator[Any]:
             yield client
         finally:
             _end(cluster, client)
+
+
+@contextmanager
+def _scratch_folder() -> Iterator[str]:
+    """Yield a temporary folder, after the removal of those of killed sweeps."""
+    _remove_abandoned()
+    with tempfile.TemporaryDirectory(prefix=SCRATCH) as folder, Path(folder, "new").open("wb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        Path(folder, "new").rename(Path(folder, OWNER))  # locked from the first moment under this name
+        yield folder
+
+
+def _remove_abandoned() -> None:
+    """Remove the temporary folders of this user whose sweep has ended; the lock of a running one is held."""
+    for folder in Path(tempfile.gettempdir()).glob(f"{SCRATCH}*"):
+        with suppress(OSError):
+            if folder.lstat().st_uid == os.getuid():
+                with Path(folder, OWNER).open("r+b") as file:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    shutil.rmtree(folder)
 
 
 def _guard_pages(scheduler: Any, dashboard: bool) -> None:
