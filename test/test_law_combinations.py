@@ -185,5 +185,5 @@ def test_compare_leaves_out_what_does_not_fit(tmp_path: Path, capsys: pytest.Cap
     arguments = ["compare", "demo", "--compensation=twin", "--set=duration=5", f"--out={tmp_path / 'run'}"]
     assert main(arguments) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "refused: smc: with compensation 'twin': 'twin' gives only a feed-forward, and this law" in said
+    assert "refused: funnel: with compensation 'twin': 'twin' gives only a feed-forward, and this law" in said
     assert "refused: pid" not in said

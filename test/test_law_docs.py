@@ -22,7 +22,7 @@ from train_ato.cli import run as run_command
 from train_ato.cli.scenario_options import prepare_from
 from train_ato.control.registry import LAWS
 from train_ato.loop.setup import prepare
-from train_ato.papers.claims import Case
+from train_ato.papers.claims import Case, printed
 from train_ato.scenario.scenario import load_scenario
 
 COMPONENTS = {component.key: component for component in components()}
@@ -81,7 +81,7 @@ def test_the_command_beside_a_figure_drives_its_run(line: str) -> None:
     assert (program, name) == ("train-ato", "run")
     options = parser.parse_args(arguments)
     case = CASES[line]
-    measured = prepare(*load_scenario(case.scenario, changes=dict(case.changes)))
+    measured = prepare(*printed(*load_scenario(case.scenario, changes=dict(case.changes))))
     assert prepare_from(options, law=options.law).resolved_yaml() == measured.resolved_yaml()
 
 
