@@ -25,12 +25,13 @@ STOP = [{"km": 3.7, "planned_s": 766.0, "arrival_s": 768.0, "delay_s": 2.0, "bey
 METRICS: dict[str, Any] = {
     "stops": STOP, "stop_error_max_m": -0.23, "arrival_delay_max_s": 2.0, "overspeed_max_kmh": 0.4,
     "speed_rmse_kmh": 0.1, "speed_error_run_max_kmh": 1.5, "position_error_max_m": 3.0, "coupler_draft_max_kn": 500.0,
-    "coupler_buff_max_kn": -400.0, "acceleration_max": 0.3, "jerk_1s_max": 0.2, "brake_interventions": 1,
+    "coupler_buff_max_kn": -400.0, "acceleration_max": 0.3, "jerk_1s_max": 0.2, "lateness_max_s": 0.5,
+    "brake_interventions": 1,
 }  # fmt: skip
 SI = {
     "stop_window": 0.23, "arrival_delay": 2.0, "overspeed": 0.4 / 3.6, "speed_error_rms": 0.1 / 3.6,
     "speed_error": 1.5 / 3.6, "position_error": 3.0, "coupler_draft": 500e3, "coupler_buff": 400e3,
-    "acceleration": 0.3, "jerk": 0.2, "brake_interventions": 1,
+    "acceleration": 0.3, "jerk": 0.2, "real_time": 0.5, "brake_interventions": 1,
 }  # fmt: skip
 """Every criterion with the magnitude of its metric as limit [SI]."""
 
