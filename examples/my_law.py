@@ -3,11 +3,11 @@
 The law adds two gains on the remaining error to the feed-forward of the nominal model. Test it with::
 
     train-ato check-law my_law:MyLaw
-    train-ato run demo --law my_law:MyLaw --set laws.my_law:MyLaw.gain=0.2
+    train-ato run demo --law my_law:MyLaw --set laws.my_law:MyLaw.gain=0.04
 
 or in Python, without registration::
 
-    train_ato.run("demo", law=MyLaw(gain=0.2))
+    train_ato.run("demo", law=MyLaw(gain=0.04))
 
 A short name needs a registration in the package that holds the law (``pyproject.toml``) and ``pip install -e .``::
 
@@ -30,8 +30,8 @@ from train_ato.control.contract import LawInput, parameter
 class MyLaw(GuardedLaw):
     """Feed-forward and two gains (template). Each parameter: default, unit, lowest and highest value, description."""
 
-    gain: float = parameter(0.1, "1/s", 0.0, 10.0, "gain on the speed error, times the inertia of the train")
-    stiffness: float = parameter(0.005, "1/s²", 0.0, 10.0, "gain on the position error")
+    gain: float = parameter(0.05, "1/s", 0.0, 10.0, "gain on the speed error, times the inertia of the train")
+    stiffness: float = parameter(0.00125, "1/s²", 0.0, 10.0, "gain on the position error")
 
     def bind(self, model: Any, period: float) -> None:
         """Take the train and the control period [s]; raise ValueError for a train that the law cannot drive."""

@@ -180,6 +180,8 @@ def test_the_template_takes_its_parameters_as_keywords(monkeypatch):
     run = ta.run("demo", law=my_law.MyLaw(gain=0.2), set=SHORT)
     assert run.setup.controller_parameters["my_law:MyLaw"]["gain"] == 0.2
     assert ta.compare("demo", [my_law.MyLaw], set=SHORT).table["status"].tolist() == ["done"]
+    whole = ta.run("demo", law=my_law.MyLaw)  # a template that oscillates teaches the wrong gains
+    assert (whole.metrics["tracking"], whole.metrics["verdict"]) == ("tracked", "passed")
 
 
 def test_a_class_of_a_registered_law_has_its_name():
