@@ -137,7 +137,7 @@ def test_a_planned_swap_is_shown_by_the_parameter_and_has_no_jump(setup, tmp_pat
         )
         end = run_composed(swapping, tmp_path, domain, GraphOptions())
     assert end.failure is None
-    assert shown == [({"controller": "smc"}, "smc")]
+    assert shown == [({}, "pid"), ({"controller": "smc"}, "smc")]  # at the start the gains that are taken
     commands = [m for _, _, m in read_log(tmp_path, Wire(setup.layout).decode, ("ato/command",))]
     force = np.array([m.force[0] for m in commands])
     assert abs(force[300] - force[299]) <= 1e-3 * np.abs(force).max()
