@@ -84,6 +84,6 @@ def test_a_file_of_another_kind_is_refused(tmp_path: Path, capsys: pytest.Captur
 
 
 def test_crh380a_gpc_runs_its_law(capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if the scenario of paper 004 runs another law by default."""
+    """Breaks if the scenario of paper 004 runs another law by default, or without the preview that its law now uses."""
     facts = listed(capsys, "crh380a_gpc")["scenario crh380a_gpc"]
-    assert (facts["law"], facts["compensation"]) == ("gpc", "none")
+    assert (facts["law"], facts["compensation"]) == ("gpc", "preview")
