@@ -187,11 +187,13 @@ def test_a_default_program_of_this_machine_meets_a_default_run(drive, monkeypatc
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}, "SYSTEM_DEFAULT", "fastdds.xml", None),
         ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "SUBNET", "fastdds_network.xml", "_RANGE=SUBNET"),
         ({"ROS_STATIC_PEERS": "a;b"}, "LOCALHOST", "fastdds_network.xml", "ROS_STATIC_PEERS=a;b"),
-        ({"FASTRTPS_DEFAULT_PROFILES_FILE": "/own.xml"}, "LOCALHOST", "own.xml", "_FILE=/own.xml"),
+        ({"FASTRTPS_DEFAULT_PROFILES_FILE": "own.xml"}, "LOCALHOST", "own.xml", "_FILE=own.xml"),
     ],
 )
-def test_the_middleware_follows_the_user(given, range_, profile, opened, monkeypatch):
+def test_the_middleware_follows_the_user(given, range_, profile, opened, monkeypatch, tmp_path):
     """A process started by a run gets the same settings."""
+    monkeypatch.chdir(tmp_path)
+    Path("own.xml").write_text("<profiles/>")
     for name in VARIABLES:
         monkeypatch.delenv(name, raising=False)
     for name, value in given.items():
