@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from train_ato.control.assurance import AssuranceMonitor
+from train_ato.control.assurance import AT_ONCE, AssuranceMonitor
 from train_ato.control.ato_state import TAKEOVER_TIME, AtoStateMachine
 from train_ato.control.plausibility import MeasurementCheck
 from train_ato.loop.setup import RunSetup, prepare
@@ -186,6 +186,17 @@ def test_the_braking_law_takes_over_before_the_warning_limit_and_gives_back_belo
         speed, index = speed - 0.2, index + 1
     assert 21.2 <= speed + 0.2 < 21.5
     assert monitor.takeovers == 1
+
+
+@pytest.mark.parametrize(("above", "jerk"), [(3.0, 0.25), (1.5, 1.0), (1.0, AT_ONCE)])
+def test_the_ramp_of_the_braking_law_ends_before_the_intervention(above: float, jerk: float) -> None:
+    """Breaks if the ramp ignores the distance to the service brake: it shrinks by 1 m/s² x 1 s, then in the ramp."""
+    monitor = AssuranceMonitor(1.0, SupervisionSpec())
+    for index in range(6):
+        warning = 22.0 - 0.4 * index
+        monitor.step(supervised(index * PERIOD, 0.0, 20.0, (warning - 1.0, warning, warning + above, 30.0)))
+    assert monitor.brakes
+    assert monitor.least_jerk == pytest.approx(jerk)
 
 
 def test_a_steady_speed_at_the_permitted_speed_is_left_to_the_law() -> None:

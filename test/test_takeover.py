@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from train_ato.control.assurance import AT_ONCE
 from train_ato.control.takeover import TakeoverRamp
 from train_ato.loop.controller import ControllerStage
 from train_ato.loop.engine import TickLoop
@@ -74,6 +75,17 @@ def test_a_takeover_without_a_valid_measurement_begins_at_no_force() -> None:
     units = np.full(metro().model.n_units, np.nan)
     assert np.isfinite(ramp.step(np.zeros(units.size), units)).all()
     assert ramp.ended
+
+
+def test_a_limit_makes_the_ramp_steeper_but_not_the_return() -> None:
+    """Breaks if the brake waits for its jerk although the supervisor would intervene, or the law returns as steeply."""
+    model = metro().model
+    brake, none = np.full(model.n_units, -2e5), np.zeros(model.n_units)
+    plain, steeper, at_once = (TakeoverRamp(model, 0.5, none, least) for least in (0.0, 2.0, AT_ONCE))
+    first = plain.step(brake, none)
+    assert steeper.step(brake, none) == pytest.approx(4.0 * first)
+    assert at_once.step(brake, none) == pytest.approx(brake)
+    assert at_once.change == pytest.approx(plain.change)
 
 
 def test_an_engagement_after_the_restart_plans_from_the_place_of_the_train() -> None:

@@ -117,7 +117,9 @@ MANAGEMENT: tuple[HazardRow, ...] = (
         "Such a reference is refused, and a law without a valid output fails the ATO.",
         (VALIDITY, COMMAND_HOLD),
         ("reference NaN",),
-        pair=RemovalPair((VALIDITY, COMMAND_HOLD), "reference NaN"),
+        pair=RemovalPair(
+            (VALIDITY, COMMAND_HOLD), sets=("faults=[{topic: ato/reference, begin: 30, do: corrupt, value: nan}]",)
+        ),
     ),
     HazardRow(
         "REQ-32", "H6", "profile and reference", "too early or late",

@@ -172,16 +172,19 @@ class ControlStack:
         self._takes_over, self._braking = True, None
         self._swaps += 1
 
-    def brake(self, force: Array) -> Array:
+    def brake(self, force: Array, least_jerk: float = 0.0) -> Array:
         """Return the command of this step for the demand of the braking law, which replaces that of the law.
 
         Parameters
         ----------
         force : Array, shape (units,)
             Demand of the braking law [N].
+        least_jerk
+            Jerk that a limit demands at the takeover [m/s³].
         """
         if self._braking is None:
-            self._braking = TakeoverRamp(self.model, transition_jerk(self._profile), np.array(self._before))
+            jerk = transition_jerk(self._profile)
+            self._braking = TakeoverRamp(self.model, jerk, np.array(self._before), least_jerk)
         sent = self._braking.step(force, force)
         self._last = sent.tolist()
         self._history.replace(sent)

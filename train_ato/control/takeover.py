@@ -43,7 +43,8 @@ class TakeoverRamp:
     """Demand of the power units from the present force to the brake.
 
     The largest change is that of the jerk, at least the one that reaches the first wanted demand within
-    ``TRANSITION_TIME``: the brake of a heavy train with a smooth profile must not take a minute.
+    ``TRANSITION_TIME``: the brake of a heavy train with a smooth profile must not take a minute. It is larger still if
+    a limit demands it.
 
     Parameters
     ----------
@@ -53,17 +54,20 @@ class TakeoverRamp:
         Jerk of the train by the change of the demand [m/s³].
     force : Array, shape (units,), or None
         Force at the begin [N]; None: the first measured one.
+    least_jerk
+        Jerk that a limit demands [m/s³]; it does not count for the return of the law.
 
     Attributes
     ----------
     change : Array, shape (units,)
-        Largest change in one tick [N].
+        Largest change in one tick without ``least_jerk`` [N].
     ended : bool
         True after the demand has reached the wanted one.
     """
 
-    def __init__(self, model: TrainModel, jerk: float, force: Array | None = None) -> None:
+    def __init__(self, model: TrainModel, jerk: float, force: Array | None = None, least_jerk: float = 0.0) -> None:
         self.change = largest_change(model, jerk)
+        self._least = largest_change(model, least_jerk)
         self._share_of_time = model.tick / TRANSITION_TIME
         self._begun = False
         self._force = force
@@ -83,8 +87,9 @@ class TakeoverRamp:
         if not self._begun:
             self._begun = True
             self.change = np.maximum(self.change, self._share_of_time * np.abs(change))
-        self.ended = bool((np.abs(change) <= self.change).all())
-        self._force = wanted if self.ended else self._force + np.clip(change, -self.change, self.change)
+        most = np.maximum(self.change, self._least)
+        self.ended = bool((np.abs(change) <= most).all())
+        self._force = wanted if self.ended else self._force + np.clip(change, -most, most)
         return self._force.copy()
 
 

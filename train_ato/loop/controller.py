@@ -310,7 +310,8 @@ class ControllerStage:
             self._brake(measurement.stamp, error)
             return self.ato.command(measurement)
         if self.ato.assured:
-            force = stack.brake(self.ato.braking_force(measurement))
+            assert self.ato.assurance is not None
+            force = stack.brake(self.ato.braking_force(measurement), self.ato.assurance.least_jerk)
         return force, pressure
 
     def _has_ended(self, measurement: Measurement) -> bool:

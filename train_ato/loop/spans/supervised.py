@@ -136,6 +136,7 @@ class SupervisedTicks:
         stages.supervisor._supervisor._estimator._past = deque(past[arrays.counts[s.FIRST_ESTIMATED] :])
         if ato.assurance is not None:
             ato.assurance._past = deque(past[arrays.counts[s.FIRST_RATED] :])
+            ato.assurance.service_limit = float(arrays.steps[steps, s.STEP_LIMITS + 2])
         ato._speed, ato.standstill = past[-1][1], past[-1][1] < STANDSTILL_SPEED
 
 
