@@ -27,6 +27,8 @@ from train_ato.scenario.scenario import load_scenario
 SECOND = 1_000_000_000
 AT_REST = "[{at: 1, do: disengage}, {at: 2.5, do: engage}, {at: 2.5, do: disengage}, {at: 9, do: reset}]"
 """Requests to a train that does not yet move; the third waits for the engagement, the last is never possible."""
+LOST = "faults=[{topic: ato/reference, begin: 0.5, end: 3, do: drop}]"
+"""A loss of the reference, after which the ATO fails before the train moves; the run goes on."""
 
 
 def test_an_accepted_request_is_in_summary_log_and_info(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -96,7 +98,7 @@ def test_live_requests_are_recorded_and_verified(tmp_path: Path, monkeypatch: py
     with claim_domain() as domain:
         pass  # free a moment ago: the run claims it itself
     process = started(
-        "run", "demo", "--law=late_law:LateLaw", "--set=duration=60", "--rate=1", "--json",
+        "run", "demo", f"--set={LOST}", "--set=duration=60", "--rate=1", "--json",
         f"--domain={domain}", f"--out={run}", stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     desk = Desk(domain)
@@ -105,7 +107,7 @@ def test_live_requests_are_recorded_and_verified(tmp_path: Path, monkeypatch: py
         early = desk.inject("engage")
         assert early.returncode == 2
         assert "engage: refused by the controller: engage: the ATO is" in early.stderr
-        desk.steps(32)  # past the silence of the law, in the state failure
+        desk.steps(32)  # past the loss of the reference, in the state failure
         for action in ("reset", "engage", "disengage"):
             done = desk.inject(action)
             assert done.returncode == 0, done.stderr
