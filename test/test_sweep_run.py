@@ -116,7 +116,7 @@ def test_a_killed_worker_loses_and_doubles_nothing(swept: tuple[Path, set[str], 
     folder, _, output, error = swept
     assert sorted(row["run"] for row in rows_in(folder)) == list(range(1, 25))
     assert json.loads(output)["counts"] == {"done": 24}
-    assert [line.partition(":")[0] for line in error.splitlines()] == ["train-ato"], error
+    assert error == ""  # without the option no dashboard is served or named
 
 
 def test_nothing_listens_beyond_this_machine(swept: tuple[Path, set[str], str, str]) -> None:

@@ -196,6 +196,7 @@ class ControllerStage:
     def begin_with(self, name: str, value: Any) -> None:
         """Replace a parameter of the scenario by a validated start parameter."""
         self._take(name, value)
+        self._fit = self._fit_of(self.controller)
 
     def apply(self, name: str, value: Any) -> None:
         """Set a validated parameter; the next step applies and reports it."""
