@@ -66,62 +66,6 @@ def test_every_registered_component_is_described(kind, name):
             assert entry.low <= entry.default <= entry.high, entry.name
 
 
-@dataclass(frozen=True)
-class Renamed:
-    weight: float = parameter(1.0, "1", 0.0, 10.0, "a weight", formerly="lam")
-    count: int = parameter(3, "1", 1, 9, "a number")
-
-
-def test_a_former_name_is_accepted_with_one_warning(caplog):
-    """Breaks if a former name is refused, ignored, silent or reported at every use."""
-    for value in (2.0, 3.0):
-        assert make_parameters(Renamed, {"lam": value}, "former") == Renamed(value)
-    assert [record.getMessage() for record in caplog.records] == [
-        "former.lam: former name of former.weight; use the new name, the former is accepted until 0.3"
-    ]
-    assert make_parameters(Renamed, {"weight": 1.0, "lam": 4.0}, "later") == Renamed(4.0)
-    with pytest.raises(ValueError, match=r"former\.weight: 11 is outside 0 \.\.\. 10 1"):
-        make_parameters(Renamed, {"lam": 11}, "former")
-
-
-@pytest.mark.parametrize(("kind", "name"), ALL, ids=[f"{kind.kind}-{name}" for kind, name in ALL])
-def test_no_former_name_is_in_use(kind, name):
-    """Breaks if a former name of one parameter is the name of another of the same component."""
-    entries = kind.parameters(name)
-    former = [entry.formerly for entry in entries if entry.formerly]
-    assert len(set(former)) == len(former)
-    assert not set(former) & {entry.name for entry in entries}
-
-
-def test_a_scenario_with_former_names_is_the_same_run():
-    """Breaks if the run, its resolved scenario or a planned change of the law keeps a former name."""
-    swap = "swaps=[{at: 3, law: funnel, laws: {funnel: {%s: 0.1}}}]"
-    former = prepare(*load_scenario("daqin_heavy_haul:tuned", ("laws.gpc.lam=0.5", swap % "gamma_eps")))
-    current = prepare(*load_scenario("daqin_heavy_haul:tuned", ("laws.gpc.command_weight=0.5", swap % "bias_rate")))
-    assert former.controller_parameters["gpc"]["command_weight"] == 0.5
-    assert former.resolved_yaml() == current.resolved_yaml()
-
-
-def test_a_former_name_given_to_a_node_at_its_start():
-    """Breaks if ``--ros-args -p gpc.lam:=0.5`` is refused or lost."""
-    rclpy = pytest.importorskip("rclpy")
-    from rclpy.node import Node
-
-    from train_ato.ros.graph.environment import claim_domain
-    from train_ato.ros.nodes.parameters import block_parameters, declare
-
-    with claim_domain() as domain:
-        context = rclpy.Context()
-        rclpy.init(args=["--ros-args", "-p", "gpc.lam:=0.5"], context=context, domain_id=domain)
-        try:
-            node = Node("former_names", context=context)
-            values = declare(node, block_parameters("gpc", LAWS.parameters("gpc"), {}))
-            node.destroy_node()
-        finally:
-            context.try_shutdown()
-    assert values["gpc.command_weight"] == 0.5
-
-
 def test_unknown_names_get_a_hint():
     """Breaks if the message for a misspelt law lacks the nearest name or the list."""
     with pytest.raises(ValueError, match=r"unknown law 'smcc' \(did you mean 'smc'\?\); known: .*pid"):

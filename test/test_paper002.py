@@ -87,7 +87,7 @@ def test_ideal_train_is_in_its_place_after_two_seconds() -> None:
     error = position_error(recording, OFFSETS)
     assert error[0] == pytest.approx(np.full(5, 108.0))
     assert np.abs(error[recording.time > 1.7]).max() < 0.1
-    blind = drive("freight_consensus", 2.5, controllers={"fixed_time_smc": {"unmatched": False}})
+    blind = drive("freight_consensus", 2.5, laws={"fixed_time_smc": {"unmatched": False}})
     assert np.abs(position_error(blind, OFFSETS)[blind.time > 1.7]).max() > 0.3
 
 

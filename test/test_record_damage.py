@@ -21,7 +21,6 @@ from mcap.writer import Writer
 from rosbags.rosbag2 import Reader
 
 from train_ato.cli import main
-from train_ato.log.bag_layout import published_name
 from train_ato.log.definitions import definition
 from train_ato.log.mcap_chunk import chunk_content
 from train_ato.log.mcap_records import Damage
@@ -43,7 +42,7 @@ def in_chunks() -> bytes:
             if m.channel.topic not in numbers:
                 found, text = m.channel.metadata, m.schema.data.decode()
                 numbers[m.channel.topic] = log.channel(
-                    published_name(m.channel.topic),
+                    m.channel.topic,
                     m.schema.name,
                     text,
                     found["topic_type_hash"],
@@ -55,7 +54,7 @@ def in_chunks() -> bytes:
 
 
 WHOLE = in_chunks()
-ORIGINAL = [(published_name(m.channel.topic), m.publish_ns, m.log_ns, m.data) for m in stream(GOLDEN)]
+ORIGINAL = [(m.channel.topic, m.publish_ns, m.log_ns, m.data) for m in stream(GOLDEN)]
 """Every message of the golden run, in its order."""
 
 

@@ -18,7 +18,7 @@ from train_ato.messages.topics import EPOCH_NS, TOPICS
 from train_ato.scenario.scenario import load_scenario
 
 BEGIN_S, END_S = 300, 400
-# 340 MB with the former names car_i; vehicle_i adds 424 bytes to each message of three topics, 36 000 times an hour.
+# 340 MB with names car_i; vehicle_i adds 424 bytes to each message of three topics, 36 000 times an hour.
 MEGABYTES_AN_HOUR = {"none": 340 + 3 * 424 * 36_000 / 1e6, "fast": 110, "small": 100}
 """Largest sizes without the topics of the supervision and the pressure at the tail."""
 SUPERVISION = {f"/{topic.name}" for topic in TOPICS if topic.condition is SUPERVISED}

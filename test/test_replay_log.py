@@ -22,7 +22,7 @@ REPLANNED = 1700
 
 
 def write(folder: Path, ticks: int = TICKS, *, tiny: bool = False, only: str | None = None) -> Path:
-    """Write a run as the recorder of version 0.1.0 does: log times on a wall clock that the simulation runs ahead of.
+    """Write a run as some recorders do: log times on a wall clock that the simulation runs ahead of.
 
     The estimate comes a tick late, as from a node of its own, and the profile is planned again on the way. With
     ``tiny`` every message has a chunk of its own, with ``only`` there is one topic.

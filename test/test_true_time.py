@@ -156,7 +156,7 @@ def test_recovery_keeps_the_begin_of_a_killed_run(tmp_path: Path) -> None:
 
 
 def test_a_log_without_wall_time_is_read(tmp_path: Path) -> None:
-    """Breaks if logs of version 0.1.0, of other recorders or of measured runs are refused."""
+    """Breaks if logs of other recorders or of measured runs are refused."""
     log = LogFile(tmp_path)
     log.close()
     assert read_wall_time(tmp_path / "run.mcap") is None

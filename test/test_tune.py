@@ -278,16 +278,13 @@ def test_variations_are_runs_of_the_search(tmp_path: Path) -> None:
     assert first[1]["speed_rmse_kmh"] > first[0]["speed_rmse_kmh"]
 
 
-def test_command_prints_one_json_value_and_accepts_the_former_option(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Breaks if --controller is refused, or another text is on standard output."""
+def test_command_prints_one_json_value(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if another text is on standard output."""
     out = tmp_path / "out"
-    command = ["tune", "xuzhou_metro", "--controller", "pid", "--set", "duration=5", "--parameters", "kp"]
+    command = ["tune", "xuzhou_metro", "--law", "pid", "--set", "duration=5", "--parameters", "kp"]
     assert main([*command, "--runs", "6", "--out", str(out), "--json"]) == 0
     printed = capsys.readouterr()
     assert json.loads(printed.out)["settings"]["candidates"] == 7
-    assert "'--controller' is now '--law'" in printed.err
     assert load_scenario(str(out / "tuned.yaml"))[0].law == "pid"
 
 

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from train_ato.loop.run_end import RunEnd
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.codec import Wire, stamp_of
-from train_ato.messages.codec.diagnostic_keys import program_values
 from train_ato.messages.codec.fixed import FixedCodec
 from train_ato.messages.codec.small import MOST_BYTES
 from train_ato.messages.codec.variable import _decode_knots, decode_trajectory, encode_trajectory
@@ -141,7 +140,7 @@ TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
 
 @pytest.mark.parametrize("topic", ["ato/profile", "ato/reference"])
 def test_time_from_start_counts_from_the_stamp(topic):
-    """Breaks if durations count from the start of the run, as in 0.1.0, or logs of 0.1.0 are read as present ones."""
+    """Breaks if durations count from the start of the run, or depend on the frame."""
     wire, stamp = Wire(LONG), 12_300_000_000
     sent = message(topic, LONG, stamp)
     read = typestore().deserialize_cdr(wire.encode(topic, sent), TRAJECTORY)
@@ -150,11 +149,7 @@ def test_time_from_start_counts_from_the_stamp(topic):
     assert since.sec * 10**9 + since.nanosec == first - stamp
     assert read.header.frame_id == "line"
     read.header.frame_id = ""
-    for point in read.points:
-        duration = point.time_from_start
-        duration.sec, duration.nanosec = divmod(duration.sec * 10**9 + duration.nanosec + stamp, 10**9)
-    former = bytes(typestore().serialize_cdr(read, TRAJECTORY))
-    assert same(wire.decode(topic, former), sent)
+    assert same(wire.decode(topic, bytes(typestore().serialize_cdr(read, TRAJECTORY))), sent)
 
 
 def test_limits_have_no_times():
@@ -195,7 +190,6 @@ def test_diagnostics_are_plain_numbers_with_the_unit_in_the_key():
     }  # fmt: skip
     del values["delay_brake"]
     assert Wire(LONG).decode("/diagnostics", data) == sent
-    assert program_values(values.items()) == values, "keys of version 0.1.0"
 
 
 @settings(max_examples=60, deadline=None)

@@ -96,8 +96,8 @@ def _units() -> list[str]:
     return [
         "",
         f"`status[].hardware_id` is the unit of the vehicle: {hardware}. A value with",
-        "a unit is a plain number, and its key ends with the unit (`I`: number of the power unit); version 0.1.0 wrote",
-        "keys without unit. Keys with a unit:",
+        "a unit is a plain number, and its key ends with the unit (`I`: number of the power unit).",
+        "Keys with a unit:",
         "",
         *(f"* {unit}: {', '.join(keys)}" for unit, keys in by_unit.items()),
     ]

@@ -75,9 +75,7 @@ class _Command(OneLineParser):
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Declare the options, then parse; an unknown argument is refused with the help of this command."""
         self.declare()
-        from train_ato.scenario.former_names import present_options
-
-        known, unknown = super().parse_known_args(present_options(self, args), namespace)
+        known, unknown = super().parse_known_args(args, namespace)
         self.refuse_unknown(unknown)
         return known, unknown
 
@@ -109,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if not given:
                 command_line().print_help()
                 return DONE
-            return _executed(command_line().parse_args(_with_present_command(given)))
+            return _executed(command_line().parse_args(_with_known_command(given)))
     except RunFailed as error:
         return FAILED if error.printed else print_error(error, FAILED)
     except KeyboardInterrupt:
@@ -130,8 +128,8 @@ def _executed(options: argparse.Namespace) -> int:
         raise RunFailed(f"a law or another component called sys.exit({error.code!r}); raise an error there") from None
 
 
-def _with_present_command(arguments: Sequence[str]) -> list[str]:
-    """Return the command line with the present name of the command.
+def _with_known_command(arguments: list[str]) -> list[str]:
+    """Return the command line of a known command.
 
     Raises
     ------
@@ -139,17 +137,11 @@ def _with_present_command(arguments: Sequence[str]) -> list[str]:
         For an unknown command, with the nearest known one.
     """
     if arguments[0].startswith("-") or arguments[0] in dict(COMMANDS):
-        return list(arguments)
-    from train_ato.scenario.former_names import FORMER_COMMANDS, print_notice
+        return arguments
+    from plant_sim.input_error import close_match
 
-    present = FORMER_COMMANDS.get(arguments[0])
-    if present is None:
-        from plant_sim.input_error import close_match
-
-        near = close_match(arguments[0], dict(COMMANDS))
-        raise ValueError(f"unknown command '{arguments[0]}'{near}; see `train-ato --help`")
-    print_notice("train-ato", "command", arguments[0], present)
-    return [present, *arguments[1:]]
+    near = close_match(arguments[0], dict(COMMANDS))
+    raise ValueError(f"unknown command '{arguments[0]}'{near}; see `train-ato --help`")
 
 
 def _status_of(error: Exception) -> int:

@@ -7,10 +7,7 @@ import sys
 
 from train_ato.arguments import parse_yaml_value
 from train_ato.cli.screen import print_json
-from train_ato.control.parameters import current_names
-from train_ato.control.registry import LAWS
 from train_ato.ros.graph.remote import graph_client, resolve_domain
-from train_ato.scenario.former_names import FORMER_PARAMETERS, print_notice
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,13 +27,6 @@ def execute(options: argparse.Namespace) -> int:
     if not equals or not name:
         raise ValueError(f"{options.assignment}: not an assignment; write name=value, for example law=smc")
     value = parse_yaml_value(text, options.assignment)
-    former = FORMER_PARAMETERS.get((options.node, name))
-    if former is not None:
-        print_notice("train-ato param", "parameter", name, former)
-        name = former
-    owner, dot, parameter = name.partition(".")
-    if dot and owner in LAWS.loadable():
-        name = f"{owner}.{next(iter(current_names(LAWS.parameters(owner), {parameter: value}, owner)))}"
     if not isinstance(value, (bool, int, float, str)):
         raise ValueError(f"{options.assignment}: not a parameter value; give a number, a word, true or false")
     domain = resolve_domain(options.domain)

@@ -210,7 +210,6 @@ class Parameter:
     high: float
     meaning: str
     choices: tuple[str, ...] = ()
-    formerly: str = ""
 
 
 def parameter(
@@ -221,7 +220,6 @@ def parameter(
     meaning: str,
     *,
     choices: tuple[str, ...] = (),
-    formerly: str = "",
 ) -> Any:
     """Declare one field of a parameter dataclass.
 
@@ -237,8 +235,6 @@ def parameter(
         One line of description.
     choices
         Allowed words of a choice.
-    formerly
-        Former name, accepted with a warning until 0.3.
 
     Examples
     --------
@@ -246,7 +242,7 @@ def parameter(
     ... class Parameters:
     ...     kp: float = parameter(1e6, "N/(m/s)", 0.0, 1e9, "gain on the speed error")
     """
-    declared = Parameter("", default, unit, low, high, meaning, choices, formerly)
+    declared = Parameter("", default, unit, low, high, meaning, choices)
     return field(default=default, metadata={"parameter": declared})
 
 

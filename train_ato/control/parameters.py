@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import functools
 import logging
 import math
 from collections.abc import Iterable, Mapping
@@ -53,31 +52,6 @@ def closest(name: str, known: Iterable[str]) -> str:
     return f" (did you mean '{near[0]}'?)" if near else ""
 
 
-def current_names(entries: Iterable[Parameter], values: Mapping[str, Any], owner: str) -> dict[str, Any]:
-    """Return parameter values under their current names, with a warning for each former name.
-
-    Parameters
-    ----------
-    entries
-        Declarations of the parameters; ``formerly`` is the former name.
-    values
-        Parameter name, current or former, to value; of two names of one parameter the later counts.
-    owner
-        Name of the law, observer or compensation, for the warning.
-    """
-    renamed = {entry.formerly: entry.name for entry in entries if entry.formerly}
-    for name in values:
-        if name in renamed:
-            warn_former_name(f"{owner}.{name}", f"{owner}.{renamed[name]}")
-    return {renamed.get(name, name): value for name, value in values.items()}
-
-
-@functools.cache
-def warn_former_name(former: str, current: str) -> None:
-    """Log one warning per process for the use of a former name."""
-    _LOG.warning("%s: former name of %s; use the new name, the former is accepted until 0.3", former, current)
-
-
 def make_parameters(dataclass_type: type, values: Mapping[str, Any], owner: str) -> Any:
     """Return a parameter dataclass with ``values`` in place of the defaults.
 
@@ -86,7 +60,7 @@ def make_parameters(dataclass_type: type, values: Mapping[str, Any], owner: str)
     dataclass_type
         Frozen dataclass whose fields are declared by :func:`train_ato.control.contract.parameter`.
     values
-        Parameter name, current or former, to value.
+        Parameter name to value.
     owner
         Name of the component in messages: ``smc`` in ``smc.ks``.
 
@@ -97,7 +71,7 @@ def make_parameters(dataclass_type: type, values: Mapping[str, Any], owner: str)
     """
     known = {entry.name: entry for entry in parameters_of(dataclass_type)}
     checked = {}
-    for name, value in current_names(known.values(), values, owner).items():
+    for name, value in values.items():
         if name not in known:
             listed = ", ".join(known) or "none"
             raise ValueError(f"{owner}.{name}: no such parameter{closest(name, known)}; {owner} has: {listed}")

@@ -24,7 +24,7 @@ from typing import Any
 from train_ato.control.contract import Parameter, parameters_of
 from train_ato.control.gains import Gains, gains_of
 from train_ato.control.keyword_form import in_contract_form
-from train_ato.control.parameters import RefusedParameter, closest, current_names, make_parameters
+from train_ato.control.parameters import RefusedParameter, closest, make_parameters
 
 
 class Registry:
@@ -140,21 +140,6 @@ class Registry:
         """
         make_parameters(self.get(name).Parameters, values, name)
 
-    def current_names(self, values: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-        """Return the parameters of several components under their current names.
-
-        Parameters
-        ----------
-        values
-            Name of the component to parameter name, current or former, to value.
-
-        Raises
-        ------
-        ValueError
-            For an unknown component.
-        """
-        return {name: current_names(self.parameters(name), given, name) for name, given in values.items()}
-
     def make(self, name: str, values: Mapping[str, Any], *arguments: Any) -> Any:
         """Return a new component; ``arguments`` follow the parameters in its constructor.
 
@@ -187,8 +172,7 @@ class LawRegistry(Registry):
         ValueError
             For an unknown law.
         """
-        given = current_names(self.parameters(name), values, name)
-        return gains_of(name, self.get(name), given, model, period)
+        return gains_of(name, self.get(name), values, model, period)
 
     def make(self, name: str, values: Mapping[str, Any], *arguments: Any) -> Any:
         """Return a new law for a train and a period: the second and the third argument.

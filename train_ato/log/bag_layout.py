@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import yaml
 
 from plant_sim.data_text import parse_yaml
-from train_ato.messages.topics import BY_NAME, TOPICS, Topic
+from train_ato.messages.topics import TOPICS, Topic
 
 LOG = "run.mcap"
 PARTIAL = "run.mcap.partial"
@@ -29,44 +28,12 @@ def log_name(topic: Topic, namespace: str = "") -> str:
 
 
 def table_name(name: str) -> str | None:
-    """Return the name in the topic table for a name in a log, None for other topics.
-
-    Former names are accepted; a notice is printed once.
-    """
-    for topic in TOPICS:
-        if _names(name, topic.name):
-            return topic.name
-        for former in topic.former_names:
-            if _names(name, former):
-                _former_name_notice(former, topic.name)
-                return topic.name
-    return None
-
-
-def published_name(name: str) -> str:
-    """Return the current name for publishing a topic of a log: former names are replaced."""
-    found = table_name(name)
-    if found is None or _names(name, found):
-        return name
-    former = next(former for former in BY_NAME[found].former_names if _names(name, former))
-    return name.removesuffix(former) + found
+    """Return the name in the topic table for a name in a log, None for other topics."""
+    return next((topic.name for topic in TOPICS if _names(name, topic.name)), None)
 
 
 def _names(name: str, topic: str) -> bool:
     return name == topic or (not topic.startswith("/") and name.endswith("/" + topic))
-
-
-def _former_name_notice(former: str, present: str) -> None:
-    """Print the notice of former names in a log, once per process."""
-    if not _shown:
-        _shown.append(former)
-        sys.stderr.write(
-            f"train-ato: the log has topic names of version 0.1.0 ({former} is now {present}); only this release "
-            "still reads them\n"
-        )
-
-
-_shown: list[str] = []
 
 
 def qos_profiles(topic: Topic) -> list[dict[str, Any]]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from train_ato.log.bag_layout import published_name, table_name
+from train_ato.log.bag_layout import table_name
 from train_ato.log.reading import Progress, attachments, stream
 from train_ato.log.versions import VERSIONS, read_versions
 from train_ato.log.wall_time import WallTime, read_wall_time
@@ -60,7 +60,7 @@ class Overview:
     versions : dict
         Versions of the recorder; empty for a log of another recorder.
     wall_time : WallTime or None
-        Wall time of the recording; None for a log of version 0.1.0 or of another recorder.
+        Wall time of the recording; None for a log of another recorder.
     """
 
     path: Path
@@ -98,11 +98,8 @@ def log_overview(path: Path, *, broken: bool = False, progress: Progress | None 
     stamps: dict[str, array[int]] = {}
     types: dict[str, str] = {}
     changes = RunChanges()
-    present: dict[str, str] = {}
     for message in stream(path, broken=broken, progress=progress):
-        logged = message.channel.topic
-        if (name := present.get(logged, "")) == "":
-            name = present[logged] = published_name(logged)
+        name = message.channel.topic
         if name not in stamps:
             stamps[name] = array("q")
             types[name] = message.schema.name

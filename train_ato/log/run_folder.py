@@ -24,15 +24,11 @@ from train_ato.loop.setup import RunSetup, prepare
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.tick_block import TickBlock
 from train_ato.messages.topics import EPOCH_NS, topics_of
-from train_ato.scenario.overlays import overlay
 from train_ato.scenario.scenario import check_scenario, load_scenario
 
 RUNS = Path("runs")
 STARTED = "scenario.started.yaml"
 """Initial scenario of a run with unplanned changes."""
-SUPERVISED_BLOCK = re.compile(rb"^supervision:", re.MULTILINE)
-"""Block of a resolved scenario that those of version 0.1.0 do not have: their runs had no supervision."""
-UNSUPERVISED = {"supervision": {"enabled": False}}
 
 
 def check_free(path: Path, option: str = "--out") -> None:
@@ -152,8 +148,7 @@ def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
     if path.is_dir():
         summary = read_summary(path)
         file = path / SCENARIO
-        changes = None if SUPERVISED_BLOCK.search(file.read_bytes()) else UNSUPERVISED
-        return prepare(*load_scenario(str(file), changes=changes)), summary
+        return prepare(*load_scenario(str(file))), summary
     attached = attachments(log_file(path))
     text = attached.get(SCENARIO)
     if text is None:
@@ -162,8 +157,6 @@ def read_run_folder(path: Path) -> tuple[RunSetup, dict[str, Any]]:
         data = parse_yaml(text)
     except ValueError as error:
         raise ValueError(f"{path}: the attached {SCENARIO} is not YAML ({error}); name another log") from None
-    if not SUPERVISED_BLOCK.search(text):
-        data = overlay(data, UNSUPERVISED)
     return prepare(check_scenario(data, path), path), _attached_summary(path, attached)
 
 

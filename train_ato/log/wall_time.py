@@ -74,7 +74,7 @@ class WallTime:
 
 
 def read_wall_time(path: Path, *, broken: bool = False) -> WallTime | None:
-    """Return the wall time of a log; None for a log without the record, as of version 0.1.0 or of another recorder.
+    """Return the wall time of a log; None for a log without the record, as of another recorder.
 
     Parameters
     ----------

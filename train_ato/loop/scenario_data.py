@@ -10,7 +10,6 @@ from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line, split_line_name
 from plant_sim.line import Line
 from train_ato.control.learned_resistance import LearnedResistance, model_hash, read_learned
-from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
 from train_ato.control.train_model import LineForceTable, TrainModel
 from train_ato.loop.part_cache import PartCache, file_state
 from train_ato.messages.layout import TrainLayout
@@ -26,7 +25,6 @@ __all__ = [
     "scenario_layout",
     "scenario_line",
     "scenario_profile",
-    "with_current_names",
     "with_start_position",
 ]
 
@@ -168,15 +166,3 @@ def with_start_position(scenario: Scenario, position: float) -> Scenario:
         return scenario
     plant = scenario.plant.model_copy(update={"start": start.model_copy(update={"position": position})})
     return scenario.model_copy(update={"plant": plant})
-
-
-def with_current_names(scenario: Scenario) -> Scenario:
-    """Return the scenario with the parameters of laws, observers and compensations under their current names."""
-    changes = [change.model_copy(update={"laws": LAWS.current_names(change.laws)}) for change in scenario.law_changes]
-    update = {
-        "laws": LAWS.current_names(scenario.laws),
-        "observers": OBSERVERS.current_names(scenario.observers),
-        "compensations": COMPENSATIONS.current_names(scenario.compensations),
-        "law_changes": tuple(changes),
-    }
-    return scenario.model_copy(update=update)

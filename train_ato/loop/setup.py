@@ -31,7 +31,6 @@ from train_ato.loop.scenario_data import (
     scenario_layout,
     scenario_line,
     scenario_profile,
-    with_current_names,
     with_start_position,
 )
 from train_ato.loop.supervised_plan import SpeedCeiling, profile_within
@@ -269,7 +268,6 @@ def prepare(scenario: Scenario, path: Path, parts: PartCache | None = None) -> R
 
 
 def _prepare(scenario: Scenario, folder: Path, parts: PartCache) -> RunSetup:
-    scenario = with_current_names(scenario)
     consist = scenario_consist(scenario.plant.consist, folder, parts)
     line = scenario_line(scenario.plant.line, folder, parts)
     layout = scenario_layout(scenario, consist, line)

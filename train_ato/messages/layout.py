@@ -43,17 +43,6 @@ FIXED_NAMES: dict[Owner, tuple[str, ...]] = {
 """Names of the parts that do not depend on the train."""
 
 
-FORMER_OWNERS = {"car": Owner.VEHICLE}
-"""Prefixes of names in logs of version 0.1.0, read until 0.3."""
-
-
-def present_name(name: str) -> str:
-    """Return the present name of a vehicle, power unit or sensor: ``vehicle_3`` for ``car_3``."""
-    kind, _, number = name.rpartition("_")
-    owner = FORMER_OWNERS.get(kind)
-    return name if owner is None else f"{owner.value}_{number}"
-
-
 @dataclass(frozen=True)
 class TrainLayout:
     """Sizes that define the layout of the messages of a run.

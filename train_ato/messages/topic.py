@@ -96,8 +96,6 @@ class Topic:
         Refuse numbers that are not finite, in encoding and decoding.
     awaited
         The plant does not begin before all publishers and readers are connected.
-    former_names
-        Names in logs of earlier versions.
 
     Raises
     ------
@@ -121,7 +119,6 @@ class Topic:
     depth: int = 1000
     finite: bool = True
     awaited: bool = True
-    former_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         known = {entry.name for entry in dataclasses.fields(self.message)}

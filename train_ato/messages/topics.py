@@ -38,7 +38,6 @@ __all__ = [
     "Rate",
     "Role",
     "Topic",
-    "present_topic",
     "published_by",
     "read_by",
     "tick_topics",
@@ -49,7 +48,7 @@ EPOCH_NS = 1_767_225_600_000_000_000
 """Simulation time 0 in messages [ns]: 2026-01-01T00:00:00Z, because tools display stamps near 1970 badly."""
 
 LINE_FRAME = "line"
-"""Frame of positions along the line: chainages.  Messages of version 0.1.0 have no frame."""
+"""Frame of positions along the line: chainages."""
 END_TOPIC = "train/end"
 """Notice of the end of the run."""
 _CLOCK = "rosgraph_msgs/msg/Clock"
@@ -86,7 +85,6 @@ _TABLE: tuple[Topic, ...] = (
         rate=Rate.TICK,
         meaning="truth, one entry per vehicle, front first",
         finite=False,
-        former_names=("train/cars",),
     ),
     Topic(
         "train/measurement",
@@ -136,7 +134,6 @@ _TABLE: tuple[Topic, ...] = (
         meaning="air brake of every vehicle",
         condition=AIR_BRAKE,
         finite=False,
-        former_names=("train/brake_cylinders",),
     ),
     Topic(
         "train/disturbance",
@@ -288,7 +285,6 @@ _TABLE: tuple[Topic, ...] = (
         meaning="brake-pipe pressure demanded at the head",
         frame=0,
         condition=AIR_BRAKE,
-        former_names=("ato/brake_pipe",),
     ),
     Topic(
         "/diagnostics",
@@ -325,7 +321,6 @@ _TABLE: tuple[Topic, ...] = (
         rate=Rate.SECOND,
         meaning="newest stamp completely recorded; the plant is at most half a queue ahead of it",
         recorded=False,
-        former_names=("record/acknowledged",),
     ),
 )
 
@@ -373,11 +368,6 @@ def published_by(role: Role) -> tuple[Topic, ...]:
 def read_by(role: Role) -> tuple[Topic, ...]:
     """Return the topics that a node subscribes to."""
     return tuple(topic for topic in TOPICS if role in topic.readers)
-
-
-def present_topic(name: str) -> str:
-    """Return the current name of a topic of the table; other names are returned unchanged."""
-    return next((topic.name for topic in TOPICS if name in topic.former_names), name)
 
 
 def topics_of(layout: TrainLayout) -> tuple[Topic, ...]:

@@ -8,7 +8,6 @@ from typing import Any
 
 from plant_sim.library import split_line_name
 from train_ato.arguments import parse_yaml_value
-from train_ato.scenario.former_names import replace_former_keys
 
 __all__ = ["assign", "keys_of", "overlay", "put", "with_absolute_files"]
 
@@ -83,7 +82,6 @@ def put(data: dict[str, Any], key: str, value: Any, option: str) -> None:
     change: dict[str, Any] = value
     for part in reversed(keys):
         change = {part: change}
-    change = replace_former_keys(change, option.partition(" ")[0])
     target = data
     for _ in keys[1:]:
         part, change = next(iter(change.items()))

@@ -29,7 +29,6 @@ from train_ato.messages.links import LinkSpec
 from train_ato.profile.planner.settings import ReplanSpec
 from train_ato.scenario.ato_requests import AtoRequest
 from train_ato.scenario.criteria import Criteria
-from train_ato.scenario.former_names import replace_former_keys
 from train_ato.scenario.interventions import Intervention
 from train_ato.scenario.overlays import assign, overlay, with_absolute_files
 from train_ato.scenario.profile_spec import ProfileSpec
@@ -191,7 +190,7 @@ def _read(path: Path) -> dict[str, Any]:
     data = read_yaml(path)
     if not isinstance(data, dict):
         raise ValueError(f"{path}: a scenario is a mapping of keys, not {type(data).__name__}; correct the file")
-    return replace_former_keys(data, path)
+    return data
 
 
 def find(name: str) -> tuple[Path, str | None]:
@@ -268,7 +267,7 @@ def check_scenario(data: dict[str, Any], source: str | Path) -> Scenario:
     if data.get("schema") != SCHEMA:
         raise ValueError(f"{source}: schema: {data.get('schema')!r}: not supported; write '{SCHEMA}'")
     try:
-        return Scenario.model_validate(replace_former_keys(data, source, quiet=True))
+        return Scenario.model_validate(data)
     except ValidationError as error:
         raise ValueError(explain(error, source, Scenario)) from None
 
@@ -295,5 +294,5 @@ def load_scenario(
     path, data = raw_scenario(name)
     for text in assignments:
         assign(data, text)
-    data = overlay(data, replace_former_keys(changes or {}, "options"))
+    data = overlay(data, changes or {})
     return check_scenario(data, path), path

@@ -160,7 +160,7 @@ DEMO_RUNS: dict[str, DemoRun] = {
             "gpc": _run(GPC, "gpc", compensation="none"),
             "pid": _run(GPC, "pid", compensation="preview"),
             "gpc, gain, delay and lag jump": _run(f"{GPC}+jump", "gpc", compensation="none"),
-            "gpc, a loop for each coupled unit": _run(GPC, "gpc", compensation="none", values={"loops": "unit"}),
+            "gpc, a loop for each coupled unit": _run(GPC, "gpc", compensation="none", values={"structure": "unit"}),
             "45 km heavy haul, lag and delay, published gains": _run(DAQIN, "gpc"),
             "the same, fitted gains": _run(DAQIN, "gpc", values=FITTED),
         }

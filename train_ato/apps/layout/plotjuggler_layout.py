@@ -1,7 +1,7 @@
 """Layout for PlotJuggler 3: tabs of a run as XML, with the log and the options of its loader.
 
 The layout opens the log without the dialog of the loader.  Messages have their header stamps as times, else the publish
-times of the log, which are both simulated times, also in logs of version 0.1.0.
+times of the log, which are both simulated times.
 """
 
 from __future__ import annotations
@@ -112,11 +112,11 @@ def _error_plot(log: LogSignals, equations: dict[str, tuple[str, Sequence[str]]]
 
 
 def _totals(log: LogSignals) -> list[ET.Element]:
-    """Return the plots of totals; keys of version 0.1.0 have no unit."""
+    """Return the plots of totals."""
     reports = log.reports.get("plant", {})
     plots = []
     for title, keys in TOTALS:
-        found = [(reports[name], color) for key, color in keys for name in (key, message_key(key)) if name in reports]
+        found = [(reports[name], color) for key, color in keys if (name := message_key(key)) in reports]
         if found:
             plots.append(_area(title, found))
     return plots

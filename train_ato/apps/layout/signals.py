@@ -1,6 +1,6 @@
 """Numbers of a log by their places in its messages: the addresses of curves in a layout.
 
-Topics and names are those of the log, also those of version 0.1.0 and of a namespace.
+Topics and names are those of the log, also those of a namespace.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from train_ato.log.mcap_records import MAX_TIME_NS, RawMessage
 from train_ato.log.reading import log_file, stream
 from train_ato.messages.codec.cdr import typestore
 from train_ato.messages.codec.variable import decode_trajectory
-from train_ato.messages.layout import present_name
 from train_ato.messages.topics import BY_NAME
 
 DIAGNOSTICS = "/diagnostics"
@@ -87,12 +86,12 @@ class LogSignals:
         return (self.end_ns - self.begin_ns) * 1e-9
 
     def joint(self, topic: str, name: str, field: str) -> Signal | None:
-        """Return an entry of a JointState by its present name; None if the log does not have it."""
-        present = [present_name(entry) for entry in self.joints.get(topic, ())]
-        if name not in present:
+        """Return an entry of a JointState by its name; None if the log does not have it."""
+        names = self.joints.get(topic, ())
+        if name not in names:
             return None
-        index = present.index(name)
-        return Signal(self.names[topic], field, self.joints[topic][index], index)
+        index = names.index(name)
+        return Signal(self.names[topic], field, name, index)
 
     def field(self, topic: str, field: str) -> Signal | None:
         """Return a field of a message; None if the log does not have the topic."""
@@ -100,7 +99,7 @@ class LogSignals:
 
     def count(self, topic: str, kind: str) -> int:
         """Return the number of vehicles, units or sensors in a topic, by the first part of their names."""
-        return sum(present_name(entry).startswith(f"{kind}_") for entry in self.joints.get(topic, ()))
+        return sum(entry.startswith(f"{kind}_") for entry in self.joints.get(topic, ()))
 
 
 def read_signals(run: Path) -> LogSignals:

@@ -1,7 +1,7 @@
 """Access to the messages of a log from any time on, by its index.
 
 Messages have the order and the times of their publish times, which are simulated times.  The index of an MCAP file has
-log times, which are wall times in a graph recorded by version 0.1.0 or another recorder.  A time is therefore found by
+log times, which are wall times in a graph recorded by another recorder.  A time is therefore found by
 bisection over the chunks: about ten chunks are read in the log of an hour.  A log without an index is read from its
 beginning.
 """
@@ -18,7 +18,7 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import Channel
 
-from train_ato.log.bag_layout import offered_qos, published_name
+from train_ato.log.bag_layout import offered_qos
 from train_ato.log.mcap_chunk import chunk_content
 from train_ato.log.mcap_records import HEAD, Damage, Definitions, RawMessage, records, summary_of
 from train_ato.log.reading import log_file, readable, stream
@@ -252,7 +252,7 @@ def _described(channel: Channel, type_name: str, count: int) -> LogTopic:
     depth = offered.get("depth")
     return LogTopic(
         channel.topic,
-        published_name(channel.topic),
+        channel.topic,
         type_name,
         # rosbag2 writes names; versions before Iron write the numbers of the rmw
         offered.get("durability") in ("transient_local", 1),

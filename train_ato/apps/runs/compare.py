@@ -17,7 +17,6 @@ from train_ato.control.registry import LAWS
 from train_ato.errors import RunFailed, RunInterrupted
 from train_ato.loop.scenario_data import with_start_position
 from train_ato.loop.setup import RunSetup
-from train_ato.scenario.former_names import present_arguments
 from train_ato.scenario.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -34,7 +33,6 @@ def compare(
     seed: int | None = None,
     keep: str | Path | None = None,
     progress: bool | None = None,
-    **former: Any,
 ) -> Comparison:
     """Run a scenario with several laws in the engine.
 
@@ -49,8 +47,6 @@ def compare(
         Laws, each as ``law`` of :func:`train_ato.run`; default: every registered one.
     keep
         Folder for the runs, with one subfolder per law; default: none.
-    **former
-        ``controllers``: former name of ``laws``, with a notice.
 
     Raises
     ------
@@ -68,7 +64,7 @@ def compare(
     """
     choice = choose_scenario(scenario).changed(set, seed)
     base = put_components(choice.checked, observer=observer, compensation=compensation, importable=False)
-    chosen = _chosen(present_arguments(former, "train_ato.compare", {"laws": laws})["laws"])
+    chosen = _chosen(laws)
     setups, refused = _setups(choice, base, chosen)
     folder = None if keep is None else Path(keep)
     return Comparison(

@@ -23,7 +23,6 @@ from train_ato.loop.engine import run_engine
 from train_ato.loop.result import RunResult
 from train_ato.loop.setup import RunSetup
 from train_ato.ros import require_ros
-from train_ato.scenario.former_names import present_arguments
 
 Mode = Literal["engine", "composed", "processes"]
 MODES = ("engine", "composed", "processes")
@@ -44,7 +43,6 @@ def run(
     lockstep: bool = True,
     restarts: int = 0,
     domain: int | None = None,
-    **former: Any,
 ) -> Run:
     """Run a scenario and return the run.
 
@@ -78,8 +76,6 @@ def run(
         With a process for each node: maximum number of restarts of each node; default: none, the run fails with a node.
     domain
         ROS domain of a graph; default: that of ``ROS_DOMAIN_ID``, without it a free one.
-    **former
-        ``controller`` and ``realtime``: former names, with a notice.
 
     Returns
     -------
@@ -105,8 +101,6 @@ def run(
     >>> run["ato/command"].columns.tolist()
     ['unit_0_force_n']
     """
-    present = present_arguments(former, "train_ato.run", {"law": law, "rate": rate, "lockstep": lockstep})
-    law, rate, lockstep = present["law"], present["rate"], present["lockstep"]
     run_mode = RunMode(mode, rate, lockstep, domain, restarts=restarts)
     run_mode.check()
     choice = choose_scenario(scenario).changed(set, seed)

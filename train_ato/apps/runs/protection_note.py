@@ -23,7 +23,7 @@ def summary_events(summary: Mapping[str, Any]) -> str:
         parts.append(f"{number} of the supervisor, {'' if count == 1 else 'the first '}at {first}")
     if count := summary.get("takeovers") or 0:
         number = "one takeover by the braking law" if count == 1 else f"{count} takeovers by the braking law"
-        if (begin := summary.get("first_takeover_s")) is not None:  # not in runs of former versions
+        if (begin := summary.get("first_takeover_s")) is not None:
             number += f", {'' if count == 1 else 'the first '}at {begin:.1f} s ({summary['first_takeover']})"
         parts.append(number)
     if summary.get("ato_disengaged_s") is not None:

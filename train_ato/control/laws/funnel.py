@@ -104,7 +104,7 @@ class FunnelParameters:
     phi2: float = parameter(0.1, "m/s", 1e-6, MAX_FUNNEL, "initial speed funnel")
     outside_funnel: str = parameter(
         "clip", "", 0, 0, "outside the funnel: clip e²/phi², or negative k_i as printed",
-        choices=("clip", "printed"), formerly="outside",
+        choices=("clip", "printed"),
     )  # fmt: skip
     clip: float = parameter(0.5, "1", 0.0, 0.999, "largest e²/phi²")
     kappa: str = parameter(
@@ -113,17 +113,14 @@ class FunnelParameters:
     )  # fmt: skip
     delta: float = parameter(1e-3, "m/s", 1e-9, 10.0, "smallest |e2| in (8)")
     gamma_w: float = parameter(0.05, "1/s²", 0.0, 100.0, "learning rate of the network")
-    bias_rate: float = parameter(
-        0.3, "1/s²", 0.0, 100.0, "gamma_eps, learning rate of the bias of the network", formerly="gamma_eps"
-    )
-    rbf_centers: int = parameter(11, "1", 1, 101, "number of centres of the network", formerly="bells")
+    bias_rate: float = parameter(0.3, "1/s²", 0.0, 100.0, "gamma_eps, learning rate of the bias of the network")
+    rbf_centers: int = parameter(11, "1", 1, 101, "number of centres of the network")
     max_speed: float = parameter(
         100.0,
         "m/s",
         1.0,
         200.0,
         "speed of the last centre; the width is the distance of the centres",
-        formerly="fastest",
     )
     weight_limit: float = parameter(2.0, "m/s²", 0.0, 100.0, "largest magnitude of a weight")
 

@@ -86,21 +86,19 @@ class GpcParameters:
     )
     n: int = parameter(3, "1", 1, 200, "N, prediction horizon")
     nu: int = parameter(2, "1", 1, 200, "Nu, control horizon")
-    command_weight: float = parameter(0.1, "s²", 0.0, 1e6, "lam, weight of the command", formerly="lam")
-    beyond_horizon: str = parameter(
-        "zero", "", 0, 0, "command beyond the control horizon", choices=("zero", "hold"), formerly="beyond"
-    )
+    command_weight: float = parameter(0.1, "s²", 0.0, 1e6, "lam, weight of the command")
+    beyond_horizon: str = parameter("zero", "", 0, 0, "command beyond the control horizon", choices=("zero", "hold"))
     structure: str = parameter(
-        "mean", "", 0, 0, "one loop on the mean speed, or one per unit", choices=("mean", "unit"), formerly="loops"
+        "mean", "", 0, 0, "one loop on the mean speed, or one per unit", choices=("mean", "unit")
     )
     delay: str = parameter("model", "", 0, 0, "delay in the model of the law", choices=("model", "none"))
     identify: str = parameter(
         "increments", "", 0, 0, "recursive identification", choices=("none", "increments", "absolute")
     )
     dead_zone: float = parameter(0.02, "m/s", 0.0, 10.0, "Delta, largest error that counts as noise")
-    use_network: bool = parameter(True, "", 0, 1, "estimate xi by the network", formerly="unmodelled")
+    use_network: bool = parameter(True, "", 0, 1, "estimate xi by the network")
     resistance_feedforward: bool = parameter(
-        False, "", 0, 1, "add the force for the nominal resistance; false in the paper", formerly="modelled"
+        False, "", 0, 1, "add the force for the nominal resistance; false in the paper"
     )
     feedforward: bool = parameter(
         False, "", 0, 1, "control the deviations from the reference; the feed-forward of the compensation is added"
@@ -111,10 +109,10 @@ class GpcParameters:
     deviation_limit: float = parameter(
         0.5, "1", 0.0, 1e9, "largest deviation of the identified parameters over the norm of B; no limit in the paper"
     )
-    learning_rate: float = parameter(0.15, "1", 0.0, 1.0, "learning rate of the network, per sample", formerly="rate")
+    learning_rate: float = parameter(0.15, "1", 0.0, 1.0, "learning rate of the network, per sample")
     hidden: int = parameter(6, "1", 1, 50, "hidden neurons of the network")
     position_gain: float = parameter(
-        0.0, "1/s", 0.0, 1.0, "gain on the position error, added to the reference; 0 in the paper", formerly="position"
+        0.0, "1/s", 0.0, 1.0, "gain on the position error, added to the reference; 0 in the paper"
     )
 
 

@@ -19,7 +19,7 @@ from train_ato.log.tables.series import TopicColumns
 from train_ato.log.tables.tables import check_foreign, check_known, foreign_table, known_part, known_table
 from train_ato.log.tables.variable_length import diagnostic_table, trajectory_table
 from train_ato.messages.codec.cdr import typestore
-from train_ato.messages.topics import BY_NAME, EPOCH_NS, present_topic
+from train_ato.messages.topics import BY_NAME, EPOCH_NS
 from train_ato.messages.types import Diagnostic
 
 __all__ = ["Frames", "load"]
@@ -39,7 +39,7 @@ class Frames(dict[str, pd.DataFrame]):
         self.left_out: dict[str, str] = {}
 
     def __missing__(self, name: str) -> pd.DataFrame:
-        for other in (name.lstrip("/"), f"/{name}", present_topic(name.lstrip("/"))):
+        for other in (name.lstrip("/"), f"/{name}"):
             if other in self:
                 return self[other]
         reason = self.left_out.get(name)

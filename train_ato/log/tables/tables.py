@@ -16,9 +16,7 @@ from train_ato.log.tables.columns import TIME, column, has_column
 from train_ato.log.tables.series import Group, TopicColumns
 from train_ato.loop.series import seconds
 from train_ato.messages.codec.byte_layout import Layout, Leaf
-from train_ato.messages.codec.cdr import counts_from_stamp, nanoseconds
-from train_ato.messages.codec.fixed import FRAME
-from train_ato.messages.layout import present_name
+from train_ato.messages.codec.cdr import nanoseconds
 from train_ato.messages.topics import EPOCH_NS
 
 if TYPE_CHECKING:
@@ -82,7 +80,7 @@ def _part(topic: str, group: Group) -> pd.DataFrame:
     """Return the table of the messages of one layout, with contiguous columns."""
     import pandas as pd
 
-    owners = [present_name(owner) for owner in _owners(group.layout)]
+    owners = _owners(group.layout)
     leaves = {leaf.path: leaf for leaf in group.leaves if leaf.dtype is not None}
     stamps = next(nanoseconds(group.values(leaves[path])) for path in STAMPS if path in leaves) - EPOCH_NS
     names = {path: _names(topic, leaf, owners) for path, leaf in leaves.items() if has_column(topic, path)}
@@ -93,19 +91,13 @@ def _part(topic: str, group: Group) -> pd.DataFrame:
         if path in STAMPS:
             out[0] = seconds(stamps)
         elif leaves[path].is_time:
-            since = stamps if counts_from_stamp(_frame(group.layout)) else 0
-            out[0] = seconds(nanoseconds(group.values(leaves[path])) + since)
+            out[0] = seconds(nanoseconds(group.values(leaves[path])) + stamps)
         else:
             group.fill(leaves[path], out if leaves[path].count is not None else out[0])
         row += len(columns)
     index = pd.Index(seconds(stamps), name=TIME)
     titles = _unique([name for columns in names.values() for name in columns])
     return pd.DataFrame(block.T, index=index, columns=titles, copy=False)
-
-
-def _frame(layout: Layout) -> str:
-    """Return the frame of messages, "" without one."""
-    return next((leaf.text for leaf in layout.leaves if leaf.path == FRAME), "")
 
 
 def _owners(layout: Layout) -> list[str]:

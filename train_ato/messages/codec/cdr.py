@@ -56,14 +56,6 @@ def nanoseconds(times: NDArray[Any]) -> NDArray[np.int64]:
     return np.asarray(times["sec"].astype(np.int64) * SECOND + times["nanosec"])
 
 
-def counts_from_stamp(frame: str) -> bool:
-    """Return True if the durations in a message with this frame count from its stamp.
-
-    Messages without a frame are those of version 0.1.0: their durations count from the start of the run.
-    """
-    return frame != ""
-
-
 def header(stamp: int, frame: str) -> Any:
     """Return a header with a stamp [ns since the start of the run]."""
     seconds, nanoseconds = divmod(EPOCH_NS + stamp, SECOND)

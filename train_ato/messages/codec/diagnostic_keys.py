@@ -1,7 +1,6 @@
 """Keys and values of diagnostics in a message: one plain number per key, with its unit at the end of the key.
 
-In the program a value has the key without unit, and a list of numbers is one value; messages of version 0.1.0 have them
-in this form too, and are read.
+In the program a value has the key without unit, and a list of numbers is one value.
 """
 
 from __future__ import annotations

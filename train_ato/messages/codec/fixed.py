@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from train_ato.messages.codec.byte_layout import Layout, layout_of, rows_of
 from train_ato.messages.codec.cdr import (
-    counts_from_stamp,
     packed_stamp,
     packed_times,
     stamp_of,
@@ -24,13 +23,10 @@ from train_ato.messages.codec.cdr import (
 )
 from train_ato.messages.codec.slots import FLOAT64, STAMP_END, TimeSlot, sample_of, slots_of
 from train_ato.messages.codec.small import MOST_BYTES, SmallMessage
-from train_ato.messages.layout import TrainLayout, present_name
+from train_ato.messages.layout import TrainLayout
 from train_ato.messages.tick_block import Values
 from train_ato.messages.topic import Topic
 from train_ato.messages.topics import EPOCH_NS
-
-FRAME = "header.frame_id"
-"""Path of the frame."""
 
 
 class FixedCodec:
@@ -79,9 +75,8 @@ class FixedCodec:
         self._order = [by_place.index(field) for field in order]
         durations = {slot.path for slot in self._slots if isinstance(slot, TimeSlot)}
         self._durations = [by_place.index(place.field) for place in places if place.path in durations]
-        self._relative = counts_from_stamp(topic.frame_id(layout))
         self._other: Layout | None = None
-        self._shifted_fields = [self._order.index(place) for place in self._durations] if self._relative else []
+        self._shifted_fields = [self._order.index(place) for place in self._durations]
         self._small: SmallMessage | None = None
         if self.length <= MOST_BYTES:
             self._small = SmallMessage(sample, self._slots, self._order, topic.finite)
@@ -153,12 +148,11 @@ class FixedCodec:
                 values = []
                 for read in self._readers:
                     values += read(data)
-                relative = self._relative
             else:
-                values, relative = self._read_any(data)
+                values = self._read_any(data)
         except ValueError as error:
             raise ValueError(f"{self.topic.name}: {error}") from None
-        if relative and self._durations:
+        if self._durations:
             values = self._shifted(values, stamp_of(data))
         return self.topic.message(stamp_of(data), *[values[place] for place in self._order])
 
@@ -178,16 +172,13 @@ class FixedCodec:
                 return False
         return True
 
-    def _read_any(self, data: bytes) -> tuple[list[Any], bool]:
-        """Decode a message with any padding, byte order and frame; names and lengths are checked.
-
-        The second value is True if the durations count from the stamp.
-        """
+    def _read_any(self, data: bytes) -> list[Any]:
+        """Decode a message with any padding, byte order and frame; names and lengths are checked."""
         rows = rows_of([data], len(data))
         layout = self._other
         if layout is None or layout.length != len(data) or not layout.fits(rows).all():
             layout = layout_of(typestore(), self.topic.type, data)
-            self._check_names([present_name(leaf.text) for leaf in layout.leaves if leaf.path.startswith("name[")])
+            self._check_names([leaf.text for leaf in layout.leaves if leaf.path.startswith("name[")])
             self._other = layout
         leaves = {leaf.path: leaf for leaf in layout.leaves}
         values: list[Any] = []
@@ -196,8 +187,7 @@ class FixedCodec:
             if leaf is None or ("[0]" in slot.path and slot.path.replace("[0]", "[1]") in leaves):
                 raise ValueError(f"{slot.path.partition('[')[0]} does not hold one entry")
             values += slot.read_any(layout, rows, leaf)
-        frame = leaves.get(FRAME)
-        return values, frame is not None and counts_from_stamp(frame.text)
+        return values
 
     def _check_names(self, names: Sequence[str]) -> None:
         due = self._names

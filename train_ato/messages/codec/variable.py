@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.messages.codec.cdr import SECOND, counts_from_stamp, header, packed_stamp, stamp_of, typestore
+from train_ato.messages.codec.cdr import SECOND, header, packed_stamp, stamp_of, typestore
 from train_ato.messages.codec.diagnostic_keys import HARDWARE, message_values, program_values
 from train_ato.messages.topics import BY_NAME, LINE_FRAME
 from train_ato.messages.types import Array, Diagnostic, Trajectory
@@ -129,7 +129,7 @@ def _decode_knots(data: bytes) -> Trajectory | None:
     time = knots["second"].astype(np.int64) * SECOND + knots["nanosecond"]
     columns = (np.array(knots[field]) for field in ("position", "velocity", "acceleration"))
     stamp = stamp_of(data)
-    found = Trajectory(stamp, name, time + stamp if counts_from_stamp(frame) else time, *columns)
+    found = Trajectory(stamp, name, time + stamp, *columns)
     ones = all((knots[field] == 1).all() for field in ("positions", "velocities", "accelerations"))
     return found if ones and not knots["efforts"].any() and data[:begin] == _start_of_points(found, frame) else None
 
@@ -141,11 +141,10 @@ def _decode_any(data: bytes) -> Trajectory:
     points = message.points
     times = [point.time_from_start.sec * SECOND + point.time_from_start.nanosec for point in points]
     stamp, acceleration = stamp_of(data), _column([point.accelerations for point in points])
-    relative = acceleration.size > 0 and counts_from_stamp(str(message.header.frame_id))
     return Trajectory(
         stamp,
         str(message.joint_names[0]),
-        np.array(times, dtype=np.int64) + (stamp if relative else 0),
+        np.array(times, dtype=np.int64) + (stamp if acceleration.size else 0),
         _column([point.positions for point in points]),
         _column([point.velocities for point in points]),
         acceleration,

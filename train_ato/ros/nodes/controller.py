@@ -74,9 +74,7 @@ class ControllerNode:
     def _declare(self) -> None:
         """Declare ``law`` and the parameters of every law, and apply the start parameters."""
         stage, node = self.stage, self.endpoints.node
-        chosen = Parameter(
-            PARAMETER, stage.controller, "", 0.0, 0.0, "law in charge", self._laws, formerly="controller"
-        )
+        chosen = Parameter(PARAMETER, stage.controller, "", 0.0, 0.0, "law in charge", self._laws)
         parameters = [Declared(PARAMETER, stage.controller, chosen)]
         for law in self._laws:
             parameters += block_parameters(law, LAWS.parameters(law), stage.gains(law).values)

@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from plant_sim.number_text import number_text
 from train_ato.control.contract import Parameter
-from train_ato.control.parameters import closest, warn_former_name
+from train_ato.control.parameters import closest
 from train_ato.control.registry import LAWS, OBSERVERS
 
 OF_NODES = {"law", "controller", "observer"}
@@ -46,7 +46,6 @@ def declare(node: Node, parameters: list[Declared]) -> dict[str, Any]:
     ValueError
         For a start parameter with an unknown name, a wrong type or out of range; one line with the remedy.
     """
-    _rename_former(node, parameters)
     _refuse_unknown(node, [parameter.name for parameter in parameters])
     _make_doubles(node, parameters)
     values = {}
@@ -63,17 +62,6 @@ def declare(node: Node, parameters: list[Declared]) -> dict[str, Any]:
         if isinstance(value, float) and not math.isfinite(value):
             raise ValueError(f"parameter {parameter.name}: {value} is not finite; {_range(parameter.entry)}")
     return values
-
-
-def _rename_former(node: Node, parameters: list[Declared]) -> None:
-    """Move start parameters with a former name to the current name."""
-    given = node._parameter_overrides
-    for parameter in parameters:
-        block, dot, _ = parameter.name.rpartition(".")
-        former = f"{block}{dot}{parameter.entry.formerly}"
-        if parameter.entry.formerly and former in given:
-            warn_former_name(former, parameter.name)
-            given[parameter.name] = given.pop(former)
 
 
 def _make_doubles(node: Node, parameters: list[Declared]) -> None:

@@ -16,7 +16,6 @@ from rclpy.parameter import Parameter as RosParameter
 from std_srvs.srv import SetBool, Trigger
 
 from train_ato.control.contract import Parameter
-from train_ato.control.parameters import warn_former_name
 from train_ato.loop.plant import PlantStage
 from train_ato.messages.faults import MAX_FAULT_TIME
 from train_ato.messages.links import MAX_DELAY
@@ -56,9 +55,7 @@ FROZEN_TOPICS = (*PLANT_TOPICS, "train/measurement")
 FASTEST = 1e6
 TIMEOUT = Parameter("timeout", 10.0, "s", 0.001, 86_400.0, "wall time after which a missing answer ends the run")
 LOCKSTEP = Parameter("lockstep", True, "", 0.0, 1.0, "true: every tick waits for its command")
-RATE = Parameter(
-    "rate", 0.0, "", 0.0, FASTEST, "maximum simulated seconds per wall second; 0: unlimited", formerly="pace"
-)
+RATE = Parameter("rate", 0.0, "", 0.0, FASTEST, "maximum simulated seconds per wall second; 0: unlimited")
 NO_RATE = "rate 0: a run without lockstep needs a rate; give a number above 0"
 PAUSED = Parameter("paused", False, "", 0.0, 1.0, "paused: only single steps")
 SCENARIO = Parameter("scenario", "", "", 0.0, 0.0, "file of the resolved scenario of this run")
@@ -129,7 +126,6 @@ class PlantRequests:
         self._endpoints = endpoints
         self._node = endpoints.node
         self._following = False
-        _replace_former_realtime(self._node)
         self.given = declare(
             self._node,
             [
@@ -239,14 +235,3 @@ def _answering(action: Callable[[Any], str]) -> Callable[[Any, Any], Any]:
         return response
 
     return answer
-
-
-def _replace_former_realtime(node: Any) -> None:
-    """Replace the former start parameter ``realtime`` by ``rate`` and ``lockstep``."""
-    given = node._parameter_overrides
-    former = given.pop("realtime", None)
-    if former is not None:
-        warn_former_name("realtime", "rate with lockstep: false")
-        if former.value:
-            given["rate"] = RosParameter("rate", value=float(former.value))
-            given["lockstep"] = RosParameter("lockstep", value=False)

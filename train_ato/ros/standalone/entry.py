@@ -22,7 +22,6 @@ from train_ato.ros import require_ros
 from train_ato.ros.graph.environment import domain_of_environment, middleware, opened_by
 from train_ato.ros.graph.graph_result import FREE_TIMEOUT_S, LOCKSTEP_TIMEOUT_S
 from train_ato.ros.standalone.notices import LAST_COUNT, EndOrder, Notices, begin_stamp, read_notices
-from train_ato.scenario.former_names import present_options
 
 if TYPE_CHECKING:
     from train_ato.loop.result import RunResult
@@ -55,7 +54,7 @@ def _arguments(role: Role, words: Sequence[str]) -> argparse.Namespace:
         at = own.index("--ros-args")
         end = own.index("--", at) if "--" in own[at:] else len(own)
         own, ros = own[:at] + own[end + 1 :], own[at:end]
-    options = parser.parse_args(present_options(parser, own))
+    options = parser.parse_args(own)
     options.ros = ros
     return options
 
