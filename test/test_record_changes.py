@@ -6,6 +6,7 @@ import dataclasses
 import json
 import subprocess
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -13,6 +14,7 @@ from engine_runs import record_run
 from request_desk import Desk, command, started
 from waiting import LIMIT_S
 
+from train_ato.cli import main
 from train_ato.log.changes import late_commands, read_changes
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import STARTED, RunFolder, read_run_folder
@@ -20,7 +22,8 @@ from train_ato.loop.engine import run_engine
 from train_ato.loop.setup import prepare
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.types import Diagnostic
-from train_ato.scenario.changes import RunChanges, change_at, changes_from_json, values_of
+from train_ato.ros.graph.recorded import complete_folder
+from train_ato.scenario.changes import GIVEN, RunChanges, change_at, changes_from_json, values_of
 from train_ato.scenario.scenario import LawChange, load_scenario
 
 SECOND = 1_000_000_000
@@ -182,3 +185,58 @@ def test_late_commands_of_a_paced_run_are_counted(tmp_path: Path) -> None:
         sink.add("/diagnostics", Diagnostic(0, "controller", 0, "engaged", {"wall_late": "99"}), 0)
     assert late_commands(tmp_path / "run") == 4
     assert late_commands(drive(tmp_path / "lockstep")) == 0
+
+
+def record_by_hand(folder: Path, changed: tuple[str, ...], told: dict[str, Any]) -> dict[str, Any]:
+    """Record a run with start parameters of nodes that the recorder does not have; return its summary.
+
+    ``told`` has the start parameters in the first diagnostics of a node, None for a program that sends none.
+    """
+    driven = prepare(*load_scenario("demo", ("duration=20", *changed)))
+
+    class Nodes:
+        def __init__(self, sink: Any) -> None:
+            self.sink = sink
+
+        def add(self, topic: str, message: Any, stamp: int) -> None:
+            given = told.get(getattr(message, "node", ""), {})
+            if given is None:
+                return
+            if given and stamp == 0:
+                message = dataclasses.replace(message, values={**message.values, GIVEN: json.dumps(given)})
+            self.sink.add(topic, message, stamp)
+
+    setup = prepare(*load_scenario("demo", ("duration=20",)))
+    with RunFolder.make(folder, "demo").sink(setup) as sink:
+        run_engine(driven, sink=Nodes(sink))
+        counts = sink.counts
+    names = {"controller": "my_controller", "observer": "my_observer"}
+    found = complete_folder(setup, folder, counts, 1.0, names=names)
+    assert found is not None
+    return json.loads((folder / "summary.json").read_text())
+
+
+def test_law_and_observer_are_those_that_the_nodes_reported(tmp_path: Path) -> None:
+    """Breaks if summary or scenario has the law of the recorder's scenario, or the run cannot be repeated from them."""
+    changed = ("law=smc", "laws.smc.ks=0.3", "observer=ndo", "observers.ndo.omega=5.0")
+    told = {"controller": {"smc.ks": 0.3, "controller": "smc"}, "observer": {"observer": "ndo", "ndo.omega": 5.0}}
+    summary = record_by_hand(tmp_path / "run", changed, told)
+    assert (summary["controller"], summary["observer"]) == ("smc", "ndo")
+    assert (summary["status"], summary["changes"]) == ("done", [])
+    scenario = yaml.safe_load((tmp_path / "run" / "scenario.yaml").read_text())
+    assert (scenario["law"], scenario["laws"]["smc"]["ks"]) == ("smc", 0.3)
+    assert (scenario["observer"], scenario["observers"]["ndo"]["omega"]) == ("ndo", 5.0)
+    assert main(["verify", str(tmp_path / "run")]) == 0
+    assert main(["verify", str(tmp_path / "run" / "run.mcap")]) == 0
+
+
+def test_a_program_in_place_of_a_node_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the summary names a law of the scenario that did not drive, or ``verify`` drives it in its place."""
+    summary = record_by_hand(tmp_path / "run", ("law=smc",), {"controller": None})
+    assert summary["controller"] == summary["compensation"] == "external: my_controller"
+    assert (summary["observer"], summary["external"]) == ("none", {"controller": "my_controller"})
+    assert not {"gains", "advice"} & {*summary}
+    assert main(["verify", str(tmp_path / "run")]) == 2
+    assert "cannot be driven again, a node was a program outside of this project: controller was my_controller" in (
+        capsys.readouterr().err
+    )

@@ -117,7 +117,7 @@ def test_nodes_started_alone_leave_the_folder_of_a_composed_run(
 
 @pytest.mark.graph
 def test_ros_parameters_and_a_namespace_reach_nodes_started_alone(terminals: Terminals, tmp_path: Path) -> None:
-    """Law, observer and parameters by ``-p``, two trains by ``__ns``: the same as by the scenario."""
+    """Law, observer and parameters by ``-p``, two trains by ``__ns``: the same as by the scenario, summary included."""
     given = {
         "controller": ["-p", "law:=smc", "-p", "smc.ks:=0.3"],
         "observer": ["-p", "observer:=ndo", "-p", "ndo.omega:=5.0"],
@@ -130,8 +130,11 @@ def test_ros_parameters_and_a_namespace_reach_nodes_started_alone(terminals: Ter
     assert terminals.ends() == dict.fromkeys(ROLES, (0, ""))
     changes = ["--set=laws.smc.ks=0.3", "--set=observers.ndo.omega=5.0"]
     one = composed(tmp_path, DURATION, "--law=smc", "--observer=ndo", *changes)
-    setup, _ = read_run_folder(one)
+    setup, summary = read_run_folder(one)
     assert compare_logs(one, tmp_path / "alone", Wire(setup.layout)).first is None
+    again, alone = read_run_folder(tmp_path / "alone")
+    assert again.fingerprint() == setup.fingerprint()
+    assert {k: v for k, v in alone.items() if k not in WALL} == {k: v for k, v in summary.items() if k not in WALL}
 
 
 def driving(terminals: Terminals, tmp_path: Path) -> Path:

@@ -48,7 +48,7 @@ def compare_laws(options: argparse.Namespace) -> int:
         result = replay_open_loop(changed, options.run, progress)
     summary = {
         "run": str(options.run),
-        "recorded_controller": MEASURED if recorded_summary.get("controller") == MEASURED else recorded.controller,
+        "recorded_controller": recorded_summary.get("controller", recorded.controller),
         "controller": options.law,
         **result.summary(),
         "figure": str(figure),
@@ -68,7 +68,7 @@ def compare_laws(options: argparse.Namespace) -> int:
 def _recorded_name(recorded: RunSetup, summary: dict[str, Any]) -> str:
     """Return the label of the recorded output: its law, or the measured quantity."""
     if summary.get("controller") != MEASURED:
-        return f"{recorded.controller}, recorded"
+        return f"{summary.get('controller', recorded.controller)}, recorded"
     return "force at the wheel, measured" if summary.get("measured_command") == NOT_RECORDED else "demand, measured"
 
 

@@ -13,8 +13,9 @@ from train_ato.apps.runs.progress import progress_bar, share_bar
 from train_ato.cli.screen import note_compilation, print_json
 from train_ato.cli.verify_grid import add_grid_arguments, verify_grid
 from train_ato.errors import RunFailed
-from train_ato.log.changes import late_commands, read_changes
+from train_ato.log.changes import late_commands, outside_nodes, read_changes
 from train_ato.log.difference import LogComparison, compare_logs
+from train_ato.log.recorded import read_reports
 from train_ato.log.run_folder import RunFolder, read_run_folder
 from train_ato.log.versions import SCENARIO
 from train_ato.loop.engine import run_engine
@@ -53,6 +54,13 @@ def execute(options: argparse.Namespace) -> int:
     if summary.get("status", "done") != "done":
         status = {"killed": "was killed", "interrupted": "was interrupted"}.get(summary["status"], summary["status"])
         raise ValueError(f"{options.run}: the run {status}; name a complete run")
+    outside = outside_nodes(read_reports(options.run), setup.layout.supervised, summary.get("external"))
+    if outside:
+        named = ", ".join(f"{node} was {name}" for node, name in outside.items())
+        raise ValueError(
+            f"{options.run}: cannot be driven again, a node was a program outside of this project: {named}; "
+            "name a run of this project's nodes"
+        )
     changes = read_changes(options.run)
     setup = dataclasses.replace(setup, scenario=changes.driven(setup.scenario))
     found = compare_with_new(options.run, setup, options.relative)

@@ -16,9 +16,12 @@ import numpy as np
 from train_ato.log.reading import Progress, iter_raw
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import TOPICS
+from train_ato.scenario.changes import GIVEN
 
 WALL = "wall_"
-"""Prefix of diagnostic keys with wall-clock values, which are not compared."""
+"""Prefix of diagnostic keys with wall-clock values, which are not compared.
+
+Neither are start parameters: the repeated run has them in its scenario."""
 _ORDER = {topic.name: place for place, topic in enumerate(TOPICS)}
 
 Entry = tuple[int, bytes]
@@ -202,7 +205,9 @@ def _unequal(name: str, a: Any, b: Any, scale: _Scale) -> tuple[str, str, str] |
         return _unequal_arrays(name, a, b, scale)
     if isinstance(a, dict):
         for key in [*a, *(key for key in b if key not in a)]:
-            if not key.startswith(WALL) and not _alike(a.get(key), b.get(key), scale, f"{name}[{key}]"):
+            if key.startswith(WALL) or key == GIVEN:
+                continue
+            if not _alike(a.get(key), b.get(key), scale, f"{name}[{key}]"):
                 return f"{name}[{key}]", _shown(a.get(key)), _shown(b.get(key))
         return None
     if isinstance(a, float):

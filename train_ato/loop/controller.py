@@ -36,7 +36,7 @@ from train_ato.messages.types import (
     SupervisedSpeeds,
 )
 from train_ato.profile.profile import Profile
-from train_ato.scenario.changes import KEY, LAW, Changes, changes_to_json, requested_stamp, values_of
+from train_ato.scenario.changes import GIVEN, KEY, LAW, Changes, changes_to_json, requested_stamp, values_of
 
 MAX_REFERENCE_SHIFT = 1.0
 """Largest difference of a reference from the profile at its stamp [m]."""
@@ -65,6 +65,7 @@ class ControllerStage:
         self._planned = sorted(setup.law_changes, key=lambda change: change.at)
         self._fresh = True
         self._law_changed = False
+        self._given: Changes = {}
         self._asked: Changes = {}
         self._inputs = StageInputs(setup, self.role)
         self._inputs.check("ato/reference", self._reference_problem)
@@ -196,6 +197,7 @@ class ControllerStage:
     def begin_with(self, name: str, value: Any) -> None:
         """Replace a parameter of the scenario by a validated start parameter."""
         self._take(name, value)
+        self._given[name] = value
         self._fit = self._fit_of(self.controller)
 
     def apply(self, name: str, value: Any) -> None:
@@ -343,6 +345,9 @@ class ControllerStage:
         }
         if self.changed:
             values[KEY] = changes_to_json(self.changed)
+        if self._given:
+            values[GIVEN] = changes_to_json(self._given)
+            self._given = {}
         if self.setup.layout.supervised:
             values |= self.ato.diagnostics()
         if not self.ato.drives:

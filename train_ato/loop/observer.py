@@ -26,10 +26,18 @@ from train_ato.messages.types import (
     DisturbanceEstimate,
     Measurement,
 )
+from train_ato.scenario.changes import GIVEN, Changes, changes_to_json
 
 
 class ObserverStage:
     """Disturbance observer of the scenario.
+
+    Parameters
+    ----------
+    setup
+        Prepared run.
+    given
+        Start parameters in ``setup`` that the scenario does not have, for the first diagnostics.
 
     Attributes
     ----------
@@ -39,8 +47,9 @@ class ObserverStage:
 
     role = Role.OBSERVER
 
-    def __init__(self, setup: RunSetup) -> None:
+    def __init__(self, setup: RunSetup, given: Changes | None = None) -> None:
         self.setup = setup
+        self._given = given or {}
         observer = setup.component(OBSERVERS, setup.observer, setup.observer_parameters, setup.tick)
         self.on_fault: Callable[[ComponentFailed], None] | None = None
         self._observer = observer
@@ -89,4 +98,7 @@ class ObserverStage:
     def diagnostic(self, stamp: int) -> Diagnostic:
         """Return the state of the observer at a stamp [ns]."""
         values = {"observer": self.setup.observer, **self._inputs.diagnostics()}
+        if self._given:
+            values[GIVEN] = changes_to_json(self._given)
+            self._given = {}
         return Diagnostic(stamp, "observer", 0, "observing", values)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any
 
 from train_ato.loop.metrics import summarise
@@ -85,8 +87,17 @@ class RunResult:
         failure: str | None,
         published: dict[str, int] | None = None,
         interruption: str = "",
+        outside: Mapping[str, str] | None = None,
     ) -> RunResult:
-        """Return the result of a run from its recording; ``interruption`` is the signal or request that ended it."""
+        """Return the result of a run from its recording.
+
+        Parameters
+        ----------
+        interruption
+            Signal or request that ended it.
+        outside
+            Nodes that were programs outside of this project, with their names.
+        """
         changes = RunChanges.of(recording.changed_reports)
         failure = failure or (None if interrupted else _failure_of_ato(recording))
         end = RunEnd.judged(ticks, setup.ticks, failure, interruption if interrupted else None)
@@ -94,7 +105,7 @@ class RunResult:
         simulated = ticks * setup.tick
         median, p99 = step_times.percentiles_us(50, 99)
         summary: dict[str, Any] = {
-            **identity(setup, ticks),
+            **identity(replace(setup, scenario=changes.at_start(setup.scenario)), ticks, outside or {}),
             "wall_s": wall,
             "real_time_factor": simulated / wall if wall > 0 else 0.0,
             **(summarise(setup, recording) if complete else {}),
@@ -138,23 +149,26 @@ def completed_summary(recording: Recording) -> dict[str, Any]:
         return summary
     if "speed_rmse_kmh" not in summary and not recording.measured_only and recording.time.size:
         protection = protection_summary(recording.changed_reports) if setup.layout.supervised else {}
-        summary = {**identity(setup, recording.time.size), **summarise(setup, recording), **protection, **summary}
+        begun = replace(setup, scenario=RunChanges.of(recording.changed_reports).begun(setup.scenario))
+        summary = {**identity(begun, recording.time.size), **summarise(setup, recording), **protection, **summary}
         summary = {**tracking_summary(setup, recording), **summary}
         summary |= _judged(setup, recording, summary)
     several = setup.layout.n_vehicles > 1
     return {key: value for key, value in summary.items() if several or key not in OF_COUPLERS}
 
 
-def identity(setup: RunSetup, ticks: int) -> dict[str, Any]:
-    """Return the first entries of a summary: scenario, stack, seed and duration."""
-    gains = setup.gains(setup.controller)
+def identity(setup: RunSetup, ticks: int, outside: Mapping[str, str] = MappingProxyType({})) -> dict[str, Any]:
+    """Return the first entries of a summary: scenario, stack, nodes of other programs, seed and duration."""
+    gains, external = setup.gains(setup.controller), {node: f"external: {name}" for node, name in outside.items()}
+    fit = {"gains": gains.source, "gains_reason": gains.reason} if gains.reason else {}
+    fit |= {"advice": advice} if (advice := setup.advice()) else {}
     return {
         "scenario": setup.scenario.name,
-        "controller": setup.controller,
-        **({"gains": gains.source, "gains_reason": gains.reason} if gains.reason else {}),
-        **({"advice": advice} if (advice := setup.advice()) else {}),
-        "observer": setup.observer,
-        "compensation": setup.compensation,
+        "controller": external.get("controller", setup.controller),
+        **({} if "controller" in external else fit),
+        "observer": external.get("observer", setup.observer),
+        "compensation": external.get("controller", setup.compensation),
+        **({"external": dict(outside)} if outside else {}),
         "seed": setup.seed,
         "ticks": ticks,
         "simulated_s": ticks * setup.tick,

@@ -22,6 +22,8 @@ from train_ato.scenario.scenario import LawChange, Scenario
 
 KEY = "changed"
 """Key of the controller's diagnostics that contains the changes of one step."""
+GIVEN = "given"
+"""Key of the first diagnostics of controller and observer: start parameters that replace values of the scenario."""
 LAW = "controller"
 """Name of the law in the diagnostics of the controller; every other name of a change is ``law.parameter``."""
 SECOND = 1_000_000_000
@@ -86,6 +88,8 @@ class RunChanges:
 
     Attributes
     ----------
+    given : dict of dict
+        Start parameters in place of values of the scenario, by node.
     laws : list of (int, dict)
         Stamp [ns] and new values of every step with a change of law or parameters.
     done : list of (int, Intervention)
@@ -94,6 +98,7 @@ class RunChanges:
         Stamp [ns] and the request that the ATO accepted there.
     """
 
+    given: dict[str, Changes] = field(default_factory=dict)
     laws: list[tuple[int, Changes]] = field(default_factory=list)
     done: list[tuple[int, Intervention]] = field(default_factory=list)
     requests: list[tuple[int, Request]] = field(default_factory=list)
@@ -108,6 +113,8 @@ class RunChanges:
 
     def take(self, message: Diagnostic) -> None:
         """Add the changes in one diagnostics message."""
+        if message.node in _CHOICES and GIVEN in message.values:
+            self.given[message.node] = changes_from_json(message.values[GIVEN])
         if message.node == "controller":
             if KEY in message.values:
                 self.laws.append((message.stamp, changes_from_json(message.values[KEY])))
@@ -146,11 +153,24 @@ class RunChanges:
         rows.sort(key=lambda row: row[0])
         return [{"at_s": stamp / SECOND, "name": name, "value": value} for stamp, name, value in rows]
 
+    def begun(self, scenario: Scenario) -> Scenario:
+        """Return the scenario with the start parameters of the nodes."""
+        for node, values in self.given.items():
+            scenario = _with_values(scenario, values, *_CHOICES[node])
+        return scenario
+
+    def at_start(self, scenario: Scenario) -> Scenario:
+        """Return the scenario with the law and the parameters of the first step."""
+        for stamp, values in self.laws:
+            scenario = scenario if stamp else _with_values(scenario, values, *_CHOICES["controller"])
+        return scenario
+
     def driven(self, scenario: Scenario) -> Scenario:
         """Return the scenario that repeats the run: every change that took effect is planned at the same step.
 
         Changes that ``scenario`` planned for steps that the run did not reach stay planned.
         """
+        scenario = self.begun(scenario)
         tick_ns = _tick(scenario)
         changes = [change_at(stamp, values) for stamp, values in self.laws]
         reached = {requested_stamp(change) for change in changes}
@@ -190,6 +210,22 @@ class RunChanges:
                 waiting.remove(plans[0])
             matched.append((stamp, request, bool(plans)))
         return matched, waiting
+
+
+_CHOICES = {"controller": ("law", "laws"), "observer": ("observer", "observers")}
+"""Keys of the scenario by node: the choice, and the parameters of all choices."""
+
+
+def _with_values(scenario: Scenario, values: Changes, choice: str, parameters: str) -> Scenario:
+    """Return the scenario with other values of a node; a name with a dot is that of a parameter."""
+    update: dict[str, Any] = {parameters: {name: dict(block) for name, block in getattr(scenario, parameters).items()}}
+    for name, value in values.items():
+        block, _, key = name.rpartition(".")
+        if block:
+            update[parameters].setdefault(block, {})[key] = value
+        else:
+            update[choice] = value
+    return scenario.model_copy(update=update)
 
 
 def _same(plan: Intervention, entry: Intervention) -> bool:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from train_ato.log.bag_layout import LOG
+from train_ato.log.changes import outside_nodes
 from train_ato.log.reading import iter_raw
-from train_ato.log.recorded import read_recording
+from train_ato.log.recorded import read_recording, read_reports
 from train_ato.log.run_folder import RunFolder
 from train_ato.loop.recording import DIAGNOSTICS, FIELDS, LIMITS, PROFILE, Recording
 from train_ato.loop.recording_builder import RecordingBuilder
@@ -25,7 +27,9 @@ from train_ato.ros.graph.graph_result import GraphResult
 from train_ato.scenario.changes import RunChanges
 
 
-def recorded_result(setup: RunSetup, folder: Path, end: GraphResult) -> RunResult:
+def recorded_result(
+    setup: RunSetup, folder: Path, end: GraphResult, outside: Mapping[str, str] | None = None
+) -> RunResult:
     """Return the result of a run from the log in ``folder``.
 
     An unreadable record fails the run; the metrics then use the records before it.
@@ -47,6 +51,7 @@ def recorded_result(setup: RunSetup, folder: Path, end: GraphResult) -> RunResul
         end.failure or failure,
         end.published,
         end.interruption or "",
+        outside,
     )
 
 
@@ -108,6 +113,19 @@ def _end_of(
     return RunEnd.judged(ticks, setup.ticks, failure, interruption)
 
 
+def _driven(setup: RunSetup, folder: Path, names: Mapping[str, str]) -> tuple[RunSetup, dict[str, str]]:
+    """Return the setup with the start parameters that the nodes reported, and the programs outside of this project.
+
+    Unreadable reports fail the run later; then both are as in the scenario.
+    """
+    try:
+        reports = read_reports(folder)
+        begun = RunChanges.of(reports).begun(setup.scenario)
+    except ValueError:
+        return setup, {}
+    return replace(setup, scenario=begun), outside_nodes(reports, setup.layout.supervised, names)
+
+
 def complete_folder(
     setup: RunSetup,
     folder: Path,
@@ -116,10 +134,12 @@ def complete_folder(
     failure: str | None = None,
     announced: RunEnd | None = None,
     stopped: str = "",
+    names: Mapping[str, str] | None = None,
 ) -> RunResult | None:
     """Write resolved scenario and summary of a run without a runner beside its log.
 
-    A log that does not begin at the start of the run gets no summary: its metrics would be wrong.
+    Law, observer and their parameters are those that the nodes reported.  A log that does not begin at the start of the
+    run gets no summary: its metrics would be wrong.
 
     Parameters
     ----------
@@ -129,12 +149,15 @@ def complete_folder(
         Wall time of the recording [s].
     failure, announced, stopped
         As in :func:`_end_of`.
+    names
+        Names of the nodes that published, by node of the graph.
 
     Returns
     -------
     RunResult or None
         Result of the run; None if the log does not begin at its start.
     """
+    setup, outside = _driven(setup, folder, names or {})
     home = RunFolder(folder)
     home.begin(setup)
     first = next((stamp for topic, stamp, _ in iter_raw(folder, ("train/measurement",))), None)
@@ -150,7 +173,7 @@ def complete_folder(
         interruption=found.reason if found.status == INTERRUPTED else None,
         failure=found.reason if found.status == FAILED else None,
     )
-    result = recorded_result(setup, folder, end)
+    result = recorded_result(setup, folder, end, outside)
     if opened_by():
         result = replace(result, summary={**result.summary, "reach": "network"})
     home.finish(setup, result)

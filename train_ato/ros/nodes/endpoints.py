@@ -306,6 +306,12 @@ class NodeEndpoints:
         """Return True if no publisher of a node is left on the topics that only this node sends."""
         return not any(self.senders(name) for name in self._sources if BY_NAME[name].publishers == (role,))
 
+    @property
+    def publisher_names(self) -> dict[str, str]:
+        """Names of the nodes that publish, by node of the graph."""
+        named = {BY_NAME[name].publishers[0].value: source.name for name, source in self._sources.items()}
+        return {role: name for role, name in named.items() if name}
+
     def renew(self, role: Role) -> None:
         """Accept a new publisher on every topic of a node, after the old one has left."""
         for name, source in self._sources.items():

@@ -11,6 +11,7 @@ from train_ato.loop.setup import RunSetup
 from train_ato.messages.types import Measurement
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.parameters import Declared, block_parameters, declare
+from train_ato.scenario.changes import Changes, RunChanges
 
 
 class ObserverNode:
@@ -25,14 +26,16 @@ class ObserverNode:
     def __init__(self, setup: RunSetup, endpoints: NodeEndpoints) -> None:
         self.endpoints = endpoints
         self.ignored = 0
-        self.stage = ObserverStage(self._declared(setup))
+        changed = self._declared(setup)
+        scenario = RunChanges(given={self.endpoints.name: changed}).begun(setup.scenario)
+        self.stage = ObserverStage(replace(setup, scenario=scenario), changed)
         endpoints.subscribe({"train/measurement": self._on_measurement})
 
     def join(self, stamp: int) -> None:
         """Join a run that has reached a stamp [ns]: the estimate begins again at the next measurement."""
 
-    def _declared(self, setup: RunSetup) -> RunSetup:
-        """Declare the observer and its parameters; return the setup with the start parameters."""
+    def _declared(self, setup: RunSetup) -> Changes:
+        """Declare the observer and its parameters; return the start parameters that differ from the scenario."""
         given = setup.scenario.observers
         names = tuple(dict.fromkeys((*OBSERVERS.loadable(), setup.observer, *given)))
         chosen = Parameter("observer", setup.observer, "", 0.0, 0.0, "disturbance observer", names)
@@ -40,16 +43,7 @@ class ObserverNode:
         for name in names:
             parameters += block_parameters(name, OBSERVERS.parameters(name), given.get(name, {}), read_only=True)
         values = declare(self.endpoints.node, parameters)
-        changed = {p.name: values[p.name] for p in parameters if values[p.name] != p.value}
-        if not changed:
-            return setup
-        blocks = {name: dict(block) for name, block in given.items()}
-        for name, value in changed.items():
-            block, dot, key = name.rpartition(".")
-            if dot:
-                blocks.setdefault(block, {})[key] = value
-        update = {"observer": values["observer"], "observers": blocks}
-        return replace(setup, scenario=setup.scenario.model_copy(update=update))
+        return {p.name: values[p.name] for p in parameters if values[p.name] != p.value}
 
     def _on_measurement(self, measurement: Measurement) -> None:
         if measurement.stamp <= self.endpoints.last_stamp:

@@ -37,10 +37,13 @@ class OnePublisher:
     ----------
     begun : bool
         True after the first message; after it a second publisher is an error.
+    name : str
+        Name of the node of the publisher, "" as long as it is unknown.
     """
 
     def __init__(self, node: Node, topic: Topic) -> None:
         self.begun = False
+        self.name = ""
         self._node = node
         self._topic = topic
         self._role = topic.publishers[0].value
@@ -60,6 +63,7 @@ class OnePublisher:
         found = self._publishers()
         if len(found) == 1:
             self._pinned = tuple(found[0].endpoint_gid)
+            self.name = found[0].node_name if found[0].node_name != _UNKNOWN else self.name
 
     def renew(self) -> None:
         """Accept another publisher as at the start of the run: the process of the node is started again.
@@ -138,6 +142,8 @@ class OnePublisher:
         """Raise ValueError if there is a second publisher after the first message."""
         if self.begun and self._subscription.get_publisher_count() > 1:
             raise self._refusal()
+        if self.begun and not self.name:
+            self.pin()
 
     def _publishers(self) -> list[Any]:
         found = self._node.get_publishers_info_by_topic(self._subscription.topic_name)

@@ -176,7 +176,9 @@ def _run(
             wall_s = turner.last_heard - turner.first_heard
             announced = RunEnd.of(endpoints.end) if endpoints.end is not None else None
             counts = node.log.counts
-            result = complete_folder(setup, folder, counts, wall_s, watch.failure, announced, stopped.signal)
+            result = complete_folder(
+                setup, folder, counts, wall_s, watch.failure, announced, stopped.signal, endpoints.publisher_names
+            )
             if completed is not None and result is not None:
                 completed(setup, result, folder)
             unread = result.failure if result is not None and watch.failure is None else None
