@@ -8,13 +8,12 @@ values that it loads, and stores the sum; memory accesses and divisions are its 
 
 from __future__ import annotations
 
-from plant_sim import compiled as compilation
 from plant_sim import kernel as k
 from plant_sim.compiled import compiled
 from plant_sim.kernel import ONE, uint64
 
 
-@compiled(uses=(k, compilation))
+@compiled
 def couplers(repeats, state, vehicle, gear):
     """Repeat the loop of equal draft gears of the kind clip."""
     n, x, v = vehicle.shape[1], state[k.X], state[k.V]
@@ -22,14 +21,14 @@ def couplers(repeats, state, vehicle, gear):
         k._clip(1, n - 1, True, x, v, state, vehicle, gear)
 
 
-@compiled(uses=(k, compilation))
+@compiled
 def speeds(repeats, state, vehicle, gear):
     """Repeat the loop of speeds, works and positions of a released train."""
     for _ in range(repeats):
         k._speeds(0.0, state, vehicle)
 
 
-@compiled(uses=(k, compilation))
+@compiled
 def bare_couplers(repeats, state, vehicle, gear):
     """Load 9 values, divide once and store 5 values per vehicle, as :func:`couplers`."""
     for _ in range(repeats):
@@ -40,7 +39,7 @@ def bare_couplers(repeats, state, vehicle, gear):
             gear[15, i] = state[4, i + ONE] = s / (state[0, i] + 1e9)
 
 
-@compiled(uses=(k, compilation))
+@compiled
 def bare_speeds(repeats, state, vehicle, gear):
     """Load 13 and 15 values and store 3 and 6 values per vehicle in two loops, as :func:`speeds`."""
     for _ in range(repeats):

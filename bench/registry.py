@@ -39,8 +39,6 @@ BENCHMARKS = (
     Benchmark("memory", "largest memory of a simulated hour; beside the imports alone", quick=("--hours", "0.1")),
     Benchmark("kernel", "plant; beside plain numpy"),
     Benchmark("kernel_cycles", "cycles and instructions of the kernel; beside bare loops"),
-    Benchmark("map_cost", "map of 64 x 64 runs from single runs; beside the kernel alone", quick=None),
-    Benchmark("map_step", "longer plant step in a map; beside the difference of neighbouring points", quick=None),
     Benchmark("tick", "tick of the engine by scenario; beside its kernel", quick=("daqin_heavy_haul", "xuzhou_metro")),
     Benchmark("tick_parts", "parts of a tick in Python and in spans; beside the kernel", quick=("xuzhou_metro",)),
     Benchmark("laws", "step of every law; beside a law without computation", quick=("pid", "smc", "funnel")),
@@ -48,8 +46,6 @@ BENCHMARKS = (
     Benchmark("curves", "braking curves; beside a pass over the vehicles, and two searches"),
     Benchmark("planner", "planner", quick=None),
     Benchmark("plan_optimum", "timetabled plans; beside an independent optimum", quick=None, needs=("scipy",)),
-    Benchmark("trip_shooting", "trip of a long train by direct shooting; beside the plan", quick=None, needs=("cma",)),
-    Benchmark("plan_refusals", "2000 random plans; refusals beside a plain calculation", quick=("--plans", "40")),
     Benchmark("scene", "scene of the train; beside rosbags"),
     Benchmark(
         "composed", "lockstep graph; beside a bare rclpy ring", quick=("--ticks", "500", "--rounds", "2"),
@@ -65,10 +61,6 @@ BENCHMARKS = (
         "sweep", "sweep on Dask: two workers beside one, overhead of a run, a killed worker",
         quick=("--runs", "30", "--duration", "60"), needs=("distributed",),
     ),
-    Benchmark("requirements", "evaluation of requirements; beside rtamt", needs=("rtamt",)),
-    Benchmark("falsify", "runs to the break of planted faults; beside random search", quick=None, needs=("cma",)),
-    Benchmark("tune", "optimizers of gains with equal runs", quick=None, needs=("cma", "optuna", "cmaes")),
-    Benchmark("reactions", "reaction of the train to a killed node", quick=None, needs=("rclpy",)),
     Benchmark("view", "live page", quick=None, needs=("rclpy", "/chromium")),
 )  # fmt: skip
 """Benchmarks in the order of their runs."""

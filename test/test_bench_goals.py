@@ -72,19 +72,24 @@ def test_two_commits_are_compared_by_their_ratio_to_the_floor(tmp_path: Path) ->
         list(history.entries(file))
 
 
-def test_every_benchmark_is_a_script_that_publishes() -> None:
-    """Breaks if a row of the registry has no script, or its script reports no figure."""
-    for benchmark in registry.BENCHMARKS:
-        text = (BENCH / f"{benchmark.name}.py").read_text(encoding="utf-8")
-        assert "publish(" in text or "judge(" in text, benchmark.name
+@pytest.mark.parametrize("benchmark", registry.BENCHMARKS, ids=lambda benchmark: benchmark.name)
+def test_every_benchmark_is_a_script_that_publishes(benchmark: registry.Benchmark) -> None:
+    """Breaks if a row of the registry has no script, its script reports no figure, or needs a name that is gone."""
+    path = BENCH / f"{benchmark.name}.py"
+    text = path.read_text(encoding="utf-8")
+    assert "publish(" in text or "judge(" in text
+    for package in benchmark.needs:
+        if not package.startswith("/"):
+            pytest.importorskip(package)
+    loaded(path, f"bench_{benchmark.name}")
 
 
-def bench_command() -> ModuleType:
-    """Return the module of ``python -m bench``."""
-    spec = importlib.util.spec_from_file_location("bench_command", BENCH / "__main__.py")
+def loaded(path: Path, name: str) -> ModuleType:
+    """Return the module of a script."""
+    spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
@@ -93,7 +98,7 @@ def test_a_missed_goal_has_exit_status_0_and_a_failed_script_1(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Breaks if a missed goal fails the command or is not printed, or a failed script passes."""
-    command = bench_command()
+    command = loaded(BENCH / "__main__.py", "bench_command")
     (tmp_path / "slow.py").write_text(
         f"import sys; sys.path.insert(0, {str(BENCH)!r})\n"
         "from goals import Goal, judge\nsys.exit(judge([Goal('time', 9.0, 1.0, 's')]))\n"

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 from metro_lines import LINE, SECTION, changed_line, metrics_on_lines
 
 from plant_sim.library import load_line

@@ -75,7 +75,7 @@ def test_a_longer_averaging_window_leaves_no_time_unused(factor: float) -> None:
 def test_more_time_needs_less_energy_on_short_random_lines() -> None:
     """Breaks if a strategy without a solution, or the fastest plan, replaces the least energy of a time.
 
-    Two neighbouring times on every line up to 800 m; ``bench/plan_refusals.py --times 230`` plans five on all.
+    Two neighbouring times on every line up to 800 m; ``studies_done/plan_refusals.py --times 230`` plans five on all.
     """
     factors = (1.01, 1.05, 1.12, 1.25, 1.5)
     for seed in range(230):

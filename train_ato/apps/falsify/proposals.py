@@ -2,7 +2,7 @@
 
 A Gaussian process of the robustness has a mean and a standard deviation at every point; the next point has the lowest
 lower confidence bound (N. Srinivas et al., "Gaussian process optimization in the bandit setting", ICML 2010). It was
-chosen by measurement against CMA-ES, cross-entropy and random search (``bench/falsify.py``).
+chosen by measurement against CMA-ES, cross-entropy and random search (``studies_done/falsify.py``).
 """
 
 from __future__ import annotations

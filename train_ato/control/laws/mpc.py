@@ -81,8 +81,8 @@ regulator. With ``identify`` false the model itself is tested in this way.
 Limits: the air brake is only a known force. With hauled vehicles theta is 0. Where other laws are better: two
 locomotives with 210 wagons without `twin` (`pid`). A reference with steps of the speed
 (`freight_consensus` without `realistic`) is not tracked. Goals, misses and other solvers: `msgs_docs/mpc_goals.md`,
-made with `python bench/mpc.py`, `python bench/mpc_solvers.py` and, for soft couplers, `python bench/freight_front.py`
-and `bench/freight_lines.py`.
+made with `python bench/mpc.py`, `python studies_done/mpc_solvers.py` and, for soft couplers, with
+`studies_done/freight_front.py` and `studies_done/freight_lines.py`.
 
 Needs: any train; delay, lag and envelopes of the model, the measured force, and the reference ahead. The law predicts
 over the delay and has its own feed-forward: use compensation `none` or `preview`, with hauled vehicles `twin`.

@@ -1,6 +1,6 @@
 """Ten planted faults: a short metro run, keys that vary, and a requirement that a small part of their space breaks.
 
-The share of the space is measured by ``python bench/falsify.py --shares``.  The limits were chosen so that it is about
+The share of the space is measured by ``python studies_done/falsify.py --shares``.  The limits were chosen so that it is about
 1 %.
 """
 

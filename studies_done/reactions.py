@@ -1,6 +1,6 @@
 """Reaction times: from the end of a node's process, and from a lost message, to the demand to brake.
 
-    python bench/reactions.py [--rounds R] [--json]
+    python studies_done/reactions.py [--rounds R] [--json]
 
 A graph with one process per node runs at the rate 1, so that simulated time is wall time.  A node is killed; the time
 to the first brake of the train counts from the stamp of its first missing message.  The goal is 0.6 s at 10 and 50 Hz;
@@ -16,6 +16,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from goals import Goal, judge
 
 from msgs_docs.generate.fault_table import BASES

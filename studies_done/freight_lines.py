@@ -1,6 +1,6 @@
 """Law mpc on freight_consensus:realistic with and without its use of persistent sines in the disturbances.
 
-    python bench/freight_lines.py [--only TEXT]
+    python studies_done/freight_lines.py [--only TEXT]
 
 Every row is a run with changes of the scenario: other delays, errors of the model, and disturbances with and without
 sines. Columns: position error rms [m], variation of the command [kN/s], largest coupler force of the run and after 40 s

@@ -1,6 +1,6 @@
 """Overspeed of the metro train on lines that the model of its law lacks.
 
-    python bench/metro_lines.py [--set KEY=VALUE ...]
+    python test/metro_lines.py [--set KEY=VALUE ...]
 
 The grades, curves and tunnel of ``xuzhou_metro:disturbed`` are not in the model of the law.  Gains chosen on one line
 alone may overspeed on another one.  The lines are the shipped one, the same in the opposite direction (mirrored), and

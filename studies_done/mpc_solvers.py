@@ -1,6 +1,6 @@
 """Solvers of the quadratic programme of the law mpc on the recorded problems of one run.
 
-    python bench/mpc_solvers.py [--scenario NAME] [--every N] [--json]
+    python studies_done/mpc_solvers.py [--scenario NAME] [--every N] [--json]
 
 Every N-th problem with an active limit is solved by block principal pivoting of the dual (the law), PIQP, Clarabel and
 OSQP, each at its default settings except the tolerance 1e-6. The programme of the last three has the softness of the

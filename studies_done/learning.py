@@ -1,6 +1,6 @@
 """Table of the errors before and after learning from run to run, on the disturbed metro line.
 
-    python bench/learning.py [--runs N] [--seeds N] [--page] [--json]
+    python studies_done/learning.py [--runs N] [--seeds N] [--page] [--json]
 
 Every stack of law, observer and compensation learns from ``--runs`` runs, and then drives ``--seeds`` others: without
 the learned resistance, with it, and with the line of the plant in the nominal model. Gusts ``repeated``: they act at
@@ -37,7 +37,7 @@ GUSTS = {"repeated": 0.0, "moved": 50.0}
 FIRST_SEED = 1001
 """First seed of the runs of the table; the runs that are learned have the seeds from 1 on."""
 PAGE = Path(__file__).resolve().parents[1] / "msgs_docs" / "learning.md"
-BEGIN, END = "<!-- table of bench/learning.py -->\n", "<!-- end of the table -->\n"
+BEGIN, END = "<!-- table of studies_done/learning.py -->\n", "<!-- end of the table -->\n"
 HEAD = (
     "| gusts | law | knowledge | rms, median | rms, largest | error, largest | stop, largest |\n" + "|---" * 7 + "|\n"
 )
@@ -78,7 +78,7 @@ def write_table(text: str, runs: int, seeds: int) -> None:
     _, end, after = rest.partition(END)
     if not end:
         raise SystemExit(f"{PAGE}: no lines '{BEGIN.strip()}' and '{END.strip()}'; add them")
-    command = f"`python bench/learning.py --runs {runs} --seeds {seeds} --page`, in m/s and m:\n\n"
+    command = f"`python studies_done/learning.py --runs {runs} --seeds {seeds} --page`, in m/s and m:\n\n"
     PAGE.write_text(f"{before}{BEGIN}{command}{text}{END}{after}", encoding="utf-8")
 
 

@@ -1,6 +1,6 @@
 """Cost of a robustness map of 64 x 64 runs of `daqin_heavy_haul`, from runs of its points, beside the kernel alone.
 
-    python bench/map_cost.py [--step S]
+    python studies_done/map_cost.py [--step S]
 
 Delay of the command by error of mass, 45 km, law `pid` in compiled ticks, unrecorded, as a worker of `train-ato sweep`
 runs them.  Figures are those of the run with the least processor time; a map takes 4096 times this time, over two
@@ -12,9 +12,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 import time
 from typing import Any, NamedTuple
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from goals import Goal, judge
 from kernel import RELEASED
 from kernel_cycles import tick_cycles

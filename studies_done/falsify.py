@@ -1,6 +1,6 @@
 """Runs to the first break of ten planted faults: Bayesian search, CMA-ES and cross-entropy against random search.
 
-Run: ``python bench/falsify.py`` (``--json`` for data), and ``python bench/falsify.py --shares`` for the shares of the
+Run: ``python studies_done/falsify.py`` (``--json`` for data), and ``python studies_done/falsify.py --shares`` for the shares of the
 space that break a requirement, some minutes each.  The methods begin with the nominal point, which breaks nothing.
 Every run is a run of the engine.  The random search has the median of the geometric distribution with the share of
 breaks among the random points of a pool, so that it does not depend on a choice of seeds.  CMA-ES needs
@@ -15,10 +15,12 @@ import argparse
 import json
 import math
 import sys
+from pathlib import Path
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from goals import Goal, judge
 from planted_faults import BASE, FAULTS
 

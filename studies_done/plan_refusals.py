@@ -1,6 +1,6 @@
 """Random plans without a wrong refusal: every refused line and train is driven by a second, plain calculation.
 
-Run: ``python bench/plan_refusals.py [--plans N] [--first SEED]``, or ``--times N``.  The lines and trains of
+Run: ``python studies_done/plan_refusals.py [--plans N] [--first SEED]``, or ``--times N``.  The lines and trains of
 ``test/plan_cases.py`` are planned in the least time.  A refusal is wrong if the plain calculation (speed ceiling by
 steps of 0.5 m backward, full traction by the same steps forward, no jerk limit) reaches every stop.  A plan is wrong if
 it violates a limit.  With ``--times`` N lines from seed 0 on are planned in five running times each: more time must not
@@ -14,9 +14,8 @@ import sys
 from pathlib import Path
 
 import numpy as np
+sys.path[:0] = [str(Path(__file__).parent.parent / name) for name in ("bench", "test")]
 from figures import Figure, publish
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "test"))
 from plan_cases import broken_promises, random_case
 
 from plant_sim.consist import Consist

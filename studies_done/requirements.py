@@ -1,6 +1,6 @@
 """Time of the evaluation of requirements, per formula and simulated hour, and its ratio to rtamt in the same run.
 
-Run: ``python bench/requirements.py`` (``--json`` for data); rtamt is a dependency of the tests, ``pip install rtamt``.
+Run: ``python studies_done/requirements.py`` (``--json`` for data); rtamt is a dependency of the tests, ``pip install rtamt``.
 The signals are random walks; the times do not depend on their values.  The goal: at most 2 ms per formula and hour.
 The exit status is 1 if it is missed widely (see goals.py).
 """
@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import json
 import sys
+from pathlib import Path
 import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from goals import Goal, judge
 
 from train_ato.loop.robustness import robustness_at_start, robustness_bounds, robustness_series

@@ -1,6 +1,6 @@
 """Trip plans by direct shooting on the whole train, beside the dynamic programming of `plan --trip`.
 
-    python bench/trip_shooting.py [--runs N]
+    python studies_done/trip_shooting.py [--runs N]
 
 Shooting: CMA-ES over the places of four applications of the air brake (apply, release) and 12 target speeds, 45 km of
 `daqin_section`, 106 vehicles; every evaluation drives the whole train with all couplers and cylinders.  Cost in kWh:
@@ -13,10 +13,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 import time
 
 import cma
 import numpy as np
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, publish
 
 from plant_sim.library import load_consist, load_line

@@ -1,6 +1,6 @@
 """Difference between a longer plant step and that of 5 ms in a robustness map of `daqin_heavy_haul`.
 
-    python bench/map_step.py [--step 0.00625] [--points 5]
+    python studies_done/map_step.py [--step 0.00625] [--points 5]
 
 Runs of points spread over the map of :mod:`map_cost` with both steps, and with a step of 5 ms of their neighbours: the
 next delay and the next error of mass.  The table has the largest difference between the steps, and the median
@@ -11,9 +11,11 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, publish
 from map_cost import SPEC
 

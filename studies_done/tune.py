@@ -1,6 +1,6 @@
 """Optimizers of the search for gains, with equal numbers of runs and equal seeds.
 
-    python bench/tune.py [--seeds 1,2,3] [--runs 24]
+    python studies_done/tune.py [--seeds 1,2,3] [--runs 24]
 
 Every optimizer begins at the same gains and has the same generations. The table has the best objective (smaller is
 better) of every seed and the mean rank over cases and seeds; 1 is the best. Own time is the wall time of the optimizer
@@ -11,11 +11,13 @@ from __future__ import annotations
 
 import argparse
 import sys
+from pathlib import Path
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+sys.path.insert(0, str(Path(__file__).parent.parent / "bench"))
 from figures import Figure, publish
 
 import train_ato as ta

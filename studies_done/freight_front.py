@@ -1,6 +1,6 @@
 """Smallest variation of the command of five units on soft couplers for a position error: a front of LQG regulators.
 
-    python bench/freight_front.py [--delay S] [--json]
+    python studies_done/freight_front.py [--delay S] [--json]
 
 The train of freight_consensus:realistic as a linear system, with lag, delay, disturbances and sensor noise of the
 scenario and without its profile, which adds 2.5 kN/s. Every mode of the couplers has a steady-state Kalman filter, the

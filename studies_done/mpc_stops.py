@@ -1,6 +1,6 @@
 """Stops of a metro train on random grades, with random delay, gain and speed noise, by mpc and pid.
 
-    python bench/mpc_stops.py [--stops N] [--laws mpc,pid] [--seed N]
+    python studies_done/mpc_stops.py [--stops N] [--laws mpc,pid] [--seed N]
 
 Every stop is a run of xuzhou_metro from 0 to 50 km/h and back to 0. Uniform: grade -20 to 20 per mille, delay .7 to 1.3
 times that of the model, actuator gain .9 to 1.1, speed noise 0 to .03 m/s. The model has the grade (``known``) or a
