@@ -9,7 +9,7 @@ from typing import Any
 
 from plant_sim.consist import Consist
 from plant_sim.data_text import parse_yaml
-from plant_sim.formats.reading import ReadLine, read_line, read_train
+from plant_sim.formats.reading import ReadConsist, ReadLine, read_line, read_train
 from plant_sim.input_error import build_model, close_match
 from plant_sim.line import Line
 from plant_sim.line_direction import AGAINST
@@ -97,16 +97,18 @@ def load_consist(name: str) -> Consist:
     ValueError
         One line with file, key, value and remedy.
     """
-    path = consist_path(name)
-    return build_model(Consist, read_yaml(path), str(path)) if name in consist_names() else read_train(path).consist
+    if name in consist_names():
+        path = consist_path(name)
+        return build_model(Consist, read_yaml(path), str(path))
+    return named_train(name).consist
 
 
-def split_line_name(name: str) -> tuple[str, str]:
-    """Return the shipped name or file of a line, and its selection with the colon before it.
+def split_name(name: str) -> tuple[str, str]:
+    """Return a shipped name or file, and the selection in it with the colon before it.
 
     The name of a file may have colons: the longest one that exists is the file.
     """
-    if name in line_names() or Path(name).is_file():
+    if Path(name).is_file():
         return name, ""
     for place in sorted((match.start() for match in re.finditer(":", name)), reverse=True):
         if Path(name[:place]).is_file():
@@ -115,21 +117,41 @@ def split_line_name(name: str) -> tuple[str, str]:
     return stem, colon + selection
 
 
-def named_line(name: str) -> ReadLine:
-    """Return a line by name or path with its format and the keys that it does not carry.
+def named_train(name: str, point_mass: bool = False) -> ReadConsist:
+    """Return a train by name or path with its format and the keys that it does not carry.
 
     Parameters
     ----------
     name
-        Shipped name or file; of a network with ``:FROM..TO`` after it, the path between two tracks or stations; with
-        ``:reverse`` at its end, the line for a train against its direction.
+        Shipped name or file; of a file with several trains with ``:NAME`` after it.
+    point_mass
+        Accept a train without a length.
 
     Raises
     ------
     ValueError
         One line with file, key, value and remedy.
     """
-    stem, selection = split_line_name(name)
+    stem, selection = split_name(name)
+    return read_train(consist_path(stem), point_mass, selection.removeprefix(":"))
+
+
+def named_line(name: str) -> ReadLine:
+    """Return a line by name or path with its format and the keys that it does not carry.
+
+    Parameters
+    ----------
+    name
+        Shipped name or file; of a network with ``:FROM..TO`` after it, the path between two tracks or stations; of a
+        file with several paths with ``:NAME``; with ``:reverse`` at its end, the line for a train against its
+        direction.
+
+    Raises
+    ------
+    ValueError
+        One line with file, key, value and remedy.
+    """
+    stem, selection = split_name(name)
     against = selection.endswith(f":{AGAINST}")
     selection = selection.removesuffix(f":{AGAINST}").removeprefix(":")
     return read_line(line_path(stem), selection, against)

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from plant_sim.data_text import TextDumper, parse_yaml
 from plant_sim.formats import railtoolkit, ttobench
 from plant_sim.input_error import build_model
+from plant_sim.library import load_consist, load_line
 from plant_sim.line import Line
 from train_ato.profile.planner.inputs import find_line, find_train
 
@@ -132,32 +133,79 @@ def test_an_own_line_with_falling_places_gets_a_remedy_that_works(change: dict[s
     assert "sort" not in str(caught.value)
 
 
-def test_further_paths_and_trains_of_a_file_are_named(capsys: pytest.CaptureFixture[str]) -> None:
-    """Breaks if the second path or train of a file vanishes without a word."""
-    railtoolkit.railtoolkit_line({"paths": [*PATH["paths"], {"id": "branch"}]}, "two.yaml")
-    railtoolkit.train_from(TRAIN | {"trains": [*TRAIN["trains"], {"name": "B train"}]}, "two.yaml")
-    lines = capsys.readouterr().err.splitlines()
-    assert "paths: the first one of 2, 'P', is read; not read: branch" in lines[0]
-    assert "trains: the first one of 2, 'A train', is read; not read: B train" in lines[1]
+def test_one_of_several_paths_and_trains_is_chosen_by_name(tmp_path: Path) -> None:
+    """Breaks if the first path or train is read without a word, or another one cannot be chosen."""
+    file, branch = tmp_path / "two: files.yaml", {"id": "b", "characteristic_sections": [[0, 60, 0], [9000, 60, 0]]}
+    file.write_text(yaml.safe_dump({"paths": [*PATH["paths"], branch]}))
+    assert load_line(f"{file}:b").end == 9000
+    assert load_line(f"{file}:b:reverse").end == 9000
+    assert load_line(f"{file}:P") == load_line(f"{file}:p")
+    for name, message in (("", r"holds 2 \(has p, b\)"), (":c", r"holds none with 'c' \(has p, b\)")):
+        with pytest.raises(ValueError, match=rf"paths: {message}; name one as FILE:NAME, for example '.*:p'$"):
+            load_line(f"{file}{name}")
+    file.write_text(yaml.safe_dump(TRAIN | {"trains": [*TRAIN["trains"], {"name": "B", "formation": ["loco"]}]}))
+    assert (len(find_train(f"{file}:B")[0].vehicles), len(load_consist(f"{file}:t").vehicles)) == (1, 3)
+    with pytest.raises(ValueError, match=r"trains: holds 2 \(has t, B\); name one as FILE:NAME"):
+        find_train(str(file))
+    assert load_consist(f"{file}:B").source.endswith("two: files.yaml")
+
+
+def test_a_section_without_speed_or_resistance_has_that_before_it(capsys: pytest.CaptureFixture[str]) -> None:
+    """Breaks if the schema 2024.07, where only one of both is required, is refused, or a missing value is 0."""
+    rows: list[dict[str, float]] = [
+        {"position": 0, "speed": 80, "resistance": 1}, {"position": 100, "resistance": 8},
+        {"position": 300, "speed": 50}, {"position": 500},
+    ]  # fmt: skip
+
+    def line() -> Line:
+        return railtoolkit.railtoolkit_line({"paths": [{"id": "p", "characteristic_sections": rows}]}, "hand")
+
+    assert [round(3.6 * e.speed, 9) for e in line().speed_limits] == [80, 80, 50]
+    assert [e.grade for e in line().grades] == [0.001, 0.008, 0.008]
+    assert "a section without speed or resistance has that of the section before" in capsys.readouterr().err
+    rows[0] = {"position": 0, "resistance": 1}
+    assert [round(3.6 * e.speed, 9) for e in line().speed_limits] == [50, 50, 50], "the lowest one"
+    rows[0] = {"position": 0, "speed": 80}
+    with pytest.raises(ValueError, match="no resistance in the first section; add resistance"):
+        line()
+    rows[0] = {"position": 0}
+    with pytest.raises(ValueError, match=r"sections\[0\]: it has neither speed nor resistance"):
+        line()
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "message"),
+    ("name", "text", "line", "train"),
     [
-        ("a.gpx", "<gpx/>", "GPX is not read"),
-        ("a.csv", "time_s,speed_kmh\n0,1\n", r"a table \(CSV\) is not read"),
-        ("a.yaml", "- {offset_meters: 0, elev_meters: 3}\n", "holds a list of entries with offset_meters, elev_meters"),
-        ("a.yaml", "<gpx/>", "XML is read as railML only, in a file that ends in .railml or .xml"),
-        ("a.yaml", yaml.safe_dump(TRAIN), r"holds a train \(railtoolkit\), no line; exchange them"),
-        ("a.yaml", "schema: train_ato/consist/1\n", r"holds a train \(train_ato\), no line; exchange them"),
+        ("a.gpx", "<gpx/>", "GPX is not read", ""),
+        ("a.csv", "time_s,speed_kmh\n0,1\n", r"a table \(CSV\) is not read", ""),
+        ("a.xlsx", "PK\x03", r"a table \(Excel\) is not read", ""),
+        ("a.yaml", "- {offset_meters: 0, elev_meters: 3}\n", "a list of heights of ALTRIOS is not read", ""),
+        ("a.yaml", "- {offset: 0, top: 3}\n", "holds a list of entries with offset, top", ""),
+        ("a.yaml", "network: [{idx_next: 2}]\n", "network of ALTRIOS is not read; a line is read", ""),
+        ("a.yaml", "loco_vec: []\n", "consist of ALTRIOS is not read; a train is read from train_ato YAML", ""),
+        ("a.json", '{"effort_curves": {}}', "a rolling stock of OSRD is not read; a train is read from", ""),
+        ("a.railml", '<railML version="3.2"><rollingstock/></railML>', "of railML is not read; a train is", ""),
+        ("a.yaml", "60\n", "holds one value in place of keys and values", ""),
+        ("a.yaml", "", "is empty", ""),
+        ("a.yaml", "<gpx/>", "XML is read as railML only, in a file that ends in .railml or .xml", ""),
+        ("a.yaml", yaml.safe_dump(TRAIN), r"holds a train \(railtoolkit\), no line; exchange them", None),
+        ("a.yaml", "schema: train_ato/consist/1\n", r"holds a train \(train_ato\), no line; exchange them", None),
+        ("a.yaml", yaml.safe_dump(PATH), None, r"holds a line \(railtoolkit\), no train; exchange them"),
+        ("a.json", '{"track_sections": []}', None, r"holds a line \(OSRD\), no train; exchange them"),
+        ("a.railml", '<railML version="3.2"><infrastructure/></railML>', None, r"a line \(railML\), no train"),
+        ("a.yaml", "x: 1\n", "no supported line format .*train_ato/line/1", "no supported train format.*consist/1"),
     ],
-)
-def test_a_file_that_is_no_line_is_named(tmp_path: Path, name: str, text: str, message: str) -> None:
-    """Breaks if a file of another kind is called a 'str'."""
+)  # fmt: skip
+def test_a_file_of_another_kind_is_named(
+    tmp_path: Path, name: str, text: str, line: str | None, train: str | None
+) -> None:
+    """Breaks if a file of another kind is called a 'str', or the remedy does not help; an empty message is the same."""
     (tmp_path / name).write_text(text)
-    with pytest.raises(ValueError, match=message) as caught:
-        find_line(str(tmp_path / name))
-    assert "\n" not in str(caught.value) and name in str(caught.value)
+    for message, read in ((line, find_line), (line if train == "" else train, find_train)):
+        if message:
+            with pytest.raises(ValueError, match=message) as caught:
+                read(str(tmp_path / name))
+            assert "\n" not in str(caught.value) and name in str(caught.value)
 
 
 def test_a_stretch_without_a_limit_is_on_the_safe_side(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -277,7 +325,7 @@ def changed(base: dict[str, Any], path: tuple[Any, ...], value: Any) -> dict[str
         ("bench", ("stops", "values"), [0, 500, 400], r"values\[2\]: 400 m after 500 m: places must rise"),
         ("bench", ("curvatures", "values", 1, 0), -3, "places must rise in the direction of running"),
         ("path", ("paths", 0, "characteristic_sections", 1, 0), 4000, "3000 m after 4000 m: places must rise"),
-        ("path", ("paths", 0, "characteristic_sections", 1), {"position": 1000}, "speed: this key is missing"),
+        ("path", ("paths", 0, "characteristic_sections", 1), {"position": 1000}, "it has neither speed nor resistance"),
         ("bench", ("gradients", "units"), KeyError, "unit: this key is missing"),
         ("bench", ("curvatures", "values", 1), [1, 2], "must be a list of 3"),
     ],

@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.data_text import parse_json, parse_yaml
+from plant_sim.formats.not_read import kind_by_ending, kind_by_keys
 from plant_sim.number_text import number_text
 
 MAX_FILE_SIZE = 64 * 2**20
 """Largest accepted file [bytes]."""
 
-_NOT_READ = {".gpx": "GPX", ".kml": "KML", ".csv": "a table (CSV)", ".txt": "plain text"}
-"""Kinds of files that hold neither a train nor a line, by ending."""
 _GIVE = "give a file of a train or a line in a supported format (train-ato convert --help)"
 
 
@@ -48,7 +47,7 @@ def read_data(path: Path) -> dict[str, Any]:
     try:
         data = parse_json(text) if path.suffix.lower() == ".json" else parse_yaml(text)
     except ValueError as error:
-        if path.suffix.lower() in _NOT_READ or text.lstrip().startswith("<"):
+        if kind_by_ending(path) or text.lstrip().startswith("<"):
             raise ValueError(f"{path}: {_kind_of(path, text)}; {_GIVE}") from None
         raise ValueError(f"{path}: not valid: {' '.join(str(error).split())[:200]}; correct it") from None
     if not isinstance(data, dict):
@@ -58,14 +57,16 @@ def read_data(path: Path) -> dict[str, Any]:
 
 def _kind_of(path: Path, data: Any) -> str:
     """Return the kind of a file without keys and values, for messages."""
-    if (kind := _NOT_READ.get(path.suffix.lower())) is not None:
+    if kind := kind_by_ending(path) or kind_by_keys(data)[0]:
         return f"{kind} is not read"
     if isinstance(data, list):
         names = ", ".join(str(key) for key in data[0])[:80] if data and isinstance(data[0], dict) else ""
         return f"holds a list{f' of entries with {names}' if names else ''} in place of keys and values"
     if str(data).lstrip().startswith("<"):
         return "XML is read as railML only, in a file that ends in .railml or .xml"
-    return "not UTF-8 text" if data == "not UTF-8 text" else f"holds {type(data).__name__} in place of keys and values"
+    if data is None:
+        return "is empty"
+    return "not UTF-8 text" if data == "not UTF-8 text" else "holds one value in place of keys and values"
 
 
 class Fields:

@@ -1,7 +1,8 @@
 """Lines in railML 3 (infrastructure, versions 3.1 to 3.3): a path through the net elements of the micro level.
 
-Read are topology, gradient and horizontal curves, speed sections, temporary ones included, operational points, tunnels
-and electrification sections.
+Read are topology, gradient and horizontal curves, speed sections, temporary ones included, operational points, tunnels,
+electrification sections, and lengths of tracks for net elements without one. Entries on collections of net elements
+hold on their parts.
 Gradients are in per mille, speeds in km/h, a radius > 0 turns to the right. A location is a position in m, an
 intrinsic coordinate from 0 to 1, or a measure of a linear positioning system in its units. The element names are
 those of the schema. Document types, and with them all entities, are refused.
@@ -14,9 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from plant_sim.formats.network_path import BEGIN, END, Network, Range, TrackPath, line_data
+from plant_sim.formats.not_read import formats_read
 from plant_sim.formats.notes import keys_not_carried, print_assumption
+from plant_sim.formats.railml_collection import NetElement, parts_of
 from plant_sim.formats.railml_geometry import grades, radii
-from plant_sim.formats.railml_location import Location, NetElement
+from plant_sim.formats.railml_location import Location
 from plant_sim.formats.railml_sections import neutral_sections, tunnels
 from plant_sim.formats.railml_xml import elements_below, entry_of, names_below, number_of, read_root, tag_of
 from plant_sim.input_error import build_model
@@ -42,6 +45,8 @@ READ = {
         "@id", "@length", "associatedPositioningSystem.intrinsicCoordinate.@intrinsicCoord",
         "associatedPositioningSystem.intrinsicCoordinate.linearCoordinate.@positioningSystemRef",
         "associatedPositioningSystem.intrinsicCoordinate.linearCoordinate.@measure",
+        "elementCollectionOrdered.@sequence", "elementCollectionOrdered.elementPart.@ref",
+        "elementCollectionUnordered.elementPart.@ref",
     ),
     "topology.netRelations.netRelation": (
         "@positionOnA", "@positionOnB", "@navigability", "elementA.@ref", "elementB.@ref",
@@ -53,6 +58,7 @@ READ = {
         ("@maxSpeed", "@vMax", "@isTemporary", "linearLocation.@applicationDirection"),
     ),
     "functionalInfrastructure.operationalPoints.operationalPoint": ("name.@name",),
+    "functionalInfrastructure.tracks.track": ("length.@value",),
     "functionalInfrastructure.overCrossings.overCrossing": ("@constructionType", "tunnelResistance.@crossSection"),
     "functionalInfrastructure.electrifications.electrificationSection": (
         "@isInsulatedSection", "@contactLineType", "linearLocation.@applicationDirection",
@@ -74,6 +80,19 @@ def is_railml(path: Path) -> bool:
     return path.suffix.lower() in ENDINGS
 
 
+def refuse_railml_train(path: Path) -> None:
+    """Refuse a file in the place of a train.
+
+    Raises
+    ------
+    ValueError
+        One line with file, content and remedy.
+    """
+    if next(elements_below(read_root(path), "rollingstock"), None) is None:
+        raise ValueError(f"{path}: holds a line (railML), no train; exchange them")
+    raise ValueError(f"{path}: rollingstock of railML is not read; {formats_read('train')}")
+
+
 def railml_line(path: Path, selection: str = "", against: bool = False) -> tuple[Line, str, tuple[str, ...]]:
     """Return the line along a path of an infrastructure, the format, and the names that the line does not carry.
 
@@ -92,12 +111,15 @@ def railml_line(path: Path, selection: str = "", against: bool = False) -> tuple
     place, root = str(path), read_root(path)
     infrastructure = next(elements_below(root, "infrastructure"), None)
     if infrastructure is None:
+        stock = next(elements_below(root, "rollingstock"), None) is not None
+        if stock:
+            raise ValueError(f"{place}: rollingstock of railML is not read; {formats_read('train')}")
         raise ValueError(f"{place}: infrastructure: this element is missing; give a railML 3 infrastructure")
     units = _units(root, place)
     elements = _net_elements(infrastructure, units, place)
     higher = {entry.get("id", "") for part in elements_below(infrastructure, "topology") for entry in part.iter()}
     network = _network(infrastructure, elements, higher, place)
-    location = Location(elements, higher, units, place)
+    location = Location(elements, network, higher, units)
     for point in elements_below(infrastructure, STATION):
         spots = location.spots(point)
         if spots:
@@ -166,21 +188,12 @@ def _units(root: Element, place: str) -> dict[str, float]:
 
 
 def _net_elements(infrastructure: Element, units: dict[str, float], place: str) -> dict[str, NetElement]:
-    """Return the net elements of the micro level; those of higher levels are collections of them."""
+    """Return the net elements; those of higher levels are collections of others."""
     found: dict[str, NetElement] = {}
+    tracks = _track_lengths(infrastructure, place)
     for element in elements_below(infrastructure, "netElement"):
-        parts = {tag_of(entry) for entry in element}
-        if parts & {"elementCollectionUnordered", "elementCollectionOrdered"}:
-            continue
-        measures: dict[str, list[tuple[float, float]]] = {}
-        for coordinate in elements_below(element, "intrinsicCoordinate"):
-            for linear in elements_below(coordinate, "linearCoordinate"):
-                system = linear.get("positioningSystemRef", "")
-                measure = number_of(linear, "measure", place) * units.get(system, 1.0)
-                spot = (number_of(coordinate, "intrinsicCoord", place, 0.0, 1.0), measure)
-                measures.setdefault(system, []).append(spot)
-        measures = {system: sorted(rows) for system, rows in measures.items() if len(rows) > 1}
-        name = element.get("id", "")
+        name, measures = element.get("id", ""), _measures(element, units, place)
+        parts, ordered = parts_of(element, place)
         if name in found:
             raise ValueError(f"{place}: netElement {name}: id: two net elements have this id; correct one")
         lengths = [
@@ -190,19 +203,49 @@ def _net_elements(infrastructure: Element, units: dict[str, float], place: str) 
         ]
         if element.get("length") is not None:
             lengths = [number_of(element, "length", place)]
-        if not lengths or lengths[0] <= 0:
-            raise ValueError(f"{place}: netElement {name}: no length and no linear coordinates of its ends; add length")
-        found[name] = NetElement(name, lengths[0], measures)
-    if not found:
+        elif not parts and name in tracks:
+            lengths = [tracks[name]]
+        if not parts and (not lengths or lengths[0] <= 0):
+            raise ValueError(
+                f"{place}: netElement {name}: no length, no linear coordinates of its ends, and no track with a length "
+                "that has it alone; add length"
+            )
+        given = lengths[0] if lengths and (not parts or element.get("length") is not None) else 0.0
+        found[name] = NetElement(name, given, measures, parts, ordered)
+    if all(element.parts for element in found.values()):
         raise ValueError(f"{place}: topology: no netElement of the micro level; add the topology")
     for system in sorted({key for element in found.values() for key in element.measures} - set(units)):
         print_assumption(f"{place}: linearPositioningSystem '{system}' is not in the file; its measures read as metres")
     return found
 
 
+def _measures(element: Element, units: dict[str, float], place: str) -> dict[str, list[tuple[float, float]]]:
+    """Return intrinsic coordinate and measure [m] of the points of a net element, by linear positioning system."""
+    measures: dict[str, list[tuple[float, float]]] = {}
+    for coordinate in elements_below(element, "intrinsicCoordinate"):
+        for linear in elements_below(coordinate, "linearCoordinate"):
+            system = linear.get("positioningSystemRef", "")
+            measure = number_of(linear, "measure", place) * units.get(system, 1.0)
+            spot = (number_of(coordinate, "intrinsicCoord", place, 0.0, 1.0), measure)
+            measures.setdefault(system, []).append(spot)
+    return {system: sorted(rows) for system, rows in measures.items() if len(rows) > 1}
+
+
+def _track_lengths(infrastructure: Element, place: str) -> dict[str, float]:
+    """Return the length [m] of every track with a length that lies on one net element as a whole."""
+    found: dict[str, float] = {}
+    for track in elements_below(infrastructure, "track"):
+        parts = [part for entry in track if tag_of(entry) == "linearLocation" for part in entry]
+        lengths = [entry for entry in track if tag_of(entry) == "length" and entry.get("value") is not None]
+        ends = [key for part in parts for key in part.attrib if key not in ("netElementRef", "keepsOrientation", "id")]
+        if len(parts) == 1 and lengths and not ends and not len(parts[0]):
+            found[parts[0].get("netElementRef", "")] = number_of(lengths[0], "value", place, 1e-3, 1e7)
+    return found
+
+
 def _network(infrastructure: Element, elements: dict[str, NetElement], higher: Collection[str], place: str) -> Network:
     """Return the network of the navigable net relations."""
-    network = Network(place, {name: element.length for name, element in elements.items()})
+    network = Network(place, {name: element.length for name, element in elements.items() if not element.parts})
     for relation in elements_below(infrastructure, "netRelation"):
         ends = []
         entry = entry_of(relation, place)
@@ -211,7 +254,7 @@ def _network(infrastructure: Element, elements: dict[str, NetElement], higher: C
             name = "" if element is None else element.get("ref", "")
             if name not in higher:
                 raise ValueError(f"{entry}: element{letter}: ref = '{name[:60]}': not in the topology; correct it")
-            if name in elements:
+            if name in network.lengths:
                 at = number_of(relation, f"positionOn{letter}", place)
                 if at not in (0.0, 1.0):
                     raise ValueError(f"{entry}: positionOn{letter} = {at:g}: must be 0 or 1; correct it")

@@ -50,7 +50,7 @@ def grades(infrastructure: Element, location: Location, path: TrackPath) -> list
     arcs: list[_Transition] = []
     for curve in elements_below(infrastructure, "gradientCurve"):
         entry = entry_of(curve, place)
-        passages = location.ranges(curve, path)
+        passages = location.ranges(curve, path, signed=True)
         delta = 1e-3 * number_of(curve, "deltaGradient", place) if curve.get("deltaGradient") is not None else None
         if (kind := curve.get("curveType", "straight")) not in KINDS:
             raise ValueError(f"{entry}: curveType = '{kind[:30]}': must be one of {', '.join(KINDS)}; correct it")
@@ -90,7 +90,7 @@ def radii(infrastructure: Element, location: Location, path: TrackPath) -> list[
     transitions: list[_Transition] = []
     for curve in elements_below(infrastructure, "horizontalCurve"):
         entry = entry_of(curve, place)
-        passages = location.ranges(curve, path)
+        passages = location.ranges(curve, path, signed=True)
         if curve.get("radius") is not None:
             radius = number_of(curve, "radius", place)
             bend = 1.0 / radius if radius else 0.0

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection
-from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from plant_sim.formats.fields import finite_number
-from plant_sim.formats.network_path import Passage, TrackPath
+from plant_sim.formats.network_path import Network, Passage, TrackPath
 from plant_sim.formats.notes import print_assumption
+from plant_sim.formats.railml_collection import Collections, NetElement, Stretch
 from plant_sim.formats.railml_xml import entry_of
+from plant_sim.number_text import number_text
 
 if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
@@ -20,40 +19,17 @@ BEGINS, ENDS, POSITIONS = ("posBegin", "fromPos"), ("posEnd", "toPos"), ("pos",)
 """Attributes of positions [m], of version 3.2 on and of version 3.1."""
 
 
-@dataclass(frozen=True, slots=True)
-class NetElement:
-    """Net element of the micro level.
-
-    Attributes
-    ----------
-    length : float
-        Length [m].
-    measures : dict
-        Intrinsic coordinate and measure [m] of its points by rising coordinate, by linear positioning system.
-    """
-
-    name: str
-    length: float
-    measures: dict[str, list[tuple[float, float]]]
-
-    def position(self, system: str, measure: float) -> float | None:
-        """Return the position [m] of a measure [m]; None without that system, or outside the element."""
-        for (first, low), (last, high) in pairwise(self.measures.get(system, ())):
-            part = (measure - low) / (high - low) if high != low else 0.0 if measure == low else math.inf
-            if -1e-9 <= part <= 1.0 + 1e-9:
-                return (first + part * (last - first)) * self.length
-        return None
-
-
 class Location:
     """Reader of the locations of an infrastructure.
 
     Parameters
     ----------
     elements
-        Net elements of the micro level.
+        Net elements by identifier, collections included.
+    network
+        Network of those of the micro level.
     higher
-        Identifiers of the other parts of the topology.
+        Identifiers of all parts of the topology.
     units
         Length of one unit of the measures [m], by linear positioning system.
     place
@@ -61,9 +37,14 @@ class Location:
     """
 
     def __init__(
-        self, elements: dict[str, NetElement], higher: Collection[str], units: dict[str, float], place: str
+        self,
+        elements: dict[str, NetElement],
+        network: Network,
+        higher: Collection[str],
+        units: dict[str, float],
     ) -> None:
-        self._elements, self._higher, self._units, self._place = elements, higher, units, place
+        self._elements, self._higher, self._units, self._place = elements, higher, units, network.place
+        self._collections = Collections(elements, network)
 
     def spots(self, owner: Element) -> list[tuple[str, float]]:
         """Return net elements and positions [m] of the spot locations of an element; all tracks of a station."""
@@ -72,11 +53,16 @@ class Location:
             element = self._element(owner, spot)
             if element is None:
                 found += self._measured(spot)
+            elif element.parts:
+                pieces = self._on_collection(owner, spot, element, (POSITIONS, "intrinsicCoord", "linearCoordinate"))
+                found += [(piece.element, piece.begin) for piece in pieces]
             elif (position := self._at(spot, element, POSITIONS, "intrinsicCoord", "linearCoordinate")) is not None:
                 found.append((element.name, position))
         return found
 
-    def ranges(self, owner: Element, path: TrackPath, directed: bool = False, needed: bool = False) -> list[Passage]:
+    def ranges(
+        self, owner: Element, path: TrackPath, directed: bool = False, needed: bool = False, signed: bool = False
+    ) -> list[Passage]:
         """Return begin and end on a path [m] of the linear locations of an element, and True in running direction.
 
         Parameters
@@ -84,7 +70,9 @@ class Location:
         directed
             Leave out a location that holds for the other direction of running only.
         needed
-            Refuse an element without a location on the micro level, which is else named.
+            Refuse an element without a location on a net element, which is else named.
+        signed
+            Refuse a location without a known direction.
 
         Raises
         ------
@@ -105,24 +93,65 @@ class Location:
                 if element is None:
                     continue
                 known += 1
-                begin = self._at(part, element, BEGINS, "intrinsicCoordBegin", "linearCoordinateBegin")
-                end = self._at(part, element, ENDS, "intrinsicCoordEnd", "linearCoordinateEnd")
-                low, high = 0.0 if begin is None else begin, element.length if end is None else end
                 keeps = part.get("keepsOrientation", "true") not in ("false", "0")
-                found += [
-                    passage._replace(forward=passage.forward == keeps)
-                    for passage in path.passages(element.name, low, high, entry)
-                    if not directed or applies == "both" or (applies == "normal") == passage.forward
-                ]
+                for piece in self._pieces(owner, part, element):
+                    if piece.same is None and (signed or applies != "both"):
+                        raise ValueError(
+                            f"{entry}: netElement {element.name}: its direction over its parts is not known; add its "
+                            f"linear coordinates, or locate the entry on {', '.join(element.parts)[:100]}"
+                        )
+                    turned = piece.same is False
+                    found += [
+                        passage._replace(forward=(passage.forward != turned) == keeps)
+                        for passage in path.passages(piece.element, piece.begin, piece.end, entry)
+                        if not directed or applies == "both" or (applies == "normal") == (passage.forward != turned)
+                    ]
         if not known:
-            problem = "it has no linearLocation on a netElement of the micro level"
+            problem = "it has no linearLocation on a netElement"
             if needed:
                 raise ValueError(f"{entry}: {problem}; add one, or remove the element")
             print_assumption(f"{entry}: {problem} and is left out")
         return found
 
+    def _pieces(self, owner: Element, part: Element, element: NetElement) -> list[Stretch]:
+        """Return the stretches of the micro level of a location on a net element."""
+        if element.parts:
+            ends = (
+                (BEGINS, "intrinsicCoordBegin", "linearCoordinateBegin"),
+                (ENDS, "intrinsicCoordEnd", "linearCoordinateEnd"),
+            )
+            return self._on_collection(owner, part, element, *ends)
+        begin = self._at(part, element, BEGINS, "intrinsicCoordBegin", "linearCoordinateBegin")
+        end = self._at(part, element, ENDS, "intrinsicCoordEnd", "linearCoordinateEnd")
+        return [Stretch(element.name, 0.0 if begin is None else begin, element.length if end is None else end, True)]
+
+    def _on_collection(
+        self, owner: Element, part: Element, element: NetElement, *ends: tuple[tuple[str, ...], str, str]
+    ) -> list[Stretch]:
+        """Return the stretches of the micro level between the ends of a location on a collection; one end is a spot."""
+        name, entry = element.name, entry_of(owner, self._place)
+        measures = [self._measure(coordinate) for _, _, linear in ends for coordinate in _parts(part, linear)[:1]]
+        try:
+            if len(measures) == len(ends):
+                found = self._collections.by_measure(name, measures[0][0], measures[0][1], measures[-1][1])
+                if not found:
+                    span = " to ".join(number_text(measure) for _, measure in measures)
+                    raise ValueError(
+                        f"netElement {name}: measure {span} m: outside the linear coordinates of '{measures[0][0]}' of "
+                        "its parts; correct it"
+                    )
+                return found
+            if all(part.get(key) is None for keys, intrinsic, _ in ends for key in (*keys, intrinsic)):
+                return self._collections.whole(name)
+            whole = NetElement(name, self._collections.length(name), element.measures)
+        except ValueError as error:
+            raise ValueError(f"{entry}: {str(error).removeprefix(f'{self._place}: ')}") from None
+        places = [self._at(part, whole, *end) for end in ends]
+        first, last = places[0], places[-1]
+        return self._collections.along(name, first or 0.0, whole.length if last is None else last)
+
     def _element(self, owner: Element, part: Element) -> NetElement | None:
-        """Return the net element of a location; None for one of a higher level."""
+        """Return the net element of a location; None for another part of the topology."""
         name = part.get("netElementRef", "")
         if name not in self._elements and name not in self._higher:
             raise ValueError(
@@ -156,12 +185,12 @@ class Location:
         return None
 
     def _measured(self, spot: Element) -> list[tuple[str, float]]:
-        """Return all micro elements with a measure, for a location on an element of a higher level."""
+        """Return all micro elements with a measure, for a location on another part of the topology."""
         found = []
         for coordinate in _parts(spot, "linearCoordinate"):
             measure = self._measure(coordinate)
             for element in self._elements.values():
-                position = element.position(*measure)
+                position = None if element.parts else element.position(*measure)
                 if position is not None:
                     found.append((element.name, position))
         return found

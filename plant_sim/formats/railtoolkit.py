@@ -1,4 +1,4 @@
-"""Trains and running paths in the railtoolkit schema (rolling-stock and running-path, 2022.05).
+"""Trains and running paths in the railtoolkit schema (rolling-stock 2022.05, running-path 2022.05 and 2024.07).
 
 Rules of the schema's running-time calculation (Bruenger and Dahlhaus in Hansen and Pachl, "Railway Timetabling and
 Operations", 2014, chapter 4; Wende, "Fahrdynamik des Schienenverkehrs", 2003, pages 151-153):
@@ -63,8 +63,13 @@ def is_railtoolkit(data: dict[str, Any], what: str) -> bool:
     return "paths" in data or isinstance(data.get("path"), dict)
 
 
-def train_from(data: dict[str, Any], place: str) -> ReadTrain:
-    """Return the first train in the data of a rolling-stock file.
+def train_from(data: dict[str, Any], place: str, selection: str = "") -> ReadTrain:
+    """Return a train in the data of a rolling-stock file.
+
+    Parameters
+    ----------
+    selection
+        Name or identifier of the train; empty for a file with one.
 
     Raises
     ------
@@ -76,8 +81,9 @@ def train_from(data: dict[str, Any], place: str) -> ReadTrain:
     for index, entry in enumerate(top.entries("vehicles")):
         vehicle = Fields(entry, f"{place}: vehicles[{index}]")
         known[vehicle.text("id")] = vehicle
-    train = Fields(top.entries("trains")[0], f"{place}: trains[0]")
-    _name_others(top, "trains")
+    if "trains" not in top:
+        raise ValueError(f"{place}: it has vehicles and no train; add trains: [{{name: ..., formation: [...]}}]")
+    train = _selected(top, "trains", selection)
     formation = [str(name) for name in train.entries("formation")]
     for name in formation:
         if name not in known:
@@ -85,7 +91,7 @@ def train_from(data: dict[str, Any], place: str) -> ReadTrain:
                 f"{train.place}: formation: '{name}' is not in vehicles ({', '.join(sorted(known))}); correct it"
             )
     used = {name: _Vehicle(known[name]) for name in dict.fromkeys(formation)}
-    return _assembled(train.text("name"), formation, used, train.place)
+    return _assembled(train, place, formation, used)
 
 
 class _Vehicle:
@@ -147,10 +153,10 @@ class _Vehicle:
         return segments
 
 
-def _assembled(name: str, formation: list[str], used: dict[str, _Vehicle], place: str) -> ReadTrain:
+def _assembled(train: Fields, file: str, formation: list[str], used: dict[str, _Vehicle]) -> ReadTrain:
     vehicles = [used[entry] for entry in formation]
     if not any(vehicle.powered for vehicle in vehicles):
-        raise ValueError(f"{place}: formation has no traction unit or multiple unit; add one")
+        raise ValueError(f"{train.place}: formation has no traction unit or multiple unit; add one")
     mass = plain_sum(vehicle.mass for vehicle in vehicles)
     own = plain_sum(vehicle.own for vehicle in vehicles)
     rotating = plain_sum(vehicle.own * vehicle.rotating for vehicle in vehicles) / own
@@ -180,23 +186,28 @@ def _assembled(name: str, formation: list[str], used: dict[str, _Vehicle], place
         Consist,
         {
             "schema": "train_ato/consist/1",
-            "name": name,
-            "source": f"railtoolkit rolling stock, {Path(place.split(':')[0]).name}",
+            "name": train.text("name"),
+            "source": f"railtoolkit rolling stock, {Path(file).name}",
             "gravity": GRAVITY,
             "vehicle_types": types,
             "train": parts,
             "draft_gears": {"rigid": {"kind": "rigid"}},
             "default_gear": "rigid",
         },
-        place.split(": ")[0],
+        file,
     )
     return ReadTrain(consist, deceleration, speed)
 
 
-def railtoolkit_line(data: dict[str, Any], place: str) -> Line:
-    """Return the first running path in the data of a file.
+def railtoolkit_line(data: dict[str, Any], place: str, selection: str = "") -> Line:
+    """Return a running path in the data of a file.
 
     The resistance of a section becomes its grade. Points of interest do not become stops.
+
+    Parameters
+    ----------
+    selection
+        Name or identifier of the path; empty for a file with one.
 
     Raises
     ------
@@ -204,63 +215,52 @@ def railtoolkit_line(data: dict[str, Any], place: str) -> Line:
         One line with location, key, value and remedy.
     """
     top = Fields(data, place)
-    path = top.below("path") if "path" in top else Fields(top.entries("paths")[0], f"{place}: paths[0]")
-    if "paths" in top and "path" not in top:
-        _name_others(top, "paths")
+    single = "path" in top and "paths" not in top
+    path = top.below("path") if single and not selection else _selected(top, "path" if single else "paths", selection)
     rows = _characteristic_sections(path)
     return build_model(
         Line,
         {
             "schema": "train_ato/line/1",
             "name": path.text("name", path.text("id", "path")),
-            "source": f"railtoolkit running path, {Path(place.split(':')[0]).name}",
+            "source": f"railtoolkit running path, {Path(place).name}",
             "begin": rows[0][0],
             "end": rows[-1][0],
             "grades": [{"at": at, "grade": grade / 1e3} for at, _, grade in rows[:-1]],
             "speed_limits": [{"at": at, "speed": speed / 3.6} for at, speed, _ in rows[:-1]],
         },
-        place.split(": ")[0],
+        place,
     )
 
 
-def _name_others(top: Fields, key: str) -> None:
-    """Name the further trains or paths of a file, of which the first one is read."""
-    entries = [Fields(entry, f"{top.place}: {key}[{k}]") for k, entry in enumerate(top.entries(key))]
-    names = [entry.text("name", entry.text("id", f"number {k + 1}")) for k, entry in enumerate(entries)]
-    if len(names) > 1:
-        print_assumption(
-            f"{top.place}: {key}: the first one of {len(names)}, '{names[0]}', is read; not read: "
-            f"{', '.join(names[1:])}; put the wanted one first"
-        )
+def _selected(top: Fields, key: str, selection: str) -> Fields:
+    """Return the train or path of a name or identifier, or the only one of a file."""
+    if key == "path":
+        entries = [top.below(key)]
+    else:
+        entries = [Fields(entry, f"{top.place}: {key}[{k}]") for k, entry in enumerate(top.entries(key))]
+    found = [entry for entry in entries if selection in (entry.text("id", ""), entry.text("name", "")) or not selection]
+    if len(found) == 1:
+        return found[0]
+    names = [entry.text("id", entry.text("name", f"number {k + 1}")) for k, entry in enumerate(entries)]
+    chosen = f" with '{selection[:60]}'" if selection else ""
+    raise ValueError(
+        f"{top.place}: {key}: holds {len(found) or 'none'}{chosen} (has {', '.join(names)[:200]}); name one as "
+        f"FILE:NAME, for example '{top.place}:{names[0]}'"
+    )
 
 
 def _characteristic_sections(path: Fields) -> list[tuple[float, float, float]]:
     """Return place [m] in running direction, speed [km/h] and grade [per mille] of the sections; the last is the end.
 
-    A section is a list of three numbers (2022.05), or has names (2024.07). In falling kilometres the place is the
-    distance from the first section.
+    A section is a list of three numbers (2022.05), or has names (2024.07) and may have only one of speed and
+    resistance: the other one is that of the section before. In falling kilometres the place is the distance from the
+    first section.
     """
     key = f"{path.place}: characteristic_sections"
     entries = path.entries("characteristic_sections", 2)
-    rows = []
-    for k, entry in enumerate(entries):
-        if isinstance(entry, dict):
-            section = Fields(entry, f"{key}[{k}]")
-            beyond = 0.0 if k == len(entries) - 1 else None  # no section begins at the last place
-            limit = section.number("speed", None if beyond is None else 1.0, 1e-3, 1e3)
-            rows.append(
-                (section.number("position", None, -1e8, 1e8), limit, section.number("resistance", beyond, -500, 500))
-            )
-            continue
-        if not isinstance(entry, list) or len(entry) != 3:
-            raise ValueError(f"{key}[{k}] = {str(entry)[:60]!r}: must be a list of 3, or position, speed, resistance")
-        rows.append(
-            (
-                finite_number(entry[0], f"{key}[{k}][0]", -1e8, 1e8),
-                finite_number(entry[1], f"{key}[{k}][1]", 1e-3, 1e3),
-                finite_number(entry[2], f"{key}[{k}][2]", -500, 500),
-            )
-        )
+    last = len(entries) - 1
+    rows = _completed([_section(entry, f"{key}[{k}]", k == last) for k, entry in enumerate(entries)], key)
     first = rows[0][0]
     if all(after[0] < before[0] for before, after in pairwise(rows)):
         print_assumption(f"{key}: falling kilometres: places are distances from {number_text(first)} m")
@@ -271,3 +271,39 @@ def _characteristic_sections(path: Fields) -> list[tuple[float, float, float]]:
     if fault := order_fault([at for at, _, _ in rows]):
         raise ValueError(f"{key}{fault}")
     return rows
+
+
+def _section(entry: Any, place: str, at_end: bool) -> tuple[float, float | None, float | None]:
+    """Return place [m], speed [km/h] and grade [per mille] of a section; None for a missing one."""
+    if isinstance(entry, list) and len(entry) == 3:
+        entry = dict(zip(("position", "speed", "resistance"), entry, strict=True))
+        names = ("[0]", "[1]", "[2]")
+    elif isinstance(entry, dict):
+        names = (": position", ": speed", ": resistance")
+    else:
+        raise ValueError(f"{place} = {str(entry)[:60]!r}: must be a list of 3, or position, speed, resistance")
+    section = Fields(entry, place)
+    if "speed" not in section and "resistance" not in section and not at_end:
+        raise ValueError(f"{place}: it has neither speed nor resistance; add one of them")
+    at = finite_number(section.required("position"), place + names[0], -1e8, 1e8)
+    speed = finite_number(entry["speed"], place + names[1], 1e-3, 1e3) if "speed" in section else None
+    grade = finite_number(entry["resistance"], place + names[2], -500, 500) if "resistance" in section else None
+    return at, speed, grade
+
+
+def _completed(rows: list[tuple[float, float | None, float | None]], key: str) -> list[tuple[float, float, float]]:
+    """Return the sections with the values of the section before where they have none."""
+    speeds = [speed for _, speed, _ in rows[:-1] if speed is not None]
+    if not speeds or rows[0][2] is None:
+        lacking = "speed" if not speeds else "resistance"
+        raise ValueError(f"{key}: no {lacking} {'at all' if not speeds else 'in the first section'}; add {lacking}")
+    if rows[0][1] is None:
+        print_assumption(f"{key}: no speed in the first section; assumed {min(speeds):g} km/h, the lowest one")
+    if any(None in row for row in rows[1:-1]):
+        print_assumption(f"{key}: a section without speed or resistance has that of the section before")
+    found: list[tuple[float, float, float]] = []
+    speed, grade = min(speeds), 0.0
+    for at, given, resistance in rows:
+        speed, grade = speed if given is None else given, grade if resistance is None else resistance
+        found.append((at, speed, grade))
+    return found

@@ -9,18 +9,17 @@ from typing import Any
 from plant_sim.consist import Consist
 from plant_sim.formats import osrd, railtoolkit, ttobench, ttobench_train
 from plant_sim.formats.fields import read_data
+from plant_sim.formats.not_read import refuse_foreign
 from plant_sim.formats.notes import keys_not_carried, print_assumption
-from plant_sim.formats.railml import is_railml, railml_line
+from plant_sim.formats.railml import is_railml, railml_line, refuse_railml_train
 from plant_sim.formats.read_train import ReadTrain
 from plant_sim.input_error import build_model
 from plant_sim.line import Line
 from plant_sim.line_direction import reversed_line
 from plant_sim.number_text import number_text
 
-LINE_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON, OSRD JSON, railML 3"
 FAST = 100.0
 """Speed above which a limit is probably in km/h [m/s]."""
-TRAIN_FORMATS = "train_ato YAML, railtoolkit YAML, TTOBench JSON"
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,37 +67,49 @@ def read_line(path: Path, selection: str = "", against: bool = False) -> ReadLin
 
 
 def _one_line(data: dict[str, Any], place: str, selection: str) -> ReadLine:
-    """Return the line of a file of one line."""
-    if selection:
-        raise ValueError(f"{place}: selection '{selection}': the file has one line; remove it")
+    """Return the line of a file without a network."""
     if railtoolkit.is_railtoolkit(data, "line"):
         left = keys_not_carried(data, railtoolkit.CARRIED_PATH)
-        return ReadLine(railtoolkit.railtoolkit_line(data, place), "railtoolkit", left)
+        return ReadLine(railtoolkit.railtoolkit_line(data, place, selection), "railtoolkit", left)
+    if selection:
+        raise ValueError(f"{place}: selection '{selection}': the file has one line; remove it")
     if ttobench.is_ttobench(data):
         left = keys_not_carried(data, ttobench.CARRIED_LINE)
         return ReadLine(ttobench.ttobench_line(data, place), "TTOBench", left)
-    _refuse_foreign(data, place, "line", LINE_FORMATS)
+    if not str(data.get("schema", "")).startswith("train_ato/line/"):
+        refuse_foreign(data, place, "line", _kinds(data))
     line = build_model(Line, data, place)
     _note_traps(line, place)
     return ReadLine(line, "train_ato")
 
 
-def read_train(path: Path, point_mass: bool = False) -> ReadConsist:
+def read_train(path: Path, point_mass: bool = False, selection: str = "") -> ReadConsist:
     """Return the train of a file; as a point mass it needs no length.
+
+    Parameters
+    ----------
+    selection
+        Name or identifier of one of several trains.
 
     Raises
     ------
     ValueError
         One line with file, key, value and remedy.
     """
-    data, place = read_data(path), str(path)
+    place = str(path)
+    if is_railml(path):
+        refuse_railml_train(path)
+    data = read_data(path)
     if railtoolkit.is_railtoolkit(data, "train"):
-        train = railtoolkit.train_from(data, place)
+        train = railtoolkit.train_from(data, place, selection)
         return ReadConsist(train.consist, "railtoolkit", train, keys_not_carried(data, railtoolkit.CARRIED_TRAIN))
+    if selection:
+        raise ValueError(f"{place}: selection '{selection}': the file has one train; remove it")
     if ttobench_train.is_ttobench_train(data):
         train = ttobench_train.ttobench_train(data, place, point_mass)
         return ReadConsist(train.consist, "TTOBench", train, keys_not_carried(data, ttobench_train.CARRIED_TRAIN))
-    _refuse_foreign(data, place, "consist", TRAIN_FORMATS)
+    if not str(data.get("schema", "")).startswith("train_ato/consist/"):
+        refuse_foreign(data, place, "train", _kinds(data))
     return ReadConsist(build_model(Consist, data, place), "train_ato")
 
 
@@ -138,17 +149,16 @@ def _note_traps(line: Line, place: str) -> None:
             )
 
 
-def _refuse_foreign(data: dict[str, Any], place: str, what: str, formats: str) -> None:
-    schema = str(data.get("schema", ""))
-    other = "train" if what == "line" else "line"
-    of_other = {"train": ttobench_train.is_ttobench_train, "line": ttobench.is_ttobench}[other]
-    known = "railtoolkit" if railtoolkit.is_railtoolkit(data, other) else "TTOBench" if of_other(data) else ""
-    if "consist" in schema and what == "line":
-        known = "train_ato"
-    if known:
-        raise ValueError(f"{place}: holds a {other} ({known}), no {what if what == 'line' else 'train'}; exchange them")
-    if not schema.startswith(f"train_ato/{what}/"):
-        raise ValueError(
-            f"{place}: schema = '{schema[:60]}': no supported {what} format ({formats}); "
-            f"begin a train_ato file with 'schema: train_ato/{what}/1'"
-        )
+def _kinds(data: dict[str, Any]) -> dict[str, str]:
+    """Return the format of a file, as ``train`` or ``line``; empty for an unknown one."""
+    found = {}
+    for what, own, bench in (
+        ("train", "consist", ttobench_train.is_ttobench_train), ("line", "line", ttobench.is_ttobench),
+    ):  # fmt: skip
+        if str(data.get("schema", "")).startswith(f"train_ato/{own}/"):
+            found[what] = "train_ato"
+        elif railtoolkit.is_railtoolkit(data, what):
+            found[what] = "railtoolkit"
+        elif bench(data):
+            found[what] = "TTOBench"
+    return found | ({"line": "OSRD"} if osrd.is_osrd(data) else {})

@@ -12,13 +12,13 @@ OWN, TTOBENCH = (".yaml", ".yml"), ".json"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``convert``."""
-    from plant_sim.formats.reading import LINE_FORMATS, TRAIN_FORMATS
+    from plant_sim.formats.not_read import LINE_FORMATS, TRAIN_FORMATS
 
     parser.add_argument(
         "source",
         metavar="IN",
         help=f"line ({LINE_FORMATS}), train ({TRAIN_FORMATS}) or shipped name; a path through a network of tracks is "
-        "FILE:FROM..TO, a line against its direction LINE:reverse",
+        "FILE:FROM..TO, one of several paths or trains FILE:NAME, a line against its direction LINE:reverse",
     )
     parser.add_argument(
         "target", type=Path, metavar="OUT", help="new file: .yaml in the own format, or a line as TTOBench .json"
@@ -47,20 +47,20 @@ def _converted(source: str, target: Path) -> dict[str, Any]:
     ValueError
         One line: file, key, value, problem; remedy.
     """
-    from plant_sim.formats.reading import holds_train, read_train
+    from plant_sim.formats.reading import holds_train
     from plant_sim.formats.writing import own_yaml, ttobench_json
-    from plant_sim.library import consist_names, consist_path, line_names, named_line, split_line_name
+    from plant_sim.library import consist_names, line_names, named_line, named_train, split_name
     from train_ato.arguments import check_new_file
 
     check_new_file(target, (*OWN, TTOBENCH), "OUT")
-    stem = split_line_name(source)[0]
+    stem = split_name(source)[0]
     shipped = (*consist_names(), *line_names())
     if stem not in shipped and not Path(stem).is_file():
         raise ValueError(f"IN {source}: neither a file nor a shipped name; give a line or train file")
     if stem in consist_names() or (stem not in shipped and holds_train(Path(stem))):
         if target.suffix.lower() == TTOBENCH:
             raise ValueError(f"OUT {target}: a train is written in the own format only; end it in .yaml")
-        found = read_train(consist_path(source))
+        found = named_train(source)
         text, name, left_out = own_yaml(found.consist), found.consist.name, found.left_out
         kind, form = "train", found.format
     else:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.consist import Consist
-from plant_sim.library import consist_names, line_names, load_consist, load_line, read_yaml
+from plant_sim.library import consist_names, line_names, load_consist, load_line, read_yaml, split_name
 from plant_sim.line import Line
 from plant_sim.number_text import number_text
 from train_ato.control.contract import Parameter
@@ -28,10 +28,10 @@ def details(name: str) -> dict[str, Facts]:
     ValueError
         If a scenario of that name, or the file, cannot be read.
     """
-    if Path(name.partition(":")[0]).suffix in (".yaml", ".yml"):
+    if Path(split_name(name)[0]).suffix in (".yaml", ".yml"):
         return _file(name)
     found: dict[str, Facts] = {}
-    if name.partition(":")[0] in shipped_scenarios():
+    if split_name(name)[0] in shipped_scenarios():
         found["scenario"] = _scenario(name)
     for registry in (LAWS, OBSERVERS, COMPENSATIONS):
         if name in registry.names():
@@ -45,7 +45,7 @@ def details(name: str) -> dict[str, Facts]:
 
 def _file(name: str) -> dict[str, Facts]:
     """Return the details of a scenario, consist or line file, by its schema."""
-    path = Path(name.partition(":")[0])
+    path = Path(split_name(name)[0])
     data = read_yaml(path)
     schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
     kind = schema.removeprefix("train_ato/").partition("/")[0]
@@ -61,7 +61,7 @@ def _file(name: str) -> dict[str, Facts]:
 
 def _scenario(name: str) -> Facts:
     scenario, path = load_scenario(name)
-    stem = name.partition(":")[0]
+    stem = split_name(name)[0]
     plant = scenario.plant
     facts = {
         "summary": scenario.summary,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from plant_sim.consist import Consist
-from plant_sim.library import load_consist, load_line, split_line_name
+from plant_sim.library import load_consist, load_line, split_name
 from plant_sim.line import Line
 from train_ato.control.learned_resistance import LearnedResistance, model_hash, read_learned
 from train_ato.control.train_model import LineForceTable, TrainModel
@@ -50,12 +50,12 @@ def data_key(named: str | Consist | Line, folder: Path) -> tuple[object, ...]:
     if not isinstance(named, str):
         return (named,)
     path = _beside(named, folder)
-    return path, file_state(Path(split_line_name(path)[0]))
+    return path, file_state(Path(split_name(path)[0]))
 
 
 def _beside(name: str, folder: Path) -> str:
     """Return the path of a file in the folder of the scenario, with the selection of a line, or the name itself."""
-    stem, selection = split_line_name(name)
+    stem, selection = split_name(name)
     path = folder / stem
     return f"{path}{selection}" if path.is_file() else name
 

@@ -6,7 +6,7 @@ import copy
 from pathlib import Path
 from typing import Any
 
-from plant_sim.library import split_line_name
+from plant_sim.library import split_name
 from train_ato.arguments import parse_yaml_value
 
 __all__ = ["assign", "keys_of", "overlay", "put", "with_absolute_files"]
@@ -36,7 +36,7 @@ def with_absolute_files(data: dict[str, Any], folder: Path) -> dict[str, Any]:
     result = dict(data)
     for block, key in FILE_KEYS:
         name = result[block].get(key) if isinstance(result.get(block), dict) else None
-        stem, selection = split_line_name(name) if isinstance(name, str) else ("", "")
+        stem, selection = split_name(name) if isinstance(name, str) else ("", "")
         if stem and (folder / stem).is_file():
             result[block] = {**result[block], key: f"{(folder / stem).absolute()}{selection}"}
     variants = result.get("variants")

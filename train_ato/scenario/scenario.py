@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from plant_sim.consist import Consist
 from plant_sim.input_error import close_match, explain
-from plant_sim.library import read_yaml
+from plant_sim.library import read_yaml, split_name
 from plant_sim.line import Line
 from plant_sim.number_text import number_text
 from plant_sim.plant_setup import PlantSetup
@@ -201,7 +201,7 @@ def find(name: str) -> tuple[Path, str | None]:
     ValueError
         If there is neither a shipped scenario nor a file of that name.
     """
-    stem, colon, variant = name.partition(":")
+    stem, variant = split_name(name)
     path = Path(stem)
     if not (path.suffix in (".yaml", ".yml") or path.is_file()):
         shipped = shipped_scenarios()
@@ -210,7 +210,7 @@ def find(name: str) -> tuple[Path, str | None]:
         path = shipped[stem]
     elif not path.is_file():
         raise ValueError(f"{path}: no such file; name a scenario file or one of `train-ato list`")
-    return path, variant if colon else None
+    return path, variant[1:] if variant else None
 
 
 def _with_base(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
@@ -220,7 +220,7 @@ def _with_base(path: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
     if base is None:
         return data
     beside = path.parent / str(base)
-    below, variant = find(str(beside) if (path.parent / str(base).partition(":")[0]).is_file() else str(base))
+    below, variant = find(str(beside) if Path(split_name(str(beside))[0]).is_file() else str(base))
     if below in (path, *above):
         raise ValueError(f"{path}: base: {base}: a scenario is its own base; name another base")
     found = _with_variants(below, _with_base(below, (path, *above)), variant)

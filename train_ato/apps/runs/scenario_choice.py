@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from plant_sim.data_text import TextDumper
+from plant_sim.library import split_name
 from train_ato.loop.part_cache import PartCache
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.scenario.overlays import assign, overlay, put, with_absolute_files
@@ -68,7 +69,7 @@ class ScenarioChoice:
     @property
     def as_overlay(self) -> dict[str, Any]:
         """Raw scenario with ``base`` and the changed keys only; whole if no overlay has the same content."""
-        stem, colon, variant = self._given.partition(":")
+        stem, variant = split_name(self._given)
         named = str(self.path.absolute()) if Path(stem).suffix in (".yaml", ".yml") or Path(stem).is_file() else stem
         changed: dict[str, Any] = {}
         for key, value in self._changes:
@@ -77,7 +78,7 @@ class ScenarioChoice:
             else:
                 put(changed, key, plain(value), f"set {key}")
         if overlay(raw_scenario(self._given)[1], changed) == self._data:
-            return {"schema": SCHEMA, "base": f"{named}{colon}{variant}", **changed}
+            return {"schema": SCHEMA, "base": f"{named}{variant}", **changed}
         return with_absolute_files(copy.deepcopy(self._data), self.path.parent)
 
     @cached_property

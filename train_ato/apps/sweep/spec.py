@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from plant_sim.input_error import close_match
-from plant_sim.library import read_yaml
+from plant_sim.library import read_yaml, split_name
 from train_ato.apps.sweep.dimensions import Dimension, read_dimensions
 
 __all__ = ["DESIGNS", "SweepSpec", "read_sweep"]
@@ -57,8 +57,8 @@ class SweepSpec:
     @property
     def title(self) -> str:
         """Name of the scenario without the folder of its file."""
-        stem, colon, variants = self.scenario.partition(":")
-        return f"{Path(stem).stem}{colon}{variants}"
+        stem, variants = split_name(self.scenario)
+        return f"{Path(stem).stem}{variants}"
 
     @property
     def keys(self) -> list[str]:
@@ -167,6 +167,8 @@ def _scenario(name: Any, folder: Path, source: str) -> str:
     """Return name or file of the scenario; a file beside the specification comes first."""
     if not isinstance(name, (str, Path)) or not str(name):
         raise ValueError(f"{source}: scenario: {name!r}: is no scenario; name one of `train-ato list`, or a file")
-    stem, colon, variants = str(name).partition(":")
-    file = next((path for path in (folder / stem, Path(stem)) if path.is_file()), None)
-    return f"{stem if file is None else file.resolve()}{colon}{variants}"
+    for given in (str(folder / name), str(name)):
+        stem, variants = split_name(given)
+        if Path(stem).is_file():
+            return f"{Path(stem).resolve()}{variants}"
+    return str(name)

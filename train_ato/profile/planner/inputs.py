@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from plant_sim.consist import Consist
-from plant_sim.formats.reading import read_train
-from plant_sim.library import consist_names, load_consist, load_line
+from plant_sim.library import consist_names, load_consist, load_line, named_train
 from plant_sim.line import Line
 from train_ato.profile.planner.settings import PlanSettings
 
@@ -34,9 +31,9 @@ def find_train(name: str, point_mass: bool = False) -> tuple[Consist, PlanSettin
     ValueError
         One line that names the file, the key, the value and the remedy.
     """
-    if name in consist_names() or not Path(name).is_file():
+    if name in consist_names():
         return load_consist(name), PlanSettings()
-    found = read_train(Path(name), point_mass)
+    found = named_train(name, point_mass)
     if found.train is None:
         return found.consist, PlanSettings()
     settings = PlanSettings(

@@ -1,0 +1,231 @@
+"""Net elements of railML 3 that are collections of others (meso and macro level), mapped to the micro level.
+
+An ordered collection is a chain: its parts are joined end to end, and positions run on over them. An unordered one has
+parts beside or behind each other: a place on it is known by a measure of a linear positioning system only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+from plant_sim.formats.network_path import BEGIN, END, ROUNDING, Network
+from plant_sim.formats.notes import print_assumption
+from plant_sim.formats.railml_xml import elements_below, number_of, tag_of
+from plant_sim.number_text import number_text
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+ORDERED, UNORDERED = "elementCollectionOrdered", "elementCollectionUnordered"
+Chain = list[tuple[str, bool]]
+"""Net elements of the micro level in order, True for one in the direction of the chain."""
+
+
+@dataclass(frozen=True, slots=True)
+class NetElement:
+    """Net element.
+
+    Attributes
+    ----------
+    length : float
+        Length [m]; 0 for a collection without one.
+    measures : dict
+        Intrinsic coordinate and measure [m] of its points by rising coordinate, by linear positioning system.
+    parts : tuple
+        Parts of a collection, in their order; none at the micro level.
+    ordered : bool
+        True for an ordered collection.
+    """
+
+    name: str
+    length: float
+    measures: dict[str, list[tuple[float, float]]]
+    parts: tuple[str, ...] = ()
+    ordered: bool = False
+
+    def position(self, system: str, measure: float) -> float | None:
+        """Return the position [m] of a measure [m]; None without that system, or outside the element."""
+        for (first, low), (last, high) in pairwise(self.measures.get(system, ())):
+            part = (measure - low) / (high - low) if high != low else 0.0 if measure == low else math.inf
+            if -1e-9 <= part <= 1.0 + 1e-9:
+                return (first + part * (last - first)) * self.length
+        return None
+
+    def span(self, system: str) -> tuple[float, float] | None:
+        """Return the first and the last measure [m]; None without that system."""
+        rows = self.measures.get(system)
+        return (rows[0][1], rows[-1][1]) if rows else None
+
+
+class Stretch(NamedTuple):
+    """Stretch [m] of a net element of the micro level; ``same`` is True in the direction of the collection."""
+
+    element: str
+    begin: float
+    end: float
+    same: bool | None
+    """None for an unknown direction."""
+
+
+def parts_of(element: Element, place: str) -> tuple[tuple[str, ...], bool]:
+    """Return the parts of a collection in their order, and True for an ordered one; none for a micro element."""
+    ordered = [entry for entry in element if tag_of(entry) == ORDERED]
+    if all(entry.get("sequence") is not None for entry in ordered):
+        ordered.sort(key=lambda entry: number_of(entry, "sequence", place))
+    collections = ordered or [entry for entry in element if tag_of(entry) == UNORDERED]
+    parts = tuple(part.get("ref", "") for entry in collections for part in elements_below(entry, "elementPart"))
+    return parts, bool(ordered)
+
+
+class Collections:
+    """Mapping of collections to net elements of the micro level.
+
+    Parameters
+    ----------
+    elements
+        All net elements by identifier.
+    network
+        Joined ends of those of the micro level.
+    """
+
+    def __init__(self, elements: dict[str, NetElement], network: Network) -> None:
+        self._elements, self._network = elements, network
+
+    def members(self, name: str) -> list[str]:
+        """Return the net elements of the micro level below a collection.
+
+        Raises
+        ------
+        ValueError
+            One line for a part that does not exist, or a collection that contains itself.
+        """
+        return list(dict.fromkeys(self._members(name, ())))
+
+    def _members(self, name: str, above: tuple[str, ...]) -> Iterator[str]:
+        where = f"{self._network.place}: netElement {above[-1] if above else name}"
+        if name in above:
+            raise ValueError(f"{where}: elementPart '{name}' contains it; remove this part")
+        if name not in self._elements:
+            raise ValueError(f"{where}: elementPart '{name[:60]}': not in the topology; correct it")
+        if name in self._network.lengths:
+            yield name
+        for part in self._elements[name].parts:
+            yield from self._members(part, (*above, name))
+
+    def by_measure(self, name: str, system: str, first: float, last: float) -> list[Stretch]:
+        """Return the pieces between two measures [m]; none if one of them lies outside all parts."""
+        rising = self._rising(name, system)
+        low, high = min(first, last), max(first, last)
+        found, reached = [], set()
+        for member in self.members(name):
+            span = self._elements[member].span(system)
+            if span is None:
+                continue
+            begin, end = max(low, min(span)), min(high, max(span))
+            reached |= {at for at in (low, high) if self._elements[member].position(system, at) is not None}
+            if begin < end or begin == end == low == high:
+                near, far = sorted(self._elements[member].position(system, at) or 0.0 for at in (begin, end))
+                found.append(Stretch(member, near, far, (span[1] >= span[0]) == rising))
+        return found if reached == {low, high} else []
+
+    def whole(self, name: str) -> list[Stretch]:
+        """Return every part as a whole; their direction is that of the order, or of the measures, or not known."""
+        element, lengths = self._elements[name], self._network.lengths
+        if element.ordered:
+            return [Stretch(part, 0.0, lengths[part], same) for part, same in self.chain(name)]
+        members = self.members(name)
+        for system in {system for member in members for system in self._elements[member].measures}:
+            spans = [self._elements[member].span(system) for member in members]
+            if all(spans):
+                rising = self._rising(name, system)
+                return [
+                    Stretch(member, 0.0, lengths[member], (span[1] >= span[0]) == rising)
+                    for member, span in zip(members, spans, strict=True)
+                    if span
+                ]
+        return [Stretch(member, 0.0, lengths[member], None) for member in members]
+
+    def _rising(self, name: str, system: str) -> bool:
+        """Return True if a collection runs with rising measures, as it is assumed without coordinates of its own."""
+        own = self._elements[name].span(system)
+        if own is None:
+            print_assumption(
+                f"{self._network.place}: netElement {name}: it has no coordinates of '{system}'; assumed to run with "
+                "rising measures"
+            )
+        return own is None or own[1] >= own[0]
+
+    def length(self, name: str) -> float:
+        """Return the length of a chain [m].
+
+        Raises
+        ------
+        ValueError
+            One line for a collection without an order, or with another length than its parts.
+        """
+        found = sum(self._network.lengths[part] for part, _ in self.chain(name))
+        given = self._elements[name].length
+        if given and abs(given - found) > ROUNDING:
+            raise ValueError(
+                f"{self._network.place}: netElement {name}: length = {number_text(given)}: its parts have "
+                f"{number_text(found)} m; correct one of them"
+            )
+        return found
+
+    def along(self, name: str, begin: float, end: float) -> list[Stretch]:
+        """Return the pieces between two positions [m] of a chain."""
+        low, high = min(begin, end), max(begin, end)
+        found, at = [], 0.0
+        for part, same in self.chain(name):
+            length = self._network.lengths[part]
+            first, last = max(low - at, 0.0), min(high - at, length)
+            if first < last or (first == last and low == high):
+                found.append(
+                    Stretch(part, first, last, True) if same else Stretch(part, length - last, length - first, False)
+                )
+            at += length
+        return found
+
+    def chain(self, name: str) -> Chain:
+        """Return the micro elements of an ordered collection in its direction.
+
+        Raises
+        ------
+        ValueError
+            One line for a collection without an order, or whose parts are not joined in it.
+        """
+        self.members(name)
+        if name in self._network.lengths:
+            return [(name, True)]
+        element = self._elements[name]
+        where = f"{self._network.place}: netElement {name}"
+        if not element.ordered:
+            raise ValueError(
+                f"{where}: its parts have no order ({UNORDERED}), so a position on it is not known; locate the entry "
+                f"on {', '.join(element.parts)[:100] or 'net elements of the micro level'}, or by measures"
+            )
+        found: Chain = []
+        for number, part in enumerate(element.parts):
+            found = self._joined(found, self.chain(part), number == 1)
+            if not found:
+                raise ValueError(
+                    f"{where}: elementPart '{part}' is not joined to the part before it; correct the order"
+                )
+        return found
+
+    def _joined(self, one: Chain, other: Chain, turning: bool) -> Chain:
+        """Return two chains as one, the second and perhaps the first one turned; empty without a joint."""
+        if not one:
+            return other
+        turned = [[(name, not same) for name, same in reversed(chain)] for chain in (one, other)]
+        for first in (one, turned[0])[: 2 if turning else 1]:
+            for second in (other, turned[1]):
+                (last, forward), (following, onward) = first[-1], second[0]
+                end, begin = (last, END if forward else BEGIN), (following, BEGIN if onward else END)
+                if begin in self._network.joined.get(end, ()) or end in self._network.joined.get(begin, ()):
+                    return [*first, *second]
+        return []
