@@ -269,3 +269,28 @@ def test_ctrl_c_ends_a_law_that_does_not_return(mode: str, then: str, tmp_path: 
     assert process.returncode == 1
     assert "node controller failed: law 'own_laws:Ends' did not return; Ctrl-C ended it" in err
     assert (tmp_path / "out" / "summary.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("number", "status"), [(signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGINT, -signal.SIGINT)]
+)
+def test_a_signal_ends_the_script_of_two_runs(number: signal.Signals, status: int, tmp_path: Path) -> None:
+    """Breaks if the first run swallows the signal and the script goes on, or its log is not closed."""
+    script = tmp_path / "two_runs.py"
+    script.write_text(
+        "import os, sys\n"
+        "from pathlib import Path\n"
+        "from train_ato.log.run_folder import RunFolder\n"
+        "from train_ato.loop.engine import run_engine\n"
+        "from train_ato.loop.setup import prepare\n"
+        "from train_ato.scenario.scenario import load_scenario\n"
+        "setup = prepare(*load_scenario('demo', ('duration=20',)))\n"
+        "for name in ('one', 'two'):\n"
+        "    with RunFolder.make(Path(name), name).sink(setup) as sink:\n"
+        f"        run_engine(setup, sink=sink, compiled=False, progress=lambda p: os.kill(os.getpid(), {number:d}))\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    ended = subprocess.run([sys.executable, script], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert ended.returncode == status, ended.stderr
+    assert (tmp_path / "one" / "run.mcap").is_file() and not (tmp_path / "two").exists()
+    assert number == signal.SIGINT or ended.stderr == ""

@@ -12,12 +12,13 @@ from train_ato.apps.grid.cell import HOST, TARGETS, Axes, Batch, batches, enviro
 from train_ato.apps.grid.grid import Grid, GridScenario
 from train_ato.apps.grid.interpreters import Interpreter, find_interpreters
 from train_ato.cli import main
+from train_ato.log import difference
 from train_ato.log.difference import compare_logs
 from train_ato.log.run_folder import RunFolder
 from train_ato.log.run_hash import _without_wall_clock, run_hash
 from train_ato.loop.engine import run_engine
 from train_ato.messages.codec.codec import Wire
-from train_ato.messages.types import Diagnostic
+from train_ato.messages.types import Diagnostic, Tick
 
 SHORT = GridScenario("demo", ("duration=3",))
 OWN = Interpreter(sys.executable, "3.11.7", "2", "0", True, ("X86_V3",), own=True)
@@ -60,9 +61,35 @@ def test_equal_hashes_are_equal_logs(tmp_path: Path) -> None:
     one, wire = recorded(tmp_path, "one", SHORT)
     again, _ = recorded(tmp_path, "again", SHORT)
     assert compare_logs(one, again, wire).equal
-    strict, tolerant = (_Scale("ato/command", [], wire, relative) for relative in (0.0, 1e-9))
+    strict, tolerant = (_Scale("ato/command", one, wire, relative) for relative in (0.0, 1e-9))
     assert _unequal("force", 0.0, -0.0, strict) == ("force", "0.0", "-0.0")
     assert _unequal("force", 0.0, -0.0, tolerant) is None
+
+
+def test_late_messages_are_compared_with_those_of_their_stamp(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if a message behind the others, or a foreign one far ahead, counts as missing."""
+    messages: list[tuple[str, object, int]] = []
+
+    class Kept:
+        def add(self, topic: str, message: object, stamp: int) -> None:
+            messages.append((topic, message, stamp))
+
+    setup = SHORT.prepare()
+    run_engine(setup, sink=Kept())
+    late = messages.pop(len(messages) // 2)
+    far = ("/clock", Tick(stamp=10**17), 10**17)
+    monkeypatch.setattr(difference, "PORTION", 1)
+    wire, one, other = Wire(setup.layout), tmp_path / "one", tmp_path / "other"
+    for run, found in ((one, [far, *messages, late]), (other, [late, *messages[::-1], far])):
+        with RunFolder.make(run, "late").sink(setup) as sink:
+            for topic, message, stamp in found:
+                sink.add(topic, message, stamp)
+    monkeypatch.setattr(difference, "WINDOW_NS", 1_000_000_000)
+    assert compare_logs(one, other, wire) == difference.LogComparison(len(messages) + 2)
+    shorter, _ = recorded(tmp_path, "shorter", GridScenario("demo", ("duration=2.9",)))
+    found = compare_logs(one, shorter, wire)
+    assert found.first is not None and found.first.stamp == 2_900_000_000 and found.topics["/clock"] == 2
+    assert found.messages == len(messages) + 2
 
 
 def test_grid_has_every_combination_and_its_environment() -> None:

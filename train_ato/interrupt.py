@@ -127,12 +127,13 @@ class Interrupt:
 
     def __init__(self) -> None:
         self.asked = False
+        self._number: int | None = None
         self._released = threading.Event()
         self._watching = False
 
     def ask(self, number: int, frame: FrameType | None) -> None:
         """Signal handler: set the flag; end the call of a component that does not return."""
-        self.asked = True
+        self.asked, self._number = True, number
         if ComponentCall.overdue():
             ComponentCall.interrupted = True
             raise KeyboardInterrupt
@@ -149,6 +150,14 @@ class Interrupt:
     def release(self) -> None:
         """End the watch over components."""
         self._released.set()
+
+    def pass_on(self) -> None:
+        """Give the signal to the handler of the program, which ends it: by default KeyboardInterrupt or SystemExit."""
+        if self._number is None:
+            return
+        if signal.getsignal(self._number) == signal.SIG_DFL:
+            raise SystemExit(128 + self._number)  # not the signal itself: the program still closes its files
+        signal.raise_signal(self._number)
 
     def end(self, number: int, frame: FrameType | None) -> None:
         """Signal handler: set the flag and raise KeyboardInterrupt."""

@@ -91,7 +91,7 @@ def compare_with_new(run: Path, setup: RunSetup, relative: float = 0.0) -> LogCo
         again = RunFolder.make(Path(scratch) / "again", setup.scenario.name)
         with progress_bar(f"again: {setup.scenario.name}") as progress, again.sink(setup) as sink:
             outcome = run_engine(setup, sink=sink, progress=progress)
-        if outcome.failure or outcome.interrupted:
-            raise RunFailed(outcome.failure or "interrupted")
+        if outcome.failure:
+            raise RunFailed(outcome.failure)
         with share_bar("comparing") as update:
             return compare_logs(run, again.path, Wire(setup.layout), relative, lambda share: update(share, ""))

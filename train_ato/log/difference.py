@@ -5,15 +5,17 @@ from __future__ import annotations
 import dataclasses
 import math
 import struct
-from collections.abc import Iterator
+from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import zip_longest
+from functools import partial
+from itertools import islice, zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from train_ato.log.reading import Progress, iter_raw
+from train_ato.log.reading import Progress, iter_raw, read_log
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.topics import TOPICS
 from train_ato.scenario.changes import GIVEN
@@ -24,8 +26,10 @@ WALL = "wall_"
 Neither are start parameters: the repeated run has them in its scenario."""
 _ORDER = {topic.name: place for place, topic in enumerate(TOPICS)}
 
-Entry = tuple[int, bytes]
-"""Stamp [ns] and bytes of a message."""
+WINDOW_NS = 60_000_000_000
+"""Largest difference of the stamps of messages in memory [ns]."""
+PORTION = 4096
+"""Number of messages that are read from a log at once."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +88,9 @@ def compare_logs(
 ) -> LogComparison:
     """Compare two logs of the same scenario.
 
+    Both are read side by side; only the messages of the last :data:`WINDOW_NS` are in memory, unless a log has messages
+    later than that.
+
     Parameters
     ----------
     one, other
@@ -100,64 +107,99 @@ def compare_logs(
     ValueError
         If one of the files is not a log, or damaged, or has a message too long for the train.
     """
-    report = progress or _silent
-    left = _by_topic(one, wire, lambda share: report(0.4 * share))
-    right = _by_topic(other, wire, lambda share: report(0.4 + 0.4 * share))
-    messages = 0
-    topics: dict[str, int] = {}
-    found: list[Difference] = []
-    names = sorted({*left, *right}, key=lambda name: _ORDER.get(name, len(_ORDER)))
-    for number, topic in enumerate(names):
-        report(0.8 + 0.2 * number / len(names))
-        mine, theirs = left.get(topic, []), right.get(topic, [])
-        messages += max(len(mine), len(theirs))
-        scale = _Scale(topic, mine, wire, relative)
-        for a, b in _paired(mine, theirs):
-            difference = _difference(topic, a, b, wire, scale)
-            if difference is not None:
-                topics[topic] = topics.get(topic, 0) + 1
-                found.append(difference)
-    first = min(found, key=lambda entry: entry.stamp, default=None)
-    return LogComparison(messages, len(found), topics, first)
+    for window in (WINDOW_NS, math.inf):
+        with suppress(_LateMessage):
+            return _Comparison((one, other), wire, relative, window, progress or _silent).run()
+    raise AssertionError  # no message is later than an endless window
 
 
 def _silent(share: float) -> None:
     pass
 
 
-def _by_topic(run: Path, wire: Wire, progress: Progress) -> dict[str, list[Entry]]:
-    """Return the messages by topic in stamp order; diagnostics of one stamp in the order of their content."""
-    messages: dict[str, list[Entry]] = {}
-    for topic, stamp, data in iter_raw(run, progress=progress):
-        if len(data) > wire.longest(topic):
+class _LateMessage(Exception):
+    """A message has a stamp before the window."""
+
+
+class _Comparison:
+    """Comparison of two logs; messages of a stamp are compared when both logs are a window beyond it."""
+
+    def __init__(self, runs: tuple[Path, Path], wire: Wire, relative: float, window: float, progress: Progress) -> None:
+        self._runs, self._wire, self._relative, self._window, self._progress = runs, wire, relative, window, progress
+        self._open: dict[int, dict[str, tuple[list[bytes], list[bytes]]]] = {}
+        self._newest, self._closed, self._share = [-math.inf, -math.inf], -math.inf, [0.0, 0.0]
+        self._counts: tuple[Counter[str], Counter[str]] = (Counter(), Counter())
+        self._differing: Counter[str] = Counter()
+        self._scales: dict[str, _Scale] = {}
+        self._first: Difference | None = None
+
+    def run(self) -> LogComparison:
+        """Read both logs and return the result."""
+        logs = [iter_raw(run, progress=partial(self._report, side)) for side, run in enumerate(self._runs)]
+        waiting = {0, 1}
+        while waiting:
+            side = min(waiting, key=lambda side: self._newest[side])
+            for topic, stamp, data in islice(logs[side], PORTION):
+                self._add(side, topic, stamp, data)
+            if (entry := next(logs[side], None)) is None:
+                waiting.discard(side)
+                self._newest[side] = math.inf
+            else:
+                self._add(side, *entry)
+            self._close(min(self._newest) - self._window)
+        self._close(math.inf)
+        messages = sum((self._counts[0] | self._counts[1]).values())
+        topics = dict(sorted(self._differing.items(), key=lambda entry: _place(entry[0])))
+        return LogComparison(messages, self._differing.total(), topics, self._first)
+
+    def _report(self, side: int, share: float) -> None:
+        self._share[side] = share
+        self._progress(sum(self._share) / 2)
+
+    def _add(self, side: int, topic: str, stamp: int, data: bytes) -> None:
+        """Add a message of a log."""
+        if len(data) > self._wire.longest(topic):
             raise ValueError(
-                f"{run}: {topic}: a message of {len(data)} bytes, at most {wire.longest(topic)} for this train; "
-                "name another log"
+                f"{self._runs[side]}: {topic}: a message of {len(data)} bytes, at most {self._wire.longest(topic)} for "
+                "this train; name another log"
             )
-        messages.setdefault(topic, []).append((stamp, data))
-    for topic, entries in messages.items():
-        entries.sort(key=lambda entry: entry if topic == "/diagnostics" else entry[:1])
-    return messages
+        if stamp <= self._closed:
+            raise _LateMessage
+        self._counts[side][topic] += 1
+        self._open.setdefault(stamp, {}).setdefault(topic, ([], []))[side].append(data)
+        self._newest[side] = max(self._newest[side], stamp)
+
+    def _close(self, until: float) -> None:
+        """Compare the messages up to a stamp, included; diagnostics of one stamp in the order of their content."""
+        for stamp in sorted(stamp for stamp in self._open if stamp <= until):
+            topics = self._open.pop(stamp)
+            for topic in sorted(topics, key=_place):
+                mine, theirs = (sorted(found) if topic == "/diagnostics" else found for found in topics[topic])
+                for a, b in zip_longest(mine, theirs):
+                    if a != b:
+                        self._compare(topic, stamp, a, b)
+        self._closed = max(self._closed, until)
+
+    def _compare(self, topic: str, stamp: int, a: bytes | None, b: bytes | None) -> None:
+        """Compare two messages with different bytes field by field."""
+        if topic not in self._scales:
+            self._scales[topic] = _Scale(topic, self._runs[0], self._wire, self._relative)
+        found = _difference(topic, stamp, a, b, self._wire, self._scales[topic])
+        if found is not None:
+            self._differing[topic] += 1
+            self._first = self._first or found
 
 
-def _paired(one: list[Entry], other: list[Entry]) -> Iterator[tuple[Entry | None, Entry | None]]:
-    """Pair the messages of equal stamps; None for a missing message."""
-    if [entry[0] for entry in one] == [entry[0] for entry in other]:
-        yield from zip(one, other, strict=True)
-        return
-    stamps = {stamp: ([], []) for stamp in sorted({entry[0] for entry in (*one, *other)})}  # type: ignore[var-annotated]
-    for side, entries in enumerate((one, other)):
-        for entry in entries:
-            stamps[entry[0]][side].append(entry)
-    for mine, theirs in stamps.values():
-        yield from zip_longest(mine, theirs)
+def _place(topic: str) -> tuple[int, str]:
+    """Return the place of a topic in the order of the topic table."""
+    return _ORDER.get(topic, len(_ORDER)), topic
 
 
 class _Scale:
-    """Maximum magnitude of every field of a topic, calculated at the first difference."""
+    """Maximum magnitude of every field of a topic in a log, calculated at the first difference."""
 
-    def __init__(self, topic: str, entries: list[Entry], wire: Wire, relative: float) -> None:
-        self._topic, self._entries, self._wire = topic, entries, wire
+    def __init__(self, topic: str, run: Path, wire: Wire, relative: float) -> None:
+        self._topic, self._run, self._wire = topic, run, wire
         self._relative = relative
         self._largest: dict[str, float] | None = None
 
@@ -167,8 +209,7 @@ class _Scale:
             return -1.0
         if self._largest is None:
             self._largest = {}
-            for _, data in self._entries:
-                message = self._wire.decode(self._topic, data)
+            for _, _, message in read_log(self._run, self._wire.decode, (self._topic,)):
                 for part in dataclasses.fields(message):
                     self._look(part.name, getattr(message, part.name))
         return self._relative * self._largest.get(name, 0.0)
@@ -184,18 +225,17 @@ class _Scale:
             self._largest[name] = max(self._largest.get(name, 0.0), size)
 
 
-def _difference(topic: str, a: Entry | None, b: Entry | None, wire: Wire, scale: _Scale) -> Difference | None:
-    """Return the first different field of two messages of a stamp, None for equal messages."""
+def _difference(
+    topic: str, stamp: int, a: bytes | None, b: bytes | None, wire: Wire, scale: _Scale
+) -> Difference | None:
+    """Return the first different field of two messages of a stamp, None for equal ones; a missing message is None."""
     if a is None or b is None:
-        stamp = a[0] if a is not None else b[0] if b is not None else 0
-        return Difference(topic, stamp, "message", *(("missing" if entry is None else "there") for entry in (a, b)))
-    if a[1] == b[1]:
-        return None
-    left, right = wire.decode(topic, a[1]), wire.decode(topic, b[1])
+        return Difference(topic, stamp, "message", *(("missing" if data is None else "there") for data in (a, b)))
+    left, right = wire.decode(topic, a), wire.decode(topic, b)
     for part in dataclasses.fields(left):
         found = _unequal(part.name, getattr(left, part.name), getattr(right, part.name), scale)
         if found is not None:
-            return Difference(topic, a[0], *found)
+            return Difference(topic, stamp, *found)
     return None
 
 

@@ -68,7 +68,7 @@ def run_engine(
     log_folder
         Folder for the traceback of a failure.
     interrupt
-        Flag that ends the run after the current tick; None: set by Ctrl-C and SIGTERM.
+        Flag that ends the run after the current tick; None: set by Ctrl-C and SIGTERM, which end the program too.
     compiled
         Run ticks without events in compiled code, if the run permits it; the numbers are the same. None: for runs of
         at least :data:`COMPILED_FROM` ticks.
@@ -78,14 +78,21 @@ def run_engine(
     Returns
     -------
     RunResult
-        Recording and summary, also of an interrupted run.
+        Recording and summary, also of a run that ``interrupt`` ended.
+
+    Raises
+    ------
+    KeyboardInterrupt, SystemExit
+        Without ``interrupt``, after Ctrl-C or SIGTERM; the sink has all ticks.
     """
     if interrupt is None:
         with interruptible() as asked:
-            return run_engine(
+            result = run_engine(
                 setup, sink=sink, progress=progress, rate=rate, log_folder=log_folder, interrupt=asked,
                 compiled=compiled, summary_only=summary_only,
             )  # fmt: skip
+        asked.pass_on()
+        return result
     wanted = setup.ticks >= COMPILED_FROM and not rate if compiled is None else compiled
     brief = summary_only and sink is None and not setup.scenario.criteria.requirements
     loop = TickLoop(setup, sink, compiled=wanted, summary_only=brief)

@@ -140,6 +140,4 @@ def run_target(choice: ScenarioChoice, target: RequirementTarget, changes: Chang
     except ValueError as error:
         return TargetRun(math.nan, f"refused: {error}")
     result = run_engine(setup)
-    if result.interrupted:
-        raise KeyboardInterrupt
     return TargetRun(target.robustness(setup, result), result.failure or "")

@@ -25,11 +25,10 @@ def record_run(name: str, changes: list[str], mode: str, folder: Path) -> str:
     run = RunFolder.make(folder, name)
     if mode == "engine":
         with run.sink(setup, timed=False) as sink:
-            result = run_engine(setup, sink=sink)
-    else:
-        from train_ato.ros.graph.runner import run_graph
+            return run_engine(setup, sink=sink).failure or ""
+    from train_ato.ros.graph.runner import run_graph
 
-        result = run_graph(setup, run.path, mode=mode)
+    result = run_graph(setup, run.path, mode=mode)
     return result.failure or ("interrupted" if result.interrupted else "")
 
 
