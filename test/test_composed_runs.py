@@ -77,10 +77,18 @@ def test_a_node_that_fails_is_named_and_the_log_is_closed(role, target, setup, t
 
 
 @pytest.mark.parametrize(
-    ("role", "topic"), [("profile", "ato/reference"), ("observer", "ato/estimate"), ("controller", "ato/command")]
+    ("role", "topic", "stamp", "chain"),
+    [
+        ("profile", "ato/reference", "2.000", ""),
+        ("observer", "ato/estimate", "2.000", ""),
+        ("controller", "ato/command", "2.000", ""),
+        ("controller", "ato/state", "2.400", ": node profile waits for its ato/state"),
+        ("supervisor", "atp/brake_release", "2.000", ""),
+        ("supervisor", "atp/speeds", "2.000", ": node controller waits for its atp/speeds"),
+    ],
 )
-def test_a_silent_node_is_named(role, topic, setup, tmp_path, monkeypatch):
-    """Fails when the run goes on with old values, hangs, or blames the node at the end of the chain."""
+def test_a_silent_node_is_named(role, topic, stamp, chain, setup, tmp_path, monkeypatch):
+    """Fails when the run goes on with old values, hangs, or blames a node that waits for the silent one."""
     original = NodeEndpoints.publish
 
     def swallows(self, name, message):
@@ -89,7 +97,7 @@ def test_a_silent_node_is_named(role, topic, setup, tmp_path, monkeypatch):
 
     monkeypatch.setattr(NodeEndpoints, "publish", swallows)
     outcome = run_graph(setup, tmp_path, mode="composed", timeout=2.0)
-    assert outcome.failure == f"node {role} failed: no answer to stamp 2.000 s within 2 s"
+    assert outcome.failure == f"node {role} failed: no answer to stamp {stamp} s within 2 s{chain}"
     assert outcome.summary["ticks"] >= 20, "the plant goes on until the train is at standstill"
 
 

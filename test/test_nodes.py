@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
+from foreign_node import ForeignNode
 from node_bench import Bench, set_parameter
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -18,15 +19,20 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 from waiting import LIMIT_S, wait_for
 
+from train_ato.errors import FirstFailure, NodeFault
+from train_ato.log.run_log import RunLog
 from train_ato.loop.plant import PlantStage
 from train_ato.loop.profile import ProfileStage
 from train_ato.loop.setup import prepare
 from train_ato.loop.stamp_synchronizer import StampSynchronizer
 from train_ato.messages.codec.codec import Wire
-from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by
-from train_ato.messages.types import Command, DisturbanceEstimate, Reference, Tick, Trajectory
+from train_ato.messages.topics import BY_NAME, EPOCH_NS, TOPICS, Role, read_by, topics_of
+from train_ato.messages.types import Command, Diagnostic, DisturbanceEstimate, Reference, Tick, Trajectory
+from train_ato.ros.graph.assembly import executor_of
 from train_ato.ros.nodes.answer_watch import CHECK_S, SUSPENDED_S, silent_node
+from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.plant import LEAD, PlantNode
+from train_ato.ros.nodes.recorder import RecorderNode
 from train_ato.ros.nodes.tick_answers import TickAnswers
 from train_ato.scenario.scenario import load_scenario
 
@@ -260,9 +266,146 @@ def test_an_answer_with_a_wrong_stamp_is_named(stamp, shown):
     assert answers.unused_of(Role.CONTROLLER) == ""
     assert not answers.take(Command(stamp, np.zeros(1)), False)
     assert (
-        answers.unused_of(Role.CONTROLLER) == f"; a command stamped {shown} came: echo the stamp of train/measurement"
+        answers.unused_of(Role.CONTROLLER) == f"; a command stamped {shown} came; echo the stamp of train/measurement"
     )
     assert answers.unused_of(Role.SUPERVISOR) == ""
+
+
+@pytest.mark.parametrize(("stamp", "shown"), [(-EPOCH_NS, "0"), (5 * TICK, "0.500 s"), (TICK // 2, "0.050 s")])
+def test_a_stamp_that_echoes_no_measurement_is_named_once(stamp, shown):
+    """Breaks if the wrong stamp is named after the time-out only, at every message, or for a repeated answer."""
+    answers = TickAnswers(_unsupervised(2))
+    found = answers.wrong_stamp(Command(stamp, np.zeros(1)), 4 * TICK)
+    assert found.startswith(f"node controller: a command stamped {shown} came; echo the stamp of train/measurement")
+    assert found.endswith("the tick of the scenario is 0.1 s") == (stamp > 0)
+    assert answers.wrong_stamp(Command(stamp, np.zeros(1)), 4 * TICK) == ""
+    assert TickAnswers(_unsupervised(2)).wrong_stamp(Command(2 * TICK, np.zeros(1)), 4 * TICK) == ""
+
+
+@pytest.mark.parametrize(
+    ("stamps", "came", "due"),
+    [
+        ([0, 2 * TICK], "for 0.200 s", "0.100"),
+        ([0, TICK // 2], "for 0.050 s", "0.100"),
+        ([-EPOCH_NS + 1], "for -1767225600.000 s", "0.000"),
+        ([-EPOCH_NS], "stamped 0", "0.000"),
+    ],
+)
+def test_a_plant_with_another_tick_is_named(make, stamps, came, due):
+    """Breaks if a node waits for ever for the measurement of the tick of its scenario, or names itself."""
+    bench = make(Role.OBSERVER)
+    publisher = bench.speaker("train/measurement")
+    model = PlantStage(_unsupervised(2)).observe().measurement
+    for stamp in stamps:
+        publisher.publish(bench.wire.encode("train/measurement", dataclasses.replace(model, stamp=stamp)))
+    bench.until(lambda: bench.watch.failure is not None)
+    text = f"node plant failed: measurement {came} came, {due} s was due: the tick of the scenario is 0.1 s"
+    assert bench.watch.failure == text
+
+
+def test_a_node_that_joins_in_a_pause_knows_the_time(plant):
+    """Breaks if a tool with the time of the simulation has the time 0 until the next step."""
+    bench, command = plant
+    bench.node.begin()
+    bench.call(SetBool, "plant/pause", data=True)
+    _answer(bench, command, 0)
+    bench.until(lambda: bench.node.stage.tick == 1)
+    sent = dict(bench.endpoints.published)
+    bench.listen("/clock")
+    bench.until(lambda: len(bench.heard["/clock"]) == 2)
+    assert {tick.stamp for tick in bench.heard["/clock"]} == {0}
+    assert bench.endpoints.published == sent, "the recorder does not record the repeated time"
+
+
+class Recording:
+    """Recorder with real subscriptions, polled by the test."""
+
+    def __init__(self, stack, setup, domain, folder):
+        context, _ = stack.enter_context(executor_of(domain))
+        self.endpoints = NodeEndpoints(Role.RECORDER, Wire(setup.layout), context, FirstFailure())
+        self.notes = []
+        self.endpoints.on_note = self.notes.append
+        self.node = RecorderNode(RunLog(folder, topics_of(setup.layout)), self.endpoints)
+
+    def poll_until(self, condition):
+        wait_for(condition, turn=lambda: self.node.poll(last=True))
+
+
+@pytest.fixture
+def recording(setup, domain, tmp_path):
+    with ExitStack() as stack:
+        yield lambda: Recording(stack, setup, domain, tmp_path)
+
+
+def _report(wire, node, second):
+    return wire.encode("/diagnostics", Diagnostic(second * 10**9, node, 0, "ok", {}))
+
+
+def test_commands_lost_before_the_first_recorded_one_are_said(recording, domain, setup):
+    """Breaks if a log without its first commands is complete, or the recorder is named for a node that came early."""
+    encode, measured = Wire(setup.layout).encode, PlantStage(setup).observe().measurement
+    with ForeignNode(domain, "plant") as plant, ForeignNode(domain, "my_controller") as controller:
+        command = controller.publisher("ato/command")
+        for tick in range(3):
+            command.publish(encode("ato/command", Command(tick * TICK, np.zeros(1))))
+        recorder = recording()
+        controller.until(command.get_subscription_count)
+        command.publish(encode("ato/command", Command(3 * TICK, np.zeros(1))))
+        counts = lambda name: recorder.node.log.counts[name]  # noqa: E731
+        recorder.poll_until(lambda: counts("ato/command") == 1)
+        plant.publish("train/measurement", encode("train/measurement", measured))
+        with pytest.raises(NodeFault, match=r"lost before the first recorded one: ato/command: 3; answer") as found:
+            recorder.poll_until(lambda: False)
+    assert found.value.node == "my_controller"
+
+
+def test_a_recorder_that_comes_late_records_the_rest(recording, domain, setup):
+    """Breaks if the messages before a recorder that was started late count as lost."""
+    encode, measured = Wire(setup.layout).encode, PlantStage(setup).observe().measurement
+    with ForeignNode(domain, "plant") as plant:
+        publisher = plant.publisher("train/measurement")
+        publisher.publish(encode("train/measurement", measured))
+        recorder = recording()
+        plant.until(publisher.get_subscription_count)
+        publisher.publish(encode("train/measurement", dataclasses.replace(measured, stamp=TICK)))
+        recorder.poll_until(lambda: recorder.node.log.counts["train/measurement"] == 1)
+        recorder.node.poll()
+
+
+def test_diagnostics_under_the_name_of_a_node_are_those_of_one_publisher(recording, domain):
+    """Breaks if a message of another program is recorded as one of the node, or the recorder is named for it."""
+    with ForeignNode(domain, "controller") as own, ForeignNode(domain, "intruder") as foreign:
+        recorder = recording()
+        wire, counts = recorder.endpoints.wire, lambda: recorder.node.log.counts["/diagnostics"]
+        for second in range(3):
+            own.publish("/diagnostics", _report(wire, "controller", second))
+        recorder.poll_until(lambda: counts() == 3)
+        assert recorder.notes == []
+        foreign.publish("/diagnostics", _report(wire, "lidar", 3))
+        recorder.poll_until(lambda: recorder.notes)
+        text = "node intruder publishes /diagnostics too; only messages of the run's nodes are recorded"
+        assert (recorder.notes, counts()) == ([text], 3)
+        foreign.publish("/diagnostics", _report(wire, "controller", 3)[:60])
+        with pytest.raises(
+            NodeFault, match="/diagnostics: it sends under the name of node controller; end it"
+        ) as found:
+            recorder.poll_until(lambda: False)
+        assert (found.value.node, counts()) == ("intruder", 3)
+        own.publish("/diagnostics", _report(wire, "controller", 3))
+        with suppress(NodeFault):
+            wait_for(lambda: counts() == 4, turn=recorder.node.poll)
+        assert recorder.notes == [text]
+
+
+def test_a_repeated_clock_is_not_recorded(recording, domain):
+    """Breaks if the time that a paused plant repeats is in the log, which then differs from that of the engine."""
+    with ForeignNode(domain, "plant") as plant:
+        recorder = recording()
+        for stamp in (0, TICK, TICK, TICK, 2 * TICK):
+            plant.publish("/clock", recorder.endpoints.wire.encode("/clock", Tick(stamp)))
+        recorder.poll_until(lambda: recorder.node.log.counts["/clock"] >= 3)
+        recorder.node.poll(last=True)
+        assert recorder.node.log.counts["/clock"] == 3
 
 
 def test_the_plant_never_runs_away_from_the_recorder(make):

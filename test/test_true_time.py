@@ -73,6 +73,22 @@ def test_log_time_is_the_stamp_of_every_message(mode: str, run: Callable[[str], 
         last = max(last, message.log_ns)
 
 
+class OwnPublisher:
+    """Publisher of every message; also those of a topic of several nodes."""
+
+    begun, lost, fault = True, 0, None
+
+    def take(self, *message: Any) -> bool:
+        """Accept a message."""
+        return True
+
+    def check(self) -> list[str]:
+        """Find no other publisher."""
+        return []
+
+    newcomers = check
+
+
 class LateQueues:
     """Queues of the recorder's topics with recorded bytes; those of one topic arrive later than the others."""
 
@@ -84,15 +100,17 @@ class LateQueues:
             self._queues.setdefault(message.channel.topic.removeprefix("/"), []).append(message.data)
         self.arrived = False
 
-    def taker(self, name: str) -> tuple[Callable[[], Any], None]:
-        """Return the function that takes the next message of a topic."""
+    def taker(self, name: str) -> tuple[Callable[[], Any], OwnPublisher]:
+        """Return the function that takes the next message of a topic, and its publisher."""
         queue = iter(self._queues.get(name.removeprefix("/"), []))
 
         def take() -> tuple[bytes, dict[str, int]] | None:
             data = next(queue, None) if name != self._late or self.arrived else None
-            return None if data is None else (data, {"received_timestamp": 0})
+            return None if data is None else (data, {"received_timestamp": 0, "publication_sequence_number": 0})
 
-        return take, None
+        return take, OwnPublisher()
+
+    shared_taker = taker
 
     def publish(self, topic: str, message: Any) -> None:
         """Accept the progress of the recorder."""

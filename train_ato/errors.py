@@ -40,6 +40,20 @@ class RunInterrupted(RunFailed, KeyboardInterrupt):
     """End of a run by Ctrl-C; ``run`` is its record up to the end."""
 
 
+class NodeFault(ValueError):
+    """Fault of another node or program, found by its messages.
+
+    Attributes
+    ----------
+    node : str
+        Its name.
+    """
+
+    def __init__(self, node: str, reason: str) -> None:
+        super().__init__(reason)
+        self.node = node
+
+
 class FirstFailure:
     """First failure in this process; it ends the run.
 

@@ -19,12 +19,9 @@ NEVER = 9223372036854775807
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
-def log_name(topic: Topic, namespace: str = "") -> str:
-    """Return the name of a topic in the graph and in the log, with the namespace for relative names."""
-    if topic.name.startswith("/"):
-        return topic.name
-    prefix = namespace.strip("/")
-    return f"/{prefix}/{topic.name}" if prefix else f"/{topic.name}"
+def log_name(topic: Topic, resolved: str = "") -> str:
+    """Return the name of a topic in the log: the one in the graph, ``resolved``, if it ends with that of the table."""
+    return resolved if table_name(resolved) == topic.name else f"/{topic.name.lstrip('/')}"
 
 
 def table_name(name: str) -> str | None:
@@ -33,7 +30,7 @@ def table_name(name: str) -> str | None:
 
 
 def _names(name: str, topic: str) -> bool:
-    return name == topic or (not topic.startswith("/") and name.endswith("/" + topic))
+    return name == topic or name.endswith(f"/{topic.lstrip('/')}")
 
 
 def qos_profiles(topic: Topic) -> list[dict[str, Any]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import fcntl
 import io
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -209,8 +209,8 @@ class RunLog:
         Existing folder of the run.
     topics
         Topics of the run; only recorded ones are added.
-    namespace
-        Namespace of the graph.
+    resolved
+        Returns the name of a topic in the graph, with its namespace and remaps.
     attachments
         Texts to attach, by file name, for the reproduction of the run.
     compression
@@ -228,7 +228,7 @@ class RunLog:
         self,
         folder: Path,
         topics: Collection[Topic] = TOPICS,
-        namespace: str = "",
+        resolved: Callable[[str], str] = lambda name: f"/{name.lstrip('/')}",
         attachments: Mapping[str, bytes] | None = None,
         compression: str = DEFAULT,
         timed: bool = True,
@@ -240,7 +240,11 @@ class RunLog:
             if topic.recorded:
                 known = definition(topic.type)
                 self.numbers[topic.name] = self._file.channel(
-                    log_name(topic, namespace), topic.type, known.text, known.hash, qos_text(qos_profiles(topic))
+                    log_name(topic, resolved(topic.name)),
+                    topic.type,
+                    known.text,
+                    known.hash,
+                    qos_text(qos_profiles(topic)),
                 )
 
     @property

@@ -31,6 +31,11 @@ class AwaitedReport:
         self._last = -1
         self.ignored = 0
 
+    @property
+    def waits(self) -> bool:
+        """True if a measurement is held back."""
+        return self._held is not None
+
     def put(self, message: Measurement) -> list[tuple[Measurement, AtoReport | None]]:
         """Add a measurement; return the pairs that are complete, in order."""
         if message.stamp <= self._last:

@@ -68,6 +68,17 @@ class StampSynchronizer:
         self._joined = -1
         self.ignored = 0
 
+    @property
+    def awaited(self) -> str:
+        """Kind of the first missing message of the oldest incomplete step; "" for none."""
+        if self._complete:
+            return "profile"
+        if not self._waiting:
+            return ""
+        oldest = min(self._waiting)
+        kinds = KINDS + SUPERVISED_KINDS * self._supervised_at(oldest)
+        return next(kind for kind in kinds if kind not in self._waiting[oldest])
+
     def join(self) -> None:
         """Join a run in progress: messages up to the first complete stamp are not counted as ignored."""
         self._joined = sys.maxsize

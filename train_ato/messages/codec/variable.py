@@ -237,19 +237,21 @@ def _texts(data: bytes, place: int, count: int) -> tuple[list[str], int]:
 
 
 _NODES = tuple(role.value for role in BY_NAME["/diagnostics"].publishers)
-_NAMED = tuple(struct.pack("<I", len(name) + 1) + name.encode() + b"\x00" for name in _NODES)
+_NAMED = {struct.pack("<I", len(name) + 1) + name.encode() + b"\x00": name for name in _NODES}
 _ONE = struct.pack("<I", 1)
 
 
-def of_a_node(data: bytes) -> bool:
-    """Return True for diagnostics of a node of the graph, False for those of another program."""
-    written_here = data[:2] == b"\x00\x01" and data[12:17] == _ONE + b"\x00" and data[20:24] == _ONE
-    if written_here and data.startswith(_NAMED, 28):
-        return True
+def status_name(data: bytes) -> str:
+    """Return the node of the graph whose name diagnostics have, "" for those of another program."""
+    if data[:2] == b"\x00\x01" and data[12:17] == _ONE + b"\x00" and data[20:24] == _ONE:
+        for start, name in _NAMED.items():
+            if data.startswith(start, 28):
+                return name
     try:
-        return decode_diagnostic(data).node in _NODES
+        name = decode_diagnostic(data).node
     except ValueError:
-        return False
+        return ""
+    return name if name in _NODES else ""
 
 
 def _deserialise(data: bytes, type_name: str) -> Any:

@@ -158,5 +158,5 @@ def make_node(
     if folder is None:
         raise ValueError("the recorder needs a folder; give --out DIR")
     attached = attachments_for(setup.resolved_yaml())
-    log = RunLog(folder, topics_of(setup.layout), endpoints.node.get_namespace(), attached, compression)
+    log = RunLog(folder, topics_of(setup.layout), endpoints.node.resolve_topic_name, attached, compression)
     return RecorderNode(log, endpoints)

@@ -18,7 +18,6 @@ from train_ato.ros.graph import shared_memory
 from train_ato.ros.graph.assembly import TURN_S, executor_of, make_node
 from train_ato.ros.graph.graph_result import ANSWERING, STOPPING_S, GraphOptions, GraphResult, Report
 from train_ato.ros.graph.wait_note import WaitNote
-from train_ato.ros.nodes.answer_watch import silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of
 from train_ato.ros.nodes.plant import PlantNode
 
@@ -144,10 +143,11 @@ class _Composed:
             ]
             if not absent:
                 return True
-            name, lacks = absent[0]
-            note(f"node {name}, which lacks {lacks[0]}")
+            note("; ".join(f"node {name}, which lacks {', '.join(lacks)}" for name, lacks in absent))
             if time.monotonic() > last:
-                self._watch.fail(name, f"it waited {limit:g} s for {lacks[0]}")
+                name, lacks = absent[0]
+                others = "".join(f"; node {other} for {', '.join(more)}" for other, more in absent[1:])
+                self._watch.fail(name, f"it waited {limit:g} s for {', '.join(lacks)}{others}")
                 return False
             self._executor.spin_once(timeout_sec=0.01)
         return False
@@ -176,11 +176,8 @@ class _Composed:
         """Fail the run by the node whose answer is overdue."""
         if self._plant.check_overdue():
             last = {role: endpoints.last_stamp for role, endpoints in self._all_endpoints.items()}
-            silent = silent_node(last, self._plant.stamp, self._plant.blocked, self._plant.supervised_stamp)
-            self._plant.lose(
-                silent,
-                f"no answer to stamp {self._plant.stamp * 1e-9:.3f} s within {self._plant.timeout:g} s"
-                f"{self._plant.answers.unused_of(silent)}",
+            self._plant.lose_silent(
+                last, {role: endpoints.awaited() for role, endpoints in self._all_endpoints.items()}
             )
 
     def _close(self, end: GraphResult) -> None:

@@ -15,7 +15,7 @@ from train_ato.arguments import BAD_INPUT
 from train_ato.messages.topics import Role
 from train_ato.ros.graph.domain_lock import inherited_locks
 from train_ato.ros.graph.environment import variables
-from train_ato.ros.standalone.notices import FAILURE, INTERRUPTION, LAST_COUNT, Notice
+from train_ato.ros.standalone.notices import FAILURE, INTERRUPTION, LAST_COUNT, NOTE, Notice
 
 LEAVING_S = 5.0
 """Wall time for a node to end after a failure of the run [s]."""
@@ -86,6 +86,9 @@ class NodeProcess:
     def _read(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:
+            if line.startswith(NOTE):
+                sys.stderr.write(line.removeprefix(NOTE))
+                continue
             if line.startswith((FAILURE, INTERRUPTION)):
                 self._said[line.partition(" ")[0]] = line.partition(" ")[2].strip()
                 continue

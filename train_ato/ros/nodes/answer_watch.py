@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 
-from train_ato.messages.topics import Role
+from train_ato.messages.topics import BY_NAME, Role
 
 CHECK_S = 0.1
 """Period of the checks for a due answer [s]."""
@@ -61,8 +62,12 @@ class AnswerWatch:
         heard = min(self._heard, self._heard_release) if released else self._heard
         return time.monotonic() - heard
 
+    def release_silent_for(self) -> float:
+        """Return the time since the last brake release [s]."""
+        return time.monotonic() - self._heard_release
 
-def silent_node(last: dict[Role, int], stamp: int, blocked: bool, supervised: int = -1) -> Role:
+
+def silent_node(last: Mapping[Role, int], stamp: int, blocked: bool, supervised: int = -1) -> Role:
     """Return the node without an answer to the stamp: the first in the order of dependence.
 
     Parameters
@@ -84,3 +89,24 @@ def silent_node(last: dict[Role, int], stamp: int, blocked: bool, supervised: in
         if last.get(role, -1) < stamp:
             return role
     return Role.CONTROLLER
+
+
+def awaited_node(role: Role, awaited: Mapping[Role, str]) -> tuple[Role, str]:
+    """Return the node on which a silent node waits, itself without one, and the chain of both as text.
+
+    Parameters
+    ----------
+    role
+        Silent node.
+    awaited
+        Topic for which a node waits, "" for none.
+    """
+    chain, passed = "", {role}
+    while (topic := awaited.get(role, "")) in BY_NAME:
+        sender = BY_NAME[topic].publishers[0]
+        if sender is Role.PLANT or sender in passed:
+            break
+        passed.add(sender)
+        chain = f": node {role.value} waits for its {topic}"
+        role = sender
+    return role, chain

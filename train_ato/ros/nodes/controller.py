@@ -24,6 +24,15 @@ from train_ato.ros.nodes.parameters import Declared, block_parameters, declare
 from train_ato.scenario.ato_requests import REQUESTS, Request
 from train_ato.scenario.changes import LAW, Changes
 
+KINDS = {
+    "profile": "ato/profile",
+    "measurement": "train/measurement",
+    "reference": "ato/reference",
+    "estimate": "ato/estimate",
+    "protection": "train/protection",
+    "speeds": "atp/speeds",
+}
+"""Topics of the inputs of a step."""
 PARAMETER = "law"
 """ROS parameter that selects the law."""
 
@@ -44,16 +53,8 @@ class ControllerNode:
         self._following = False
         self._laws = stage.setup.laws
         self._declare()
-        endpoints.subscribe(
-            {
-                "ato/profile": partial(self._step, "profile"),
-                "train/measurement": partial(self._step, "measurement"),
-                "ato/reference": partial(self._step, "reference"),
-                "ato/estimate": partial(self._step, "estimate"),
-                "train/protection": partial(self._step, "protection"),
-                "atp/speeds": partial(self._step, "speeds"),
-            }
-        )
+        endpoints.awaited = lambda: KINDS.get(self._inputs.awaited, "")
+        endpoints.subscribe({topic: partial(self._step, kind) for kind, topic in KINDS.items()}, stage.setup.tick_ns)
         for request in REQUESTS:
             endpoints.serve(Trigger, f"~/{request}", partial(self._request, request))
 

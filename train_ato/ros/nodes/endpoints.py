@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import sys
 import time
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
@@ -16,13 +17,13 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from train_ato.errors import FirstFailure
+from train_ato.errors import FirstFailure, NodeFault
 from train_ato.messages.codec.codec import Wire
 from train_ato.messages.layout import TrainLayout
-from train_ato.messages.topics import BY_NAME, END_TOPIC, Rate, Role, Topic, published_by
+from train_ato.messages.topics import BY_NAME, END_TOPIC, EPOCH_NS, Rate, Role, Topic, published_by
 from train_ato.messages.types import Diagnostic
 from train_ato.ros.nodes.parameter_services import ParameterServices
-from train_ato.ros.nodes.publishers import OnePublisher
+from train_ato.ros.nodes.publishers import NamedSenders, OnePublisher
 
 ROLES = (Role.PLANT, Role.SUPERVISOR, Role.PROFILE, Role.OBSERVER, Role.CONTROLLER, Role.RECORDER)
 """Nodes of a graph, a supervisor only in a supervised run (:func:`roles_of`)."""
@@ -57,6 +58,23 @@ def _never(data: bytes) -> None:
     raise AssertionError("a node that polls its messages was added to an executor")
 
 
+def _of_ticks(handler: Callable[[Any], None], tick_ns: int) -> Callable[[Any], None]:
+    """Return a handler of measurements that raises :class:`NodeFault` for a plant with another tick [ns]."""
+    last = -1
+
+    def receive(measurement: Any) -> None:
+        nonlocal last
+        stamp, due = measurement.stamp, last + tick_ns if last >= 0 else 0
+        if stamp < 0 or stamp % tick_ns or (last == 0 and stamp > due):
+            came = "stamped 0" if stamp == -EPOCH_NS else f"for {stamp * 1e-9:.3f} s"
+            reason = f"measurement {came} came, {due * 1e-9:.3f} s was due: the tick of the scenario is"
+            raise NodeFault(Role.PLANT.value, f"{reason} {tick_ns * 1e-9:g} s")
+        last = stamp
+        handler(measurement)
+
+    return receive
+
+
 class NodeEndpoints:
     """Node with its publishers, subscriptions and message counts.
 
@@ -85,6 +103,10 @@ class NodeEndpoints:
         Number of messages handled while joining.
     on_second_publisher : callable
         Called with a topic and the reason after the appearance of a second publisher; False fails the run.
+    awaited : callable
+        Returns the topic for which the node waits, "" for none.
+    on_note : callable
+        Receiver of the lines of :meth:`note`.
     """
 
     def __init__(
@@ -115,12 +137,15 @@ class NodeEndpoints:
         self._roles = [role for role in roles if role in roles_of(wire.layout)]
         self.last_stamp = -1
         self.on_second_publisher: Callable[[str, str], bool] = lambda topic, reason: False
+        self.awaited: Callable[[], str] = lambda: ""
+        self.on_note: Callable[[str], Any] = lambda text: sys.stderr.write(f"{text}\n")
         self._planned_end: tuple[int, int] | None = None
         self.published: dict[str, int] = {}
         self._publishers: dict[str, Any] = {}
         self._senders: dict[str, Callable[[bytes], None]] = {}
         self._subscriptions: dict[str, Any] = {}
         self._sources: dict[str, OnePublisher] = {}
+        self._shared: NamedSenders | None = None
         self._ticking = {name for name, topic in BY_NAME.items() if topic.rate in (Rate.TICK, Rate.SUPERVISION)}
         for topic in published_by(role):
             if topic.exists(wire.layout):
@@ -170,18 +195,24 @@ class NodeEndpoints:
         if topic in self._ticking:
             self.last_stamp = message.stamp
 
+    def repeat(self, topic: str, message: Any) -> None:
+        """Send a message again, which the recorder does not record."""
+        self._senders[topic](self.wire.encode(topic, message))
+
     def publish_all(self, messages: list[tuple[str, Any]]) -> None:
         """Send messages in their order."""
         for topic, message in messages:
             self.publish(topic, message)
 
-    def subscribe(self, handlers: Mapping[str, Callable[[Any], None]]) -> None:
-        """Subscribe to topics with a handler for decoded messages each."""
+    def subscribe(self, handlers: Mapping[str, Callable[[Any], None]], tick_ns: int = 0) -> None:
+        """Subscribe to topics with a handler for decoded messages each; ``tick_ns`` is the tick of a measurement."""
         decode = self.wire.decode_shared
         for name, handler in handlers.items():
             topic = BY_NAME[name]
             if topic.exists(self.wire.layout):
                 sender = "/".join(role.value for role in topic.publishers)
+                if tick_ns and name == "train/measurement":
+                    handler = _of_ticks(handler, tick_ns)
 
                 def receive(
                     data: bytes, name: str = name, handler: Callable[[Any], None] = handler, sender: str = sender
@@ -189,6 +220,7 @@ class NodeEndpoints:
                     try:
                         message = decode(name, data)
                     except ValueError as error:
+                        self._sources[name].check()
                         raise ValueError(f"{error}; sent by {sender}") from error
                     handler(message)
 
@@ -243,25 +275,34 @@ class NodeEndpoints:
 
         self.node.create_service(kind, name, guarded)
 
-    def taker(self, name: str) -> tuple[Callable[[], Any], OnePublisher | None]:
-        """Subscribe to the bytes of a topic for polling, without callbacks.
+    def taker(self, name: str) -> tuple[Callable[[], Any], OnePublisher]:
+        """Subscribe to the bytes of a topic with one publisher for polling, without callbacks.
 
         Returns
         -------
         take : callable
             Returns the next message of the queue as (bytes, dictionary of times), or None. The node must not be added
             to an executor.
-        source : OnePublisher or None
-            Publisher of the topic, None for a topic of several nodes.
+        source : OnePublisher
+            Publisher of the topic.
         """
+        take = self._polled(name)
+        source = self._sources[name] = OnePublisher(self.node, BY_NAME[name])
+        source.attach(self._subscriptions[name])
+        return take, source
+
+    def shared_taker(self, name: str) -> tuple[Callable[[], Any], NamedSenders]:
+        """Subscribe as :meth:`taker` to a topic of several nodes; return the publishers in place of one."""
+        take = self._polled(name)
+        self._shared = NamedSenders(self.node, BY_NAME[name], self._subscriptions[name])
+        return take, self._shared
+
+    def _polled(self, name: str) -> Callable[[], Any]:
         topic = BY_NAME[name]
         kind = message_class(topic.type)
         subscription = self.node.create_subscription(kind, name, _never, quality_of_service(topic), raw=True)
         self._subscriptions[name] = subscription
-        if len(topic.publishers) == 1:
-            self._sources[name] = OnePublisher(self.node, topic)
-            self._sources[name].attach(subscription)
-        return partial(subscription.handle.take_message, kind, True), self._sources.get(name)
+        return partial(subscription.handle.take_message, kind, True)
 
     def guard(self, action: Callable[[], None]) -> None:
         """Run an action outside of callbacks; an exception fails the run as in callbacks."""
@@ -317,6 +358,8 @@ class NodeEndpoints:
         for name, source in self._sources.items():
             if BY_NAME[name].publishers == (role,):
                 source.renew()
+        if self._shared is not None:
+            self._shared.renew(role)
 
     @property
     def subscribed(self) -> tuple[str, ...]:
@@ -327,6 +370,11 @@ class NodeEndpoints:
         """Publish a line of standard error on ``/rosout``, which other hosts read."""
         stamp = self.node.get_clock().now().to_msg()
         self._log.publish(LogMessage(stamp=stamp, level=level, name=self.name, msg=text))
+
+    def note(self, text: str) -> None:
+        """Write a line for the user during the run: on standard error, or as :attr:`on_note`, and on ``/rosout``."""
+        self.log(text, LogMessage.WARN)
+        self.on_note(text)
 
     def deliver(self, limit: float) -> None:
         """Wait until every reader has received the published messages, at most ``limit`` [s]."""

@@ -29,7 +29,7 @@ class ObserverNode:
         changed = self._declared(setup)
         scenario = RunChanges(given={self.endpoints.name: changed}).begun(setup.scenario)
         self.stage = ObserverStage(replace(setup, scenario=scenario), changed)
-        endpoints.subscribe({"train/measurement": self._on_measurement})
+        endpoints.subscribe({"train/measurement": self._on_measurement}, setup.tick_ns)
 
     def join(self, stamp: int) -> None:
         """Join a run that has reached a stamp [ns]: the estimate begins again at the next measurement."""

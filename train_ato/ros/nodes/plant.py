@@ -7,6 +7,7 @@ counted.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 from rclpy.clock import Clock, ClockType
@@ -17,7 +18,7 @@ from train_ato.loop.run_end import RunEnd
 from train_ato.loop.stage_messages import Published
 from train_ato.messages.topics import BY_NAME, END_TOPIC, Role
 from train_ato.messages.types import BrakeRelease, Command, Diagnostic, Pipe, Tick
-from train_ato.ros.nodes.answer_watch import AnswerWatch
+from train_ato.ros.nodes.answer_watch import AnswerWatch, awaited_node, silent_node
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.nodes.outage import OUTAGE_RATE, Outage
 from train_ato.ros.nodes.plant_requests import NO_RATE, PlantRequests
@@ -30,6 +31,8 @@ SHORTEST_WAIT_S = 0.0005
 """Minimum wait before a tick [s]; shorter waits are omitted."""
 STOPPING_RATE = 10.0
 """Simulated seconds per wall second after the loss of a node in lockstep, until standstill."""
+CLOCK_S = 0.5
+"""Wall time between two messages on ``/clock`` in a pause [s], for nodes that join in it."""
 STANDING_S = 2.0
 """Simulated time at standstill after which a run with a lost node ends [s]."""
 
@@ -99,7 +102,6 @@ class PlantNode:
         self._standing = 0
         self.outage = Outage(2 * stage.setup.supervision_ticks)
         self._lockstep_rate: float | None = None
-        self._return_tick = 0
         self._requests = PlantRequests(self, endpoints, lockstep, timeout, rate, scenario)
         given = self._requests.given
         self._period = None if given["lockstep"] else stage.setup.tick_ns / given["rate"]
@@ -107,6 +109,7 @@ class PlantNode:
         self.paused = given["paused"]
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = endpoints.node.create_timer(1.0, self._awake, clock=steady, autostart=False)
+        endpoints.node.create_timer(CLOCK_S, self._repeat_clock, clock=steady)
         endpoints.on_second_publisher = self._on_second_publisher
         endpoints.subscribe(
             {
@@ -176,6 +179,35 @@ class PlantNode:
             return 0.0
         return self.answer_watch.silent_for(released=self._period is not None and self.stage.setup.layout.supervised)
 
+    def lose_silent(self, last: Mapping[Role, int], awaited: Mapping[Role, str], hanging: Role | None = None) -> None:
+        """Lose the node that has not answered, or on which one of these waits.
+
+        Parameters
+        ----------
+        last
+            Stamp of the last answer of every node [ns].
+        awaited
+            Topic for which a node waits, "" for none.
+        hanging
+            Node that does not react at all, or None.
+        """
+        answers, setup, watch = self.answers, self.stage.setup, self.answer_watch
+        stamp = 0 if answers.commanded < 0 else min(answers.commanded + setup.tick_ns, self.sent_stamp)
+        if self._period is None:
+            commanded, released = answers.all_commanded(self.sent_stamp), answers.released >= self.supervised_stamp
+        else:
+            commanded = watch.silent_for(released=False) <= self.timeout
+            released = not setup.layout.supervised or watch.release_silent_for() <= self.timeout
+        if hanging is not None:
+            role, chain = hanging, ""
+        elif commanded and not released and not self.blocked:
+            role, chain, stamp = Role.SUPERVISOR, "", self.supervised_stamp
+        else:
+            role = silent_node(last, stamp, self.blocked, -1 if released else self.supervised_stamp)
+            role, chain = awaited_node(role, awaited)
+        reason = f"no answer to stamp {stamp * 1e-9:.3f} s within {self.timeout:g} s"
+        self.lose(role, f"{reason}{chain}{answers.unused_of(role)}")
+
     def lose(self, role: Role, reason: str) -> None:
         """Stop the train with the service brake, or a stronger fail-safe reaction; then fail the run.
 
@@ -186,7 +218,7 @@ class PlantNode:
         elif self._lost is None:
             self._lost = (role.value, reason)
             self.answers.lose(role)
-            self._recorded = self.blocked = False  # the recorder acknowledges complete ticks only
+            self._recorded = self.blocked = False  # a silent recorder does not hold the train
             self.stage.report_outage(f"node {role.value}: {reason}")
             self.stage.protection.lose(self.stage.lost)
             if self._period is None or self._lockstep_rate is not None:
@@ -221,7 +253,6 @@ class PlantNode:
         elif self.outage.step(self.answers.all_arrived(stamp)):
             returned = {role.value: count for role, count in self.outage.returned.items()}
             self.stage.report_outage("", returned)
-            self._return_tick = self.stage.tick
             if self._lockstep_rate is not None:
                 self._rate.change(self._lockstep_rate)
                 self._period = self._lockstep_rate = self.answers.pipe = None
@@ -250,9 +281,13 @@ class PlantNode:
 
     def _take(self, answer: Command | Pipe | BrakeRelease) -> bool:
         """Take an answer to the current tick, without lockstep also to an earlier one; return True if it is new."""
-        if self._period is not None:
-            return self.answers.take(answer, answer.stamp <= self.sent_stamp)
-        return self.answers.take(answer, self._waiting and answer.stamp == self.stage.stamp)
+        due = answer.stamp <= self.sent_stamp
+        if self._period is None:
+            due = self._waiting and answer.stamp == self.stage.stamp
+        taken = self.answers.take(answer, due)
+        if not taken and (text := self.answers.wrong_stamp(answer, self.sent_stamp)):
+            self.endpoints.note(text)
+        return taken
 
     def _act_if_complete(self) -> None:
         """Run the tick with its last answer in lockstep."""
@@ -280,8 +315,8 @@ class PlantNode:
 
     @property
     def _lead(self) -> int:
-        """Lead over the recorder [ticks]; it acknowledges complete ticks only, so none of an outage."""
-        return 0 if self.outage.away else self.stage.tick - max(self._acknowledged, self._return_tick)
+        """Lead over the recorder [ticks], 0 in an outage."""
+        return 0 if self.outage.away else self.stage.tick - self._acknowledged
 
     @property
     def _tick_period(self) -> float:
@@ -320,6 +355,11 @@ class PlantNode:
                 for topic, message in messages
             ]
         self.endpoints.publish_all(messages)
+
+    def _repeat_clock(self) -> None:
+        """Send the time of a paused run again: a node that joins in a pause then has it."""
+        if self._begun and self.paused and not self._waiting and not self.finished:
+            self.endpoints.repeat("/clock", Tick(max(0, self.sent_stamp)))
 
     def _wake_every(self, nanoseconds: float) -> None:
         self._timer.timer_period_ns = int(nanoseconds)

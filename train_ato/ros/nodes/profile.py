@@ -16,11 +16,13 @@ class ProfileNode:
         self.endpoints = endpoints
         self._inputs = AwaitedReport(stage.setup)
         self._joins = False
+        endpoints.awaited = lambda: "ato/state" if self._inputs.waits else ""
         endpoints.subscribe(
             {
                 "train/measurement": lambda message: self._answer(self._inputs.put(message)),
                 "ato/state": lambda message: self._answer(self._inputs.report(message)),
-            }
+            },
+            stage.setup.tick_ns,
         )
 
     @property

@@ -1,4 +1,4 @@
-"""Check that a topic has one publisher: identified at discovery, monitored during the run.
+"""Check that a topic, or a name in ``/diagnostics``, has one publisher: identified at discovery, monitored in the run.
 
 In rclpy 7.1 a message has no identifier of its publisher, so messages of two publishers are indistinguishable and a
 second publisher fails the run.  The middleware reports every new publisher, at no cost per message; the recorder
@@ -13,11 +13,15 @@ from typing import Any
 
 from rclpy.node import Node
 
-from train_ato.messages.topics import Topic
+from train_ato.errors import NodeFault
+from train_ato.messages.codec.variable import status_name
+from train_ato.messages.topics import Role, Topic
 
 _NAMING_S = 0.3
 """Maximum wall time until the name of a new node arrives, after its endpoints [s]."""
 _UNKNOWN = "_NODE_NAME_UNKNOWN_"
+_LOOKS = 50
+"""Number of looks for the name of a new node; a program without a ROS node has none."""
 
 
 def wait_for_names(read: Callable[[], list[str]], least: int = 0) -> list[str]:
@@ -39,11 +43,14 @@ class OnePublisher:
         True after the first message; after it a second publisher is an error.
     name : str
         Name of the node of the publisher, "" as long as it is unknown.
+    lost : int
+        Number of messages before the first one that :meth:`take` received.
     """
 
     def __init__(self, node: Node, topic: Topic) -> None:
         self.begun = False
         self.name = ""
+        self.lost = 0
         self._node = node
         self._topic = topic
         self._role = topic.publishers[0].value
@@ -130,7 +137,7 @@ class OnePublisher:
                 f"messages were lost, or a second publisher has sent one and left"
             )
         self.begin()
-        self._number = number
+        self._number, self.lost = number, number - 1
 
     def second(self) -> str:
         """Return the request to stop a second publisher as text, "" without one."""
@@ -165,3 +172,75 @@ class OnePublisher:
 
     def _names(self) -> list[str]:
         return sorted(info.node_name for info in self._publishers())
+
+
+class NamedSenders:
+    """Monitor of ``/diagnostics``, which all programs of a domain publish: one publisher for the name of every node.
+
+    A message has no identifier of its publisher, but the messages of a publisher are numbered: a message under the name
+    of a node whose number is not the next one is of another program, or messages were lost.
+
+    Attributes
+    ----------
+    fault : ValueError or None
+        First message under the name of a node that the node has not sent.
+    """
+
+    def __init__(self, node: Node, topic: Topic, subscription: Any) -> None:
+        self.fault: ValueError | None = None
+        self._node = node
+        self._subscription = subscription
+        self._own = {(role.value, node.get_namespace()) for role in topic.publishers}
+        self._next: dict[str, set[int]] = {}
+        self._count = self._looks = 0
+        self._named: set[str] = set()
+
+    def take(self, data: bytes, number: int) -> bool:
+        """Return True for a message of a node of the graph, by its name and its sequence number."""
+        name = status_name(data)
+        if not name:
+            return False
+        due = self._next.get(name, {number})
+        if number in due:
+            self._next[name] = {number + 1}
+            return True
+        others = wait_for_names(self._others, 1) if self.fault is None else []
+        if others:
+            self.fault = NodeFault(
+                " and ".join(others), f"/diagnostics: it sends under the name of node {name}; end it"
+            )
+        elif self.fault is None:
+            self.fault = ValueError(
+                f"/diagnostics: message {number} of node {name} came after message {max(due) - 1}; "
+                f"messages were lost, or another program has sent one under its name and left"
+            )
+        return False
+
+    def renew(self, role: Role) -> None:
+        """Accept a new publisher of a node, whose process is started again."""
+        self._next.setdefault(role.value, set()).add(1)
+
+    def newcomers(self) -> list[str]:
+        """Return the names of the other programs that publish the topic, each once."""
+        count = self._subscription.get_publisher_count()
+        if count == self._count:
+            return []
+        names, self._looks = self._others(), self._looks + 1
+        if _UNKNOWN not in names or self._looks > _LOOKS:
+            self._count, self._looks = count, 0
+        found = sorted({*names} - self._named - {_UNKNOWN})
+        self._named.update(found)
+        return found
+
+    def _others(self) -> list[str]:
+        """Return the names of the publishers that are not nodes of the graph; a second node of a name is one."""
+        met: set[tuple[str, str]] = set()
+        others = []
+        for info in self._node.get_publishers_info_by_topic(self._subscription.topic_name):
+            key = (info.node_name, info.node_namespace)
+            if key not in self._own:
+                others.append(info.node_name)
+            elif key in met:
+                others.append(f"{info.node_name} (a second one)")
+            met.add(key)
+        return sorted(others)

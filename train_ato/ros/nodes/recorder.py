@@ -3,7 +3,7 @@
 Its queues hold 1000 messages and are polled a few times a second, at a third of the cost of callbacks.
 ``recorder/progress`` limits the lead of the plant, so that no queue overflows and no message is lost at any speed; the
 counts are compared at the end.  All programs of a domain publish ``/diagnostics``; only messages of the graph's nodes
-are written.
+are written.  A repeated ``/clock`` of a pause is not written.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from bisect import bisect_right
 from collections.abc import Mapping
 from operator import itemgetter
 
+from train_ato.errors import NodeFault
 from train_ato.log.run_log import RunLog
 from train_ato.messages.codec.codec import stamp_of
-from train_ato.messages.codec.variable import of_a_node
-from train_ato.messages.topics import EPOCH_NS, tick_topics, topics_of
+from train_ato.messages.topics import BY_NAME, EPOCH_NS, Role, tick_topics, topics_of
 from train_ato.messages.types import Tick
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 
@@ -24,6 +24,8 @@ ACKNOWLEDGE_EVERY = 100
 """Ticks between two messages on ``recorder/progress``."""
 
 
+_SHARED = "/diagnostics"
+"""Topic that every node publishes, and other programs."""
 HOLD_S = 0.5
 """Longest wall time for which a message waits for a topic of its tick without messages [s]."""
 
@@ -47,11 +49,14 @@ class RecorderNode:
         self.closed = False
         self._next = ACKNOWLEDGE_EVERY
         self._ticking = tick_topics(endpoints.wire.layout)
+        self._of_plant = [name for name in self._ticking if Role.PLANT in BY_NAME[name].publishers]
         self._last: dict[str, int] = {}
         self._wrong: ValueError | None = None
         self._held: list[Received] = []
         names = [topic.name for topic in topics_of(endpoints.wire.layout) if topic.recorded]
-        self._takers = [(name, log.numbers[name], *endpoints.taker(name)) for name in names]
+        self._takers = [(name, log.numbers[name], *endpoints.taker(name)) for name in names if name != _SHARED]
+        self._sources = {name: source for name, _, _, source in self._takers}
+        self._take_shared, self._senders = endpoints.shared_taker(_SHARED)
 
     def poll(self, *, last: bool = False) -> int:
         """Read the queues and write the messages in the order of their stamps; return the number of messages read.
@@ -72,28 +77,67 @@ class RecorderNode:
         waiting: list[Received] = []
         wrong: ValueError | None = None
         last_stamps = self._last
+        watched = self._wrong is None  # one failure is enough; its search takes time
         for name, number, take, source in self._takers:
-            source = source if self._wrong is None else None  # one failure is enough; its search takes time
             try:
-                shared = name == "/diagnostics"
+                clock = name == "/clock"
                 while (found := take()) is not None:
                     data, information = found
-                    if source is not None:
+                    if watched:
                         source.take(information["publication_sequence_number"])
-                    if shared and not of_a_node(data):
+                    stamp = _stamp(name, data)
+                    if clock and stamp == last_stamps.get(name):
                         continue
-                    last_stamps[name] = stamp = _stamp(name, data)
+                    last_stamps[name] = stamp
                     waiting.append((stamp, information["received_timestamp"], number, data, now))
-                if source is not None:
+                if watched:
                     source.check()
             except ValueError as error:
                 wrong = wrong or error
+        wrong = wrong or self._read_shared(waiting, now) or self._lost_first()
         self._write(waiting, now, whole=last or wrong is not None)
         if wrong is not None and not self.endpoints.wire.layout.supervised:
             raise wrong
-        self._wrong = self._wrong or wrong
+        if wrong is not None and self._wrong is None:
+            self._wrong = wrong
+            self.endpoints.note(f"the run will fail: node {getattr(wrong, 'node', self.endpoints.name)}: {wrong}")
         self._acknowledge()
         return len(waiting)
+
+    def _read_shared(self, waiting: list[Received], now: float) -> ValueError | None:
+        """Read the diagnostics of the graph's nodes; name other publishers, and return the fault of a false name."""
+        senders, number = self._senders, self.log.numbers[_SHARED]
+        while (found := self._take_shared()) is not None:
+            data, information = found
+            if senders.take(data, information["publication_sequence_number"]):
+                self._last[_SHARED] = stamp = _stamp(_SHARED, data)
+                waiting.append((stamp, information["received_timestamp"], number, data, now))
+        for name in senders.newcomers():
+            self.endpoints.note(
+                f"node {name} publishes /diagnostics too; only messages of the run's nodes are recorded"
+            )
+        return senders.fault
+
+    def _lost_first(self) -> ValueError | None:
+        """Return the fault of a node whose messages before the first recorded one were lost.
+
+        A recorder that has come after the first measurement records the rest of the run.
+        """
+        measured = self._sources["train/measurement"]
+        if not measured.begun or measured.lost:
+            return None
+        found = {name: source for name, source in self._sources.items() if source.lost}
+        if not found:
+            return None
+        parts = [f"{name}: {source.lost}" for name, source in found.items()]
+        names = {source.name or BY_NAME[name].publishers[0].value for name, source in found.items()}
+        for source in found.values():
+            source.lost = 0
+        return NodeFault(
+            " and ".join(sorted(names)),
+            f"messages lost before the first recorded one: {', '.join(parts)}; answer ~/ready with true only after "
+            "every publisher has the reader of the recorder",
+        )
 
     def _write(self, waiting: list[Received], now: float, *, whole: bool) -> None:
         """Write the held and the waiting messages up to the last complete tick, or all of them."""
@@ -110,12 +154,12 @@ class RecorderNode:
         )
 
     def _acknowledge(self) -> None:
-        """Publish the stamp up to which all tick topics are recorded."""
-        counts, ticking = self.log.counts, self._ticking
-        complete = min(counts[name] for name in ticking)
+        """Publish the stamp up to which all tick topics of the plant are recorded; the answers may be lost."""
+        counts, of_plant = self.log.counts, self._of_plant
+        complete = min(counts[name] for name in of_plant)
         if complete >= self._next:
             self._next = complete + ACKNOWLEDGE_EVERY
-            self.endpoints.publish("recorder/progress", Tick(min(self._last[name] for name in ticking)))
+            self.endpoints.publish("recorder/progress", Tick(min(self._last[name] for name in of_plant)))
 
     def complete(self, published: Mapping[str, int]) -> bool:
         """Return True if the numbers of recorded and published messages are equal."""

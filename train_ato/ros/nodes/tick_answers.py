@@ -41,12 +41,22 @@ class TickAnswers:
         self.ignored = 0
         self._stamps: dict[type, int] = {Command: -1, Pipe: -1, BrakeRelease: -1}
         self._unused: dict[type, int] = {}
+        self._named: set[type] = set()
         self._lost: tuple[type, ...] = ()
 
     @property
     def commanded(self) -> int:
         """Stamp of the newest command [ns]; -1 before the first."""
         return self._stamps[Command]
+
+    @property
+    def released(self) -> int:
+        """Stamp of the newest brake release [ns]; -1 before the first."""
+        return self._stamps[BrakeRelease]
+
+    def all_commanded(self, stamp: int) -> bool:
+        """Return True if command and pressure for a stamp [ns] have arrived."""
+        return all(self._stamps[kind] >= stamp for kind in [Command] + [Pipe] * self._setup.layout.air_brake)
 
     def lose(self, role: Role) -> None:
         """Use no answers of a lost node any more."""
@@ -58,8 +68,17 @@ class TickAnswers:
         if not found:
             return ""
         kind, stamp = found[-1]
-        shown = "0" if stamp == -EPOCH_NS else f"{stamp * 1e-9:.3f} s"
-        return f"; {NAMES[kind]} stamped {shown} came: echo the stamp of {ECHOED[role]}"
+        return f"; {NAMES[kind]} stamped {_shown(stamp)} came; echo the stamp of {ECHOED[role]}"
+
+    def wrong_stamp(self, answer: Command | Pipe | BrakeRelease, sent: int) -> str:
+        """Return the first answer of a kind that echoes no measurement up to ``sent`` [ns], as text; "" for others."""
+        kind, stamp = type(answer), answer.stamp
+        if kind in self._named or (0 <= stamp <= sent and stamp % self._setup.tick_ns == 0):
+            return ""
+        self._named.add(kind)
+        role = next(role for role, kinds in BY_ROLE.items() if kind in kinds)
+        tick = f"; the tick of the scenario is {self._setup.tick:g} s" if stamp >= 0 else ""
+        return f"node {role.value}: {NAMES[kind]} stamped {_shown(stamp)} came; echo the stamp of {ECHOED[role]}{tick}"
 
     def take(self, answer: Command | Pipe | BrakeRelease, expected: bool) -> bool:
         """Take an answer to an expected stamp that is newer than the last one; count others and return False."""
@@ -97,3 +116,7 @@ class TickAnswers:
         command, release = self.command, self.release
         self.command = self.release = None
         return command, self.pipe, release
+
+
+def _shown(stamp: int) -> str:
+    return "0" if stamp == -EPOCH_NS else f"{stamp * 1e-9:.3f} s"

@@ -20,6 +20,8 @@ from train_ato.ros.nodes.endpoints import NodeEndpoints, roles_of
 REQUEST_EVERY_S = 0.3
 _STAMP = "; stamp "
 """Separator before the stamp of the last message of the node [ns], -1 before the first."""
+_AWAITS = "; awaits "
+"""Separator before the topic for which the node waits."""
 _SCENARIO = "; scenario "
 """Separator before the fingerprint in an answer; the fingerprint is a JSON object with one hash per key."""
 ANSWER_S = 2.0
@@ -33,7 +35,8 @@ def answer_ready(endpoints: NodeEndpoints, fingerprint: dict[str, str]) -> None:
         absent = endpoints.missing((Role.RECORDER,) if request.data else ())
         response.success = not absent
         text = f"waits for {', '.join(absent)}" if absent else "all endpoints are connected"
-        response.message = f"{text}{_STAMP}{endpoints.last_stamp}{_SCENARIO}{json.dumps(fingerprint)}"
+        awaits = f"{_AWAITS}{topic}" if (topic := endpoints.awaited()) else ""
+        response.message = f"{text}{awaits}{_STAMP}{endpoints.last_stamp}{_SCENARIO}{json.dumps(fingerprint)}"
         return response
 
     endpoints.serve(SetBool, "~/ready", answer)
@@ -92,21 +95,22 @@ class Discovery:
             gone.append(Role.RECORDER)
         return gone
 
-    def last_stamps(self, turn: Callable[[], None]) -> dict[Role, int]:
-        """Return the stamps of the last messages of the nodes that answer [ns]; ``turn`` runs the executor once.
+    def progress(self, turn: Callable[[], None]) -> tuple[dict[Role, int], dict[Role, str]]:
+        """Return the stamps of the last messages of the nodes that answer [ns], and the topics for which they wait.
 
-        A program whose answer has no stamp counts as up to date.
+        ``turn`` runs the executor once.  A program whose answer has no stamp counts as up to date.
         """
         futures = {role: client.call_async(SetBool.Request()) for role, client in self._clients.items()}
         last = time.monotonic() + ANSWER_S
         while not all(future.done() for future in futures.values()) and time.monotonic() < last:
             turn()
-        stamps = {}
+        stamps, awaited = {}, {}
         for role, future in futures.items():
             if future.done() and future.result() is not None:
-                _, separator, stamp = future.result().message.partition(_SCENARIO)[0].rpartition(_STAMP)
+                text, separator, stamp = future.result().message.partition(_SCENARIO)[0].rpartition(_STAMP)
                 stamps[role] = int(stamp) if separator else sys.maxsize
-        return stamps
+                awaited[role] = text.partition(_AWAITS)[2]
+        return stamps, awaited
 
     def _missing_for_plant(self) -> str:
         absent = self._endpoints.missing((Role.RECORDER,) if self.recorded else ())

@@ -20,8 +20,8 @@ from train_ato.messages.topics import Role
 LAST_COUNT = "ignored"
 """Name of the number that a node prints last: the messages it could not use. After it the work of the node is done."""
 
-FAILURE, INTERRUPTION = "failure ", "interruption "
-"""Begins of standard-output lines of an attached node: its failure, or the signal or request that ended the plant.
+FAILURE, INTERRUPTION, NOTE = "failure ", "interruption ", "note "
+"""Begins of standard-output lines of an attached node: its failure, the end of the plant by a signal, or a note.
 
 Its standard error may be on a full disk."""
 

@@ -20,10 +20,19 @@ from train_ato.loop.run_end import INTERRUPTED
 from train_ato.messages.topics import BY_NAME, Role
 from train_ato.ros.graph.environment import opened_by
 from train_ato.ros.graph.graph_result import IGNORED, STOPPING_S
-from train_ato.ros.nodes.answer_watch import LEASE_S, silent_node
+from train_ato.ros.nodes.answer_watch import LEASE_S
 from train_ato.ros.nodes.endpoints import NodeEndpoints
 from train_ato.ros.standalone.discovery import Discovery, answer_ready
-from train_ato.ros.standalone.notices import FAILURE, INTERRUPTION, LAST_COUNT, EndOrder, Notice, NoticeKind, Notices
+from train_ato.ros.standalone.notices import (
+    FAILURE,
+    INTERRUPTION,
+    LAST_COUNT,
+    NOTE,
+    EndOrder,
+    Notice,
+    NoticeKind,
+    Notices,
+)
 
 TURN_S = 0.1
 RECORD_S = 0.02
@@ -89,6 +98,8 @@ class StandaloneRunner:
         self._continued = threading.Event()
         self._met = False
         self.first_heard = self.last_heard = 0.0
+        if attached:
+            endpoints.on_note = lambda text: self._say(NOTE, text)
         self._discovery = Discovery(endpoints, fingerprint, recorded) if role is Role.PLANT else None
         if role not in (Role.PLANT, Role.RECORDER):
             answer_ready(endpoints, fingerprint)
@@ -307,9 +318,6 @@ class StandaloneRunner:
             )
         elif overdue:
             assert self._discovery is not None
-            blocked, stamp = self.node.blocked, self.node.stamp
-            last = self._discovery.last_stamps(lambda: self._executor.spin_once(timeout_sec=TURN_S))
+            last, awaited = self._discovery.progress(lambda: self._executor.spin_once(timeout_sec=TURN_S))
             hanging = [role for role in self._discovery.others if role not in last]
-            silent = hanging[0] if hanging else silent_node(last, stamp, blocked, self.node.supervised_stamp)
-            unused = self.node.answers.unused_of(silent)
-            self.node.lose(silent, f"no answer to stamp {stamp * 1e-9:.3f} s within {self.node.timeout:g} s{unused}")
+            self.node.lose_silent(last, awaited, hanging[0] if hanging else None)
