@@ -69,9 +69,9 @@ MEASURED: dict[tuple[str, tuple[str, ...]], Figures] = {
     (f":tuned{HARD}", ("law=gpc",)): Figures(0.1615, 0.9412, 575.7, -498.1, 14.11, 0.1312),
     (":tuned", ("law=lag_smc",)): Figures(0.07136, 0.5668, 547.0, -518.5, 7.224, 0.1203),
     (f":tuned{HARD}", ("law=lag_smc",)): Figures(0.08229, 0.4603, 573.4, -540.6, 8.365, -0.1128),
-    (":tuned+twin", ("law=smc",)): Figures(0.006867, 0.08551, 545.7, -562.0, 9.018, 0.08154),
-    (":tuned+twin", ("law=rbf_smc",)): Figures(0.01105, 0.1520, 545.5, -561.7, 9.486, 0.1644),
-    (":tuned+twin", ("law=rbf_switching_smc",)): Figures(0.008119, 0.1218, 545.8, -562.1, 9.139, 0.1417),
+    (":tuned+twin", ("law=smc",)): Figures(0.007352, 0.1078, 547.0, -562.3, 7.076, 0.05700),
+    (":tuned+twin", ("law=rbf_smc",)): Figures(0.01201, 0.1476, 546.5, -561.8, 7.707, 0.1465),
+    (":tuned+twin", ("law=rbf_switching_smc",)): Figures(0.008210, 0.1128, 547.1, -562.5, 7.167, 0.1189),
 }
 
 

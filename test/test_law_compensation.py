@@ -17,7 +17,9 @@ from train_ato.control.compensation.contract import CompensationInput
 from train_ato.control.compensation.delay_estimate import DelayEstimate
 from train_ato.control.compensation.rigid import RigidForce
 from train_ato.control.registry import COMPENSATIONS
+from train_ato.loop.setup import prepare
 from train_ato.messages.types import Measurement, Reference
+from train_ato.scenario.scenario import load_scenario
 
 TICK_NS = 100_000_000
 
@@ -181,6 +183,16 @@ def test_the_twin_of_a_long_train_keeps_it_on_the_profile():
         worst[name] = np.abs(errors[30:]).max()
     assert worst["twin"] < 0.03
     assert worst["preview"] > 2.0 * worst["twin"]
+
+
+def test_the_twin_damps_the_waves_in_its_couplers():
+    """Breaks if its units are fixed ends: the wave of the departure of 105 wagons keeps its swing of 350 kN."""
+    setup = prepare(*load_scenario("demo", changes={"plant": {"line": "level"}}))
+    ahead = AheadTrain(setup.model, setup.profile, TwinParameters(), None, 0.0)
+    ahead.run(230.0, keep_from=0.0)
+    early, late = (np.ptp([ahead.force(0, t) for t in np.arange(begin, begin + 40.0)]) for begin in (60.0, 180.0))
+    assert early > 150e3
+    assert late < 0.4 * early
 
 
 @pytest.mark.parametrize("gap", [(), (20, 21, 22)])

@@ -6,9 +6,11 @@ model.
 The feed-forward of a rigid mass does not suit a long train. The twin is the nominal multi-mass train, with ideal
 actuators and the same brake policy, driven along the profile by inverse dynamics at every unit::
 
-    u_i = FC_i + W_i + Fa_i + m_i [v_d' - l1 (v_i - v_d) - l2 (x_i - x_d)]
+    u_i = .99 FC_i + W_i + Fa_i + m_i [v_d' - l1 (v_i - v_d) - l2 (x_i - x_d)]
 
-with the coupler forces FC, resistance W and shoe forces Fa of the twin itself. The twin is simulated tau + Ta ahead,
+with the coupler forces FC, resistance W and shoe forces Fa of the twin itself. With the whole FC a wave in the couplers
+would last for minutes, since a unit with exactly the speed of the profile reflects it like a fixed end; by the rest of
+1 % the unit yields to the wave and damps it. The twin is simulated tau + Ta ahead,
 and its force of that time is the feed-forward::
 
     u_ff(t) = u_twin(t + tau + Ta)
