@@ -19,6 +19,8 @@ HELD_S, AFTER_S = 3.0, 20.0
 PLACES = {
     "xuzhou_metro": {"standstill": 2, "acceleration": 19, "cruising": 224, "braking": 405, "last 200 m": 416},
     "demo": {"standstill": 20, "acceleration": 133, "cruising": 350, "braking": 534, "last 200 m": 603},
+    "crh380a_gpc:short": {"cruising": 320},
+    "crh380a_funnel:short": {"standstill": 6},
 }
 """Places of a change of the law by scenario: its time [s]."""
 SAMPLE = [
@@ -27,6 +29,8 @@ SAMPLE = [
     ("xuzhou_metro", "standstill", "pid", "gpc"),
     ("xuzhou_metro", "acceleration", "pid", "mpc"),
     ("xuzhou_metro", "acceleration", "lag_smc", "mpc"),
+    ("crh380a_funnel:short", "standstill", "smc", "mpc"),
+    ("crh380a_gpc:short", "cruising", "pid", "gpc"),
 ]
 ALL = [
     (scenario, place, old, new)

@@ -110,6 +110,10 @@ class ResidualNetwork:
         self._z: Array = np.zeros(6)
         self._s: Array = np.full(self._hidden, 0.5)
 
+    def begin(self, xi: float) -> None:
+        """Set the output of the initial weights [m/s], whatever the input."""
+        self._mu1 = min(max(xi, -10.0), 10.0)
+
     def estimate(self, speeds: list[float], sent: list[float]) -> float:
         """Return xi for the next sample [m/s] from the last three speeds [m/s] and commands [m/s²]."""
         self._z = np.array([*(speed / 100.0 for speed in speeds), *sent])

@@ -154,7 +154,7 @@ class MotionObserver:
         self._before[:] = 0.0
         self._runs, self.stands = True, False
 
-    def stand(self, position: float, speed: float, place: float, reference: float) -> None:
+    def stand(self, position: float, speed: float, place: float, reference: float, moving: bool = False) -> None:
         """Take a sample at standstill; a speed inside the noise is 0, and changes of the measurements are noise.
 
         The speed is then exact, and the position has the noise of its sample: a motion begins with these variances.
@@ -167,11 +167,13 @@ class MotionObserver:
             Measured speed and position of the train [m/s, m].
         reference
             Speed of the reference [m/s].
+        moving
+            The sample is the first one of a train in motion: no speed is inside the noise.
         """
         self._count = min(self._count + 1.0, max(self._samples, 1.0))
         if self.stands:
             match(self._noise, self._before, 1.0 / self._count, place, speed, self._filters.position_floor)
-        still = abs(speed) <= 3.0 * self.speed_noise
+        still = not moving and abs(speed) <= 3.0 * self.speed_noise
         self.restart(position, (0.0 if still else speed) - reference)
         if not self._waves:  # hauled vehicles do not depart with the unit
             self._covariances[:, :2] = self._covariances[:, :, :2] = 0.0

@@ -174,7 +174,10 @@ class Gpc(GuardedLaw):
         self._known = [0.0] * self.n
 
     def take_over(self, inputs: LawInput, force: Array) -> None:
-        """Begin with past samples of the last command [N] and of the motion that the reference has now."""
+        """Begin with past samples of the last command [N] and of the motion that the reference has now.
+
+        The residual begins at the resistance of the nominal train, unless that is among the known forces.
+        """
         super().take_over(inputs, force)
         if not is_valid(inputs):
             return
@@ -183,11 +186,14 @@ class Gpc(GuardedLaw):
             target, acceleration = self.mean(inputs.reference_velocity.tolist()), 0.0
             speeds = [speed - target for speed in speeds]
             self._known = inputs.feedforward.tolist()
+        resisting = 0.0 if self.uses_feedforward else self._resistance(inputs)
+        if self.parameters.resistance_feedforward and not self.uses_feedforward:
+            self._known, resisting = [resisting * share for share in self.share], 0.0
         sent = self._sent()
         if self._single:
             speeds, sent = [self.mean(speeds)], [plain_sum(sent)]
         for loop, speed, last, mass in zip(self._loops, speeds, sent, self._mass, strict=True):
-            loop.begin(speed, acceleration, last / mass)
+            loop.begin(speed, acceleration, last / mass, -resisting / self.model.inertia)
 
     def on_missed_sample(self) -> None:
         """Handle a missed sample: the grid of samples continues, with the prediction of the model as measurement."""
@@ -328,10 +334,22 @@ class Loop:
         wanted = law.scale * (law.tracking @ ahead) - law.feedback @ v - law.past @ u
         return float(wanted) - self._xi * law.residual
 
-    def begin(self, speed: float, acceleration: float, sent: float) -> None:
-        """Set the samples before the first one: a motion with a speed [m/s], an acceleration and a command [m/s²]."""
+    def begin(self, speed: float, acceleration: float, sent: float, unmodelled: float) -> None:
+        """Set the samples before the first one: a motion with a speed [m/s], an acceleration and a command [m/s²].
+
+        Parameters
+        ----------
+        speed, acceleration, sent
+            Present values [m/s, m/s², m/s²].
+        unmodelled
+            Acceleration by known forces that the model lacks [m/s²]; the residual begins at its effect in a sample.
+        """
         self._speeds = [speed - (k + 1) * self._sampling * acceleration for k in range(4)]
         self._sent = [sent] * 4
+        if self._parameters.use_network:
+            _, b = self._models[int(sent < 0.0)].polynomials()
+            self._xi = plain_sum(b.tolist()) * unmodelled
+            self._residual.begin(self._xi)
 
     def coast(self, sent: float) -> None:
         """Add a sample without measurement: the speed is the prediction of the model, and nothing is learnt."""
