@@ -27,7 +27,7 @@ from train_ato.control.contract import Law, LawInput, LawOutput
 from train_ato.control.plan_text import TimedPlan, plan_to_text
 from train_ato.control.registry import LAWS
 from train_ato.control.standstill import RELEASE_FORCE, held_by_holding_brake, needs_release
-from train_ato.control.takeover import LawTransition, TakeoverRamp, largest_change, transition_jerk
+from train_ato.control.takeover import DEFAULT_JERK, LawTransition, TakeoverRamp, largest_change, transition_jerk
 from train_ato.messages.types import Array, DisturbanceEstimate, Measurement, Reference
 from train_ato.messages.validity import MAX_FORCE
 
@@ -67,6 +67,8 @@ class ControlStack:
         Planned displacements of the power units by place; None: none.
     make_law
         Returns the law for name, parameters and period; None: a new one of the registry.
+    jerk_limit
+        Largest jerk of a change of the law or of a takeover [m/s³], if that of the profile is larger.
 
     Attributes
     ----------
@@ -99,6 +101,7 @@ class ControlStack:
         distribution: ForceDistribution | None = None,
         displacement: PlannedDisplacement | None = None,
         make_law: Callable[[str, Mapping[str, Any], float], Law] | None = None,
+        jerk_limit: float = DEFAULT_JERK,
     ) -> None:
         self.model = model
         self.period = period
@@ -116,6 +119,7 @@ class ControlStack:
         self._delay_to_effect = float(max(model.delay.max(), model.delay_brake.max())) + model.lag
         self._air_brake = model.consist.air_brake is not None
         self._history = CommandHistory(model, tick)
+        self._jerk_limit = jerk_limit
         self._ticks = 0
         self._last = [0.0] * model.n_units
         self._before = self._last
@@ -165,7 +169,7 @@ class ControlStack:
         self._law = self._make_law(name, parameters, self.period)
         self._name = name
         self._fault = self.plan = None
-        change = largest_change(self.model, transition_jerk(self._profile))
+        change = largest_change(self.model, transition_jerk(self._profile, self._jerk_limit))
         if self._braking is not None:
             change = self._braking.change
         self._transition = LawTransition(change, self.model.tick)
@@ -183,7 +187,7 @@ class ControlStack:
             Jerk that a limit demands at the takeover [m/s³].
         """
         if self._braking is None:
-            jerk = transition_jerk(self._profile)
+            jerk = transition_jerk(self._profile, self._jerk_limit)
             self._braking = TakeoverRamp(self.model, jerk, np.array(self._before), least_jerk)
         sent = self._braking.step(force, force)
         self._last = sent.tolist()

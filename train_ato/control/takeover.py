@@ -1,7 +1,7 @@
 """Change of who commands the train: the demand begins at the last force and follows with limited jerk.
 
 The largest change of the demand of a unit in one tick is jerk x inertia x share x tick. The jerk is that of the
-profile, or :data:`DEFAULT_JERK` for a profile without a limit of its jerk.
+profile, at most ``limits.jerk`` of the scenario: a recorded profile has jumps of the acceleration.
 """
 
 from __future__ import annotations
@@ -13,9 +13,7 @@ from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 
 DEFAULT_JERK = 0.5
-"""Jerk with a profile without a limit of its jerk [m/s³]; the default of a plan."""
-LARGEST_JERK = 1.0
-"""Jerk from which a profile counts as one without a limit [m/s³]."""
+"""Largest jerk of a takeover without a limit in the scenario [m/s³]; the default of a plan."""
 TRANSITION_TIME = 3.0
 """Time after a change of the law for which the largest change holds, and of a takeover by the full brake [s]."""
 DOUBLING_TIME = 1.0
@@ -24,14 +22,11 @@ _AGREED = 0.999
 """Part of the largest change within which a demand is reached: a law that obeys its limits can be at the whole."""
 
 
-def transition_jerk(profile: ProfileLike) -> float:
-    """Return the jerk of a takeover [m/s³]: that of the profile, without its rarest per cent in a measured one."""
+def transition_jerk(profile: ProfileLike, limit: float) -> float:
+    """Return the jerk of a takeover [m/s³]: that of the profile without its rarest per cent, at most a limit [m/s³]."""
     size = np.abs(profile.jerk())
     largest = float(size.max(initial=0.0))
-    if largest <= 0.0:
-        return DEFAULT_JERK
-    jerk = float(np.percentile(size[size > 1e-3 * largest], 99.0))
-    return jerk if jerk < LARGEST_JERK else DEFAULT_JERK
+    return min(float(np.percentile(size[size > 1e-3 * largest], 99.0)), limit) if largest > 0.0 else limit
 
 
 def largest_change(model: TrainModel, jerk: float) -> Array:

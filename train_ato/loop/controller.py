@@ -13,7 +13,7 @@ from train_ato.control.gains import Gains
 from train_ato.control.registry import COMPENSATIONS, LAWS
 from train_ato.control.stack import ControlStack
 from train_ato.control.standstill import stands
-from train_ato.control.takeover import TakeoverRamp, transition_jerk
+from train_ato.control.takeover import DEFAULT_JERK, TakeoverRamp, transition_jerk
 from train_ato.errors import RunFailed
 from train_ato.interrupt import ComponentCall
 from train_ato.loop.ato_mode import AtoMode
@@ -61,6 +61,8 @@ class ControllerStage:
             name: dict(values) for name, values in setup.controller_parameters.items()
         }
         self._profile: Profile | None = None
+        limits = setup.scenario.profile.limits
+        self._jerk_limit = max(limits.jerk or DEFAULT_JERK, limits.jerk_braking or 0.0)
         self._stack: ControlStack | None = None
         self._planned = sorted(setup.law_changes, key=lambda change: change.at)
         self._fresh = True
@@ -120,7 +122,7 @@ class ControllerStage:
         self.ato.stop(stamp, self._outage)
         self._outage = ""
         assert self._profile is not None
-        self._takeover = TakeoverRamp(self.setup.model, transition_jerk(self._profile))
+        self._takeover = TakeoverRamp(self.setup.model, transition_jerk(self._profile, self._jerk_limit))
         return True
 
     def fail(self, failure: ComponentFailed) -> None:
@@ -134,7 +136,9 @@ class ControllerStage:
         self.ato.fail(stamp, " ".join(str(failure).split()))
         if isinstance(failure, ComponentFailed):
             self._error = failure
-            self._takeover = TakeoverRamp(self.setup.model, transition_jerk(self._profile), self._stack.last)
+            self._takeover = TakeoverRamp(
+                self.setup.model, transition_jerk(self._profile, self._jerk_limit), self._stack.last
+            )
 
     def set_profile(self, profile: Profile) -> None:
         """Set the profile; the first one creates the stack."""
@@ -162,6 +166,7 @@ class ControllerStage:
             hold_limit=setup.scenario.hold_limit,
             distribution=setup.force_distribution(),
             displacement=setup.planned_displacement(),
+            jerk_limit=self._jerk_limit,
         )
 
     def validate(self, name: str, value: Any) -> str:
