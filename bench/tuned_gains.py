@@ -55,10 +55,11 @@ def find(scenario: str, searches: Mapping[str, Any], runs: int) -> None:
         results = read_results()
         if law in results.get(scenario, {}):
             continue
+        searched = {**entry["search"], "set": {**entry["search"]["set"], **given.get("set", {})}}
         begin = time.process_time()
         try:
             found = ta.tune(
-                choice(entry["search"]),
+                choice(searched),
                 law,
                 over=spec_of(law, given),
                 held_out=[choice(other) for other in entry["held_out"]],
