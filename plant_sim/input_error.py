@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import difflib
 import reprlib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, TypeVar, get_args
 
-from pydantic import BaseModel, ValidationError
+if TYPE_CHECKING:
+    from pydantic import BaseModel, ValidationError
 
-from plant_sim.units import SiModel
+    from plant_sim.units import SiModel
 
-_Model = TypeVar("_Model", bound=SiModel)
+
+_Model = TypeVar("_Model", bound="SiModel")
 _NO_BLOCK = "is no block of keys; write key: value below it"
 _PLAIN = {
     "model_type": _NO_BLOCK,
@@ -34,6 +35,8 @@ _SHORT.maxother = _SHORT.maxstring = 60
 
 def close_match(name: str, known: Iterable[str]) -> str:
     """Return the hint ``; did you mean '...'?`` with the nearest known name; empty if none is near."""
+    import difflib
+
     matches = difflib.get_close_matches(str(name), [str(entry) for entry in known], n=1, cutoff=0.6)
     return f"; did you mean '{matches[0]}'?" if matches else ""
 
@@ -62,6 +65,8 @@ def build_model(model: type[_Model], raw: Any, where: str) -> _Model:
     ValueError
         One line with file, key, value and remedy.
     """
+    from pydantic import ValidationError
+
     if not isinstance(raw, dict):
         raise ValueError(f"{where}: holds {type(raw).__name__} in place of keys and values; write key: value")
     try:
@@ -150,6 +155,8 @@ def _has_value(model: type[BaseModel], value: Any) -> bool:
 
 def _keys_of(models: set[type[BaseModel]]) -> set[str]:
     """Return the keys of models, including those with unit suffixes."""
+    from plant_sim.units import SiModel
+
     keys: set[str] = set()
     for entry in models:
         keys |= {field.alias or name for name, field in entry.model_fields.items()}
@@ -159,6 +166,8 @@ def _keys_of(models: set[type[BaseModel]]) -> set[str]:
 
 
 def _models_in(annotation: Any) -> set[type[BaseModel]]:
+    from pydantic import BaseModel
+
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return {annotation}
     found: set[type[BaseModel]] = set()

@@ -55,6 +55,12 @@ QUANTITY_KINDS: tuple[Any, ...] = (
 """Every kind of quantity."""
 
 
+@cache
+def unit_suffix(unit: str) -> str:
+    """Return a unit as suffix of a name: ``m/s²`` becomes ``_m_s2``; "" without a unit."""
+    return "_" + unit.lower().replace("/", "_").replace("²", "2").replace("³", "3") if unit else ""
+
+
 def unit_symbols() -> dict[str, tuple[str, float]]:
     """Return the SI symbol and the divisor of every unit of the quantities, by its symbol: km/h has m/s and 3.6."""
     found: dict[str, tuple[str, float]] = {}

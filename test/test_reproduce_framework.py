@@ -286,7 +286,7 @@ def test_an_unknown_paper_is_refused_by_name() -> None:
 
 
 def _command(monkeypatch: pytest.MonkeyPatch, paper: Paper, folder: Path, *options: str) -> int:
-    monkeypatch.setattr("train_ato.cli.reproduce.load_paper", lambda number: paper)
+    monkeypatch.setattr("train_ato.papers.session.load_paper", lambda number: paper)
     monkeypatch.setattr("train_ato.cli.reproduce.note_compilation", lambda: None)
     return main(["reproduce", "000", "--out", str(folder), "--jobs", "1", *options])
 
@@ -314,7 +314,7 @@ def test_an_interrupted_command_leaves_no_empty_folder(
     def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("train_ato.cli.reproduce.reproduce", interrupted)
+    monkeypatch.setattr("train_ato.papers.session.reproduce", interrupted)
     folder = tmp_path / "out"
     assert _command(monkeypatch, _paper({"a": SHORT}), folder) == 1
     assert capsys.readouterr().err == "train-ato: interrupted\n"

@@ -47,7 +47,10 @@ def prepare_streams() -> None:
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Argument parser with one-line errors that name the nearest known word."""
+    """Argument parser with one-line errors that name the nearest known word; an option has no other spelling."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(allow_abbrev=False, **options)
 
     def error(self, message: str) -> NoReturn:
         """Print the error in one line and exit with status 2."""
@@ -57,7 +60,7 @@ class OneLineParser(argparse.ArgumentParser):
         """Refuse arguments that the parser has left over, if there are any."""
         if not arguments:
             return
-        from plant_sim.input_error import close_match  # help does not need pydantic
+        from plant_sim.input_error import close_match
 
         first = arguments[0].partition("=")[0]
         options = [name for action in self._actions for name in action.option_strings]

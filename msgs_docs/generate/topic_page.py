@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from train_ato.messages.codec.diagnostic_keys import HARDWARE, LISTED, message_key, unit_suffix
+from plant_sim.units import unit_suffix
+from train_ato.messages.codec.diagnostic_keys import HARDWARE, LISTED, message_key
 from train_ato.messages.layout import FIXED_NAMES, Owner
 from train_ato.messages.topics import DIAGNOSTIC_UNITS, TOPICS, Place, Topic
 from train_ato.messages.types import Diagnostic

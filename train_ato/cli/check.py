@@ -7,8 +7,6 @@ import contextlib
 import dataclasses
 import sys
 
-from train_ato.apps.check_component.checking import check_component, findings_table
-from train_ato.apps.runs.progress import share_bar
 from train_ato.cli.screen import note_compilation, print_json
 from train_ato.errors import RunFailed
 
@@ -29,6 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the tests; a failed test ends with status 1."""
+    from train_ato.apps.check_component.checking import check_component, findings_table
+    from train_ato.apps.runs.progress import share_bar
+
     name, kind = options.component, options.command.removeprefix("check-")
     if kind != "observer":
         note_compilation()

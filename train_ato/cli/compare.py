@@ -6,20 +6,14 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.runs.compare import compare
-from train_ato.apps.runs.comparison import Comparison
-from train_ato.apps.runs.progress import activity
-from train_ato.apps.runs.protection_note import summary_events
-from train_ato.apps.runs.ranking import difference_from_best
-from train_ato.apps.runs.scenario_choice import choose_scenario
-from train_ato.apps.runs.summary_table import format_value
 from train_ato.cli.scenario_options import KINDS, add_scenario_options, check_component_name
 from train_ato.cli.screen import note_compilation, print_json, print_table
 from train_ato.errors import RunFailed
-from train_ato.log.run_folder import RunFolder
-from train_ato.loop.verdict import is_tracked, tracking_text, unmet_requirements
+
+if TYPE_CHECKING:
+    from train_ato.apps.runs.comparison import Comparison
 
 COLUMNS: tuple[tuple[str, str], ...] = (
     ("controller", "law"),
@@ -57,6 +51,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the scenario with every law in the engine, and compare."""
+    from train_ato.apps.runs.compare import compare
+    from train_ato.apps.runs.scenario_choice import choose_scenario
+    from train_ato.log.run_folder import RunFolder
+    from train_ato.loop.verdict import unmet_requirements
+
     laws = None
     if options.laws is not None:
         laws = [name.strip() for name in options.laws.split(",") if name.strip()]
@@ -95,6 +94,8 @@ def execute(options: argparse.Namespace) -> int:
 
 def write_comparison_folder(result: Comparison, folder: Path) -> None:
     """Write summary, figure and page into the folder."""
+    from train_ato.apps.runs.progress import activity
+
     text = json.dumps(result.rows, indent=2) + "\n"
     (folder / "summary.json").write_text(text, encoding="utf-8")
     if result.drawable:
@@ -107,6 +108,9 @@ def write_comparison_folder(result: Comparison, folder: Path) -> None:
 
 def print_comparison(result: Comparison, folder: Path, as_json: bool) -> None:
     """Print the table; a run with brake interventions, or a disengaged ATO, has a line on stderr."""
+    from train_ato.apps.runs.protection_note import summary_events
+    from train_ato.loop.verdict import is_tracked, tracking_text
+
     for law in result.laws:
         if advice := law.metrics.get("advice"):
             sys.stderr.write(f"train-ato: {advice}\n")
@@ -140,6 +144,10 @@ def print_comparison(result: Comparison, folder: Path, as_json: bool) -> None:
 
 def _value(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
     """Return a value as text, with ``*`` if it is the best of its column, with ``!`` if the run is not tracked."""
+    from train_ato.apps.runs.ranking import difference_from_best
+    from train_ato.apps.runs.summary_table import format_value
+    from train_ato.loop.verdict import is_tracked
+
     if key == "tracking" and not is_tracked(row):
         return f"{row[key]}!"
     best = difference_from_best(key, row, rows) == 0.0
@@ -148,6 +156,9 @@ def _value(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
 
 def _difference(key: str, row: dict[str, Any], rows: list[dict[str, Any]]) -> str:
     """Return the difference of a value from the best of its column as text."""
+    from train_ato.apps.runs.ranking import difference_from_best
+    from train_ato.apps.runs.summary_table import format_value
+
     if key == COLUMNS[0][0]:
         return str(row[key])
     difference = difference_from_best(key, row, rows)

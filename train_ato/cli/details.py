@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from plant_sim.consist import Consist
-from plant_sim.library import consist_names, line_names, load_consist, load_line, read_yaml, split_name
-from plant_sim.line import Line
 from plant_sim.number_text import number_text
-from train_ato.control.contract import Parameter
-from train_ato.control.gains import fitted_trains, has_gains
-from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry
-from train_ato.scenario.scenario import Scenario, find, load_scenario, shipped_scenarios, variants_of
+
+if TYPE_CHECKING:
+    from plant_sim.consist import Consist
+    from plant_sim.line import Line
+    from train_ato.control.contract import Parameter
+    from train_ato.control.registry import Registry
+    from train_ato.scenario.scenario import Scenario
 
 Facts = dict[str, str]
 GRADES = (0.0, 0.002, 0.005, 0.010)
@@ -28,6 +28,10 @@ def details(name: str) -> dict[str, Facts]:
     ValueError
         If a scenario of that name, or the file, cannot be read.
     """
+    from plant_sim.library import consist_names, line_names, load_consist, load_line, split_name
+    from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+    from train_ato.scenario.scenario import shipped_scenarios
+
     if Path(split_name(name)[0]).suffix in (".yaml", ".yml"):
         return _file(name)
     found: dict[str, Facts] = {}
@@ -45,6 +49,8 @@ def details(name: str) -> dict[str, Facts]:
 
 def _file(name: str) -> dict[str, Facts]:
     """Return the details of a scenario, consist or line file, by its schema."""
+    from plant_sim.library import load_consist, load_line, read_yaml, split_name
+
     path = Path(split_name(name)[0])
     data = read_yaml(path)
     schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
@@ -60,6 +66,9 @@ def _file(name: str) -> dict[str, Facts]:
 
 
 def _scenario(name: str) -> Facts:
+    from plant_sim.library import split_name
+    from train_ato.scenario.scenario import find, load_scenario, variants_of
+
     scenario, path = load_scenario(name)
     stem = split_name(name)[0]
     plant = scenario.plant
@@ -80,6 +89,7 @@ def _scenario(name: str) -> Facts:
 
 def _gains(scenario: Scenario, path: Path) -> Facts:
     """Return the gains that every law would take in a scenario, and their source."""
+    from train_ato.control.registry import LAWS
     from train_ato.loop.setup import prepare
 
     try:
@@ -100,6 +110,9 @@ def _shown(value: Any) -> str:
 
 
 def _block(registry: Registry, name: str) -> Facts:
+    from train_ato.control.gains import fitted_trains, has_gains
+    from train_ato.control.registry import LAWS
+
     facts = {"summary": registry.summary(name)} | {p.name: _parameter(p) for p in registry.parameters(name)}
     if registry is LAWS and has_gains(LAWS.get(name)):
         facts["trains"] = f"fitted: {', '.join(fitted_trains(name))}; `train-ato list SCENARIO` has the gains of a run"

@@ -6,14 +6,13 @@ import argparse
 import dataclasses
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from plant_sim.library import load_consist, load_line
-from plant_sim.line import Line
-from train_ato.apps.runs.progress import console
 from train_ato.arguments import check_new_file
 from train_ato.cli.screen import print_json
-from train_ato.profile.driver import Driver, averaged_profile, simulate_driver
-from train_ato.profile.file import write_profile
+
+if TYPE_CHECKING:
+    from plant_sim.line import Line
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +37,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Simulate the driver, write the profile, and print the brake events in the form of a scenario."""
+    from plant_sim.library import load_consist, load_line
+    from train_ato.profile.driver import Driver, averaged_profile, simulate_driver
+    from train_ato.profile.file import write_profile
+
     check_new_file(options.out, (".csv", ".yaml", ".yml"))
     consist, line = load_consist(options.consist), load_line(options.line)
     _check(options, line)
@@ -85,5 +88,7 @@ def _check(options: argparse.Namespace, line: Line) -> None:
 
 
 def _print_position(place: float) -> None:
+    from train_ato.apps.runs.progress import console
+
     if sys.stderr.isatty():
         console().print(f"km {place / 1e3:.1f}", end="\r")

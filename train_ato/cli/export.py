@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from train_ato.apps.runs.progress import share_bar
 from train_ato.cli.screen import print_json, print_table
 
 
@@ -36,6 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Write one file per topic; the name of every column contains its unit."""
+    from train_ato.apps.runs.progress import share_bar
     from train_ato.log.tables.files import FORMATS, write_frames
     from train_ato.log.tables.loading import load
 
@@ -71,6 +71,7 @@ def execute(options: argparse.Namespace) -> int:
 
 def _write_scene(options: argparse.Namespace) -> int:
     """Write a copy of the log with the messages of the scene."""
+    from train_ato.apps.runs.progress import share_bar
     from train_ato.apps.scene.sampling import check_rate
     from train_ato.apps.scene.scene_log import write_scene_log
     from train_ato.apps.scene.scene_picture import draw_scene
@@ -98,6 +99,7 @@ def _write_scene(options: argparse.Namespace) -> int:
 
 def _write_rerun(options: argparse.Namespace) -> int:
     """Write one recording for the Rerun viewer."""
+    from train_ato.apps.runs.progress import share_bar
     from train_ato.apps.scene.rerun_file import write_rerun
     from train_ato.apps.scene.sampling import check_rate
     from train_ato.apps.scene.train_scene import DEFAULT_RATE

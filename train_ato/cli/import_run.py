@@ -9,22 +9,11 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from plant_sim.library import load_consist, load_line
-from plant_sim.line_direction import ENDING
-from train_ato.apps.import_csv.columns import QUANTITIES, TIMESTAMP
-from train_ato.apps.import_csv.recording import Measured, measured
-from train_ato.apps.import_csv.samples import LARGEST_GAP, sort_rows
-from train_ato.apps.import_csv.smoothing import MAX_WINDOW, measured_profile, window_of
-from train_ato.apps.import_csv.table import read_table
-from train_ato.apps.runs.progress import activity, progress_bar
 from train_ato.cli.screen import print_json, print_table
-from train_ato.loop.result import Progress
-from train_ato.profile.file import write_profile
 
 if TYPE_CHECKING:
     from plant_sim.line import Line
+    from train_ato.apps.import_csv.recording import Measured
     from train_ato.loop.setup import RunSetup
     from train_ato.profile.profile import Profile
 
@@ -47,6 +36,8 @@ ROWS: tuple[tuple[str, str], ...] = (
 
 def _columns_text() -> str:
     """Return the description of the columns for the help."""
+    from train_ato.apps.import_csv.columns import QUANTITIES, TIMESTAMP
+
     width = max(len(" | ".join(quantity.names)) for quantity in QUANTITIES)
     lines = [f"  {' | '.join(q.names):{width}}  {q.meaning}" for q in QUANTITIES]
     of_unit = ", ".join(quantity.name for quantity in QUANTITIES if quantity.of_unit)
@@ -76,6 +67,8 @@ def _columns_text() -> str:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``import``."""
+    from train_ato.apps.import_csv.columns import LARGEST_GAP
+
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = _columns_text()
     parser.add_argument("csv", type=Path, metavar="CSV", help="file of the on-board recorder")
@@ -120,7 +113,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Read, check and write a measured run."""
+    import numpy as np
+
+    from plant_sim.library import load_consist, load_line
+    from plant_sim.line_direction import ENDING
+    from train_ato.apps.import_csv.recording import measured
     from train_ato.apps.import_csv.run import measured_setup
+    from train_ato.apps.import_csv.samples import sort_rows
+    from train_ato.apps.import_csv.smoothing import measured_profile, window_of
+    from train_ato.apps.import_csv.table import read_table
+    from train_ato.apps.runs.progress import activity
 
     _check_numbers(options)
     consist, line = load_consist(options.consist), load_line(options.line)
@@ -144,6 +146,8 @@ def execute(options: argparse.Namespace) -> int:
 
 def _check_numbers(options: argparse.Namespace) -> None:
     """Check the numbers of the options."""
+    from train_ato.apps.import_csv.smoothing import MAX_WINDOW
+
     if not 0 < options.largest_gap < float("inf"):
         raise ValueError(f"--largest-gap {options.largest_gap}: out of range; give more than 0 s")
     steps = options.tick / STEP
@@ -189,6 +193,8 @@ def _start(options: argparse.Namespace, found: Measured, half: float, line: Line
 
 
 def _write_profile(options: argparse.Namespace, setup: RunSetup, found: Measured, window: float) -> int:
+    from train_ato.profile.file import write_profile
+
     path = options.out or Path(f"{_run_name(options.csv)}_profile.csv")
     if path.exists():
         raise ValueError(f"--out {path}: exists already; give another name")
@@ -208,9 +214,12 @@ def _write_run(options: argparse.Namespace, setup: RunSetup, found: Measured, wi
     """Write the run folder with its log."""
     from train_ato.apps.import_csv.run import measured_result, write_messages
     from train_ato.apps.import_csv.series import series_of
+    from train_ato.apps.runs.progress import progress_bar
     from train_ato.log.run_folder import RunFolder
     from train_ato.log.summary_file import summary_text
     from train_ato.log.versions import SUMMARY
+    from train_ato.loop.result import Progress
+    from train_ato.profile.file import write_profile
 
     series = series_of(found, setup)
     outcome = measured_result(setup, found, series, window)

@@ -7,16 +7,13 @@ import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from plant_sim.number_text import number_text
-from train_ato.apps.runs.progress import activity, share_bar
 from train_ato.cli.screen import print_json, print_table
-from train_ato.log.overview import Overview, TopicOverview, log_overview
-from train_ato.log.reading import log_file, partial_of, state_of
-from train_ato.log.versions import SCENARIO
-from train_ato.loop.verdict import verdict_line
-from train_ato.scenario.formula_parser import parse_formula
+
+if TYPE_CHECKING:
+    from train_ato.log.overview import Overview, TopicOverview
 
 TABLES = ("criteria", "requirements", "stops", "tracking_findings")
 """Keys of the summary with a table each."""
@@ -47,6 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Print summary, topics with counts, rates and gaps, changes and versions."""
+    from train_ato.apps.runs.progress import share_bar
+    from train_ato.log.overview import log_overview
+    from train_ato.log.reading import log_file, partial_of, state_of
+
     run: Path = options.run
     _check_formulas(options.requirement)
     partial = partial_of(run)
@@ -78,12 +79,17 @@ def execute(options: argparse.Namespace) -> int:
 
 def _check_folder(run: Path) -> None:
     """Check that a folder has a scenario or a log."""
+    from train_ato.log.versions import SCENARIO
+
     if run.is_dir() and not (run / SCENARIO).is_file() and not (run / "run.mcap").is_file():
         raise ValueError(f"{run}: not a run folder: no {SCENARIO}; name the folder of a run")
 
 
 def _summary(run: Path) -> dict[str, Any]:
     """Return the summary beside the log, empty for a single log."""
+    from train_ato.log.reading import partial_of
+    from train_ato.log.versions import SCENARIO
+
     if not (run / SCENARIO).is_file():
         return {}
     from train_ato.log.run_folder import read_summary
@@ -93,6 +99,8 @@ def _summary(run: Path) -> dict[str, Any]:
 
 def print_summary(summary: dict[str, Any], title: str) -> None:
     """Print verdict, criteria, stops and metrics of a run."""
+    from train_ato.loop.verdict import verdict_line
+
     if line := verdict_line(summary):
         sys.stdout.write(f"{line}\n")
     ends = {True: "passed", False: "failed", None: "not evaluated"}
@@ -110,6 +118,8 @@ def print_summary(summary: dict[str, Any], title: str) -> None:
 
 def _check_formulas(formulas: Sequence[str]) -> None:
     """Check the formulas of the command line before the log is read."""
+    from train_ato.scenario.formula_parser import parse_formula
+
     for text in formulas:
         try:
             parse_formula(text)
@@ -148,6 +158,9 @@ def fatigue_of(run: Path, other: Path | None) -> dict[str, Any]:
     ValueError
         For a run that cannot be read, or without couplers.
     """
+    from train_ato.apps.runs.progress import activity
+    from train_ato.log.reading import partial_of
+
     if other is None:
         return {}
     from train_ato.apps.runs.coupler_fatigue import coupler_fatigue, relative_fatigue

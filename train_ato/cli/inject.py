@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 from train_ato.arguments import parse_yaml_value
 from train_ato.cli.screen import print_json
-from train_ato.ros.graph.remote import graph_client, resolve_domain
 
 
 class Action(NamedTuple):
@@ -64,6 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Set the parameters, then call the service; a refusal is bad input with the reason of the node."""
+    from train_ato.ros.graph.remote import graph_client, resolve_domain
+
     node, service, data, _ = ACTIONS[options.action]
     parameters = dict(_parameter(options.action, service, text) for text in options.parameters)
     domain = resolve_domain(options.domain)

@@ -5,11 +5,8 @@ from __future__ import annotations
 import argparse
 
 from plant_sim.input_error import close_match
-from plant_sim.library import consist_names, line_names, load_consist, load_line
 from train_ato.cli.details import details
 from train_ato.cli.screen import print_json, print_names
-from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
-from train_ato.scenario.scenario import raw_scenario, shipped_scenarios, variants_of
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,6 +21,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def catalogue() -> dict[str, dict[str, str]]:
     """Return the names of every kind with their one-line summaries."""
+    from plant_sim.library import consist_names, line_names, load_consist, load_line
+    from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+    from train_ato.scenario.scenario import raw_scenario, shipped_scenarios, variants_of
+
     scenarios: dict[str, str] = {}
     for name, path in shipped_scenarios().items():
         scenarios[name] = str(raw_scenario(name)[1].get("summary", ""))

@@ -7,7 +7,6 @@ import sys
 
 from train_ato.arguments import parse_yaml_value
 from train_ato.cli.screen import print_json
-from train_ato.ros.graph.remote import graph_client, resolve_domain
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,6 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Set the parameter; a refusal is bad input with the reason of the node."""
+    from train_ato.ros.graph.remote import graph_client, resolve_domain
+
     name, equals, text = options.assignment.partition("=")
     if not equals or not name:
         raise ValueError(f"{options.assignment}: not an assignment; write name=value, for example law=smc")

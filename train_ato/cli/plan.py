@@ -7,20 +7,16 @@ import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
-
-from pydantic import ValidationError
+from typing import TYPE_CHECKING, Any
 
 from plant_sim.input_error import explain
-from plant_sim.line import Line
-from train_ato.apps.report.plan_figure import draw_plan
 from train_ato.arguments import check_new_file
 from train_ato.cli.plan_trip import add_trip_arguments, execute_trip
-from train_ato.profile.file import write_profile
-from train_ato.profile.planner.inputs import find_line, find_train
-from train_ato.profile.planner.journey_file import read_journey
-from train_ato.profile.planner.planner import Plan, net_energy_bound, plan
-from train_ato.profile.planner.settings import PlanSettings
+
+if TYPE_CHECKING:
+    from plant_sim.line import Line
+    from train_ato.profile.planner.planner import Plan
+    from train_ato.profile.planner.settings import PlanSettings
 
 __all__ = ["add_arguments", "execute", "plan_from_options"]
 
@@ -113,6 +109,11 @@ def plan_from_options(options: argparse.Namespace) -> dict[str, Any]:
     ValueError
         One line: option, problem; fix.
     """
+    from train_ato.apps.report.plan_figure import draw_plan
+    from train_ato.profile.file import write_profile
+    from train_ato.profile.planner.inputs import find_line, find_train
+    from train_ato.profile.planner.planner import plan
+
     for path in options.out:
         check_new_file(path, (*PROFILES, *FIGURES))
     line = find_line(options.line)
@@ -164,6 +165,7 @@ def execute(options: argparse.Namespace) -> int:
 def _certificate(result: Plan, options: argparse.Namespace) -> dict[str, float]:
     """Return the lower bound of the energy [kWh] and the gap of a timetabled plan to it [%]."""
     from train_ato.apps.runs.progress import activity
+    from train_ato.profile.planner.planner import net_energy_bound
 
     if result.settings.time is None or options.no_bound:
         return {}
@@ -175,6 +177,10 @@ def _certificate(result: Plan, options: argparse.Namespace) -> dict[str, float]:
 
 
 def _settings(options: argparse.Namespace, settings: PlanSettings) -> PlanSettings:
+    from pydantic import ValidationError
+
+    from train_ato.profile.planner.settings import PlanSettings
+
     given = {
         "begin": None if options.begin_km is None else 1e3 * options.begin_km,
         "end": None if options.end_km is None else 1e3 * options.end_km,
@@ -202,6 +208,8 @@ def _settings(options: argparse.Namespace, settings: PlanSettings) -> PlanSettin
 
 def _with_journey(options: argparse.Namespace, settings: PlanSettings, line: Line) -> PlanSettings:
     """Return the settings with the timing points of ``--journey``."""
+    from train_ato.profile.planner.journey_file import read_journey
+
     for name in ("time", "from_km", "to_km", "dwell", "through"):
         value = getattr(options, {"from_km": "begin_km", "to_km": "end_km"}.get(name, name))
         if value is not None and value is not False:

@@ -6,10 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from train_ato.apps.runs.progress import share_bar
 from train_ato.cli.screen import print_json
-from train_ato.log.bag_layout import METADATA
-from train_ato.log.recover import recover
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,6 +16,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Write the intact part of the log as a new log; the damaged file is kept beside it."""
+    from train_ato.apps.runs.progress import share_bar
+    from train_ato.log.bag_layout import METADATA
+    from train_ato.log.recover import recover
+
     with share_bar(f"recovering {options.file}") as progress:
         found = recover(options.file, lambda share: progress(share, ""))
     if options.json:

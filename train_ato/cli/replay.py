@@ -11,9 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.apps.runs.progress import console, text_column
 from train_ato.arguments import parse_rate
-from train_ato.cli.main import RunFailed
 from train_ato.cli.screen import print_json, print_table
 
 if TYPE_CHECKING:
@@ -156,6 +154,8 @@ def _bar(title: str) -> Iterator[Callable[[ReplayState], None]]:
     """Show a progress bar of the replay; yield its update function."""
     from rich.progress import BarColumn, Progress
 
+    from train_ato.apps.runs.progress import console, text_column
+
     columns = (text_column("description"), BarColumn(), text_column("fields[state]"))
     with Progress(*columns, console=console(), transient=True, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task(title, total=1.0, state="")
@@ -169,6 +169,8 @@ def _bar(title: str) -> Iterator[Callable[[ReplayState], None]]:
 
 
 def _report(options: argparse.Namespace, done: Replayed) -> None:
+    from train_ato.cli.main import RunFailed
+
     if options.json:
         print_json(
             {

@@ -7,19 +7,12 @@ import os
 import re
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import yaml
-
-from train_ato.apps.import_csv.run import MEASURED, NOT_RECORDED
-from train_ato.apps.replay.open_loop import replay_open_loop
-from train_ato.apps.runs.progress import progress_bar
 from train_ato.cli.screen import print_json, print_table
-from train_ato.log.reading import log_file
-from train_ato.log.run_folder import read_run_folder
-from train_ato.loop.setup import RunSetup, prepare
-from train_ato.scenario.overlays import assign, overlay
-from train_ato.scenario.scenario import check_scenario
+
+if TYPE_CHECKING:
+    from train_ato.loop.setup import RunSetup
 
 FORMATS = (".png", ".svg", ".pdf")
 OUTPUT_ROWS: tuple[tuple[str, str], ...] = (
@@ -41,6 +34,10 @@ DIFFERENCE_ROWS: tuple[tuple[str, str], ...] = (
 
 def compare_laws(options: argparse.Namespace) -> int:
     """Evaluate a law on the recorded inputs; the law of the run itself keeps its planned changes."""
+    from train_ato.apps.replay.open_loop import replay_open_loop
+    from train_ato.apps.runs.progress import progress_bar
+    from train_ato.log.run_folder import read_run_folder
+
     recorded, recorded_summary = read_run_folder(options.run)
     changed = _with_law(recorded, options)
     figure = _figure_path(options)
@@ -67,6 +64,8 @@ def compare_laws(options: argparse.Namespace) -> int:
 
 def _recorded_name(recorded: RunSetup, summary: dict[str, Any]) -> str:
     """Return the label of the recorded output: its law, or the measured quantity."""
+    from train_ato.apps.import_csv.run import MEASURED, NOT_RECORDED
+
     if summary.get("controller") != MEASURED:
         return f"{summary.get('controller', recorded.controller)}, recorded"
     return "force at the wheel, measured" if summary.get("measured_command") == NOT_RECORDED else "demand, measured"
@@ -74,6 +73,12 @@ def _recorded_name(recorded: RunSetup, summary: dict[str, Any]) -> str:
 
 def _with_law(recorded: RunSetup, options: argparse.Namespace) -> RunSetup:
     """Return the setup of the recorded run with the law and the keys of the options."""
+    import yaml
+
+    from train_ato.loop.setup import prepare
+    from train_ato.scenario.overlays import assign, overlay
+    from train_ato.scenario.scenario import check_scenario
+
     data: dict[str, Any] = yaml.safe_load(recorded.resolved_yaml())
     for text in options.set:
         assign(data, text)
@@ -87,6 +92,8 @@ def _with_law(recorded: RunSetup, options: argparse.Namespace) -> RunSetup:
 
 def _figure_path(options: argparse.Namespace) -> Path:
     """Return the path of the figure; check it before the computation."""
+    from train_ato.log.reading import log_file
+
     wanted: Path | None = options.out
     if wanted is not None:
         if wanted.suffix not in FORMATS:

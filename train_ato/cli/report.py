@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import gc
 import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.runs.progress import activity
 from train_ato.cli.screen import print_json
 
 if TYPE_CHECKING:
@@ -36,7 +34,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Write the page, and the figures with --figures."""
+    import gc
+
     from train_ato.apps.report.requests import checked
+    from train_ato.apps.runs.progress import activity
 
     request = checked(options.runs, options.out, options.figures, options.format)
     gc.disable()  # a tenth of the time; the objects live until the end

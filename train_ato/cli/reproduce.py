@@ -8,23 +8,18 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn
-from rich.progress import Progress as Bar
-from rich.table import Table as Grid
-from rich.text import Text
-
-from train_ato.apps.runs.progress import console, plain_console, text_column
-from train_ato.apps.runs.summary_table import format_value
 from train_ato.cli.screen import note_compilation
-from train_ato.log.run_folder import RunFolder
-from train_ato.papers.claims import CaseTable
-from train_ato.papers.judging import claims_of
-from train_ato.papers.page import table_rows
-from train_ato.papers.pool import Finished, Moved
-from train_ato.papers.session import Judged, load_paper, paper_numbers, reproduce, with_claim
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table as Grid
+
+    from train_ato.log.run_folder import RunFolder
+    from train_ato.papers.claims import CaseTable
+    from train_ato.papers.pool import Finished, Moved
+    from train_ato.papers.session import Judged
 
 HEADS = (("claim", 5), ("stated", 3), ("measured", 4), ("verdict", 2), ("reason", 6))
 """Columns of the table of claims and their relative widths."""
@@ -35,6 +30,8 @@ COLOURS = {"reproduced": "green", "only in another setting": "yellow", "not repr
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``reproduce``."""
+    from train_ato.papers.session import paper_numbers
+
     parser.add_argument("paper", nargs="?", default="all", help=f"{', '.join(paper_numbers())} or all (default: all)")
     parser.add_argument("--claim", metavar="TEXT", help="only claims that contain TEXT, with their cases; no figures")
     parser.add_argument("--full", action="store_true", help="include the long cases over the whole line")
@@ -57,6 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Run the cases of the claims and judge the claims."""
+    from train_ato.apps.runs.summary_table import format_value
+    from train_ato.papers.session import Judged, load_paper, paper_numbers, reproduce, with_claim
+
     if not 1 <= options.jobs <= 64:
         raise ValueError(f"--jobs {options.jobs}: out of range; give 1 to 64")
     numbers = paper_numbers() if options.paper == "all" else [options.paper]
@@ -96,6 +96,8 @@ def execute(options: argparse.Namespace) -> int:
 
 def _folder(options: argparse.Namespace) -> RunFolder:
     """Return the new folder, or that of the interrupted command."""
+    from train_ato.log.run_folder import RunFolder
+
     if options.resume is None:
         return RunFolder.make(options.out, "reproduce")
     if not any(options.resume.glob("paper*.json")):
@@ -106,6 +108,12 @@ def _folder(options: argparse.Namespace) -> RunFolder:
 @contextmanager
 def _bar() -> Iterator[Any]:
     """Show a progress bar of the cases; yield its update function."""
+    from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
+    from train_ato.apps.runs.progress import console, text_column
+    from train_ato.papers.pool import Moved
+
     bar = Bar(
         text_column("description"),
         BarColumn(),
@@ -134,6 +142,8 @@ def _bar() -> Iterator[Any]:
 
 def _report(judged: Judged, folder: Path, full: bool, quiet: bool) -> None:
     """Print the tables of a paper and write them beside its figures."""
+    from train_ato.apps.runs.progress import plain_console
+
     with (folder / f"paper{judged.paper.number}.txt").open("w", encoding="utf-8") as file:
         screens = [plain_console(file=file, width=WIDTH)]
         if not quiet:
@@ -145,6 +155,11 @@ def _report(judged: Judged, folder: Path, full: bool, quiet: bool) -> None:
 
 
 def _print(judged: Judged, full: bool, screen: Console) -> None:
+    from rich.table import Table as Grid
+    from rich.text import Text
+
+    from train_ato.papers.judging import claims_of
+
     paper = judged.paper
     grid = Grid(title=f"paper {paper.number}: {paper.title}", title_justify="left", expand=True, show_lines=True)
     for (_, share), head in zip(HEADS, ("claim", "paper", "here", "verdict", "reason"), strict=True):
@@ -161,6 +176,11 @@ def _print(judged: Judged, full: bool, screen: Console) -> None:
 
 
 def _grid(table: CaseTable, judged: Judged) -> Grid:
+    from rich.table import Table as Grid
+
+    from train_ato.apps.runs.summary_table import format_value
+    from train_ato.papers.page import table_rows
+
     grid = Grid(title=table.title, title_justify="left")
     for number, head in enumerate(table.columns):
         grid.add_column(head, justify="left" if number == 0 else "right", overflow="fold")

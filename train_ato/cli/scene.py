@@ -6,9 +6,12 @@ import argparse
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from train_ato.cli.screen import print_json
-from train_ato.loop.setup import RunSetup, prepare
+
+if TYPE_CHECKING:
+    from train_ato.loop.setup import RunSetup
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -65,6 +68,7 @@ def _running(domain: int) -> RunSetup:
     ValueError
         If the plant names no scenario file.
     """
+    from train_ato.loop.setup import prepare
     from train_ato.ros.graph.remote import read_parameter
     from train_ato.scenario.scenario import load_scenario
 

@@ -9,13 +9,11 @@ import io
 import json
 import sys
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.table import Table
-from rich.text import Text
+if TYPE_CHECKING:
+    from rich.table import Table
 
-from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted, plain_console
-from train_ato.apps.runs.summary_table import format_value
 
 FILE_WIDTH = 100_000
 """Width of a table in a pipe or a file: no cell is folded or cut [characters]."""
@@ -24,6 +22,7 @@ FILE_WIDTH = 100_000
 def note_compilation() -> None:
     """Load the kernel of the train; print a note if it is compiled, once on every machine."""
     from plant_sim.warm_up import compile_kernel
+    from train_ato.apps.runs.progress import COMPILE_NOTE, compilation_noted
 
     with compilation_noted(COMPILE_NOTE):
         compile_kernel()
@@ -37,6 +36,8 @@ def print_json(value: Any) -> None:
 
 def print_names(title: str, entries: Iterable[tuple[str, str]]) -> None:
     """Print names with their one-line summaries under a title."""
+    from rich.table import Table
+
     result = Table(box=None, show_header=False, pad_edge=False)
     result.add_column(overflow="fold")
     result.add_column(overflow="fold")
@@ -47,6 +48,10 @@ def print_names(title: str, entries: Iterable[tuple[str, str]]) -> None:
 
 def print_table(columns: Iterable[str], rows: Iterable[Iterable[Any]], title: str = "") -> None:
     """Print a table on standard output; in a narrow terminal long cells are folded."""
+    from rich.table import Table
+
+    from train_ato.apps.runs.summary_table import format_value
+
     columns = list(columns)
     result = Table(header_style="bold underline", box=None, padding=(0, 2, 0, 0))
     for number, column in enumerate(columns):
@@ -58,6 +63,10 @@ def print_table(columns: Iterable[str], rows: Iterable[Iterable[Any]], title: st
 
 def _print(table: Table, title: str) -> None:
     """Print a title and a table: as wide as the terminal, or as wide as the table off a terminal."""
+    from rich.text import Text
+
+    from train_ato.apps.runs.progress import plain_console
+
     if sys.stdout.isatty():
         screen = plain_console()
         if title:

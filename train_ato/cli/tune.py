@@ -5,15 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from train_ato.apps.runs.scenario_choice import choose_scenario
-from train_ato.apps.tune.objective import TERMS, read_weights
-from train_ato.apps.tune.tune import tune
-from train_ato.apps.tune.tune_result import OVERLAY, TuneResult
+from train_ato.apps.tune.objective import TERMS
 from train_ato.cli.scenario_options import KINDS, check_component_name
 from train_ato.cli.screen import note_compilation, print_json, print_table
 from train_ato.errors import RunFailed
-from train_ato.log.run_folder import check_free, next_free
+
+if TYPE_CHECKING:
+    from train_ato.apps.tune.tune_result import TuneResult
 
 COLUMNS: tuple[tuple[str, str], ...] = (
     ("run", "run"),
@@ -67,6 +67,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Search, write the overlay scenario and print initial and tuned runs."""
+    from train_ato.apps.runs.scenario_choice import choose_scenario
+    from train_ato.apps.tune.objective import read_weights
+    from train_ato.apps.tune.tune import tune
+    from train_ato.apps.tune.tune_result import OVERLAY
+    from train_ato.log.run_folder import check_free, next_free
+
     for kind in KINDS:
         if (name := getattr(options, kind)) is not None:
             check_component_name(f"--{kind}", kind, name)
@@ -124,6 +130,8 @@ def _seeds(text: str | None, option: str) -> list[int]:
 
 def print_tuning(result: TuneResult, folder: Path) -> None:
     """Print gains, runs with the initial and the tuned gains, and the overlay scenario."""
+    from train_ato.apps.tune.tune_result import OVERLAY
+
     ranges = result.settings["ranges"]
     print_table(
         ("parameter", "initial", "tuned", "range"),

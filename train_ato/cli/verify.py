@@ -7,20 +7,15 @@ import dataclasses
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from train_ato.apps.import_csv.run import MEASURED
-from train_ato.apps.runs.progress import progress_bar, share_bar
 from train_ato.cli.screen import note_compilation, print_json
 from train_ato.cli.verify_grid import add_grid_arguments, verify_grid
 from train_ato.errors import RunFailed
-from train_ato.log.changes import late_commands, outside_nodes, read_changes
-from train_ato.log.difference import LogComparison, compare_logs
-from train_ato.log.recorded import read_reports
-from train_ato.log.run_folder import RunFolder, read_run_folder
-from train_ato.log.versions import SCENARIO
-from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import RunSetup
-from train_ato.messages.codec.codec import Wire
+
+if TYPE_CHECKING:
+    from train_ato.log.difference import LogComparison
+    from train_ato.loop.setup import RunSetup
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +33,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> int:
     """Repeat the run in the engine and compare both logs field by field; ``--grid``: run scenarios on a grid."""
+    from train_ato.apps.import_csv.run import MEASURED
+    from train_ato.log.changes import late_commands, outside_nodes, read_changes
+    from train_ato.log.recorded import read_reports
+    from train_ato.log.run_folder import read_run_folder
+    from train_ato.log.versions import SCENARIO
+
     if options.grid is not None:
         return verify_grid(options)
     if options.run is None:
@@ -86,6 +87,12 @@ def compare_with_new(run: Path, setup: RunSetup, relative: float = 0.0) -> LogCo
     RunFailed
         If the new run fails.
     """
+    from train_ato.apps.runs.progress import progress_bar, share_bar
+    from train_ato.log.difference import compare_logs
+    from train_ato.log.run_folder import RunFolder
+    from train_ato.loop.engine import run_engine
+    from train_ato.messages.codec.codec import Wire
+
     note_compilation()
     with tempfile.TemporaryDirectory(prefix="train_ato_verify_") as scratch:
         again = RunFolder.make(Path(scratch) / "again", setup.scenario.name)

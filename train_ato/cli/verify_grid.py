@@ -5,14 +5,16 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.grid.cell import GRAPH_MODES, HOST, LIBRARIES, TARGETS, THREADS, Axes
-from train_ato.apps.grid.grid import DEFAULT, CellResult, Grid, GridScenario, scratch_folder
-from train_ato.apps.grid.interpreters import Skipped, find_interpreters
-from train_ato.apps.runs.progress import activity, share_bar
+from train_ato.apps.grid.cell import GRAPH_MODES
 from train_ato.cli.screen import print_json, print_table
 from train_ato.errors import RunFailed
+
+if TYPE_CHECKING:
+    from train_ato.apps.grid.cell import Axes
+    from train_ato.apps.grid.grid import CellResult, Grid
+    from train_ato.apps.grid.interpreters import Skipped
 
 MODES = ("engine", *GRAPH_MODES)
 SHORT = 12
@@ -21,6 +23,8 @@ SHORT = 12
 
 def add_grid_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of ``verify --grid``."""
+    from train_ato.apps.grid.cell import TARGETS, THREADS
+
     group = parser.add_argument_group("grid")
     group.add_argument(
         "--grid",
@@ -53,6 +57,10 @@ def _add_axis(group: Any, option: str, values: tuple[Any, ...], text: str, kind:
 
 def verify_grid(options: argparse.Namespace) -> int:
     """Run the grid and print the table and the verdict."""
+    from train_ato.apps.grid.grid import DEFAULT, Grid, GridScenario, scratch_folder
+    from train_ato.apps.grid.interpreters import find_interpreters
+    from train_ato.apps.runs.progress import activity, share_bar
+
     if options.run is not None:
         raise ValueError(f"RUN {options.run}: not used with --grid; name scenarios after --grid, or remove one")
     if options.relative:
@@ -80,6 +88,8 @@ def verify_grid(options: argparse.Namespace) -> int:
 
 def _axes(options: argparse.Namespace, interpreters: tuple[Any, ...]) -> Axes:
     """Return the axes of the options; the values of the reference cell first."""
+    from train_ato.apps.grid.cell import HOST, LIBRARIES, TARGETS, THREADS, Axes
+
     targets = options.target or TARGETS
     return Axes(
         interpreters,

@@ -12,19 +12,14 @@ import sys
 import tempfile
 import threading
 import time
-import webbrowser
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from train_ato.apps.runs.progress import console
-from train_ato.apps.view.origins import LOCAL_NAMES
 from train_ato.arguments import BAD_INPUT, add_rate
 from train_ato.cli.screen import print_json
 from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt, interruptible
-from train_ato.ros.graph.environment import applied, check_domain, claim_domain, held_domains, variables
-from train_ato.ros.graph.remote import resolve_domain
 from train_ato.ros.graph.wait_note import WaitNote
 
 if TYPE_CHECKING:
@@ -90,6 +85,10 @@ def execute(options: argparse.Namespace) -> int:
 
 def _serve(options: argparse.Namespace, interrupt: Interrupt, *, first: bool) -> bool:
     """Serve one run; return True if a page has started it again."""
+    import webbrowser
+
+    from train_ato.apps.runs.progress import console
+
     with contextlib.ExitStack() as stack:
         feed = stack.enter_context(_feed(options, interrupt))
         from train_ato.apps.view.server import PageServer
@@ -130,6 +129,8 @@ def _print_addresses(addresses: list[str], as_json: bool) -> None:
 
 def _warn_of_network(address: str, live: bool) -> None:
     """Print a line if other hosts can open the page."""
+    from train_ato.apps.view.origins import LOCAL_NAMES
+
     if address not in LOCAL_NAMES:
         able = "act on the train" if live else "read the run"
         sys.stderr.write(f"train-ato: --address {address}: every host that reaches the page can {able}, no password\n")
@@ -137,6 +138,8 @@ def _warn_of_network(address: str, live: bool) -> None:
 
 def _check(options: argparse.Namespace) -> None:
     """Check the options before anything starts."""
+    from train_ato.ros.graph.environment import check_domain
+
     if not 0 <= options.port <= 65_535:
         raise ValueError(f"--port {options.port}: out of range; give 1 to 65535, or 0 for a free port")
     if options.scenario is None:
@@ -179,6 +182,8 @@ class _Waiting:
 @contextlib.contextmanager
 def _feed(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[Feed]:
     """Yield the data source of the page."""
+    from train_ato.ros.graph.environment import applied, variables
+
     if options.run is not None:
         from train_ato.apps.view.recorded import RecordedFeed
 
@@ -202,6 +207,9 @@ def _feed(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[Feed]:
 @contextlib.contextmanager
 def _run(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[tuple[int, _Waiting]]:
     """Yield the ROS domain of the run: of a running simulation, or of a run started here and ended with the page."""
+    from train_ato.ros.graph.environment import claim_domain, held_domains
+    from train_ato.ros.graph.remote import resolve_domain
+
     if options.scenario is None:
         domain = resolve_domain(options.domain)
         yield domain, _Waiting(lambda: _check_held(domain), interrupt)
@@ -221,6 +229,8 @@ def _run(options: argparse.Namespace, interrupt: Interrupt) -> Iterator[tuple[in
 
 def _check_held(domain: int) -> None:
     """Check that a run still has the domain."""
+    from train_ato.ros.graph.environment import held_domains
+
     if domain not in held_domains():
         raise ValueError(f"--domain {domain}: the run has ended; give the domain of a running simulation")
 

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import importlib
 import json
-import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import train_ato.papers
-from train_ato.apps.report.print_parts import SHEET_SIZE, styled
-from train_ato.log.versions import source_hash
-from train_ato.papers.claims import Calculation, Case, FigureFile, Paper, Result
-from train_ato.papers.judging import Row, cases_of, claims_of, judge_paper
-from train_ato.papers.page import papers_overview, section
-from train_ato.papers.pool import Finished, Moved, WorkerPool
+if TYPE_CHECKING:
+    from train_ato.papers.claims import Calculation, Case, FigureFile, Paper, Result
+    from train_ato.papers.judging import Row
+    from train_ato.papers.pool import Finished, Moved
 
 
 def _packages() -> dict[str, str]:
     """Return the package of every paper by number: ``p000_heavy_haul`` ..."""
+    import pkgutil
+
+    import train_ato.papers
+
     names = (module.name for module in pkgutil.iter_modules(train_ato.papers.__path__) if module.ispkg)
     return {name[1:4]: name for name in sorted(names)}
 
@@ -38,6 +38,8 @@ def load_paper(number: str) -> Paper:
     ValueError
         If no paper has this number.
     """
+    from train_ato.papers.claims import Paper
+
     packages = _packages()
     if number not in packages:
         raise ValueError(f"paper '{number}': unknown; name one of {', '.join(packages)} or all")
@@ -125,6 +127,11 @@ def reproduce(
     list of str
         Numbers of the papers that were not run again.
     """
+    from train_ato.log.versions import source_hash
+    from train_ato.papers.judging import claims_of
+    from train_ato.papers.page import section
+    from train_ato.papers.pool import Moved, WorkerPool
+
     source = source_hash()
     code = {paper.number: f"{source} {len(claims_of(paper, full))} claims" for paper in papers}
     kept = {number: found for number in code if (found := _kept(folder, number, code[number])) is not None}
@@ -173,6 +180,8 @@ def _kept(folder: Path, number: str, code: str) -> dict[str, Any] | None:
 
 def _plan(papers: list[Paper], full: bool) -> tuple[list[_Pending], dict[str, Case | Calculation]]:
     """Return the pending papers and the tasks; equal cases of all papers are one task."""
+    from train_ato.papers.judging import cases_of
+
     pending: list[_Pending] = []
     tasks: dict[str, Case | Calculation] = {}
     for paper in papers:
@@ -186,6 +195,9 @@ def _plan(papers: list[Paper], full: bool) -> tuple[list[_Pending], dict[str, Ca
 
 
 def _judge(entry: _Pending, folder: Path, full: bool) -> Judged:
+    from train_ato.apps.report.print_parts import SHEET_SIZE, styled
+    from train_ato.papers.judging import judge_paper
+
     paper, results = entry.paper, {key: entry.results[key] for key in entry.wanted}
     rows = judge_paper(paper, results, full)
     try:
@@ -197,6 +209,8 @@ def _judge(entry: _Pending, folder: Path, full: bool) -> Judged:
 
 
 def _write_page(folder: Path, papers: list[Paper], rows: list[Row], sections: dict[str, str], full: bool) -> None:
+    from train_ato.papers.page import papers_overview
+
     known = {paper.number: paper for paper in papers if paper.number in sections}
     options = (" all" if len(papers) == len(paper_numbers()) else f" {papers[0].number}") + (" --full" if full else "")
     head = papers_overview(rows, known, options)

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from plant_sim.input_error import close_match
-from plant_sim.units import Force, Length, Pressure, Speed, Time, Unit
-from train_ato.messages.codec.diagnostic_keys import unit_suffix
+from plant_sim.units import Force, Length, Pressure, Speed, Time, Unit, unit_suffix
 
-__all__ = ["QUANTITIES", "TIMESTAMP", "Column", "MeasuredQuantity", "column_of", "spellings"]
+__all__ = ["LARGEST_GAP", "QUANTITIES", "TIMESTAMP", "Column", "MeasuredQuantity", "column_of", "spellings"]
 
+LARGEST_GAP = 5.0
+"""Default of the maximum time between rows [s]."""
 TIMESTAMP = "timestamp"
 """Column of date and time of day instead of seconds."""
 _MORE: dict[str, tuple[tuple[str, float], ...]] = {

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from plant_sim.number_text import number_text
-from train_ato.apps.import_csv.columns import Column
+from train_ato.apps.import_csv.columns import LARGEST_GAP, Column
 from train_ato.apps.import_csv.faults import FileFaults
-from train_ato.apps.import_csv.samples import LARGEST_GAP, ColumnSamples, Rows
+from train_ato.apps.import_csv.samples import ColumnSamples, Rows
 from train_ato.apps.import_csv.table import CsvTable
 from train_ato.messages.types import Array
 

@@ -12,10 +12,7 @@ from train_ato.apps.import_csv.columns import TIMESTAMP, Column
 from train_ato.apps.import_csv.table import CsvTable
 from train_ato.messages.types import Array
 
-__all__ = ["LARGEST_GAP", "ColumnSamples", "Rows", "sort_rows"]
-
-LARGEST_GAP = 5.0
-"""Default of the maximum time between rows [s]."""
+__all__ = ["ColumnSamples", "Rows", "sort_rows"]
 
 
 @dataclass(frozen=True)

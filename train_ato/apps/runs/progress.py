@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import html
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.progress import BarColumn, SpinnerColumn, TextColumn
-from rich.progress import Progress as Bar
-from rich.text import Text
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import TextColumn
 
-from train_ato.loop.result import Progress
+    from train_ato.loop.result import Progress
+
 
 COMPILE_NOTE = "Compiling the train's kernel, once on this machine; later runs start at once."
 PLANNER_NOTE = "Compiling the planner's kernels, once on this machine; later plans start at once."
@@ -24,6 +23,8 @@ Report = Callable[[float, str], None]
 
 def plain_console(**options: Any) -> Console:
     """Return a console that prints every text as it is: without markup, emoji names or highlighting."""
+    from rich.console import Console
+
     return Console(highlight=False, markup=False, emoji=False, **options)
 
 
@@ -34,12 +35,16 @@ def console() -> Console:
 
 def text_column(field: str) -> TextColumn:
     """Return a column of a progress bar with a field of the task as plain text."""
+    from rich.progress import TextColumn
+
     return TextColumn(f"{{task.{field}}}", markup=False)
 
 
 @contextmanager
 def activity(text: str) -> Iterator[Callable[[str], None]]:
     """Show a text with a spinner in a terminal; yield the function that replaces the text."""
+    from rich.text import Text
+
     with console().status(Text(text)) as status:
         yield lambda present: status.update(Text(present))
 
@@ -82,6 +87,9 @@ def share_bar(title: str, shown: bool | None = None) -> Iterator[Report]:
     shown
         Default: if standard error is a terminal or the process is the kernel of a notebook.
     """
+    from rich.progress import BarColumn, SpinnerColumn
+    from rich.progress import Progress as Bar
+
     if shown is not False and in_notebook():
         with _notebook_bar(title) as update:
             yield update
@@ -96,6 +104,8 @@ def share_bar(title: str, shown: bool | None = None) -> Iterator[Report]:
 @contextmanager
 def _notebook_bar(title: str) -> Iterator[Report]:
     """Show a bar below the cell of a notebook, without extensions."""
+    import html
+
     display: Any = sys.modules["IPython"].display
 
     def markup(share: float, state: str) -> Any:

@@ -7,13 +7,26 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from train_ato.apps.runs.summary_table import RESULT_ROWS
-from train_ato.apps.sweep.spec import SweepSpec
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["BORDERS", "NotDrawable", "RunGroup", "grouped", "inside", "list_key", "metric_words", "numeric_metrics"]
+    from train_ato.apps.sweep.spec import SweepSpec
 
+__all__ = [
+    "BORDERS",
+    "ERROR_METRIC",
+    "NotDrawable",
+    "RunGroup",
+    "grouped",
+    "inside",
+    "list_key",
+    "metric_words",
+    "numeric_metrics",
+]
+
+ERROR_METRIC = "speed_rmse_kmh"
+"""Metric of the figures if no other one is chosen."""
 BORDERS = {"tracking": ("tracking", "tracked"), "verdict": ("verdict", "passed")}
 """Border of stability: column of the table, and its value inside."""
 NOT_METRICS = ("run", "seed", "wall_s", "evaluation_s", "overhead_s")

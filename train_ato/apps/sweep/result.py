@@ -5,17 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from train_ato.apps.sweep.groups import NotDrawable
+from train_ato.apps.sweep.groups import ERROR_METRIC, NotDrawable
 from train_ato.apps.sweep.spec import SweepSpec
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["ERROR_METRIC", "SweepResult"]
-
-ERROR_METRIC = "speed_rmse_kmh"
-"""Metric of the figures if no other one is chosen."""
+__all__ = ["SweepResult"]
 
 
 class SweepResult:

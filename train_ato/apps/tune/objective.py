@@ -18,13 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
+if TYPE_CHECKING:
+    from train_ato.scenario.criteria import Criteria
 
-from train_ato.loop.tracking import OUTCOMES
-from train_ato.loop.verdict import CRITERIA, is_tracked
-from train_ato.scenario.criteria import Criteria
 
 LARGEST_FEASIBLE = 99.0
 """Largest score of a tracked run."""
@@ -69,6 +67,8 @@ class ObjectiveTerm:
 
     def scale(self, criteria: Criteria, reference: Mapping[str, Any]) -> float:
         """Return the scale: the smallest limit of the criteria, otherwise the metric of the reference run."""
+        from train_ato.loop.verdict import CRITERIA
+
         limits = [
             getattr(criteria, entry.key) * entry.factor
             for entry in CRITERIA
@@ -136,6 +136,10 @@ def score_of_run(metrics: Mapping[str, Any], scales: Mapping[str, float], weight
     scales, weights
         Scale, in its unit, and weight of every term.
     """
+    import numpy as np
+
+    from train_ato.loop.verdict import is_tracked
+
     if metrics.get("status") == "refused":
         return REFUSED_GAINS
     if metrics.get("status") != "done" or metrics.get("speed_rmse_kmh") is None:
@@ -150,6 +154,8 @@ def score_of_run(metrics: Mapping[str, Any], scales: Mapping[str, float], weight
 
 
 def _score_not_tracked(metrics: Mapping[str, Any]) -> float:
+    from train_ato.loop.tracking import OUTCOMES
+
     worst = metrics["tracking_findings"][0]
     rank = len(OUTCOMES) - 1 - OUTCOMES.index(worst["outcome"])
     ratio = min(1.0, abs(float(worst["limit"])) / max(abs(float(worst["value"])), 1e-9))
@@ -179,6 +185,8 @@ class GainScore:
     @classmethod
     def of(cls, scores: Sequence[float]) -> GainScore:
         """Return mean and maximum of the scores of the runs."""
+        import numpy as np
+
         return cls(float(np.mean(scores)), float(np.max(scores)))
 
     @property

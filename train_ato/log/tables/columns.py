@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from plant_sim.states import FieldDescription
-from train_ato.messages.codec.diagnostic_keys import message_key, unit_suffix
+from plant_sim.units import unit_suffix
+from train_ato.messages.codec.diagnostic_keys import message_key
 from train_ato.messages.topics import BY_NAME, DIAGNOSTIC_UNITS, TOPICS
 
 __all__ = ["TIME", "column", "diagnostic_column", "has_column", "unit_of"]

@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 
+from plant_sim.units import unit_suffix
 from train_ato.messages.topics import DIAGNOSTIC_UNITS, Role
 
 LISTED = ("delay", "delay_brake")
@@ -21,12 +22,6 @@ HARDWARE: dict[str, str] = {
     Role.SUPERVISOR.value: "atp",
 }
 """Unit of the vehicle with a node, ``hardware_id`` of its diagnostics."""
-
-
-@lru_cache(maxsize=64)
-def unit_suffix(unit: str) -> str:
-    """Return a unit as suffix of a name: ``m/s²`` becomes ``_m_s2``; "" without a unit."""
-    return "_" + unit.lower().replace("/", "_").replace("²", "2").replace("³", "3") if unit else ""
 
 
 @lru_cache(maxsize=1024)
