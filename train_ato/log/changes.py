@@ -60,6 +60,8 @@ def outside_nodes(
     first: dict[str, Diagnostic] = {}
     for report in reports:
         first.setdefault(report.node, report)
+    if not first:  # a log without the topic says nothing about its nodes
+        return dict(names or {})
     found = {}
     for node, key in OWN_KEYS.items():
         values = first[node].values if node in first else {}
