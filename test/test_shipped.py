@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -124,3 +126,12 @@ def test_package_xml_names_every_dependency() -> None:
     assert without is not None
     aliases = {"pyyaml": "yaml", "pillow": "pil"}
     assert {aliases.get(name, name) for name in wanted} <= keys | set(without[1].split())
+
+
+def test_setup_runs_as_a_link_of_colcon(tmp_path: Path) -> None:
+    """Breaks if setup.py looks for its files beside the link that `colcon build --symlink-install` makes in `build`."""
+    for name in ("setup.py", "setup.cfg", "train_ato", "plant_sim"):
+        (tmp_path / name).symlink_to(REPO / name)
+    command = [sys.executable, "setup.py", "-q", "--version"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.split()[-1:]) == (0, [VERSION]), done.stderr

@@ -78,7 +78,7 @@ class OwnPublisher:
 
     begun, lost, fault = True, 0, None
 
-    def take(self, *message: Any) -> bool:
+    def take(self, *message: Any, lossy: bool = False) -> bool:
         """Accept a message."""
         return True
 

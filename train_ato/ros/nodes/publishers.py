@@ -152,6 +152,11 @@ class OnePublisher:
         if self.begun and not self.name:
             self.pin()
 
+    def publisher_name(self) -> str:
+        """Return the name of the node of the publisher, as far as it is known."""
+        self.pin()
+        return self.name or _UNKNOWN
+
     def _publishers(self) -> list[Any]:
         found = self._node.get_publishers_info_by_topic(self._subscription.topic_name)
         return [info for info in found if info.topic_type == self._topic.type]
@@ -195,25 +200,30 @@ class NamedSenders:
         self._count = self._looks = 0
         self._named: set[str] = set()
 
-    def take(self, data: bytes, number: int) -> bool:
-        """Return True for a message of a node of the graph, by its name and its sequence number."""
+    def take(self, data: bytes, number: int, *, lossy: bool = False) -> bool:
+        """Return True for a message of a node of the graph, by its name and its sequence number.
+
+        ``lossy``: messages of other topics were lost, so a leap of the number is no sign of another program.
+        """
         name = status_name(data)
         if not name:
             return False
         due = self._next.get(name, {number})
-        if number in due:
+        later = number > max(due)
+        if number in due or (later and lossy):
             self._next[name] = {number + 1}
             return True
-        others = wait_for_names(self._others, 1) if self.fault is None else []
-        if others:
-            self.fault = NodeFault(
-                " and ".join(others), f"/diagnostics: it sends under the name of node {name}; end it"
-            )
+        others = wait_for_names(self._others, 1) if self.fault is None else self._others()
+        if self.fault is None and others:
+            self.fault = NodeFault(" or ".join(others), f"/diagnostics: it sends under the name of node {name}; end it")
         elif self.fault is None:
             self.fault = ValueError(
                 f"/diagnostics: message {number} of node {name} came after message {max(due) - 1}; "
                 f"messages were lost, or another program has sent one under its name and left"
             )
+        if later and not others:
+            self._next[name] = {number + 1}
+            return True
         return False
 
     def renew(self, role: Role) -> None:
@@ -226,17 +236,21 @@ class NamedSenders:
         if count == self._count:
             return []
         names, self._looks = self._others(), self._looks + 1
-        if _UNKNOWN not in names or self._looks > _LOOKS:
+        complete = len(self._publishers()) >= count and _UNKNOWN not in names  # names arrive after the endpoints
+        if complete or self._looks > _LOOKS:
             self._count, self._looks = count, 0
         found = sorted({*names} - self._named - {_UNKNOWN})
         self._named.update(found)
         return found
 
+    def _publishers(self) -> list[Any]:
+        return list(self._node.get_publishers_info_by_topic(self._subscription.topic_name))
+
     def _others(self) -> list[str]:
         """Return the names of the publishers that are not nodes of the graph; a second node of a name is one."""
         met: set[tuple[str, str]] = set()
         others = []
-        for info in self._node.get_publishers_info_by_topic(self._subscription.topic_name):
+        for info in self._publishers():
             key = (info.node_name, info.node_namespace)
             if key not in self._own:
                 others.append(info.node_name)

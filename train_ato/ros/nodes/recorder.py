@@ -18,7 +18,9 @@ from train_ato.log.run_log import RunLog
 from train_ato.messages.codec.codec import stamp_of
 from train_ato.messages.topics import BY_NAME, EPOCH_NS, Role, tick_topics, topics_of
 from train_ato.messages.types import Tick
+from train_ato.ros.nodes.answer_watch import LEASE_S
 from train_ato.ros.nodes.endpoints import NodeEndpoints
+from train_ato.ros.nodes.publishers import wait_for_names
 
 ACKNOWLEDGE_EVERY = 100
 """Ticks between two messages on ``recorder/progress``."""
@@ -53,6 +55,7 @@ class RecorderNode:
         self._last: dict[str, int] = {}
         self._wrong: ValueError | None = None
         self._held: list[Received] = []
+        self._suspended, self._polled = 0.0, time.monotonic()
         names = [topic.name for topic in topics_of(endpoints.wire.layout) if topic.recorded]
         self._takers = [(name, log.numbers[name], *endpoints.taker(name)) for name in names if name != _SHARED]
         self._sources = {name: source for name, _, _, source in self._takers}
@@ -74,6 +77,7 @@ class RecorderNode:
             If the disk is full or gone.
         """
         now = time.monotonic()
+        self._suspended, self._polled = max(self._suspended, now - self._polled), now
         waiting: list[Received] = []
         wrong: ValueError | None = None
         last_stamps = self._last
@@ -94,8 +98,11 @@ class RecorderNode:
                     source.check()
             except ValueError as error:
                 wrong = wrong or error
-        wrong = wrong or self._read_shared(waiting, now) or self._lost_first()
+        shared = self._read_shared(waiting, now, lossy=not watched or wrong is not None)
+        wrong = wrong or shared or self._lost_first()
         self._write(waiting, now, whole=last or wrong is not None)
+        if type(wrong) is ValueError and self._suspended > LEASE_S:
+            wrong = ValueError(f"{wrong}; its process was suspended for {self._suspended:.1f} s")
         if wrong is not None and not self.endpoints.wire.layout.supervised:
             raise wrong
         if wrong is not None and self._wrong is None:
@@ -104,12 +111,12 @@ class RecorderNode:
         self._acknowledge()
         return len(waiting)
 
-    def _read_shared(self, waiting: list[Received], now: float) -> ValueError | None:
+    def _read_shared(self, waiting: list[Received], now: float, *, lossy: bool) -> ValueError | None:
         """Read the diagnostics of the graph's nodes; name other publishers, and return the fault of a false name."""
         senders, number = self._senders, self.log.numbers[_SHARED]
         while (found := self._take_shared()) is not None:
             data, information = found
-            if senders.take(data, information["publication_sequence_number"]):
+            if senders.take(data, information["publication_sequence_number"], lossy=lossy):
                 self._last[_SHARED] = stamp = _stamp(_SHARED, data)
                 waiting.append((stamp, information["received_timestamp"], number, data, now))
         for name in senders.newcomers():
@@ -130,6 +137,7 @@ class RecorderNode:
         if not found:
             return None
         parts = [f"{name}: {source.lost}" for name, source in found.items()]
+        wait_for_names(lambda: [source.publisher_name() for source in found.values()])
         names = {source.name or BY_NAME[name].publishers[0].value for name, source in found.items()}
         for source in found.values():
             source.lost = 0

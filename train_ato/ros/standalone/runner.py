@@ -293,9 +293,12 @@ class StandaloneRunner:
         self._turn_until(lambda: self.node.finished)
 
     def _turn_until(self, done: Callable[[], bool]) -> None:
-        """Run callbacks until a condition is true, at most 10 s; return at once after a failure."""
+        """Run callbacks until a condition is true, at most 10 s; return at once after a failure, or without a node."""
+        assert self._discovery is not None
         last = time.monotonic() + STOPPING_S
         while not done() and self.endpoints.watch.failure is None and time.monotonic() < last:
+            if self._discovery.departed():
+                return
             self._executor.spin_once(timeout_sec=TURN_S)
 
     def _check_departed(self) -> None:
