@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import random
 import shutil
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -25,6 +27,9 @@ from train_ato.messages.topics import EPOCH_NS, topics_of
 from train_ato.scenario.scenario import load_scenario
 
 FOLDER = Path(__file__).resolve().parent / "golden"
+sys.path.append(str(FOLDER))
+import bits  # noqa: E402
+
 GOLDEN = FOLDER / "short_train" / "run.mcap"
 ELSEWHERE = 1e-6
 """Part of a field's largest magnitude by which numbers may differ on other processors or versions."""
@@ -163,3 +168,28 @@ def test_golden_folder_is_a_bag_for_other_tools(tmp_path: Path) -> None:
     with Reader(tmp_path / "bag") as bag:
         assert bag.message_count == sum(1 for _ in stream(GOLDEN))
         assert bag.start_time == EPOCH_NS
+
+
+CASES = list(bits.cases())
+SAMPLE = random.Random(30).sample([case for case in CASES if case.changes is not None], 16)
+"""Short runs; the campaign has all."""
+
+
+@pytest.mark.skipif(bits.made_elsewhere(), reason="the bits are those of another C library")
+@pytest.mark.parametrize("case", SAMPLE, ids=lambda case: case.name)
+def test_a_run_has_its_stored_bits(case: bits.Case) -> None:
+    """Breaks if one bit of a topic changes; `test/golden/bits.py --write` is the way if it must."""
+    assert not list(bits.changed([case]))
+
+
+@pytest.mark.campaign
+@pytest.mark.skipif(bits.made_elsewhere(), reason="the bits are those of another C library")
+@pytest.mark.parametrize("kind", sorted({case.name.split()[0] for case in CASES}))
+def test_all_runs_have_their_stored_bits(kind: str) -> None:
+    """Breaks like the test above, for every shipped scenario, fault, combination of components and compiled tick."""
+    assert not list(bits.changed(case for case in CASES if case.name.split()[0] == kind))
+
+
+def test_every_law_observer_and_compensation_has_stored_bits() -> None:
+    """Breaks if a component or a shipped scenario is added without its bits."""
+    assert {case.name for case in CASES} == bits.stored()[1].keys()
