@@ -15,6 +15,7 @@ from plant_sim.compiled import compiled
 from plant_sim.consist import Consist
 from plant_sim.elementary import libm_exp
 from plant_sim.packing import pipe_distances
+from plant_sim.railway import shoe_force
 from plant_sim.states import Array
 
 Flags = NDArray[np.bool_]
@@ -192,9 +193,7 @@ class BrakeForecast:
 
     def forces_at(self, times: Array, velocity: float | Array) -> Array:
         """Return the shoe forces [N], shape (times, n), at times [s] and a speed, or one in every row [m/s]."""
-        speed = k.KMH * np.abs(velocity)
-        full = self.slow_forces_at(times)
-        return np.asarray(full * (k.SHOE_A * speed + k.SHOE_SPEED) / (k.SHOE_B * speed + k.SHOE_SPEED))
+        return np.asarray(shoe_force(self.slow_forces_at(times), velocity))
 
     def slow_forces_at(self, times: Array) -> Array:
         """Return the shoe forces at standstill [N], shape (times, n), at times [s]."""

@@ -9,6 +9,7 @@ from typing import Any
 
 from numba import config, njit
 from numba.core.event import Listener, install_listener
+from numba.extending import register_jitable
 
 from plant_sim.kernel_cache import KernelCache
 
@@ -51,6 +52,10 @@ def compiled(
     if not config.DISABLE_JIT:  # with NUMBA_DISABLE_JIT it is the function itself
         dispatcher._cache = KernelCache(dispatcher)
     return dispatcher
+
+
+also_compiled: Any = register_jitable(forceinline=True)
+"""Decorator of a function that stays one of Python, and is a part of the compiled functions that call it."""
 
 
 class _FirstCompilation(Listener):  # type: ignore[misc]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numba import config, types
+from numba.extending import overload
 
 from plant_sim.compiled import compiled
 from plant_sim.states import Array
@@ -28,6 +29,19 @@ def _of_library(name: str, arguments: int = 1) -> Any:
 libm_exp, libm_tanh, libm_pow = _of_library("exp"), _of_library("tanh"), _of_library("pow", 2)
 libm_sin, libm_cos = _of_library("sin"), _of_library("cos")
 """Functions of the C library for compiled code: ``math.exp``, ``math.tanh`` and ``**`` of Python call the same ones."""
+
+
+def tanh(value: float) -> float:
+    """Return the hyperbolic tangent of the C library, in Python and in compiled code."""
+    return math.tanh(value)
+
+
+@overload(tanh)  # type: ignore[untyped-decorator]
+def _compiled_tanh(value: float) -> Any:
+    def of_library(value: float) -> float:
+        return float(libm_tanh(value))
+
+    return of_library
 
 
 @compiled

@@ -17,6 +17,7 @@ from math import copysign
 from numpy import uint64
 
 from plant_sim.compiled import compiled
+from plant_sim.railway import adhesion_by_speed, envelope_force, shoe_force
 
 # Rows of `vehicle` (constants), one column per vehicle.
 # PIPE_DISTANCE, PARTED_DISTANCE: way of a brake-pipe wave from the power units, and from parted couplers.
@@ -71,15 +72,9 @@ EVENT_ROWS = 6
 ) = range(11)  # fmt: skip
 SETTINGS = 11
 
-MIN_POWER_SPEED = 0.1  # m/s; below it power / v is taken at this speed, as in plant_sim.traction
 IDLE_CYLINDER = 1e-6  # braking factor below which a releasing cylinder counts as empty
 FULL_RESERVOIR = 1.0 - 1e-9  # filling above which a reservoir counts as full
-KMH = 3.6  # km/h per m/s
 ONE = uint64(1)  # an index without a sign has no test for negative values, with which a loop is not vectorised
-# Speed factor (2 V + 150)/(3 V + 150) of the shoe friction, V in km/h: paper 000, eqs. (11), (12).
-SHOE_A, SHOE_B, SHOE_SPEED = 2.0, 3.0, 150.0
-# Adhesion 0.161 + 7.5/(V + 44), V in km/h, after Curtius and Kniffler.
-ADHESION_HIGH_SPEED, ADHESION_SLOPE, ADHESION_SPEED = 0.161, 7.5, 44.0
 
 
 @compiled(into_caller=True, allocates=False)
@@ -246,35 +241,17 @@ def coupler_forces(x, v, state, vehicle, gear, table, run, longest):
 
 
 @compiled(into_caller=True, allocates=False)
-def _envelope(envelope, first, end, speed):
-    """Return the largest force of a power unit at a speed >= 0; 0 beyond its last segment."""
-    for s in range(first, end):
-        if speed <= envelope[s, SEGMENT_END]:
-            force = envelope[s, SEGMENT_FORCE] + envelope[s, SEGMENT_SLOPE] * speed
-            if envelope[s, SEGMENT_POWER] > 0.0:
-                force += envelope[s, SEGMENT_POWER] / max(speed, MIN_POWER_SPEED)
-            return max(force, 0.0)
-    return 0.0
-
-
-@compiled(into_caller=True, allocates=False)
-def _adhesion_factor(by_speed, speed):
-    """Return the factor on the adhesion of the setup at a speed >= 0: after Curtius and Kniffler, or 1."""
-    return ADHESION_HIGH_SPEED + ADHESION_SLOPE / (KMH * speed + ADHESION_SPEED) if by_speed else 1.0
-
-
-@compiled(into_caller=True, allocates=False)
 def _limits(u, speed, unit, unit_index, envelope, reversing):
     """Return the lowest and highest force of unit u at a speed: envelope, force limit, adhesion."""
     size = abs(speed)
-    high = _envelope(envelope, unit_index[TRACTION_FIRST, u], unit_index[TRACTION_END, u], size)
-    low = _envelope(envelope, unit_index[BRAKE_FIRST, u], unit_index[BRAKE_END, u], size)
+    high = envelope_force(envelope, unit_index[TRACTION_FIRST, u], unit_index[TRACTION_END, u], size)
+    low = envelope_force(envelope, unit_index[BRAKE_FIRST, u], unit_index[BRAKE_END, u], size)
     if reversing and speed < 0.0:
         high, low = low, high
     elif reversing and speed == 0.0:
         low = high
     cap = unit[FORCE_LIMIT, u]
-    factor = _adhesion_factor(unit[ADHESION_BY_SPEED, u] > 0.0, size)
+    factor = adhesion_by_speed(size) if unit[ADHESION_BY_SPEED, u] > 0.0 else 1.0
     cap = min(cap, unit[ADHESION, u] * unit[ADHESION_WEIGHT, u] * factor)
     return -min(low, cap), min(high, cap)
 
@@ -346,7 +323,7 @@ def _units_account(dt, state, unit, unit_index, envelope, reversing):
         else:
             first, end = unit_index[ELECTRIC_FIRST, u], unit_index[ELECTRIC_END, u]
             if end > first:
-                electric = _envelope(envelope, first, end, abs(state[V, i]))
+                electric = envelope_force(envelope, first, end, abs(state[V, i]))
                 if -force > electric:
                     state[WORK_AIR, i] += work * (1.0 + electric / force)
                     work *= -electric / force
@@ -435,8 +412,7 @@ def _cylinders(state, vehicle, setting):
         filling += recharge * (1.0 - filling) if goal == 0.0 else 0.0
         state[CYLINDER, i], state[RESERVOIR, i] = moved, filling
         active += (moved > 0.0) | (goal > 0.0) | (filling < FULL_RESERVOIR)
-        speed = KMH * abs(state[V, i])
-        state[SHOE_FORCE, i] = vehicle[SHOE, i] * moved * (SHOE_A * speed + SHOE_SPEED) / (SHOE_B * speed + SHOE_SPEED)
+        state[SHOE_FORCE, i] = shoe_force(vehicle[SHOE, i] * moved, state[V, i])
     return active > 0
 
 
@@ -444,7 +420,7 @@ def _cylinders(state, vehicle, setting):
 def _slide_protection(state, vehicle, by_speed):
     """Limit the shoe forces to the adhesion that the electric brake of the same vehicle leaves."""
     for i in range(uint64(vehicle.shape[1])):
-        factor = _adhesion_factor(by_speed, abs(state[V, i]))
+        factor = adhesion_by_speed(abs(state[V, i])) if by_speed else 1.0
         most = vehicle[RAIL, i] * vehicle[WEIGHT, i] * factor - state[BRAKE_CAPACITY, i]
         state[SHOE_FORCE, i] = min(state[SHOE_FORCE, i] + 0.0, max(most, 0.0))
 

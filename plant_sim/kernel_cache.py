@@ -33,6 +33,8 @@ SHARED = Path(sys.prefix) / "share" / "train_ato" / "kernels"
 """Folder for all users of an installation; it is read and, by the owner, filled with ``NUMBA_CACHE_DIR``."""
 UNUSED_S = 30 * 86400.0
 """Time without a use after which the kernel of an earlier source is removed [s]."""
+Called = Dispatcher | FunctionType
+"""Functions of compiled code: compiled alone, or with their callers (:func:`plant_sim.compiled.also_compiled`)."""
 _CHECKSUM = 32
 """Length of the checksum at the begin of a file [bytes]."""
 
@@ -170,22 +172,26 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _reached(first: Dispatcher) -> set[Dispatcher]:
+def _reached(first: Called) -> set[Called]:
     """Return the compiled functions that a function calls, directly or not, with itself."""
     found, rest = {first}, [first]
     while rest:
-        called = {value for _, value in _read_values(rest.pop().py_func) if isinstance(value, Dispatcher)}
+        called = {value for _, value in _read_values(_plain(rest.pop())) if isinstance(value, Called)}
         rest.extend(called - found)
         found |= called
     return found
 
 
-def _own_part(dispatcher: Dispatcher) -> str:
+def _plain(called: Called) -> Callable[..., Any]:
+    return called.py_func if isinstance(called, Dispatcher) else called
+
+
+def _own_part(called: Called) -> str:
     """Return the code of a function, its options and the values it reads, as text."""
-    function = dispatcher.py_func
+    function: Any = _plain(called)
     values = sorted((name, _text_of(value)) for name, value in _read_values(function))
     defaults = [_text_of(value) for value in function.__defaults__ or ()]
-    options = sorted((name, repr(value)) for name, value in dispatcher.targetoptions.items())
+    options = sorted((name, repr(value)) for name, value in getattr(called, "targetoptions", {}).items())
     names = function.__module__, function.__qualname__
     return repr((names, _code_text(function.__code__), values, defaults, options))
 
@@ -227,8 +233,8 @@ def _is_foreign(module: str) -> bool:
 
 def _text_of(value: Any) -> str:
     """Return a value as text that is equal in every process; raise ``TypeError`` for a value of unknown kind."""
-    if isinstance(value, Dispatcher):
-        return f"function {value.py_func.__module__}.{value.py_func.__qualname__}"
+    if isinstance(value, Called):
+        return f"function {value.__module__}.{_plain(value).__qualname__}"
     if isinstance(value, ModuleType):
         return f"module {value.__name__}"
     if isinstance(value, types.ExternalFunction):

@@ -20,8 +20,8 @@ from plant_sim.line import Line, Tunnel
 from plant_sim.line_sections import LineSection
 from plant_sim.packing import Arrays
 from plant_sim.plant_setup import PlantSetup, SpeedAdhesion
+from plant_sim.railway import MIN_POWER_SPEED
 from plant_sim.states import Array
-from plant_sim.traction import MIN_POWER_SPEED
 
 Row = tuple[float, float, float, float]
 """Segment of an envelope: end [m/s], constant force [N], slope [N s/m], power [W]."""

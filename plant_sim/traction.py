@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.consist import EnvelopeSegment
-
-MIN_POWER_SPEED = 0.1
-"""Speed below which power / v is computed at this speed [m/s]; equal to that of the kernel."""
+from plant_sim.railway import envelope_force
 
 
 class Envelope:
@@ -31,11 +29,7 @@ class Envelope:
 
     def force(self, speed: float) -> float:
         """Return the largest force [N] at a speed >= 0 [m/s]."""
-        for end, constant, slope, power in self._rows:
-            if speed <= end:  # without max(), which doubles the time of this function
-                force = constant + slope * speed + power / (speed if speed > MIN_POWER_SPEED else MIN_POWER_SPEED)
-                return force if force > 0.0 else 0.0
-        return 0.0
+        return float(envelope_force(self._rows, 0, len(self._rows), speed))
 
     def largest(self) -> float:
         """Return the largest force over all speeds [N]."""

@@ -17,6 +17,8 @@ from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 
 GRAVITY = 9.81
 """Default gravity of a data file [m/s²]."""
+KMH = 3.6
+"""Speed in km/h of 1 m/s."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Unit:
 
 Mass = Annotated[float, Unit("kg", (("t", 1e-3),))]
 Length = Annotated[float, Unit("m", (("km", 1e-3), ("mm", 1e3)))]
-Speed = Annotated[float, Unit("m/s", (("kmh", 3.6),))]
+Speed = Annotated[float, Unit("m/s", (("kmh", KMH),))]
 Acceleration = Annotated[float, Unit("m/s²")]
 Jerk = Annotated[float, Unit("m/s³")]
 Time = Annotated[float, Unit("s", (("ms", 1e3), ("min", 1 / 60)))]

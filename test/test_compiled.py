@@ -86,6 +86,10 @@ def test_a_kernel_is_found_by_its_content(tmp_path: Path, kernels: Path) -> None
     assert law_of(tmp_path / "a", constants="FACTOR = 3.0\n") == (7.5, True)
     assert law_of(tmp_path / "a", caller=PACKAGE["caller"].replace("FACTOR *", "FACTOR +")) == (4.5, True)
     assert law_of(tmp_path / "a") == (5.0, False)  # the first one is still there
+    part = PACKAGE["callee"].replace("compiled\n", "also_compiled\n")  # a function of Python, compiled with its caller
+    assert law_of(tmp_path / "a", callee=part) == (5.0, True)
+    assert law_of(tmp_path / "a", callee=part.replace("+ 1", "+ 2")) == (7.0, True)
+    assert law_of(tmp_path / "a", callee=part) == (5.0, False)
     assert law_of(tmp_path / "a", 1) == (4.0, True)  # other types
 
 

@@ -10,7 +10,7 @@ import pytest
 from engine_runs import record_run
 from span_runs import assert_same_messages, assert_same_recording, compiled_part, messages_of, setup_of
 
-from train_ato.apps.view.facts import KMH
+from plant_sim.units import KMH
 from train_ato.apps.view.planned import PLAN_LASTS, plan_columns, plan_words
 from train_ato.apps.view.recorded import RecordedFeed
 from train_ato.control.contract import LawInput, LawOutput, LawPlan, parameter

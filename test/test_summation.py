@@ -12,7 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from plant_sim.compiled import compiled
 from plant_sim.elementary import cos_each, exp_each, sin_each
+from plant_sim.railway import adhesion_by_speed, between_entries, envelope_force, fading_resistance, shoe_force
 from plant_sim.summation import plain_dot, plain_sum
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -133,3 +135,30 @@ def test_functions_have_the_bits_of_the_c_library(each, name: str) -> None:
 
     values = np.random.default_rng(1).uniform(-30.0, 30.0, 20_000)
     assert each(values).tobytes() == np.array([getattr(math, name)(value) for value in values.tolist()]).tobytes()
+
+
+TABLE = [3.0, 5.0, 4.0]
+ROWS = [(2.0, 10.0, -1.0, 0.0), (50.0, 0.0, 0.0, 60.0)]
+
+
+def laws_of_the_railway(table, rows, v):
+    """Return the laws of the railway at a speed."""
+    at = abs(v)
+    ends = fading_resistance(10.0, 2.0, 1.0, v), between_entries(table, v), envelope_force(rows, 0, 2, at)
+    return shoe_force(300.0, v), adhesion_by_speed(at), ends[0], ends[1], ends[2]
+
+
+@pytest.mark.parametrize(
+    ("speed", "expected"),
+    [
+        (0.0, (300.0, 0.161 + 7.5 / 44, 0.0, 3.0, 10.0)),
+        (1.5, (300 * 160.8 / 166.2, 0.161 + 7.5 / 49.4, 10 + 3 + 2.25, 4.5, 8.5)),
+        (-12.5, (300 * 240 / 285, 0.161 + 7.5 / 89, -(10 + 25 + 156.25), 3.0, 4.8)),
+        (60.0, (300 * 582 / 798, 0.161 + 7.5 / 260, 10 + 120 + 3600, 4.0, 0.0)),
+    ],
+)
+def test_laws_of_the_railway_are_those_of_a_calculation_by_hand(speed: float, expected: tuple[float, ...]) -> None:
+    """Breaks if a law of the railway has another number, or other bits in compiled code than in Python."""
+    found = laws_of_the_railway(TABLE, ROWS, speed)
+    assert found == pytest.approx(expected, rel=1e-12)
+    assert compiled(laws_of_the_railway)(np.array(TABLE), np.array(ROWS), speed) == found

@@ -18,6 +18,7 @@ from plant_sim.formats.notes import print_assumption
 from plant_sim.formats.read_train import ReadTrain
 from plant_sim.input_error import build_model
 from plant_sim.number_text import number_text
+from plant_sim.railway import shoe_force
 from plant_sim.units import GRAVITY
 
 KILO = 1e3
@@ -42,8 +43,6 @@ BRAKED_GRADE = 0.05
 """Largest falling grade on which the service deceleration is reached."""
 OVERSPEED = 1.05
 """End of the brake envelope over the largest speed."""
-SHOE_A, SHOE_B, SHOE_SPEED = 2.0, 3.0, 150.0
-"""Speed factor (2 V + 150)/(3 V + 150) of the friction emergency brake, V in km/h."""
 CARRIED_TRAIN = (
     "metadata.id", "length", "mass", "rho", "max traction power", "max reg braking power", "max traction force",
     "max reg braking force", "max pn braking force", "max speed", "rolling resistance r0", "rolling resistance r1",
@@ -221,9 +220,9 @@ def _emergency_brake(top: Fields, pneumatic: float) -> dict[str, float]:
     unit = _unit_factor(curve.below("units"), "deceleration", "acceleration")
     smallest = math.inf
     for k, (velocity, deceleration) in enumerate(curve.rows("values", 2)):
-        kmh = 3.6 * factor * finite_number(velocity, f"{curve.place}: values[{k}][0]", 0, 1e3)
+        speed = factor * finite_number(velocity, f"{curve.place}: values[{k}][0]", 0, 1e3)
         value = unit * finite_number(deceleration, f"{curve.place}: values[{k}][1]", 1e-3, 10)
-        smallest = min(smallest, value / ((SHOE_A * kmh + SHOE_SPEED) / (SHOE_B * kmh + SHOE_SPEED)))
+        smallest = min(smallest, value / shoe_force(1.0, speed))
     time = _quantity(etcs, "T_be", "time", low=1e-3, high=60.0)
     whole = default.delay + default.time_constant
     return {

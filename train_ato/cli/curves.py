@@ -7,8 +7,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from plant_sim.units import KMH
 from train_ato.arguments import check_new_file
-from train_ato.supervision.fixed_values import KMH
 
 FIGURES = (".png", ".pdf", ".svg")
 MAX_SPEED_KMH = 600.0

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections import deque
 
+from plant_sim.units import KMH
 from train_ato.messages.types import SupervisedSpeeds
-from train_ato.supervision.fixed_values import KMH
 from train_ato.supervision.settings import SupervisionSpec
 
 BRAKING_LAW = "braking law"

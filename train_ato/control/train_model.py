@@ -14,6 +14,13 @@ import numpy as np
 from plant_sim.air_brake import BrakeForecast
 from plant_sim.consist import Consist
 from plant_sim.line import Line
+from plant_sim.railway import (
+    DRY_FRICTION_SPEED,
+    between_entries,
+    each_between_entries,
+    fading_resistance,
+    running_resistance,
+)
 from plant_sim.summation import plain_sum
 from plant_sim.track import Track
 from plant_sim.traction import Envelope
@@ -22,8 +29,6 @@ from train_ato.messages.types import Array
 
 GRID = 1.0
 """Spacing of the table of line forces [m]."""
-DRY_FRICTION_SPEED = 0.05
-"""Speed below which the resistance of the model fades out [m/s]."""
 STANDSTILL_SPEED = 0.05
 """Speed below which a train counts as standing [m/s]; the default of ``plant.holding_speed``."""
 
@@ -160,12 +165,11 @@ class TrainModel:
 
     def running_resistance(self, velocity: float) -> float:
         """Return the running resistance of the train [N]: odd in the speed, 0 at standstill."""
-        speed = abs(velocity)
-        return (self._c0 + self._c1 * speed + self._c2 * speed * speed) * math.tanh(velocity / DRY_FRICTION_SPEED)
+        return float(fading_resistance(self._c0, self._c1, self._c2, velocity))
 
     def line_force(self, position: float) -> float:
         """Return grade, curve, tunnel and learned force on the train [N], > 0 resists, for vehicle 0's centre there."""
-        return interpolated(self._total, (position - self._begin) / GRID)
+        return float(between_entries(self._total, (position - self._begin) / GRID))
 
     def resisting_force(self, position: float, velocity: float, shoe_force: float = 0.0) -> float:
         """Return running, line and shoe force on the train [N], > 0 resists, for vehicle 0's centre at a position."""
@@ -173,14 +177,9 @@ class TrainModel:
 
     def resisting_forces(self, position: Array, velocity: Array) -> Array:
         """Return :meth:`resisting_force` without shoes at many positions and speeds [N], equal to it bit for bit."""
-        speed = np.abs(velocity)
         fading = np.array(list(map(math.tanh, (velocity / DRY_FRICTION_SPEED).tolist())))  # np.tanh has other bits
-        running = (self._c0 + self._c1 * speed + self._c2 * speed * speed) * fading
-        place = np.clip((position - self._begin) / GRID, 0.0, self._line_force.size - 1)
-        index = np.minimum(place.astype(np.int64), self._line_force.size - 2)
-        low, high = self._line_force[index], self._line_force[index + 1]
-        line = np.where(place == index + 1, high, low + (place - index) * (high - low))
-        return np.asarray(running + line)
+        running = running_resistance(self._c0, self._c1, self._c2, velocity) * fading
+        return np.asarray(running + each_between_entries(self._line_force, (position - self._begin) / GRID))
 
     def specific_line_force(self) -> tuple[Array, float]:
         """Return the line force per mass at every :data:`GRID` [N/kg] and the position of the first one [m]."""
@@ -198,12 +197,11 @@ class TrainModel:
         """Return :meth:`own_resistance` for and as lists, for use in every tick."""
         result = []
         for v, place, (mass, c0, c1, c2) in zip(velocity, position, self._own, strict=True):
-            speed = abs(v)
-            running = (c0 + c1 * speed + c2 * speed * speed) * math.tanh(v / DRY_FRICTION_SPEED)
-            result.append(running + mass * interpolated(self._specific, (place - self._begin) / GRID))
+            line = between_entries(self._specific, (place - self._begin) / GRID)
+            result.append(fading_resistance(c0, c1, c2, v) + mass * line)
         if self._learned:
             for unit, (place, offset) in enumerate(zip(position, self.offsets.tolist(), strict=True)):
-                learned = interpolated(self._learned, (place + offset - self._begin) / GRID)
+                learned = between_entries(self._learned, (place + offset - self._begin) / GRID)
                 result[unit] += self._own[unit][0] * learned
         return result
 
@@ -211,7 +209,7 @@ class TrainModel:
         """Return the learned force on the train [N], > 0 resists, for vehicle 0's centre at a position."""
         if not self._learned:
             return 0.0
-        return self.mass * interpolated(self._learned, (position - self._begin) / GRID)
+        return float(self.mass * between_entries(self._learned, (position - self._begin) / GRID))
 
     @cached_property
     def without_learned(self) -> TrainModel:
@@ -238,17 +236,6 @@ class TrainModel:
     def rigid_force(self, position: float, velocity: float, acceleration: float, shoe_force: float = 0.0) -> float:
         """Return the total force that accelerates the rigid train at ``acceleration`` [N]; arguments in SI."""
         return self.inertia * acceleration + self.running_resistance(velocity) + self.line_force(position) + shoe_force
-
-
-def interpolated(table: list[float], place: float) -> float:
-    """Return the value of a table at a place between its entries, 0 the first; the ends hold beyond them."""
-    if place <= 0.0:
-        return table[0]
-    index = int(place)
-    if index >= len(table) - 1:
-        return table[-1]
-    low = table[index]
-    return low + (place - index) * (table[index + 1] - low)
 
 
 def _over_train(specific: Array, masses: Array, offsets: Array) -> Array:

@@ -12,9 +12,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from plant_sim.units import KMH
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
-from train_ato.supervision.fixed_values import KMH
 from train_ato.supervision.odometry import motion_estimate
 from train_ato.supervision.track_supervision import TrackSupervision
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from train_ato.supervision.fixed_values import KMH
+from plant_sim.units import KMH
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from math import inf, sqrt
 
-from train_ato.supervision.fixed_values import KMH
+from plant_sim.units import KMH
 from train_ato.supervision.step_function import StepFunction
 
 MAX_PIECES = 100_000

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-KMH = 3.6
-"""km/h per m/s."""
 STANDARD_GRAVITY = 9.81
 """Acceleration of gravity of 3.13.4.3 [m/s²]."""
 MIN_INDICATION_TIME = 5.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from train_ato.supervision.fixed_values import KMH
+from plant_sim.units import KMH
 
 POSITION_OFFSET, POSITION_SHARE = 5.0, 0.05
 """Position error [m], and its part of the distance since the last balise: SUBSET-041, 5.3.1.1."""

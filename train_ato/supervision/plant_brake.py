@@ -21,17 +21,17 @@ from collections import Counter
 
 import numpy as np
 
-from plant_sim import kernel as k
 from plant_sim.brake_events import FULL_LEVEL
 from plant_sim.consist import Consist, VehicleType
 from plant_sim.packing import pipe_distances
 from plant_sim.plant_setup import Adhesion, PlantSetup, SpeedAdhesion
+from plant_sim.railway import adhesion_by_speed, shoe_force
 from plant_sim.service_brake import FADE
 from plant_sim.states import Array
 from plant_sim.summation import plain_sum
 from plant_sim.traction import Envelope
+from plant_sim.units import KMH
 from train_ato.supervision.ceiling import EMERGENCY_MARGIN
-from train_ato.supervision.fixed_values import KMH
 from train_ato.supervision.step_function import StepFunction
 from train_ato.supervision.train_model import SupervisedTrain, gamma_brake
 
@@ -42,19 +42,12 @@ GRID = 0.25 / KMH
 NO_FACTOR = StepFunction.constant(1.0)
 
 
-def shoe_speed_factor(speed: Array) -> Array:
-    """Return the shoe friction over that at standstill for speeds [m/s]: paper 000, eqs. (11), (12)."""
-    kmh = k.KMH * speed
-    return np.asarray((k.SHOE_A * kmh + k.SHOE_SPEED) / (k.SHOE_B * kmh + k.SHOE_SPEED))
-
-
 def _adhesion_limit(adhesion: Adhesion | None, weight: float, speed: Array) -> Array:
     """Return the largest force on a weight [N] over the speed; infinite without an adhesion."""
     if adhesion is None:
         return np.full_like(speed, np.inf)
     if isinstance(adhesion, SpeedAdhesion):
-        by_speed = k.ADHESION_HIGH_SPEED + k.ADHESION_SLOPE / (k.KMH * speed + k.ADHESION_SPEED)
-        return np.asarray(adhesion.factor * by_speed * weight)
+        return np.asarray(adhesion.factor * adhesion_by_speed(speed) * weight)
     return np.full_like(speed, adhesion.coefficient * weight)
 
 
@@ -86,7 +79,7 @@ class PlantBrakeForces:
         self.emergency: Array = np.zeros_like(speed)
         self.service_shoes: Array = np.zeros_like(speed)
         units_mass = plain_sum(consist.vehicles[i].mass for i in consist.power_units)
-        factor = shoe_speed_factor(speed)
+        factor = shoe_force(1.0, speed)
         level = 0.0 if consist.air_brake is None else consist.air_brake.braking_factor[-1]
         equal = Counter(zip(consist.vehicles, consist.friction_forces, strict=True))
         for (vehicle, standstill), count in equal.items():

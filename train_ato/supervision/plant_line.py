@@ -8,7 +8,7 @@ from plant_sim.consist import Consist
 from plant_sim.line import Line
 from plant_sim.plant_setup import PlantSetup, SpeedAdhesion
 from plant_sim.section_effects import with_adhesion_of
-from train_ato.supervision.fixed_values import KMH
+from plant_sim.units import KMH
 from train_ato.supervision.limits import BrakingTarget
 from train_ato.supervision.plant_brake import plant_train
 from train_ato.supervision.track_supervision import TrackSupervision

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from train_ato.supervision.fixed_values import KMH
+from plant_sim.units import KMH
 from train_ato.supervision.step_function import StepFunction
 
 BrakePosition = Literal["PassengerTrainInP", "FreightTrainInP", "FreightTrainInG"]

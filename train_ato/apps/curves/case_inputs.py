@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from plant_sim.units import SiModel
-from train_ato.supervision.fixed_values import KMH, FixedValues
+from plant_sim.units import KMH, SiModel
+from train_ato.supervision.fixed_values import FixedValues
 from train_ato.supervision.gradient import gradient_acceleration
 from train_ato.supervision.limits import BrakingTarget, TargetLimits
 from train_ato.supervision.odometry import MotionEstimate, odometer_error

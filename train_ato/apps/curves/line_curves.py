@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from plant_sim.units import KMH
 from train_ato.apps.curves.table import CurveTable, tabulate
-from train_ato.supervision.fixed_values import KMH
 from train_ato.supervision.limits import TargetLimits
 from train_ato.supervision.odometry import EXACT_MOTION, MotionEstimate
 from train_ato.supervision.track_supervision import TrackSupervision

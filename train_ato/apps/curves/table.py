@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from plant_sim.units import KMH
 from train_ato.apps.curves.case_file import CurveCase
-from train_ato.supervision.fixed_values import KMH
 from train_ato.supervision.limits import TargetLimits
 from train_ato.supervision.odometry import MotionEstimate
 

@@ -11,7 +11,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from train_ato.apps.layout.panels import KMH, LayoutCurve, LayoutPanel, panels_of
+from plant_sim.units import KMH
+from train_ato.apps.layout.panels import LayoutCurve, LayoutPanel, panels_of
 from train_ato.apps.layout.signals import DIAGNOSTICS, LogSignals, Signal
 from train_ato.apps.scene.train_scene import BASE, MARKERS, POSES, TRACK
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from plant_sim.units import KMH
 from train_ato.apps.layout.signals import LogSignals, Signal
 from train_ato.messages.layout import FIXED_NAMES, Owner
 
@@ -15,7 +16,7 @@ CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, RED, BLACK, GREY)
 """Colours of several parts of a train, distinct for colour-blind readers (Okabe and Ito)."""
 MOST_CURVES = 5
 """Vehicles, and power units, in one panel."""
-KMH, KILO = 3.6, 1e-3
+KILO = 1e-3
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from plant_sim.units import KMH
 from train_ato.apps.report.delays import delays
 from train_ato.apps.report.events import delay_jumps
 from train_ato.apps.report.quantities import QUANTITIES
@@ -30,7 +31,7 @@ from train_ato.loop.series import aligned
 from train_ato.messages.layout import FIXED_NAMES, Owner
 from train_ato.messages.types import Array
 
-KMH, KILO, KWH = 3.6, 1e3, 3.6e6
+KILO, KWH = 1e3, 3.6e6
 MAX_UNITS = 8
 """Maximum number of power units with separate curves."""
 FAR_ENVELOPE = 20.0

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.apps.report.curves import KMH, Curves, NotAvailable, curves_of
+from plant_sim.units import KMH
+from train_ato.apps.report.curves import Curves, NotAvailable, curves_of
 from train_ato.apps.report.downsample import HeatMap, after_jump, heat_map, kept
 from train_ato.apps.report.event import Event
 from train_ato.apps.report.events import detect_events

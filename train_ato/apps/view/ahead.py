@@ -8,8 +8,9 @@ import numpy as np
 from bokeh.models import ColumnDataSource, Range1d
 from bokeh.plotting import figure
 
+from plant_sim.units import KMH
 from train_ato.apps.report.downsample import after_jump
-from train_ato.apps.view.facts import KMH, Facts, ProfileCurve
+from train_ato.apps.view.facts import Facts, ProfileCurve
 from train_ato.apps.view.hover import add_hover
 from train_ato.apps.view.planned import is_current, plan_columns
 from train_ato.apps.view.style import DEMAND, DOWNHILL, LIMIT, PROFILE, SOFT, STOP, TEXT, TRAIN, UPHILL

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 
 from plant_sim.track import Track
+from plant_sim.units import KMH
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.layout import TrainLayout
 from train_ato.messages.types import Array
 
-KMH = 3.6
 SCALES = (40, 60, 80, 100, 120, 160, 200, 250, 300, 350, 400, 500)
 """Ends of the speed dial [km/h]."""
 BRAKING = 0.02

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from train_ato.apps.view.facts import KMH, Facts, ProfileCurve
+from plant_sim.units import KMH
+from train_ato.apps.view.facts import Facts, ProfileCurve
 from train_ato.messages.types import Array
 from train_ato.supervision.ceiling import ceiling_speeds
 from train_ato.supervision.fixed_values import MIN_INDICATION_TIME, FixedValues

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from train_ato.apps.view.facts import KMH, Facts
+from plant_sim.units import KMH
+from train_ato.apps.view.facts import Facts
 from train_ato.control.contract import LawPlan
 from train_ato.control.plan_text import ARRAYS, STATUS, plan_from_text
 from train_ato.loop.series import DiagnosticSeries

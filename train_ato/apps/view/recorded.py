@@ -11,10 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from plant_sim.units import KMH
 from train_ato.apps.report.event import Event
 from train_ato.apps.report.events import detect_events
 from train_ato.apps.view.ending import REPORT_PAGE, Ending
-from train_ato.apps.view.facts import KMH, Facts, ProfileCurve, facts_of
+from train_ato.apps.view.facts import Facts, ProfileCurve, facts_of
 from train_ato.apps.view.feed import FRAMES_PER_SECOND, Feed, Mark
 from train_ato.apps.view.planned import plan_of_row
 from train_ato.apps.view.protection import protection_history

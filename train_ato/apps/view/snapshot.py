@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.apps.view.facts import KMH, Facts, ProfileCurve
+from plant_sim.units import KMH
+from train_ato.apps.view.facts import Facts, ProfileCurve
 from train_ato.apps.view.guidance import delay_at, guidance
 from train_ato.apps.view.planned import plan_words
 from train_ato.apps.view.style import GAUGE_COLOURS, NEEDLE

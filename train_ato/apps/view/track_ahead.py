@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.apps.view.facts import KMH, Facts, ProfileCurve
+from plant_sim.units import KMH
+from train_ato.apps.view.facts import Facts, ProfileCurve
 from train_ato.messages.types import Array
 
 MOST_BRAKINGS = 400

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from plant_sim import kernel as k
 from plant_sim.compiled import compiled
+from plant_sim.railway import running_resistance, shoe_force
 
 # Entries of `constant`.
 (
@@ -83,14 +83,12 @@ def schedule_cost(constant, now, reference, track, forces, vehicles, slow, appli
     for step in range(steps):
         if released[step] and speed < constant[LOWEST_RELEASE]:
             return np.inf
-        kmh = k.KMH * speed
-        factor = (k.SHOE_A * kmh + k.SHOE_SPEED) / (k.SHOE_B * kmh + k.SHOE_SPEED)
-        shoes = 0.0
+        factor, shoes = shoe_force(1.0, speed), 0.0
         for force in slow[step]:
             shoes += force
         shoes *= factor
         at = min(max(int((place - constant[LINE_BEGIN]) + 0.5), 0), last)
-        against = constant[C0] + constant[C1] * speed + constant[C2] * speed * speed + track[LINE_FORCE, at]
+        against = running_resistance(constant[C0], constant[C1], constant[C2], speed) + track[LINE_FORCE, at]
         against += shoes - now[UNKNOWN]
         row = min(int(speed / constant[SPEED_STEP] + 0.5), forces.shape[1] - 1)
         rise = (reference[step + 1] - reference[step]) / h

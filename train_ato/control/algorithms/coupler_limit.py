@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim.compiled import compiled
-from train_ato.control.train_model import DRY_FRICTION_SPEED, GRID
+from plant_sim.railway import DRY_FRICTION_SPEED, between_entries, running_resistance
+from train_ato.control.train_model import GRID
 
 if TYPE_CHECKING:
     from train_ato.control.train_model import TrainModel
@@ -55,10 +56,8 @@ def force_range(positions, speeds, vehicles, specific, begin, limit, found):
         rolling = np.sign(speeds[k]) * min(1.0, speed / DRY_FRICTION_SPEED)
         total = 0.0
         for i in range(count):
-            place = min(max((positions[k] - vehicles[0, i] - begin) / GRID, 0.0), specific.size - 1.0)
-            index = min(int(place), specific.size - 2)
-            line = specific[index] + (place - index) * (specific[index + 1] - specific[index])
-            running = vehicles[4, i] + vehicles[5, i] * speed + vehicles[6, i] * speed * speed
+            line = between_entries(specific, (positions[k] - vehicles[0, i] - begin) / GRID)
+            running = running_resistance(vehicles[4, i], vehicles[5, i], vehicles[6, i], speed)
             total += vehicles[2, i] * line + running * rolling
             before[i] = total
         low, high = -np.inf, np.inf

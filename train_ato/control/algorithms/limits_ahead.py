@@ -15,10 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from plant_sim.compiled import compiled
-from plant_sim.kernel import ADHESION_HIGH_SPEED, ADHESION_SLOPE, ADHESION_SPEED, KMH
+from plant_sim.railway import adhesion_by_speed, envelope_force
 from plant_sim.section_effects import Row, SectionZones, largest_power, limited_segments
 from plant_sim.summation import plain_sum
-from plant_sim.traction import MIN_POWER_SPEED
 from train_ato.messages.types import Array
 from train_ato.messages.validity import MAX_SPEED
 
@@ -133,15 +132,6 @@ def _step_values(places, values, position):
 
 
 @compiled
-def _largest(rows, first, end, speed):
-    """Return the force of an envelope at a speed >= 0 [N]; 0 beyond its last row."""
-    for row in range(first, end):
-        if speed <= rows[row, 0]:
-            return max(rows[row, 1] + rows[row, 2] * speed + rows[row, 3] / max(speed, MIN_POWER_SPEED), 0.0)
-    return 0.0
-
-
-@compiled
 def _forces(position, speed, offsets, breaks, rows, pointers, adhesion):
     """Return smallest and largest force of the units at places and speeds [N], each of shape (h, units)."""
     low, high = np.empty((position.size, offsets.size)), np.empty((position.size, offsets.size))
@@ -152,7 +142,7 @@ def _forces(position, speed, offsets, breaks, rows, pointers, adhesion):
             while zone < breaks.size and breaks[zone] <= position[k] - offsets[unit]:
                 zone += 1
             first, end, brake_first, brake_end = pointers[zone, unit]
-            grip = adhesion[zone, unit] * (ADHESION_HIGH_SPEED + ADHESION_SLOPE / (KMH * size + ADHESION_SPEED))
-            low[k, unit] = -min(_largest(rows, brake_first, brake_end, size), grip)
-            high[k, unit] = min(_largest(rows, first, end, size), grip)
+            grip = adhesion[zone, unit] * adhesion_by_speed(size)
+            low[k, unit] = -min(envelope_force(rows, brake_first, brake_end, size), grip)
+            high[k, unit] = min(envelope_force(rows, first, end, size), grip)
     return low, high

@@ -12,6 +12,7 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
+from plant_sim.railway import between_entries
 from train_ato.control.algorithms.quadratic_program import multipliers
 
 SPEED_STEP = 0.05
@@ -93,11 +94,7 @@ def free_errors(motion, nodes, lag, position, velocity):
 @compiled
 def table_value(table, speed):
     """Return a force limit at a speed [m/s], linear between the entries."""
-    place = abs(speed) / SPEED_STEP
-    index = int(place)
-    if index >= table.size - 1:
-        return table[table.size - 1]
-    return table[index] + (place - index) * (table[index + 1] - table[index])
+    return between_entries(table, abs(speed) / SPEED_STEP)
 
 
 @compiled

@@ -6,7 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from train_ato.control.train_model import TrainModel, interpolated
+from plant_sim.railway import between_entries, each_between_entries
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 
 
@@ -73,18 +74,11 @@ class RigidForce:
 
     def total(self, t: float) -> float:
         """Return the total force at a time [s] in N."""
-        return interpolated(self._total, (t - self._begin) / self._spacing)
+        return float(between_entries(self._total, (t - self._begin) / self._spacing))
 
     def totals(self, t: Array) -> Array:
         """Return :meth:`total` at many times [s] in N, equal bit for bit."""
-        table = np.array(self._total)
-        place = (t - self._begin) / self._spacing
-        index = np.clip(place.astype(np.int64), 0, max(0, len(table) - 2))
-        low = table[index]
-        between = low + (place - index) * (table[np.minimum(index + 1, len(table) - 1)] - low)
-        held = np.where(place <= 0.0, table[0], table[-1])
-        outside = (place <= 0.0) | (place.astype(np.int64) >= len(table) - 1)
-        return np.asarray(np.where(outside, held, between))
+        return np.asarray(each_between_entries(np.array(self._total), (t - self._begin) / self._spacing))
 
     def aheads(self, t: Array, lag: float) -> Array:
         """Return :meth:`ahead` at many times [s] in N, equal bit for bit."""
@@ -95,15 +89,11 @@ class RigidForce:
 
     def resistances(self, t: Array) -> Array:
         """Return :meth:`resistance` at many times [s] in N."""
-        table = self._resisting_table
-        place = np.clip((t - self._begin) / self._spacing, 0.0, table.size - 1)
-        index = np.minimum(place.astype(np.int64), max(0, table.size - 2))
-        low = table[index]
-        return np.asarray(low + (place - index) * (table[np.minimum(index + 1, table.size - 1)] - low))
+        return np.asarray(each_between_entries(self._resisting_table, (t - self._begin) / self._spacing))
 
     def resistance(self, t: float) -> float:
         """Return running and line resistance at a time [s] in N."""
-        return interpolated(self.resisting, (t - self._begin) / self._spacing)
+        return float(between_entries(self.resisting, (t - self._begin) / self._spacing))
 
     def slope(self, t: float) -> float:
         """Return the central difference quotient of :meth:`total` at a time [s] in N/s."""

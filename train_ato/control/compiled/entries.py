@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from plant_sim.compiled import compiled
-from plant_sim.elementary import libm_tanh
+from plant_sim.railway import fading_resistance
 
 # Rows of `inputs`, one column per unit.
 # COUPLERS, RESISTANCE, SHOES: forces against the motion of the unit's vehicle. LAST_FORCE, SATURATED: of the law.
@@ -20,9 +20,9 @@ INPUT_ROWS = 14
     REFERENCE_VELOCITY, REFERENCE_ACCELERATION, ACCELERATION_AT_EFFECT, JERK_AT_EFFECT, LINE_FORCE, TRAIN_SHOE_FORCE,
 ) = range(6)  # fmt: skip
 NOW_ENTRIES = 6
-# Entries of the constants of a train as one mass: resistance of the train and its fading speed.
-TRAIN_INERTIA, TRAIN_C0, TRAIN_C1, TRAIN_C2, TRAIN_FADING_SPEED = range(5)
-TRAIN_ENTRIES = 5
+# Entries of the constants of a train as one mass and its resistance.
+TRAIN_INERTIA, TRAIN_C0, TRAIN_C1, TRAIN_C2 = range(4)
+TRAIN_ENTRIES = 4
 LONGEST_SUM = 128
 """Number of entries up to which ``numpy.sum`` does not divide an array."""
 
@@ -80,19 +80,6 @@ def numpy_total(values):
 
 
 @compiled
-def between_entries(table, place):
-    """Return the value of a table between its entries, as :func:`train_ato.control.train_model.interpolated`."""
-    if place <= 0.0:
-        return table[0]
-    index = int(place)
-    if index >= len(table) - 1:
-        return table[-1]
-    return table[index] + (place - index) * (table[index + 1] - table[index])
-
-
-@compiled
 def resisting_force(train, speed, line_force, shoe_force):
     """Return running, line and shoe force on the train [N], > 0 resists, from its constants and its speed [m/s]."""
-    size = abs(speed)
-    running = train[TRAIN_C0] + train[TRAIN_C1] * size + train[TRAIN_C2] * size * size
-    return running * libm_tanh(speed / train[TRAIN_FADING_SPEED]) + line_force + shoe_force
+    return fading_resistance(train[TRAIN_C0], train[TRAIN_C1], train[TRAIN_C2], speed) + line_force + shoe_force

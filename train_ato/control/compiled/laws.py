@@ -11,7 +11,8 @@ from __future__ import annotations
 from math import copysign, sqrt
 
 from plant_sim.compiled import compiled
-from plant_sim.elementary import libm_exp, libm_pow, libm_tanh
+from plant_sim.elementary import libm_exp, libm_pow
+from plant_sim.railway import fading_resistance
 from train_ato.control.compiled.entries import (
     APPLIED,
     DISTURBANCE,
@@ -48,9 +49,9 @@ HAS_BEFORE, HAS_FILTERED, PID_UNITS = range(3)
     F_PRINTED, F_K10, F_K20, F_BETA2, F_LEAK, F_DECAY, F_CHARGE, F_CLIP, F_NEGATIVE, F_NARROW, F_INERTIA, F_PERIOD,
     F_DELAY_STATE, F_GAMMA_W, F_BIAS_RATE, F_WEIGHT_LIMIT, F_FIXED, F_DYNAMIC, F_PRINTED_KAPPA, F_DELTA, F_WIDTH,
     F_TWO, F_CENTRES, F_A1, F_A2, F_BETA1, F_P1, F_MAX_FUNNEL, F_IOTA, F_GAMMA_M, F_FILTER_STEPS,
-    F_USES_MODEL, F_USES_NETWORK, F_C0, F_C1, F_C2, F_FADING_SPEED, F_FEEDFORWARD,
-) = range(38)  # fmt: skip
-FUNNEL_CONSTANTS = 38
+    F_USES_MODEL, F_USES_NETWORK, F_C0, F_C1, F_C2, F_FEEDFORWARD,
+) = range(37)  # fmt: skip
+FUNNEL_CONSTANTS = 37
 # Entries of `state` of the funnel; the weights are from H_WEIGHTS on, then the excess as a queue.
 (
     H_BIAS, H_PHI1, H_PHI2, H_H, H_BOUND, H_T, H_HAS_ALPHA, H_ALPHA, H_HAS_WANTED, H_WANTED, H_EXCESS_COUNT,
@@ -172,10 +173,7 @@ def _resistance(constant, state, inputs, now, speed, error):
     if constant[F_FEEDFORWARD] > 0.0:
         force = ordered_total(inputs[FEEDFORWARD])
     elif constant[F_USES_MODEL] > 0.0:
-        size = abs(speed)
-        running = (constant[F_C0] + constant[F_C1] * size + constant[F_C2] * size * size) * libm_tanh(
-            speed / constant[F_FADING_SPEED]
-        )
+        running = fading_resistance(constant[F_C0], constant[F_C1], constant[F_C2], speed)
         force = running + now[LINE_FORCE] + now[TRAIN_SHOE_FORCE]
     if constant[F_USES_NETWORK] == 0.0:
         return force

@@ -43,7 +43,6 @@ from train_ato.control.laws.pid import Pid
 from train_ato.control.laws.rbf_smc import RbfSmc
 from train_ato.control.laws.rbf_switching_smc import RbfSwitchingSmc
 from train_ato.control.laws.smc import Smc
-from train_ato.control.train_model import DRY_FRICTION_SPEED
 from train_ato.messages.types import Array
 
 
@@ -156,7 +155,7 @@ def _funnel_constants(law: Funnel) -> Array:
         c.F_MAX_FUNNEL: MAX_FUNNEL, c.F_IOTA: IOTA, c.F_GAMMA_M: GAMMA_M,
         c.F_FEEDFORWARD: p.feedforward, c.F_USES_MODEL: p.resistance != "network" and not p.feedforward,
         c.F_USES_NETWORK: p.resistance != "model", c.F_C0: law.model._c0,
-        c.F_C1: law.model._c1, c.F_C2: law.model._c2, c.F_FADING_SPEED: DRY_FRICTION_SPEED,
+        c.F_C1: law.model._c1, c.F_C2: law.model._c2,
         c.F_FILTER_STEPS: max(1, math.ceil(law.period / FILTER_STEP - 1e-9)),
     }  # fmt: skip
     constant[list(values)] = list(values.values())

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from plant_sim.compiled import compiled
+from plant_sim.railway import between_entries
 from train_ato.control.compiled.entries import (
     APPLIED,
     DISTURBANCE,
@@ -13,7 +14,6 @@ from train_ato.control.compiled.entries import (
     TRAIN_ENTRIES,
     TRAIN_INERTIA,
     VELOCITY,
-    between_entries,
     ordered_total,
     resisting_force,
 )

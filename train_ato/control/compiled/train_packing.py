@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from train_ato.control.algorithms.couplers import UnitCouplers
-from train_ato.control.train_model import DRY_FRICTION_SPEED, TrainModel
+from train_ato.control.train_model import TrainModel
 from train_ato.messages.types import Array
 
 
 def train_constants(model: TrainModel) -> list[float]:
     """Return the constants of the train as one mass, by :mod:`train_ato.control.compiled.entries`."""
-    return [model.inertia, model._c0, model._c1, model._c2, DRY_FRICTION_SPEED]
+    return [model.inertia, model._c0, model._c1, model._c2]
 
 
 def coupler_arrays(couplers: UnitCouplers | None) -> tuple[NDArray[np.int64], Array]:

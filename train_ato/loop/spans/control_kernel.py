@@ -4,9 +4,8 @@
 
 from __future__ import annotations
 
-from plant_sim import kernel as k
 from plant_sim.compiled import compiled
-from plant_sim.elementary import libm_tanh
+from plant_sim.railway import between_entries, envelope_force, fading_resistance, shoe_force
 from train_ato.control.compiled import brake_policies as policies_code
 from train_ato.control.compiled import entries as c
 from train_ato.control.compiled import laws as laws_code
@@ -19,17 +18,7 @@ MAX_DEMAND = 1e300
 VALID_POSITION, VALID_SPEED, VALID_FORCE = 0.9 * MAX_POSITION, 0.9 * MAX_SPEED, 0.9 * MAX_FORCE
 """Sums of the inputs of a law from which a step is left to Python [m, m/s, N]; speeds per unit."""
 # Columns of `own`, one row per unit: constants of the vehicle and of the line of the model.
-MASS, C0, C1, C2, FADING_SPEED, LINE_BEGIN, LINE_GRID, OFFSET = range(8)
-
-
-@compiled
-def _envelope(rows, first, end, speed):
-    """Return the largest force at a speed [N], as :meth:`plant_sim.traction.Envelope.force`."""
-    for row in range(first, end):
-        if speed <= rows[row, 0]:
-            force = rows[row, 1] + rows[row, 2] * speed + rows[row, 3] / (speed if speed > 0.1 else 0.1)
-            return force if force > 0.0 else 0.0
-    return 0.0
+MASS, C0, C1, C2, LINE_BEGIN, LINE_GRID, OFFSET = range(7)
 
 
 @compiled
@@ -49,15 +38,13 @@ def _opposing(measured, beside, springs, own, table, learned, shoes, inputs):
             elif number >= 0:
                 force = measured[number]
             pull = force if side == 1 else pull - force
-        v = inputs[c.VELOCITY, u]
-        speed = abs(v)
-        running = (own[u, C0] + own[u, C1] * speed + own[u, C2] * speed * speed) * libm_tanh(v / own[u, FADING_SPEED])
+        running = fading_resistance(own[u, C0], own[u, C1], own[u, C2], inputs[c.VELOCITY, u])
         place = (inputs[c.POSITION, u] - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
         inputs[c.COUPLERS, u] = pull
-        inputs[c.RESISTANCE, u] = running + own[u, MASS] * c.between_entries(table, place)
+        inputs[c.RESISTANCE, u] = running + own[u, MASS] * between_entries(table, place)
         if len(learned):
             place = (inputs[c.POSITION, u] + own[u, OFFSET] - own[u, LINE_BEGIN]) / own[u, LINE_GRID]
-            inputs[c.RESISTANCE, u] += own[u, MASS] * c.between_entries(learned, place)
+            inputs[c.RESISTANCE, u] += own[u, MASS] * between_entries(learned, place)
         inputs[c.SHOES, u] = shoes[1 + u]
 
 
@@ -65,15 +52,14 @@ def _opposing(measured, beside, springs, own, table, learned, shoes, inputs):
 def _line_force(inputs, own, table):
     """Return the line force on the train [N] for the position of its first unit."""
     front = inputs[c.POSITION, 0] + own[0, OFFSET]
-    return c.between_entries(table, (front - own[0, LINE_BEGIN]) / own[0, LINE_GRID])
+    return between_entries(table, (front - own[0, LINE_BEGIN]) / own[0, LINE_GRID])
 
 
 @compiled
 def _observed_shoes(slow, vehicles, speed, shoes, forces):
     """Write the shoe force of the train and of every unit's vehicle [N] at a measured speed [m/s]."""
-    v = k.KMH * abs(speed)
     for i in range(len(slow)):
-        forces[i] = slow[i] * (k.SHOE_A * v + k.SHOE_SPEED) / (k.SHOE_B * v + k.SHOE_SPEED)
+        forces[i] = shoe_force(slow[i], speed)
     shoes[0] = c.numpy_total(forces)
     for u in range(len(vehicles)):
         shoes[1 + u] = forces[vehicles[u]]
@@ -105,7 +91,7 @@ def changes_brake(t, braking, limits, segments, inputs):
         return False
     available, applied, speed = 0.0, 0.0, inputs[c.VELOCITY, 0]
     for u in range(inputs.shape[1]):
-        available += _envelope(limits, segments[u, 0], segments[u, 1], abs(speed))
+        available += envelope_force(limits, segments[u, 0], segments[u, 1], abs(speed))
         applied += inputs[c.APPLIED, u]
     place = inputs[c.POSITION, 0]
     return policies_code.changes_pressure(policy, constant, state, steep, t, place, speed, applied, available)
@@ -148,8 +134,8 @@ def set_inputs(tick, reference, feedforward, own, limits, segments, inputs, now)
         speed = abs(inputs[c.VELOCITY, u])
         inputs[c.REFERENCE_POSITION, u] = reference[0, tick] - own[u, OFFSET]
         inputs[c.FEEDFORWARD, u] = feedforward[tick, u]
-        inputs[c.FORCE_MIN, u] = -_envelope(limits, segments[u, 0], segments[u, 1], speed)
-        inputs[c.FORCE_MAX, u] = _envelope(limits, segments[u, 2], segments[u, 3], speed)
+        inputs[c.FORCE_MIN, u] = -envelope_force(limits, segments[u, 0], segments[u, 1], speed)
+        inputs[c.FORCE_MAX, u] = envelope_force(limits, segments[u, 2], segments[u, 3], speed)
     now[c.REFERENCE_VELOCITY], now[c.REFERENCE_ACCELERATION] = reference[1, tick], reference[2, tick]
     now[c.ACCELERATION_AT_EFFECT], now[c.JERK_AT_EFFECT] = reference[3, tick], reference[4, tick]
 

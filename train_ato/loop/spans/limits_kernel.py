@@ -10,7 +10,8 @@ from __future__ import annotations
 from math import inf, nan, sqrt
 
 from plant_sim.compiled import compiled
-from train_ato.supervision.fixed_values import KMH, MAX_LATER_ACCELERATION
+from plant_sim.units import KMH
+from train_ato.supervision.fixed_values import MAX_LATER_ACCELERATION
 from train_ato.supervision.odometry import (
     POSITION_OFFSET,
     POSITION_SHARE,

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from train_ato.control.train_model import DRY_FRICTION_SPEED, GRID
+from train_ato.control.train_model import GRID
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.types import Array
 
@@ -16,7 +16,7 @@ def model_arrays(setup: RunSetup) -> tuple[Array, tuple[Array, Array, Array], Ar
 
     Returns
     -------
-    own : Array, shape (units, 8)
+    own : Array, shape (units, 7)
         Constants of every unit's vehicle and of the line, by the names in the kernel.
     tables : tuple of Array
         Line force per mass [N/kg], on the whole train [N], and its learned part per mass [N/kg], empty without one, on
@@ -27,10 +27,7 @@ def model_arrays(setup: RunSetup) -> tuple[Array, tuple[Array, Array, Array], Ar
         First segment and end of brake and of traction.
     """
     model = setup.model
-    rows = [
-        (*own, DRY_FRICTION_SPEED, model._begin, GRID, offset)
-        for own, offset in zip(model._own, model.offsets.tolist(), strict=True)
-    ]
+    rows = [(*own, model._begin, GRID, offset) for own, offset in zip(model._own, model.offsets.tolist(), strict=True)]
     segments, bounds, end = [np.zeros((0, 4))], [], 0
     for brake, traction in zip(model.brake, model.traction, strict=True):
         middle, last = end + len(brake.rows), end + len(brake.rows) + len(traction.rows)

@@ -13,11 +13,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim import kernel as k
 from plant_sim.consist import Consist, VehicleType
 from plant_sim.line import Line
 from plant_sim.line_sections import LineSection
 from plant_sim.packing import NO_LIMIT
+from plant_sim.railway import MIN_POWER_SPEED, adhesion_by_speed
 from plant_sim.section_effects import SectionZones, has_tunnel_air
 from plant_sim.traction import Envelope
 from train_ato.messages.types import Array
@@ -177,7 +177,7 @@ class PlaceLimits:
                 most, least = adhesion, adhesion
                 if not vehicle.independent_power:
                     power = self._zones.power[zone] * own / whole
-                    most = np.minimum(most, power / np.maximum(speed, k.MIN_POWER_SPEED))
+                    most = np.minimum(most, power / np.maximum(speed, MIN_POWER_SPEED))
                     most = most * (not self._zones.neutral[zone])
                     least = least * (not self._zones.electric_brake_off[zone])
                 limited = np.minimum(both, np.stack((most, least)))
@@ -194,8 +194,7 @@ class PlaceLimits:
         """Return the largest force between wheel and rail [N] for a mass on the axles [kg]."""
         if not self._has_adhesion:
             return np.full(speed.size, NO_LIMIT)
-        by_speed = k.ADHESION_HIGH_SPEED + k.ADHESION_SLOPE / (k.KMH * speed + k.ADHESION_SPEED)
-        return np.asarray(self._zones.adhesion[zone] * by_speed * mass * self._consist.gravity)
+        return np.asarray(self._zones.adhesion[zone] * adhesion_by_speed(speed) * mass * self._consist.gravity)
 
 
 def _forces(vehicle: VehicleType, speed: Array) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from plant_sim.air_brake import braking_factor
 from plant_sim.consist import Consist
+from plant_sim.railway import shoe_force
 from plant_sim.summation import plain_sum
 from plant_sim.traction import Envelope
 from train_ato.messages.types import Array
@@ -157,8 +158,7 @@ class TrainTables:
         return self._with_friction(traction, pairs, speed)
 
     def _air_brake_force(self, speed: Array) -> Array:
-        kmh = 3.6 * speed
-        return np.asarray(self._shoes * (2 * kmh + 150) / (3 * kmh + 150))
+        return np.asarray(shoe_force(self._shoes, speed))
 
     def _with_available_force(self, traction: Array, electric: Array, air: Array) -> tuple[Array, Array, Array]:
         left = self.available

@@ -13,8 +13,6 @@ J is linear between the speeds of the grid, between the ages, and between the su
 releasing shoes is excluded. Speeds above the limit are penalised. The journey follows J forwards with a finer set of
 forces. The reservoirs are those of the plant: an application brakes with the part s of its force and uses a part u s of
 the filling; from the release on it approaches 1 with the time constant of the recharge.
-
-All compiled code of the search is in this file, because numba's cache detects changes of this file only.
 """
 
 # mypy: allow-untyped-defs
@@ -25,6 +23,7 @@ import numpy as np
 
 from plant_sim.compiled import compiled
 from plant_sim.elementary import libm_exp
+from plant_sim.railway import shoe_force
 
 IMPOSSIBLE = 1e13
 """Cost of a state without a continuation [J]."""
@@ -129,9 +128,8 @@ def _value_of(value, state, speed, ranges, speed_grid):
 
 @compiled
 def retarding_force(v, line_force, running, shoe):
-    """Return line, running and shoe force at a speed [N]; the friction of the shoes is that of the plant's kernel."""
-    speed = 3.6 * v
-    return line_force + running + shoe * (2.0 * speed + 150.0) / (3.0 * speed + 150.0)
+    """Return line, running and shoe force at a speed [N]."""
+    return line_force + running + shoe_force(shoe, v)
 
 
 @compiled
