@@ -20,6 +20,12 @@ MAX_NESTING = 100
 _TOO_DEEP = f"nested deeper than {MAX_NESTING} levels"
 _PARSER_TOO_DEEP = "exceeded maximum nesting depth"
 """Problem of the parser in C of PyYAML 6.0.4, which reads ahead of the composer and has a limit of its own."""
+_PLAIN = (
+    (_PARSER_TOO_DEEP, _TOO_DEEP),
+    ("found unhashable key", "a key is a list or a block; write a text"),
+    ("could not determine a constructor for the tag", "unknown tag"),
+)
+"""Problems of PyYAML in plain words."""
 MAX_ALIASES = 50
 """Largest number of aliases in a text; many aliases expand to a size far beyond that of the text."""
 
@@ -143,7 +149,9 @@ def parse_yaml(text: str | bytes) -> Any:
         last = len(text.splitlines()) - 1  # the parser in C counts one line more at the end
         place = f"line {min(mark.line, last) + 1}: " if mark is not None else ""
         problem = getattr(error, "problem", None) or "not YAML"
-        raise ValueError(f"{place}{_TOO_DEEP if problem == _PARSER_TOO_DEEP else problem}") from None
+        for theirs, plain in _PLAIN:
+            problem = problem.replace(theirs, plain)
+        raise ValueError(f"{place}{problem}") from None
     except (ValueError, ArithmeticError) as error:  # a date or a number that does not exist
         raise ValueError(f"{' '.join(str(error).split())[:200]}") from None
 
@@ -157,6 +165,21 @@ def parse_json(text: str | bytes) -> Any:
         The problem, without remedy.
     """
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=_unique, parse_int=_integer)
     except RecursionError:
         raise ValueError("nested too deeply") from None
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object of JSON without repeated keys."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"key '{next(name for name in names if names.count(name) > 1)}' is repeated")
+    return found
+
+
+def _integer(text: str) -> int:
+    if len(text) > MAX_DIGITS:
+        raise ValueError(f"an integer of {len(text)} digits; give at most {MAX_DIGITS}")
+    return int(text)

@@ -26,6 +26,7 @@ _PLAIN = {
     "string_type": "is no text; write it in quotes",
     "bool_type": "is neither true nor false; write one of them",
     "bool_parsing": "is neither true nor false; write one of them",
+    "invalid_key": "a key is no text; write it in quotes",
     "string_pattern_mismatch": "use letters, digits, _ and - only, at most 60, a letter first",
 }
 """Errors of pydantic that name classes or patterns, in plain words."""
@@ -48,6 +49,20 @@ def one_of(count: int) -> str:
     return "give 0, the only one" if count == 1 else f"give 0 ... {count - 1}"
 
 
+def kind_of(value: Any) -> str:
+    """Return the kind of a value of a YAML or JSON file, for messages.
+
+    Examples
+    --------
+    >>> kind_of([1]), kind_of(None), kind_of(2.5)
+    ('a list', 'nothing', 'one number')
+    """
+    for types, kind in ((bool, "true or false"), ((int, float), "one number"), (str, "one text"), (list, "a list")):
+        if isinstance(value, types):
+            return kind
+    return "nothing" if value is None else "no keys and values"
+
+
 def build_model(model: type[_Model], raw: Any, where: str) -> _Model:
     """Return a model made from plain data.
 
@@ -68,7 +83,7 @@ def build_model(model: type[_Model], raw: Any, where: str) -> _Model:
     from pydantic import ValidationError
 
     if not isinstance(raw, dict):
-        raise ValueError(f"{where}: holds {type(raw).__name__} in place of keys and values; write key: value")
+        raise ValueError(f"{where}: holds {kind_of(raw)} in place of keys and values; write key: value")
     try:
         return model.model_validate(raw)
     except ValidationError as error:
@@ -97,6 +112,7 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
         text = f"unknown key{close_match(str(first['loc'][-1]), known)}"
         if known:
             text += f" (known: {', '.join(sorted(known))})"
+        text += "" if "; " in text else "; correct or remove it"
     elif first["type"] == "missing":
         text, value = "this key is missing; add it", ""
     elif first["type"] == "union_tag_not_found":
@@ -113,6 +129,7 @@ def explain(error: ValidationError, source: str | Path, model: type[BaseModel]) 
     else:
         text = first["msg"].removeprefix("Value error, ")
         text = text[0].lower() + text[1:]
+        text += "" if "; " in text or first["type"] == "value_error" else "; correct it"
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     shown = f" = {value}" if value and first["type"] != "value_error" and first["type"] != "extra_forbidden" else ""
     return f"{source}: {place}{shown}: {text}{more}" if place else f"{source}: {text}{more}"

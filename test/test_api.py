@@ -372,7 +372,7 @@ def test_a_scenario_is_changed_without_changing_it():
     assert "laws" not in yaml.safe_load(demo.yaml)
     assert "ideal" in ta.scenario("daqin_heavy_haul").variants
     assert ta.scenario("daqin_heavy_haul:ideal").name == "daqin_heavy_haul:ideal"
-    with pytest.raises(ValueError, match=r"demo\.yaml: seed = 'x'"):
+    with pytest.raises(ValueError, match=r"set seed=x: seed = 'x'"):
         demo.with_(seed="x")
 
 

@@ -82,7 +82,7 @@ CASES: list[tuple[str, list[str], str]] = [
                                    "--set", "laws.smc.gains=printed"], "sensor"),
     ("delay NaN", ["run", "demo", "--set", "links.command.delay=.nan"], r"links\.command\.delay = nan: .*finite"),
     ("delay negative", ["run", "demo", "--set", "links.command.delay=-1"], r"links\.command\.delay: -1.*negative"),
-    ("delay of the pipe", ["run", "demo", "--set", "links.brake_pipe.delay=-1"], r"yaml: links: brake_pipe\.delay: -1"),
+    ("delay of the pipe", ["run", "demo", "--set", "links.brake_pipe.delay=-1"], r"-1: links: brake_pipe\.delay: -1"),
     ("delays of a message", ["run", "demo", "--set", "links.estimate.delay=[1,2]"], r"estimate\.delay: 2 values for 1"),
     ("delay believed negative", ["run", "demo", "--set", "model.delay=-1"], r": model\.delay: -1.*negative"),
     ("no kind", ["run", "demo", "--set", "plant.disturbances=[{kin: gust}]"],
@@ -92,9 +92,9 @@ CASES: list[tuple[str, list[str], str]] = [
     ("start faster than any train", ["run", "demo", "--set", "plant.start.speed=1e308"],
      r"plant\.start\.speed = 1e\+308"),
     ("sensor behind no vehicle", ["run", "demo", "--set", "plant.sensors.couplers=[500]"],
-     r"demo\.yaml: plant: sensors\.couplers lists vehicle 500: .* 0 \.\.\. 104"),
+     r"--set plant.sensors.couplers=\[500\]: plant: sensors\.couplers lists vehicle 500: .* 0 \.\.\. 104"),
     ("jump on no vehicle", ["run", "demo", "--set", "plant.jumps=[{at: 1, what: mass, factor: 2, vehicles: [900]}]"],
-     r"demo\.yaml: plant: jumps lists vehicle 900: .* 0 \.\.\. 105"),
+     r"\[900\]\}\]: plant: jumps lists vehicle 900: .* 0 \.\.\. 105"),
     ("lag infinite", ["run", "demo", "--set", "plant.lag=.inf"], r"plant\.lag.* = inf"),
     ("tick no multiple", ["run", "demo", "--set", "step=0.03"], r"tick 0\.1 s is not a multiple of step 0\.03 s"),
     ("period no multiple", ["run", "demo", "--set", "control_period=0.15"], r"control_period 0\.15 s is not"),
@@ -300,6 +300,88 @@ def refused(
     assert len(lines) == 1, captured.err
     assert re.search(message, captured.err), captured.err
     assert sorted(path.name for path in folder.rglob("*")) == before
+
+
+NINES = "9" * 5000
+OWN = "schema: train_ato/scenario/1\nbase: "
+BAD_FILES = (
+    "", "[1, 2]", "hello", "5", "!!python/object/apply:os.system [ls]", "schema: !own x", "name: a\nname: b",
+    "a:\n\t- b", "? [a]\n: 1", f"duration: {NINES}", f'{{"a": {NINES}}}', '{"a": 1, "a": 2}', "{", "\x00\x01",
+    "name: \xe9", f"{OWN}demo\ndurration: 3", f"{OWN}demo\nplant: 5", f"{OWN}demmo", f"{OWN}demo\nduration: .nan",
+    f"{OWN}demo\nseed: -1",
+)  # fmt: skip
+"""Content of files that no command reads."""
+READERS = (
+    "run {} --engine", "compare {} --laws pid", "sweep {}", "tune {} --law pid --out o", "list {}", "curves {}",
+    "tune demo --law pid --over {} --out o", "falsify {} --requirement 'G speed >= 0' --over x", "learn {} --out l.yml",
+    "falsify demo --requirement 'G speed >= 0' --over {}", "plan {} xuzhou_metro_3", "plan level {}",
+    "plan xuzhou_metro_test xuzhou_metro_3 --journey {}", "plan daqin_section hxd1_c80_105 --trip {}",
+    "driver {} hxd1_c80_105 --until-km 1 --out d.csv", "convert {} c.yaml", "verify --grid {}", "view --scenario {}",
+    "import {} --consist xuzhou_metro_3 --line level --out i", "run demo --engine --set plant.line={}",
+    "compare demo --laws pid --set plant.consist={}", "tune demo --law pid --out o --set 'profile={{file: {}}}'",
+    "run demo --engine --set model.learned={}", "info {}", "report {}", "export {}", "recover {}", "verify {}",
+    "replay {}", "replay {} --law pid", "view {}", "layout {} --foxglove", "scene {}",
+)  # fmt: skip
+"""Command lines with the place of a file."""
+OPTIONS = (
+    "run demo --engine --seed {}", "run demo --engine --rate {}", "sweep x.yaml --jobs {}", "compare demo --laws {}",
+    "tune demo --law pid --out o --runs {}", "tune demo --law pid --out o --criterion x={}", "reproduce {}",
+    "tune demo --law pid --out o --parameters {}", "learn demo --out l.yaml --spacing {}", "check-law {}",
+    "falsify demo --requirement 'G speed >= 0' --over x --runs {}", "plan level xuzhou_metro_3 --to-km {}",
+    "plan level xuzhou_metro_3 --jerk {}", "plan level xuzhou_metro_3 --period {}", "curves demo --at-km {}",
+    "plan xuzhou_metro_test xuzhou_metro_3 --time {}", "export x --rate {}", "replay x --rate {}", "param {}",
+    "driver level xuzhou_metro_3 --out d.csv --until-km {}", "info x --requirement {}", "param law=pid --domain {}",
+    "verify x --relative {}", "check-observer {}", "run demo --engine --law {}", "view --scenario demo --port {}",
+    "import x.csv --consist xuzhou_metro_3 --line level --tick {}",
+)  # fmt: skip
+PYTHON_WORDS = (
+    r"Traceback|set_int_max_str|\^\[|NoneType|object has no|\[Errno|<class|invalid literal|subscriptable|unhashable|"
+    r"give 0 \.\.\. -1|\b(?:not|holds) (?:str|int|dict|list|float)\b|invalid (?:int|float) value|"
+    r"[a-z]+_type\b|(?:Type|Value|Key|Attribute|Index|Overflow)Error|shipped/demo\.yaml|embedded null|codec"
+)
+"""Words of Python or of its libraries, and files that are right."""
+
+
+def told_in_plain_words(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """Check status and text of a refusal: every line with a remedy; only an import has several."""
+    before = sorted(Path().iterdir())
+    try:
+        status: object = main(words)
+    except SystemExit as exit_:
+        status = exit_.code
+    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("note: ")]
+    assert status == 2, (words, lines)
+    assert lines and (len(lines) == 1 or words[0] == "import"), (words, lines)
+    for line in lines:
+        assert len(line) < 1200 and not re.search(PYTHON_WORDS, line), (words, line)
+        assert re.search(r"; |must |did you mean|use one of|name one|give |see ", line), (words, line)
+    assert sorted(Path().iterdir()) == before
+
+
+@pytest.mark.parametrize("line", READERS)
+def test_a_bad_file_is_refused_in_plain_words(
+    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if a command names a class, a pattern or a shipped file, or begins its work, for one kind of bad file."""
+    monkeypatch.chdir(tmp_path)
+    names = ["none.yaml", "folder", "a" * 300 + ".yaml", "folder/none.yaml", "bad.csv/x.yaml", "bad.csv"]
+    for number, text in enumerate(BAD_FILES):
+        names.append(f"bad{number}.{'json' if text.startswith('{') else 'yaml'}")
+        Path(names[-1]).write_bytes(text.encode("latin-1"))
+    Path("bad.csv").write_text("tiem,speed\n0,nan\n")
+    Path("folder").mkdir()
+    for name in names:
+        told_in_plain_words([word.format(name) for word in shlex.split(line)], capsys)
+
+
+@pytest.mark.parametrize("line", OPTIONS)
+def test_a_bad_value_is_refused_in_plain_words(
+    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Breaks if an option names a Python type, repeats 5 000 digits, or accepts a value that is none."""
+    monkeypatch.chdir(tmp_path)
+    for value in ("nan", "-1", "x", "inf", NINES, "1e400", "", "0x10", "no:Law", "..:x"):
+        told_in_plain_words([word.replace("{}", value) for word in shlex.split(line)], capsys)
 
 
 def test_help_and_usage_errors_need_no_heavy_library() -> None:

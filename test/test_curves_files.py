@@ -98,7 +98,7 @@ def test_refused_inputs(
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("[1, 2]", "holds list in place of cases"),
+        ("[1, 2]", "holds a list in place of cases"),
         ("{", "not valid JSON"),
         ("{}", "no case"),
         (json.dumps({"inputs": LAMBDA, "curves": {"EBD": ["10"]}}), r"curves\.EBD\.0"),

@@ -185,7 +185,7 @@ def test_a_section_without_speed_or_resistance_has_that_before_it(capsys: pytest
         ("a.yaml", "loco_vec: []\n", "consist of ALTRIOS is not read; a train is read from train_ato YAML", ""),
         ("a.json", '{"effort_curves": {}}', "a rolling stock of OSRD is not read; a train is read from", ""),
         ("a.railml", '<railML version="3.2"><rollingstock/></railML>', "of railML is not read; a train is", ""),
-        ("a.yaml", "60\n", "holds one value in place of keys and values", ""),
+        ("a.yaml", "60\n", "holds one number in place of keys and values", ""),
         ("a.yaml", "", "is empty", ""),
         ("a.yaml", "<gpx/>", "XML is read as railML only, in a file that ends in .railml or .xml", ""),
         ("a.yaml", yaml.safe_dump(TRAIN), r"holds a train \(railtoolkit\), no line; exchange them", None),

@@ -6,6 +6,7 @@ import argparse
 import io
 import math
 import os
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,6 +28,11 @@ class InputFaults(ValueError):
     def __init__(self, lines: Sequence[str]) -> None:
         super().__init__("\n".join(lines))
         self.lines = tuple(lines)
+
+
+def shortened(message: str) -> str:
+    """Return a message as one line with the middle of every overlong word left out."""
+    return " ".join(re.sub(r"\S{301,}", lambda word: f"{word[0][:60]}...{word[0][-60:]}", message).split())
 
 
 def prepare_streams() -> None:
@@ -54,7 +60,9 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the error in one line and exit with status 2."""
-        self.exit(BAD_INPUT, f"{self.prog}: {message}; see `{self.prog} --help`\n")
+        for kind, plain in (("int", "a whole number"), ("float", "a number"), ("Path", "a path")):
+            message = re.sub(rf"invalid {kind} value: ('.*')", rf"\1 is not {plain}", message, flags=re.DOTALL)
+        self.exit(BAD_INPUT, f"{self.prog}: {shortened(message)}; see `{self.prog} --help`\n")
 
     def refuse_unknown(self, arguments: Sequence[str]) -> None:
         """Refuse arguments that the parser has left over, if there are any."""

@@ -8,6 +8,7 @@ from typing import Any
 
 from plant_sim.data_text import parse_json, parse_yaml
 from plant_sim.formats.not_read import kind_by_ending, kind_by_keys
+from plant_sim.input_error import kind_of
 from plant_sim.number_text import number_text
 
 MAX_FILE_SIZE = 64 * 2**20
@@ -66,7 +67,7 @@ def _kind_of(path: Path, data: Any) -> str:
         return "XML is read as railML only, in a file that ends in .railml or .xml"
     if data is None:
         return "is empty"
-    return "not UTF-8 text" if data == "not UTF-8 text" else "holds one value in place of keys and values"
+    return "not UTF-8 text" if data == "not UTF-8 text" else f"holds {kind_of(data)} in place of keys and values"
 
 
 class Fields:

@@ -53,6 +53,11 @@ def execute(options: argparse.Namespace) -> int:
 def _details_of(name: str) -> dict[str, dict[str, str]]:
     found = details(name)
     if not found:
-        known = {entry for entries in catalogue().values() for entry in entries}
+        from plant_sim.library import consist_names, line_names
+        from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS
+        from train_ato.scenario.scenario import shipped_scenarios
+
+        components = (name for registry in (LAWS, OBSERVERS, COMPENSATIONS) for name in registry.names())
+        known = {*shipped_scenarios(), *components, *consist_names(), *line_names()}
         raise ValueError(f"unknown name '{name}'{close_match(name, known)}; see `train-ato list`")
     return {f"{kind} {name}": facts for kind, facts in found.items()}

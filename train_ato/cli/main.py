@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import importlib
 import os
 import sys
 from collections.abc import Sequence
 from typing import Any
 
-from train_ato.arguments import BAD_INPUT, InputFaults, OneLineParser, prepare_streams
+from train_ato.arguments import BAD_INPUT, InputFaults, OneLineParser, prepare_streams, shortened
 from train_ato.errors import RunFailed
 from train_ato.interrupt import Interrupt, ending_like_ctrl_c
 from train_ato.version import VERSION
@@ -156,7 +157,7 @@ def _status_of(error: Exception) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader has closed: `train-ato list | head`
         return FAILED
     if isinstance(error, OSError):
-        return print_error(error, FAILED)
+        return print_error(error, BAD_INPUT if error.errno == errno.ENAMETOOLONG else FAILED)
     raise error
 
 
@@ -166,8 +167,11 @@ def print_error(error: object, status: int) -> int:
         raise error
     lines = error.lines if isinstance(error, InputFaults) else (str(error),)
     if isinstance(error, OSError) and error.filename is not None:
-        lines = (f"{error.filename}: {error.strerror}",)
-    sys.stderr.write("".join(f"train-ato: {' '.join(line.split())}\n" for line in lines))
+        remedy = "; shorten it" if error.errno == errno.ENAMETOOLONG else ""
+        lines = (f"{error.filename}: {error.strerror}{remedy}",)
+    if "embedded null" in str(error):
+        lines = ("a name has a null character; remove it",)
+    sys.stderr.write("".join(f"train-ato: {shortened(line)}\n" for line in lines))
     return status
 
 

@@ -48,7 +48,8 @@ def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
     """
     from train_ato.apps.runs.progress import COMPILE_NOTE, PLANNER_NOTE, compilation_noted
     from train_ato.loop.setup import prepare
-    from train_ato.scenario.scenario import load_scenario
+    from train_ato.scenario.overlays import caused_by
+    from train_ato.scenario.scenario import changes_of, load_scenario
 
     overlay = {
         "observer": options.observer,
@@ -61,12 +62,12 @@ def prepare_from(options: argparse.Namespace, **changes: Any) -> RunSetup:
         if kind in overlay:
             check_component_name(f"--{kind}", kind, overlay[kind])
     assignments = tuple(options.assignments)
+    scenario, path = load_scenario(options.scenario, assignments, overlay)
     try:
-        scenario, path = load_scenario(options.scenario, assignments, overlay)
         with compilation_noted(PLANNER_NOTE if scenario.profile.plan is not None else COMPILE_NOTE):
             return prepare(scenario, path)
     except ValueError as error:
-        raise ValueError(_of_options(str(error), assignments, overlay)) from None
+        raise caused_by(error, path, changes_of(assignments, overlay)) from None
 
 
 def check_component_name(option: str, kind: str, name: str) -> None:
@@ -89,16 +90,3 @@ def check_component_name(option: str, kind: str, name: str) -> None:
         registry.get(name)
     except ValueError as error:
         raise ValueError(f"{option}: {error}") from None
-
-
-def _of_options(message: str, assignments: tuple[str, ...], overlay: dict[str, Any]) -> str:
-    """Return the message of a refused scenario with the options that caused it in place of the scenario file."""
-    file, _, problem = message.partition(": ")
-    for text in assignments:
-        key = text.partition("=")[0].strip()
-        if problem.startswith(f"{key}:") or (key == "law" and problem.startswith("unknown law")):
-            return f"--set {text}: {problem}"
-    named = [
-        f"--{kind} {overlay[kind]}" for kind in KINDS if kind in overlay and f"{kind} '{overlay[kind]}'" in message
-    ]
-    return f"{' '.join(named)}: {problem if file.endswith('.yaml') else message}" if named else message

@@ -203,8 +203,10 @@ def load_class(target: str) -> type:
         )
     try:
         module = _module(module_name)
-    except ImportError as error:
-        raise ValueError(f"module '{module_name}' cannot be imported: {error}") from error
+    except (ImportError, TypeError) as error:  # TypeError: a relative name
+        missing = isinstance(error, ModuleNotFoundError) and error.name == module_name.partition(".")[0]
+        problem = "there is none of this name here or in the Python path" if missing else str(error)
+        raise ValueError(f"module '{module_name}' cannot be imported: {problem}; correct name or module") from error
     found = getattr(module, attribute, None)
     if not isinstance(found, type):
         classes = [name for name, value in vars(module).items() if isinstance(value, type)]

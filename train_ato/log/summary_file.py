@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from plant_sim.data_text import parse_json
-from plant_sim.input_error import explain
+from plant_sim.input_error import explain, kind_of
 
 
 class RecordedChange(BaseModel):
@@ -57,7 +57,7 @@ def parse_summary(file: Path, text: bytes) -> dict[str, Any]:
     except ValueError as error:
         raise ValueError(f"{file}: is not JSON ({error}); remove the file; the log is complete") from None
     if not isinstance(summary, dict):
-        raise ValueError(f"{file}: holds {type(summary).__name__}, not metrics by name; remove the file")
+        raise ValueError(f"{file}: holds {kind_of(summary)}, not metrics by name; remove the file")
     try:
         RecordedSummary.model_validate(summary)
     except ValidationError as error:

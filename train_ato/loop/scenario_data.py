@@ -156,7 +156,7 @@ def scenario_profile(
 
 def profile_key(spec: ProfileSpec, folder: Path) -> tuple[object, ...]:
     """Return the values that determine the data of a block ``profile``: its keys, and the state of its file."""
-    return spec, folder, None if spec.file is None else file_state(folder / spec.file)
+    return spec, folder, None if spec.file is None else file_state(spec.file_in(folder))
 
 
 def with_start_position(scenario: Scenario, position: float) -> Scenario:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import copy
+import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from plant_sim.library import split_name
 from train_ato.arguments import parse_yaml_value
 
-__all__ = ["assign", "keys_of", "overlay", "put", "with_absolute_files"]
+__all__ = ["RefusedScenario", "assign", "caused_by", "keys_of", "overlay", "put", "with_absolute_files"]
 
 FILE_KEYS = (
     ("profile", "file"), ("plant", "consist"), ("plant", "line"), ("model", "consist"), ("model", "line"),
@@ -102,6 +104,58 @@ def _put_entry(entries: list[Any], keys: list[str], value: Any, option: str) -> 
         put(entries[number], ".".join(keys[1:]), value, option)
     else:
         raise ValueError(f"{option}: '{keys[0]}' is a value, not a block of keys; correct the key")
+
+
+class RefusedScenario(ValueError):
+    """Refusal of a scenario; ``problem`` is the message without the file or the changes that it names first."""
+
+    def __init__(self, message: str, problem: str = "") -> None:
+        super().__init__(message)
+        self.problem = problem or message
+
+
+def caused_by(error: ValueError, file: Path, changes: Sequence[tuple[str, str]]) -> RefusedScenario:
+    """Return the refusal of a scenario with the changes that caused it in place of its file.
+
+    Parameters
+    ----------
+    file
+        File of the scenario without the changes.
+    changes
+        Key and spelling of each change, as ``("seed", "--seed -1")``.
+
+    Examples
+    --------
+    >>> caused_by(ValueError("a.yaml: seed = -1: too small"), Path("a.yaml"), [("seed", "--seed -1")])
+    RefusedScenario('--seed -1: seed = -1: too small')
+    """
+    message = str(error)
+    problem = message.removeprefix(f"{file}: ")
+    said = re.split(r"; | \(known", problem)[0].replace(": ", ".")  # `plant: jumps lists ...` names the key plant.jumps
+    found = [
+        (key, spelling)
+        for key, spelling in changes
+        if re.search(rf"(?<![\w.]){re.escape(key)}(?!\w)", said) or _names_value(problem, _value_of(spelling))
+    ]
+    if not found and file.parent.name == "shipped":  # the file alone is right
+        found = list(changes)
+    if not found or problem == message:
+        return RefusedScenario(message, problem)
+    spelled = dict.fromkeys(text if len(text) <= 100 else f"{text[:100]}..." for _, text in found)
+    value = _value_of(found[-1][1])
+    short = problem.removeprefix(f"{value}: ") if found[-1][1].endswith(value) else problem
+    return RefusedScenario(f"{', '.join(spelled)}: {short}", problem)
+
+
+def _value_of(spelling: str) -> str:
+    """Return the value of a change, of a block of one key the value of this key."""
+    value = spelling.partition("=" if "=" in spelling else " ")[2]
+    return value.strip("{} ").rpartition(": ")[2].strip("'\"")
+
+
+def _names_value(problem: str, value: str) -> bool:
+    """Return True if a message has a value: a file, or a name in quotes."""
+    return bool(value) and (f"'{value}'" in problem or (("." in value or "/" in value) and value in problem))
 
 
 def keys_of(key: str) -> list[str]:

@@ -24,7 +24,7 @@ SOURCES = ("file", "knots", "phases", "points", "steps", "plan")
 class ProfileSpec(SiModel):
     """Speed profile of a run, from exactly one of file, knots, phases, points, steps, plan."""
 
-    file: str | None = Field(None, description="CSV or YAML file, relative to the scenario's folder")
+    file: str | None = Field(None, description="CSV or YAML file, in the scenario's folder or the current one")
     knots: str | None = Field(None, description="text of a CSV profile")
     phases: tuple[Phase, ...] | None = Field(None, min_length=1)
     points: tuple[Point, ...] | None = Field(None, min_length=2)
@@ -94,6 +94,11 @@ class ProfileSpec(SiModel):
         check_on_line(profile, consist, line)
         return profile
 
+    def file_in(self, folder: Path) -> Path:
+        """Return the path of the file: in the folder of the scenario, else as given."""
+        assert self.file is not None
+        return folder / self.file if (folder / self.file).is_file() else Path(self.file)
+
     def _build_source(
         self,
         consist: Consist,
@@ -106,7 +111,7 @@ class ProfileSpec(SiModel):
         start = line.begin if self.start is None else self.start
         half = consist.vehicles[0].length / 2
         if self.file is not None:
-            return self._move_to_start(read_profile(folder / self.file, period))
+            return self._move_to_start(read_profile(self.file_in(folder), period))
         if self.knots is not None:
             return self._move_to_start(parse_csv(self.knots, period))
         if self.phases is not None:
@@ -134,7 +139,7 @@ class ProfileSpec(SiModel):
         data = self.model_dump(mode="json", by_alias=True, exclude_defaults=True)  # null switches a limit off
         if self.file is not None:
             del data["file"]
-            data["knots"] = csv_text(read_profile((folder or Path()) / self.file), f"from {Path(self.file).name}")
+            data["knots"] = csv_text(read_profile(self.file_in(folder or Path())), f"from {Path(self.file).name}")
         return data
 
 

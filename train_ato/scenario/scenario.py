@@ -7,6 +7,7 @@ this order and the assignments of ``--set``, and validates the result before the
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +15,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from plant_sim.consist import Consist
-from plant_sim.input_error import close_match, explain
+from plant_sim.input_error import close_match, explain, kind_of
 from plant_sim.library import read_yaml, split_name
 from plant_sim.line import Line
 from plant_sim.number_text import number_text
@@ -30,7 +31,7 @@ from train_ato.profile.planner.settings import ReplanSpec
 from train_ato.scenario.ato_requests import AtoRequest
 from train_ato.scenario.criteria import Criteria
 from train_ato.scenario.interventions import Intervention
-from train_ato.scenario.overlays import assign, overlay, with_absolute_files
+from train_ato.scenario.overlays import assign, caused_by, overlay, with_absolute_files
 from train_ato.scenario.profile_spec import ProfileSpec
 from train_ato.supervision.settings import SupervisionSpec
 
@@ -189,7 +190,7 @@ def _read(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: larger than {LARGEST_FILE} bytes; name a scenario file")
     data = read_yaml(path)
     if not isinstance(data, dict):
-        raise ValueError(f"{path}: a scenario is a mapping of keys, not {type(data).__name__}; correct the file")
+        raise ValueError(f"{path}: a scenario is a mapping of keys, not {kind_of(data)}; correct the file")
     return data
 
 
@@ -295,4 +296,13 @@ def load_scenario(
     for text in assignments:
         assign(data, text)
     data = overlay(data, changes or {})
-    return check_scenario(data, path), path
+    try:
+        return check_scenario(data, path), path
+    except ValueError as error:
+        raise caused_by(error, path, changes_of(assignments, changes or {})) from None
+
+
+def changes_of(assignments: Sequence[str], options: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return key and spelling of the changes on a command line: of ``--set``, and of options named as their keys."""
+    found = [(text.partition("=")[0].strip(), f"--set {text}") for text in assignments]
+    return found + [(key, f"--{key} {value}") for key, value in options.items()]

@@ -5,14 +5,14 @@ A file holds one case (``inputs``, ``curves``) or several by name.
 
 from __future__ import annotations
 
-import json
 from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from plant_sim.input_error import build_model
+from plant_sim.data_text import parse_json
+from plant_sim.input_error import build_model, kind_of
 from plant_sim.units import SiModel
 from train_ato.apps.curves.case_inputs import CurveInputs
 
@@ -94,21 +94,14 @@ def read_cases(path: Path) -> CaseFile:
 
 
 def _read_json(path: Path) -> dict[str, Any]:
-    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found = dict(pairs)
-        if len(found) < len(pairs):
-            names = [name for name, _ in pairs]
-            raise ValueError(f"key '{next(n for n in names if names.count(n) > 1)}' is repeated")
-        return found
-
     try:
         if path.stat().st_size > MAX_FILE_SIZE:
             raise ValueError(f"larger than {MAX_FILE_SIZE} bytes")
-        data = json.loads(path.read_text(encoding="utf-8-sig"), object_pairs_hook=unique)
+        data = parse_json(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise ValueError(f"{path}: cannot be read: {error.strerror}; name a JSON file of cases") from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise ValueError(f"{path}: not valid JSON: {' '.join(str(error).split())[:200]}; correct it") from None
     if not isinstance(data, dict):
-        raise ValueError(f"{path}: holds {type(data).__name__} in place of cases; give 'inputs' and 'curves'")
+        raise ValueError(f"{path}: holds {kind_of(data)} in place of cases; give 'inputs' and 'curves'")
     return data

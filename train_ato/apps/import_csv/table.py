@@ -255,7 +255,9 @@ def _numbers(
             decimals = max(decimals, 3 if column.factor > 1 else 0)
             continue
         if not _NUMBER.match(text):
-            faults.add_of_kind(column.title, "number", table.at(row, column, f"'{text[:30]}' is not a number"))
+            faults.add_of_kind(
+                column.title, "number", table.at(row, column, f"'{text[:30]}' is not a number; correct it")
+            )
             continue
         if thousands and "," in text:
             problem = (
@@ -271,7 +273,7 @@ def _numbers(
         plain = text.replace(",", ".")
         value = float(plain)
         if not math.isfinite(value):
-            faults.add_of_kind(column.title, "large", table.at(row, column, f"'{text[:30]}' is too large"))
+            faults.add_of_kind(column.title, "large", table.at(row, column, f"'{text[:30]}' is too large; correct it"))
             continue
         values[row] = value
         if decimals >= 0:

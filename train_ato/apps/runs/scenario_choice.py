@@ -14,7 +14,7 @@ from plant_sim.data_text import TextDumper
 from plant_sim.library import split_name
 from train_ato.loop.part_cache import PartCache
 from train_ato.loop.setup import RunSetup, prepare
-from train_ato.scenario.overlays import assign, overlay, put, with_absolute_files
+from train_ato.scenario.overlays import RefusedScenario, assign, caused_by, overlay, put, with_absolute_files
 from train_ato.scenario.scenario import SCHEMA, Scenario, check_scenario, raw_scenario, variants_of
 
 Changes = Mapping[str, Any]
@@ -44,7 +44,10 @@ class ScenarioChoice:
         self._data = data
         self._changes = changes
         self.path = path
-        self.checked: Scenario = check_scenario(data, path)
+        try:
+            self.checked: Scenario = check_scenario(data, path)
+        except ValueError as error:
+            raise self._caused(error) from None
 
     @property
     def name(self) -> str:
@@ -122,7 +125,18 @@ class ScenarioChoice:
 
     def prepare(self, scenario: Scenario | None = None, parts: PartCache | None = None) -> RunSetup:
         """Return the setup of a run; ``scenario`` replaces the checked one, ``parts`` are those of former runs."""
-        return prepare(scenario or self.checked, self.path, parts)
+        try:
+            return prepare(scenario or self.checked, self.path, parts)
+        except ValueError as error:
+            raise self._caused(error) from None
+
+    def _caused(self, error: ValueError) -> RefusedScenario:
+        """Return a refusal with the changes that caused it in place of the file."""
+        changes = [
+            (value.partition("=")[0].strip(), f"--set {value}") if key == "--set" else (key, f"set {key}={value}")
+            for key, value in self._changes
+        ]
+        return caused_by(error, self.path, changes)
 
     def __repr__(self) -> str:
         changes = f".with_({dict(self._changes)})" if self._changes else ""

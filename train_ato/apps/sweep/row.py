@@ -11,6 +11,7 @@ from train_ato.apps.runs.scenario_choice import ScenarioChoice
 from train_ato.loop.engine import run_engine
 from train_ato.loop.part_cache import PartCache
 from train_ato.loop.setup import RunSetup
+from train_ato.scenario.overlays import RefusedScenario
 
 __all__ = ["TIMES", "WALL_TIMES", "Row", "drive_point", "one_line", "row_metrics", "scenario_hash"]
 
@@ -81,7 +82,8 @@ def _times(begin: float, engine: float = 0.0, loop: float = 0.0) -> dict[str, fl
 
 def one_line(error: Exception, base: ScenarioChoice) -> str:
     """Return the message of a refusal without the scenario's file."""
-    return " ".join(str(error).split()).removeprefix(f"{base.path}: ")
+    text = error.problem if isinstance(error, RefusedScenario) else str(error)
+    return " ".join(text.split()).removeprefix(f"{base.path}: ")
 
 
 def row_metrics(summary: Mapping[str, Any]) -> dict[str, float | int]:

@@ -8,7 +8,7 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-from plant_sim.input_error import close_match
+from plant_sim.input_error import close_match, kind_of
 from plant_sim.library import read_yaml, split_name
 from train_ato.apps.sweep.dimensions import Dimension, read_dimensions
 
@@ -100,7 +100,7 @@ def read_sweep(spec: str | Path | Mapping[str, Any], source: str | None = None) 
         source = source or str(path)
     source = source or "sweep"
     if not isinstance(data, dict):
-        raise ValueError(f"{source}: a sweep is a mapping of keys, not {type(data).__name__}; correct it")
+        raise ValueError(f"{source}: a sweep is a mapping of keys, not {kind_of(data)}; correct it")
     for key in data:
         if key not in KEYS:
             raise ValueError(f"{source}: {key}: unknown key{close_match(str(key), KEYS)}; use {', '.join(KEYS)}")

@@ -5,13 +5,12 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from train_ato.apps.runs.component_choice import put_components
 from train_ato.apps.runs.scenario_choice import ScenarioChoice
 from train_ato.loop.engine import run_engine
-from train_ato.loop.setup import RunSetup, prepare
+from train_ato.loop.setup import RunSetup
 from train_ato.scenario.scenario import Scenario
 
 SEARCHED, HELD_OUT = "searched", "held out"
@@ -30,19 +29,16 @@ class GainTask:
         Scenario, seed if there are several, and variation.
     part
         :data:`SEARCHED` or :data:`HELD_OUT`.
-    shipped
+    choice
         Scenario with its own law, for the reference run.
     scenario
         The same with the tuned law, observer and compensation.
-    path
-        File of the scenario.
     """
 
     label: str
     part: str
-    shipped: Scenario
+    choice: ScenarioChoice
     scenario: Scenario
-    path: Path
 
 
 def gain_tasks(
@@ -72,7 +68,7 @@ def gain_tasks(
                 )
                 parts = [choice.name, *([f"seed {seed}"] if seed is not None else [])]
                 parts += [f"{key}={value}" for key, value in variation.items()]
-                tasks.append(GainTask(", ".join(parts), part, changed.checked, scenario, choice.path))
+                tasks.append(GainTask(", ".join(parts), part, changed, scenario))
     return tasks
 
 
@@ -98,12 +94,12 @@ class GainRunner:
             If the law does not fit the train, or the scenario is wrong.
         """
         if index not in self._setups:
-            self._setups[index] = prepare(self._tasks[index].scenario, self._tasks[index].path)
+            self._setups[index] = self._tasks[index].choice.prepare(self._tasks[index].scenario)
         return self._setups[index]
 
     def reference(self, index: int) -> dict[str, Any]:
         """Return the metrics of a task with the law and the gains of the scenario."""
-        return self._run(prepare(self._tasks[index].shipped, self._tasks[index].path))
+        return self._run(self._tasks[index].choice.prepare())
 
     def run(self, index: int, gains: Mapping[str, Any]) -> dict[str, Any]:
         """Return the metrics of a task; ``status`` is ``refused`` if the law refuses the gains.

@@ -152,8 +152,13 @@ class TunePlan:
         for task, metrics in zip(self.tasks, references, strict=True):
             if metrics.get("speed_rmse_kmh") is None:
                 reason = metrics.get("failure", metrics.get("status"))
-                raise RunFailed(f"{task.label}: the run with law '{task.shipped.law}' of the scenario failed: {reason}")
-        return [scales_of(task.shipped.criteria, metrics) for task, metrics in zip(self.tasks, references, strict=True)]
+                raise RunFailed(
+                    f"{task.label}: the run with law '{task.choice.checked.law}' of the scenario failed: {reason}"
+                )
+        return [
+            scales_of(task.choice.checked.criteria, metrics)
+            for task, metrics in zip(self.tasks, references, strict=True)
+        ]
 
     def _keep(self, found: Sequence[GainCandidate], generation: int, folder: Path | None) -> None:
         """Store the candidates of a generation and append them to the history file."""
@@ -216,10 +221,10 @@ def overlay_scenario(choice: ScenarioChoice, law: str, gains: Mapping[str, Any],
     data["summary"] = f"{law} with tuned gains"
     data["law"] = law
     for kind in ("observer", "compensation"):
-        if (name := getattr(task.scenario, kind)) != getattr(task.shipped, kind):
+        if (name := getattr(task.scenario, kind)) != getattr(task.choice.checked, kind):
             data[kind] = name
     own = task.scenario.laws.get(law, {})
-    given = own if own != task.shipped.laws.get(law, {}) else {}  # parameters of a law object
+    given = own if own != task.choice.checked.laws.get(law, {}) else {}  # parameters of a law object
     blocks = data.get("laws") or {}
     data["laws"] = {**blocks, law: {**blocks.get(law, {}), **given, **gains}}
     return data
