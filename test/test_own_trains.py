@@ -92,6 +92,23 @@ def test_a_plan_with_enough_distance_is_the_same(tmp_path: Path) -> None:
     assert np.array_equal(limited.position, free.position)
 
 
+def test_a_plan_departs_when_the_first_command_acts(tmp_path: Path) -> None:
+    """Breaks if a plan without a departure begins before delay .35 s and lag .3 s, in ticks of .1 s: at .7 s.
+
+    A given departure remains, also 0.
+    """
+
+    def departure(**plan: float) -> float:
+        changes = {"profile": {"plan": {"begin": 100, "end": 1200, **plan}}, "tick": 0.1, "step": 0.01}
+        file = write(tmp_path, "stop on -40 per mille", 1, {**changes, "links": {"command": {"delay": 0.35}}})
+        profile = prepared(file).profile
+        return float(profile.time[np.flatnonzero(profile.velocity > 0.0)[0] - 1])
+
+    assert departure() == pytest.approx(0.7)
+    assert departure(departure=0.0) == 0.0
+    assert departure(departure=4.0) == pytest.approx(4.0)
+
+
 def test_a_stop_that_no_plan_reaches_is_refused(tmp_path: Path) -> None:
     """Breaks if a run starts whose stop is beyond the place where the supervisor brakes the train to standstill."""
     file = write(tmp_path, "stop on -40 per mille", 1)

@@ -2,7 +2,8 @@
 
 ``fitted`` takes the table ``fitted_gains.yaml``; a train that is not in it, or a longer delay, takes ``model``, the
 rule of the law (``model_gains``).  ``printed`` takes the defaults of the parameters, which are those of the paper.  A
-parameter that is given has its given value under every choice.
+law without a paper, such as ``mpc``, has only ``model``, which is then its default.  A parameter that is given has its
+given value under every choice.
 """
 
 from __future__ import annotations
@@ -27,6 +28,12 @@ GIVEN = "given"
 TABLE = Path(__file__).with_name("fitted_gains.yaml")
 SAME_MASS = 0.01
 """Largest relative difference of the mass of a train from that in the table."""
+
+
+def model_choice() -> Any:
+    """Declare the parameter ``gains`` of a law that computes its values from the model of the train by itself."""
+    meaning = "source of the values that are not given: computed from the model of the train"
+    return parameter(MODEL, "", 0, 0, meaning, choices=(MODEL,))
 
 
 def gains_choice() -> Any:
@@ -63,7 +70,16 @@ class Gains:
 
 def has_gains(law: Any) -> bool:
     """Return True if a law has the parameter ``gains`` with the three choices."""
-    return any(entry.name == "gains" and FITTED in entry.choices for entry in parameters_of(law.Parameters))
+    return FITTED in _choices(law)
+
+
+def has_rule(law: Any) -> bool:
+    """Return True if a law has the parameter ``gains`` with the choice ``model``."""
+    return MODEL in _choices(law)
+
+
+def _choices(law: Any) -> tuple[str, ...]:
+    return next((entry.choices for entry in parameters_of(law.Parameters) if entry.name == "gains"), ())
 
 
 def gains_of(name: str, law: Any, given: Mapping[str, Any], model: TrainModel, period: float) -> Gains:
@@ -80,9 +96,9 @@ def gains_of(name: str, law: Any, given: Mapping[str, Any], model: TrainModel, p
     period
         Period of the law [s].
     """
-    choice = given.get("gains", FITTED)
-    if not has_gains(law):
+    if not has_rule(law):
         return Gains(dict(given))
+    choice = given.get("gains", FITTED if has_gains(law) else MODEL)
     base, source, reason = _base(name, law, choice, model, period)
     standing = {**{entry.name: entry.default for entry in parameters_of(law.Parameters)}, **base}
     own = [key for key, value in given.items() if key != "gains" and standing.get(key) != value]

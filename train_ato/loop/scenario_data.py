@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from plant_sim.consist import Consist
 from plant_sim.library import load_consist, load_line, split_name
 from plant_sim.line import Line
+from train_ato.control.algorithms.train_constants import dead_time
 from train_ato.control.learned_resistance import LearnedResistance, model_hash, read_learned
 from train_ato.control.train_model import LineForceTable, TrainModel
 from train_ato.loop.part_cache import PartCache, file_state
@@ -25,6 +27,7 @@ __all__ = [
     "scenario_layout",
     "scenario_line",
     "scenario_profile",
+    "with_departure",
     "with_start_position",
 ]
 
@@ -157,6 +160,22 @@ def scenario_profile(
 def profile_key(spec: ProfileSpec, folder: Path) -> tuple[object, ...]:
     """Return the values that determine the data of a block ``profile``: its keys, and the state of its file."""
     return spec, folder, None if spec.file is None else file_state(spec.file_in(folder))
+
+
+def with_departure(scenario: Scenario, model: TrainModel) -> Scenario:
+    """Return the scenario with the departure of its plan, unless it defines one: when the first command takes effect.
+
+    No law follows an earlier one: the train would have the speed error of the acceleration over delay and lag, which a
+    slow loop carries to the first stop.
+    """
+    plan = scenario.profile.plan
+    if plan is None or plan.departure is not None or plan.begin_speed > 0.0:
+        return scenario
+    if plan.points is not None and plan.points[0].departure is not None:
+        return scenario
+    departure = math.ceil(dead_time(model) / model.tick - 1e-9) * model.tick
+    profile = scenario.profile.model_copy(update={"plan": plan.model_copy(update={"departure": departure})})
+    return scenario.model_copy(update={"profile": profile})
 
 
 def with_start_position(scenario: Scenario, position: float) -> Scenario:

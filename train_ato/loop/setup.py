@@ -31,6 +31,7 @@ from train_ato.loop.scenario_data import (
     scenario_layout,
     scenario_line,
     scenario_profile,
+    with_departure,
     with_start_position,
 )
 from train_ato.loop.supervised_plan import SpeedCeiling, profile_within
@@ -272,13 +273,15 @@ def _prepare(scenario: Scenario, folder: Path, parts: PartCache) -> RunSetup:
     line = scenario_line(scenario.plant.line, folder, parts)
     layout = scenario_layout(scenario, consist, line)
     tick_ns, step_ns = round(scenario.tick * 1e9), round(scenario.step * 1e9)
+    model = nominal_model(scenario, consist, line, layout, folder, parts)
+    scenario = with_departure(scenario, model)
     profile = scenario_profile(scenario, consist, line, tick_ns, folder, parts)
     setup = RunSetup(
         scenario=with_start_position(scenario, float(profile.position[0])),
         folder=folder,
         consist=consist,
         line=line,
-        model=nominal_model(scenario, consist, line, layout, folder, parts),
+        model=model,
         profile=profile,
         layout=layout,
         step_ns=step_ns,

@@ -19,7 +19,7 @@ from train_ato.apps.check_component.observer import OBSERVER_TESTS, ObserverRig
 from train_ato.apps.check_component.random_trips import random_trips, trips_text
 from train_ato.apps.check_component.trains import PERIOD
 from train_ato.control.contract import parameters_of
-from train_ato.control.gains import has_gains
+from train_ato.control.gains import has_rule
 from train_ato.control.keyword_form import in_contract_form
 from train_ato.control.registry import COMPENSATIONS, LAWS, OBSERVERS, Registry, load_class
 
@@ -146,7 +146,7 @@ def check_component(
                 done = (index + (1 + list(of.tests).index(finding.test)) / len(of.tests)) / len(TRAINS)
                 progress(done, f"{name}, {finding.test}")
     findings.append(Finding("all", "accepts at least one train", accepted > 0, f"{accepted} of {len(TRAINS)}"))
-    if random_trains and kind == "law" and has_gains(component):
+    if random_trains and kind == "law" and has_rule(component):
         name = LAWS.name_of(getattr(component, "component", component))
         trips = random_trips(name, random_trains, values=values)
         findings.append(Finding(f"{random_trains} random trains", "gains of the model fit", *trips_text(trips)))

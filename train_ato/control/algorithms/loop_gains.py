@@ -13,6 +13,10 @@ ki = kp/(8 theta). Elastic couplers lower kp:
 * A group of power units is at most two thirds of the wave impedance of the hauled vehicles beside it.
 
 ki is then at most kp²/4, which gives two equal poles.
+
+Such a loop is slow: 82 wagons in linear gears without slack have kp = .015/s at a delay of 1.1 s. An error that the
+feed-forward leaves lasts 4/kp. A reference that departs with the acceleration a before the first command acts leaves a
+speed error a theta, so that a plan departs after delay and lag.
 """
 
 from __future__ import annotations

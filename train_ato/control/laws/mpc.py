@@ -92,7 +92,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -113,6 +113,7 @@ from train_ato.control.algorithms.standstill_force import StandstillForce
 from train_ato.control.algorithms.train_constants import default_omega, wave_time
 from train_ato.control.algorithms.unit_deviations import UnitDeviations
 from train_ato.control.contract import LawInput, LawPlan, parameter
+from train_ato.control.gains import model_choice
 from train_ato.control.observers.force_balance import lag_weight
 from train_ato.messages.types import Array
 
@@ -137,6 +138,7 @@ fast estimate follows, do not exist."""
 class MpcParameters:
     """Parameters of :class:`Mpc`."""
 
+    gains: str = model_choice()
     omega: float = parameter(
         0.0, "rad/s", 0.0, 10.0, "half of the gain on the speed error; 0: from delay, lag and couplers"
     )
@@ -166,6 +168,11 @@ class Mpc(GuardedLaw):
     Parameters: ClassVar[type] = MpcParameters
     uses_feedforward = False
     predicts_delay = True
+
+    @classmethod
+    def model_gains(cls, model: TrainModel, period: float) -> dict[str, Any]:
+        """Return no value: the default 0 of omega, observer ratio and position share is computed from the model."""
+        return {}
 
     def __init__(self, parameters: MpcParameters, model: TrainModel, period: float) -> None:
         super().__init__(parameters, model, period)

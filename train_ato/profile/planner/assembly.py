@@ -127,7 +127,7 @@ def assemble_plan(
         Time of the first knot [s].
     """
     inputs = sections[0].inputs
-    start = departures(0, settings.departure)
+    start = departures(0, settings.departure or 0.0)
     knots_of: list[tuple[Array, SectionKnots]] = []
     arrivals = [(float(sections[0].begin), start, start)]
     for number, (section, strategy) in enumerate(zip(sections, strategies, strict=True)):

@@ -26,9 +26,10 @@ def timetable_points(line: Line, settings: PlanSettings) -> tuple[TimingPoint, .
     if settings.time is None:
         return ()
     stops = stops_of(line, settings)
-    begin = TimingPoint(at=stops.places[0], departure=TimeWindow(earliest=settings.departure))
+    departure = settings.departure or 0.0
+    begin = TimingPoint(at=stops.places[0], departure=TimeWindow(earliest=departure))
     between = [TimingPoint(at=at, dwell=dwell) for at, dwell in zip(stops.places[1:-1], stops.dwells, strict=True)]
-    arrival = TimeWindow(latest=settings.departure + settings.time)
+    arrival = TimeWindow(latest=departure + settings.time)
     return begin, *between, TimingPoint(at=stops.places[-1], arrival=arrival)
 
 

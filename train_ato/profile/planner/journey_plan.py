@@ -78,7 +78,7 @@ def plan_journey(inputs: SectionInputs, line: Line, points: tuple[TimingPoint, .
                 f"{line.end / 1000:.3f}); move it"
             )
     window = points[0].departure or TimeWindow()
-    time = max(window.earliest or 0.0, inputs.settings.departure)
+    time = max(window.earliest or 0.0, inputs.settings.departure or 0.0)
     if window.latest is not None and time > window.latest + WINDOW_TOLERANCE:
         raise ValueError(str(Lateness(points[0].label, "departure", window.latest, time)))
     start = JourneyStart(time, points[0].at)

@@ -76,7 +76,7 @@ def plan(
         return arrival if number == 0 else arrival + stops.dwells[number - 1]
 
     def assemble(strategies: list[DrivingStrategy]) -> Plan:
-        since = settings.departure if settings.begin_speed > 0 else 0.0
+        since = settings.departure or 0.0 if settings.begin_speed > 0 else 0.0
         return assemble_plan(sections, strategies, settings, line, period, departure, since)
 
     fastest = assemble([MINIMUM_TIME] * len(sections))

@@ -16,7 +16,12 @@ class PlanSettings(SiModel):
     )
     end: Length | None = Field(None, description="end of the front; default: the last stop, or the end of the line")
     calling: bool = Field(True, description="stop at the intermediate stops of the line")
-    departure: Time = Field(0.0, ge=0, description="time of the first movement")
+    departure: Time | None = Field(
+        None,
+        ge=0,
+        description="time of the first movement; default: 0, in a scenario with a start from rest the time at which "
+        "the first command takes effect, delay and lag",
+    )
     dwell: Time | None = Field(
         None, ge=0, description="dwell time at every intermediate stop; default: that of the stop"
     )
