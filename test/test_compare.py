@@ -25,7 +25,7 @@ def test_gains_of_every_law_have_their_source(tmp_path: Path, capsys: pytest.Cap
     assert len(notes) == 1 and notes[0].startswith("train-ato: smc: printed gains, not made for this train; try ")
     rows = {row["controller"]: row for row in json.loads((tmp_path / "compared" / "summary.json").read_text())}
     assert {law: row["gains"] for law, row in rows.items()} == {
-        "pid": "fitted", "smc": "printed", "lag_smc": "fitted", "mpc": "own",
+        "pid": "fitted", "smc": "printed", "lag_smc": "fitted", "mpc": "model",
     }  # fmt: skip
     assert "c1 given" in rows["lag_smc"]["gains_reason"]
 
