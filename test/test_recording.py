@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import pickle
 from dataclasses import fields
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from report_runs import EVENTFUL, without
 
 from train_ato.log.recorded import open_recording, read_recording
 from train_ato.log.run_folder import RunFolder
+from train_ato.loop import kept_samples
 from train_ato.loop.engine import run_engine
 from train_ato.loop.metrics import summarise
 from train_ato.loop.recording import COMMAND, FIELDS, TRUTH, Recording
@@ -43,6 +46,32 @@ def assert_same(one: np.ndarray, other: np.ndarray, what: str) -> None:
     """Fail unless two arrays are equal in shape and in every bit."""
     assert one.shape == other.shape, what
     assert np.ascontiguousarray(one).tobytes() == np.ascontiguousarray(other).tobytes(), what
+
+
+def test_samples_of_a_long_run_are_in_a_file(
+    run: tuple[Path, RunSetup, Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Breaks if samples of the file differ from those in memory, are not released, or are lost without room."""
+    folder, setup, kept = run
+    monkeypatch.setattr(kept_samples, "IN_MEMORY", 20_000)
+    monkeypatch.setattr(kept_samples, "CACHED", 0)
+    read, again = read_recording(folder, setup), run_engine(setup).recording
+    assert again is not None
+
+    def refused(*_: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "pwrite", refused)
+    full = read_recording(folder, setup)
+    for found in (read, again, full, pickle.loads(pickle.dumps(again))):
+        assert list(found.topics) == list(kept.topics)
+        for topic, samples in kept.topics.items():
+            assert_same(samples.time, found.topics[topic].time, topic)
+            for name, values in samples.values.items():
+                assert_same(values, found.topics[topic][name], f"{topic}: {name}")
+        assert found.reports == kept.reports
+    assert not isinstance(again.topics[TRUTH].values, dict)
+    assert [*folder.glob(".*"), *folder.glob("tmp*")] == []
 
 
 def test_memory_and_log_hold_the_same_bits(run: tuple[Path, RunSetup, Recording]) -> None:

@@ -21,9 +21,11 @@ from train_ato.log.tables.portions import KeptMessages, Reader
 from train_ato.log.tables.series import Group, TopicColumns
 from train_ato.log.tables.tables import check_known
 from train_ato.log.versions import SUMMARY
+from train_ato.loop.kept_samples import KeptSamples
 from train_ato.loop.recording import DIAGNOSTICS, FIELDS, LIMITS, MEASUREMENT, PROFILE, Recording
 from train_ato.loop.recording_builder import reduced
-from train_ato.loop.series import TopicSamples, joined, seconds
+from train_ato.loop.repeated_reports import KeptReports, changed_reports
+from train_ato.loop.series import TopicSamples, seconds
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.codec.byte_layout import Leaf
 from train_ato.messages.codec.cdr import nanoseconds, typestore
@@ -56,36 +58,39 @@ def read_recording(run: Path, setup: RunSetup | None = None, *, vehicles: bool =
         One line: not a run, a killed run (``train-ato recover`` makes it readable), or a damaged log.
     """
     units = list(setup.model.units) if setup is not None else []
-    parts: dict[str, list[TopicSamples]] = {}
-    payloads = KeptMessages()
-    for topic, group in _groups(log_file(run), (*FIELDS, PROFILE, LIMITS, DIAGNOSTICS), payloads):
+    path = log_file(run)
+    samples, reports, payloads = KeptSamples(path.parent), KeptReports(), KeptMessages()
+    for topic, group in _groups(path, (*FIELDS, PROFILE, LIMITS, DIAGNOSTICS), reports, payloads):
         time, values = _values(topic, group)
-        parts.setdefault(topic, []).append(TopicSamples(time, reduced(topic, values, units, vehicles=vehicles)))
+        samples.add(topic, TopicSamples(time, reduced(topic, values, units, vehicles=vehicles)))
+    found = samples.finish()
     profiles = {found.stamp: found for found in map(decode_trajectory, payloads.get(PROFILE, ()))}
     limits = [decode_trajectory(data) for data in payloads.get(LIMITS, ())]
     return Recording(
-        {topic: joined(parts[topic]) for topic in FIELDS if topic in parts},
+        {topic: found[topic] for topic in FIELDS if topic in found},
         tuple(profiles[stamp] for stamp in sorted(profiles)),
         limits[-1] if limits else None,
-        _reports(payloads),
+        reports.finish(),
         setup,
     )
 
 
 def read_reports(run: Path) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics of a run folder or a log by their stamps; errors as :func:`read_recording`."""
-    payloads = KeptMessages()
-    deque(_groups(log_file(run), (DIAGNOSTICS,), payloads), maxlen=0)
-    return _reports(payloads)
+    """Return the diagnostics of a run folder or a log, the first and the last one of those with equal texts.
+
+    Errors as :func:`read_recording`.
+    """
+    reports = KeptReports()
+    deque(_groups(log_file(run), (DIAGNOSTICS,), reports, KeptMessages()), maxlen=0)
+    return changed_reports(reports.finish())
 
 
-def _reports(payloads: KeptMessages) -> tuple[Diagnostic, ...]:
-    return tuple(sorted(map(decode_diagnostic, payloads.get(DIAGNOSTICS, ())), key=lambda message: message.stamp))
+def _groups(
+    path: Path, topics: Collection[str], reports: KeptReports, payloads: KeptMessages
+) -> Iterator[tuple[str, Group]]:
+    """Read the messages of some topics of the topic table: thousands of one layout at once.
 
-
-def _groups(path: Path, topics: Collection[str], payloads: KeptMessages) -> Iterator[tuple[str, Group]]:
-    """Read the messages of some topics of the topic table: thousands of one layout at once, texts as ``payloads``.
-
+    Diagnostics are added to ``reports``, profiles and limits to ``payloads``.
     Of several trains in one log the first is read.
     """
     spaces: dict[str, str] = {}
@@ -101,6 +106,10 @@ def _groups(path: Path, topics: Collection[str], payloads: KeptMessages) -> Iter
     for portion in Reader(path, wanted).portions():
         topic = str(table_name(portion.channel.topic))
         try:
+            if topic == DIAGNOSTICS:
+                for payload in portion.payloads:
+                    reports.add(decode_diagnostic(bytes(payload)))
+                continue
             if topic not in FIELDS:
                 payloads.keep(topic, portion.payloads)
                 continue
@@ -149,7 +158,7 @@ def open_recording(run: Path, *, vehicles: bool = True) -> Recording:
     """
     setup, summary, missing = _surroundings(run)
     found = read_recording(run, setup, vehicles=vehicles)
-    if not (found.topics or found.profiles or found.reports):
+    if not (found.topics or found.profiles or found.kept_reports):
         raise ValueError(f"{run}: the log has no message of the topic table; there is nothing to draw")
     return replace(found, setup_missing=missing, summary=summary, name=_name(run), path=run)
 

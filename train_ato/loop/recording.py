@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,17 +41,39 @@ FIELDS: dict[str, dict[str, str]] = {
     )
 }
 """Topics with arrays: field of the message dataclass and of the ROS message, without times and coupler sensors."""
+KEPT = 8 * 2**20
+"""Size up to which a property of a recording is kept [bytes]."""
 ROUNDING_S = 1e-6
 """Difference of two stamps of one tick by rounding [s]."""
 LAST_REPORT_S = 2.0
 """Time after the last tick up to which a diagnostic, sent once a second, belongs to the run [s]."""
+T = TypeVar("T")
 COUNTED = {"profile": ("replans",), "controller": ("held_steps", "unsound_measurements")}
 """Counters in the diagnostics of a node, added to the totals of a run."""
 
 
+class _kept(Generic[T]):  # noqa: N801
+    """Property that is kept like a ``cached_property``, except large ones: a long run has many of them."""
+
+    def __init__(self, function: Callable[[Recording], T]) -> None:
+        self._function, self.__doc__ = function, function.__doc__
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, recording: Recording | None, owner: type | None = None) -> T:
+        if recording is None:
+            return self  # type: ignore[return-value]
+        found = self._function(recording)
+        parts: Any = found.values.values() if isinstance(found, TopicSamples) else (found,)
+        if sum(part.nbytes for part in parts if part is not None) <= KEPT:
+            recording.__dict__[self._name] = found
+        return found
+
+
 def _at_ticks(
     topic: str, name: str, column: int | None = None, without_truth: tuple[str, str] | None = None
-) -> cached_property[Array]:
+) -> _kept[Array]:
     """Return a property of a recording for one value of a topic at the complete ticks.
 
     Parameters
@@ -71,12 +95,12 @@ def _at_ticks(
         series = aligned(recording.time, *found)
         return series if column is None else series[:, column]
 
-    return cached_property(values)
+    return _kept(values)
 
 
-def _of_reference(place: int) -> cached_property[Array]:
+def _of_reference(place: int) -> _kept[Array]:
     """Return a property of a recording for position, speed or acceleration of the reference."""
-    return cached_property(lambda recording: recording._references[place])
+    return _kept(lambda recording: recording._reference(place))
 
 
 @dataclass(frozen=True)
@@ -141,7 +165,7 @@ class Recording:
     estimate = _at_ticks(ESTIMATE, "force")
     disturbance = _at_ticks(DISTURBANCE, "unit_force")
 
-    @cached_property
+    @_kept
     def command(self) -> Array:
         """Command of every tick as sent, shape (k, u); a tick without one holds the last, 0 before the first."""
         found = self.of(COMMAND, "force")
@@ -153,23 +177,22 @@ class Recording:
         found = self.of(COMMAND, "force")
         return np.isin(self.time, () if found is None else found[0])
 
-    @cached_property
-    def _references(self) -> tuple[Array, ...]:
-        """Position, speed and acceleration of the reference at every tick, shape (k,) each."""
-        found = self.topics.get(REFERENCE)
+    def _reference(self, place: int) -> Array:
+        """Return position, speed or acceleration of the reference at every tick, shape (k,)."""
+        found, name = self.topics.get(REFERENCE), ("position", "velocity", "acceleration")[place]
         if found is None:
-            return tuple(np.zeros((3, self.time.size)))
-        names = ("position", "velocity", "acceleration")
-        columns = [
-            aligned(self.time, found.time, found[name][:, 0]) if name in found else np.zeros(self.time.size)
-            for name in names
-        ]
-        missing = ~np.isin(self.time, found.time)
-        if missing.any() and self.profiles:
-            planned = profile_of(self.profiles[-1]).at_times(self.time[missing])
-            for column, values in zip(columns, planned, strict=True):
-                column[missing] = values
-        return tuple(columns)
+            return np.zeros(self.time.size)
+        column = aligned(self.time, found.time, found[name][:, 0]) if name in found else np.zeros(self.time.size)
+        missing = self._without_reference
+        if missing.size and self.profiles:
+            column = column.copy()
+            column[missing] = profile_of(self.profiles[-1]).at_times(self.time[missing])[place]
+        return column
+
+    @cached_property
+    def _without_reference(self) -> NDArray[np.intp]:
+        """Ticks without a reference of their own."""
+        return np.flatnonzero(~np.isin(self.time, self.topics[REFERENCE].time))
 
     reference_position = _of_reference(0)
     reference_velocity = _of_reference(1)
@@ -212,7 +235,7 @@ class Recording:
         row = min(int(np.searchsorted(motion.time, self.time[-1], side="right")), motion.time.size - 1)
         return float(motion["position"][row, 0]), float(motion["velocity"][row, 0])
 
-    @cached_property
+    @_kept
     def motion(self) -> TopicSamples | None:
         """Position and speed of vehicle 0 and position of the last vehicle: the truth, else the measurement."""
         truth, measured = self.topics.get(TRUTH), self.topics.get(MEASUREMENT)
@@ -231,9 +254,9 @@ class Recording:
         """Diagnostics by node."""
         return diagnostic_series(self.kept_reports)
 
-    @cached_property
+    @property
     def reports(self) -> tuple[Diagnostic, ...]:
-        """Diagnostics of all nodes."""
+        """Diagnostics of all nodes; gigabytes for a run of days, of which :attr:`changed_reports` has the texts."""
         return all_reports(self.kept_reports)
 
     @cached_property
@@ -301,19 +324,27 @@ class Recording:
         topics, cut = {}, False
         for topic, samples in self.topics.items():
             inside = (samples.time >= begin) & (samples.time <= end)
-            cut = cut or not inside.all()
-            kept = {name: values[inside] for name, values in samples.values.items()}
-            topics[topic] = samples if inside.all() else TopicSamples(samples.time[inside], kept)
-        reports = [report for report in self.kept_reports if begin <= _last_stamp(report) / 1e9 <= end]
+            topics[topic] = samples
+            if not inside.all():
+                cut, kept = True, {name: values[inside] for name, values in samples.values.items()}
+                topics[topic] = TopicSamples(samples.time[inside], kept)
+        reports = [
+            part for report in self.kept_reports if (part := _between(report, begin * 1e9, end * 1e9)) is not None
+        ]
         plans = [plan for plan in self.profiles if begin <= plan.stamp / 1e9 <= end]
-        if not cut and len(reports) == len(self.kept_reports) and len(plans) == len(self.profiles):
+        cut = cut or any(one is not other for one, other in zip_longest(reports, self.kept_reports))
+        if not cut and len(plans) == len(self.profiles):
             return self
         return replace(self, topics=topics, kept_reports=tuple(reports), profiles=tuple(plans))
 
 
-def _last_stamp(report: Report) -> int:
-    """Return the stamp of the last message of a report [ns]."""
-    return report.stamp if isinstance(report, Diagnostic) else int(report.stamps[-1])
+def _between(report: Report, begin: float, end: float) -> Report | None:
+    """Return the messages of a report from one stamp to another [ns], None without one."""
+    first, last = (report.stamp,) * 2 if isinstance(report, Diagnostic) else (report.stamps[0], report.stamps[-1])
+    if begin <= first and last <= end:
+        return report
+    part = None if isinstance(report, Diagnostic) else report.between(begin, end)
+    return part if part is not None and part.stamps else None
 
 
 def _number(text: str) -> float | None:

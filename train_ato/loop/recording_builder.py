@@ -6,11 +6,13 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from operator import attrgetter
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from train_ato.loop.kept_samples import KeptSamples
 from train_ato.loop.recording import (
     ATO_STATE,
     BRAKE_SHOES,
@@ -25,8 +27,8 @@ from train_ato.loop.recording import (
     TRUTH,
     Recording,
 )
-from train_ato.loop.repeated_reports import RepeatedReport, Report
-from train_ato.loop.series import TopicSamples, joined, seconds
+from train_ato.loop.repeated_reports import KeptReports, RepeatedReport
+from train_ato.loop.series import TopicSamples, seconds
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.types import Array, Trajectory
 
@@ -82,19 +84,23 @@ def reduced(topic: str, values: dict[str, Array], units: list[int], *, vehicles:
 
 @dataclass
 class RecordingBuilder:
-    """Collects the messages of a run in memory; with ``summary_only`` the series of the summary only."""
+    """Collects the messages of a run; with ``summary_only`` the series of the summary only.
+
+    Long series are in a temporary file in ``folder``, if it can be written.
+    """
 
     setup: RunSetup
     summary_only: bool = False
+    folder: Path | None = None
     _profiles: list[Trajectory] = field(default_factory=list)
-    _reports: list[Report] = field(default_factory=list)
+    _reports: KeptReports = field(default_factory=KeptReports)
     _limits: Trajectory | None = None
 
     def __post_init__(self) -> None:
         self._units = list(self.setup.model.units)
         self._topics = SUMMARY_TOPICS if self.summary_only else tuple(FIELDS)
         self._open: dict[str, list[Any]] = {topic: [] for topic in self._topics}
-        self._closed: dict[str, list[TopicSamples]] = {topic: [] for topic in self._topics}
+        self._closed = KeptSamples(self.folder)
         self._others: Counter[str] = Counter()
 
     def add(self, topic: str, message: Any, stamp: int = 0) -> None:
@@ -125,7 +131,7 @@ class RecordingBuilder:
         values : dict of Array, each of shape (k, n)
             Values by the names of :data:`~train_ato.loop.recording.FIELDS`.
         """
-        if topic not in self._closed:
+        if topic not in self._open:
             self._others[topic] += len(stamps)
             return
         self.extend_reduced(topic, stamps, reduced(topic, values, self._units))
@@ -134,19 +140,19 @@ class RecordingBuilder:
         """Add messages of a recorded topic as in :meth:`extend_rows`, with the values of :func:`reduced`."""
         if self._open[topic]:
             self._close(topic)
-        self._closed[topic].append(TopicSamples(seconds(stamps), values))
+        self._closed.add(topic, TopicSamples(seconds(stamps), values))
 
     def extend_reports(self, reports: Iterable[RepeatedReport]) -> None:
         """Add the diagnostics of compiled ticks."""
         for report in reports:
             self._others[DIAGNOSTICS] += len(report.stamps)
-            self._reports.append(report)
+            self._reports.add(report)
 
     def _add_single(self, topic: str, message: Any) -> None:
         """Add a message of a topic without a series."""
         self._others[topic] += 1
         if topic == DIAGNOSTICS:
-            self._reports.append(message)
+            self._reports.add(message)
         elif topic == PROFILE:
             self._profiles.append(message)
         elif topic == LIMITS:
@@ -155,8 +161,7 @@ class RecordingBuilder:
     @property
     def counts(self) -> dict[str, int]:
         """Number of messages by topic."""
-        stacked = {topic: sum(part.time.size for part in parts) for topic, parts in self._closed.items()}
-        series = {topic: stacked[topic] + len(rows) for topic, rows in self._open.items()}
+        series = {topic: self._closed.count(topic) + len(rows) for topic, rows in self._open.items()}
         return {topic: count for topic, count in (series | self._others).items() if count}
 
     def _close(self, topic: str) -> None:
@@ -164,17 +169,16 @@ class RecordingBuilder:
         rows, self._open[topic] = self._open[topic], []
         values = {name: _stacked(list(map(attrgetter(name), rows))) for name in FIELDS[topic]}
         time = seconds([row.stamp for row in rows])
-        self._closed[topic].append(TopicSamples(time, reduced(topic, values, self._units)))
+        self._closed.add(topic, TopicSamples(time, reduced(topic, values, self._units)))
 
     def finish(self) -> Recording:
         """Return the recording."""
-        topics = {}
         for topic in self._topics:
             if self._open[topic]:
                 self._close(topic)
-            if self._closed[topic]:
-                topics[topic] = joined(self._closed[topic])
-        return Recording(topics, tuple(self._profiles), self._limits, tuple(self._reports))
+        found = self._closed.finish()
+        topics = {topic: found[topic] for topic in self._topics if topic in found}
+        return Recording(topics, tuple(self._profiles), self._limits, self._reports.finish())
 
 
 def _stacked(parts: list[Any]) -> Array:

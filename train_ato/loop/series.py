@@ -22,35 +22,19 @@ class TopicSamples:
     ----------
     time : Array, shape (k,)
         Stamps [s], rising.
-    values : dict of Array, each of shape (k, n)
-        Values by name [SI]; n vehicles or units, 1 for a single number.
+    values : mapping of Array, each of shape (k, n)
+        Values by name [SI]; n vehicles or units, 1 for a single number. Those of a long run are read from a file at
+        every use.
     """
 
     time: Array
-    values: dict[str, Array]
+    values: Mapping[str, Array]
 
     def __getitem__(self, name: str) -> Array:
         return self.values[name]
 
     def __contains__(self, name: str) -> bool:
         return name in self.values
-
-
-def joined(parts: Sequence[TopicSamples]) -> TopicSamples:
-    """Return parts of a topic as one, by rising time; a value that has another width in some part is left out."""
-    names = [
-        name
-        for name, values in parts[0].values.items()
-        if all(name in part and part[name].shape[1] == values.shape[1] for part in parts)
-    ]
-    whole = TopicSamples(
-        np.concatenate([part.time for part in parts]),
-        {name: np.concatenate([part[name] for part in parts]) for name in names},
-    )
-    if (np.diff(whole.time) >= 0).all():
-        return whole
-    order = np.argsort(whole.time, kind="stable")
-    return TopicSamples(whole.time[order], {name: values[order] for name, values in whole.values.items()})
 
 
 @dataclass(frozen=True)

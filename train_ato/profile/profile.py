@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from array import array
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,12 +56,13 @@ class Profile:
         self.start_ns, self.period_ns = even_grid(columns[0])
         count = columns[0].size
         columns[0] = stamps_to_seconds(self.start_ns + self.period_ns * np.arange(count))
-        for column in columns:
-            column.flags.writeable = False
-        self.time, self.position, self.velocity, self.acceleration = columns
-        self._x, self._v, self._a = (column.tolist() for column in columns[1:])
-        self._j: list[float] = mean_jerk(self.velocity, self.acceleration, self.period).tolist()
-        self._pads = padded(self.position, self.velocity, self.acceleration, TAIL)
+        columns[0].flags.writeable = False
+        self.time = columns[0]
+        self._pads = padded(columns[1], columns[2], columns[3], TAIL)
+        self.position, self.velocity, self.acceleration = (pad[:count] for pad in self._pads)
+        # single values of an array are numbers of Python, and it needs a quarter of the memory of a list
+        self._x, self._v, self._a = (array("d", column.tobytes()) for column in columns[1:])
+        self._j = array("d", mean_jerk(self.velocity, self.acceleration, self.period).tobytes())
 
     @classmethod
     def uniform(cls, start: float, period: float, position: Array, velocity: Array, acceleration: Array) -> Profile:
@@ -147,7 +149,7 @@ class Profile:
         """Return the jerk at many stamps [ns] in m/s³, that of :meth:`at_stamp` bit for bit."""
         index = (stamps - self.start_ns) // self.period_ns
         inside = (index >= 0) & (index < len(self._j))  # the jerk is 0 at the last knot and before a step
-        return np.asarray(np.where(inside, np.array(self._j)[np.clip(index, 0, len(self._j) - 1)], 0.0))
+        return np.asarray(np.where(inside, np.frombuffer(self._j)[np.clip(index, 0, len(self._j) - 1)], 0.0))
 
     def _evaluate(self, stamps: NDArray[np.int64]) -> tuple[Array, Array, Array]:
         """Return position, speed and acceleration at many stamps [ns]."""

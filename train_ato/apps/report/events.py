@@ -28,6 +28,8 @@ SMALLEST_PIPE = 1000.0
 NOTHING = np.empty(0), np.empty(0)
 MAX_EVENTS = 200
 """More events of one kind than this are merged."""
+REASON_NS = 3_000_000_000
+"""Time after a new profile in which the profile node reports its reason [ns]."""
 
 
 def detect_events(recording: Recording) -> list[Event]:
@@ -158,7 +160,7 @@ def _rising(recording: Recording, time: Array, values: Array) -> Iterator[tuple[
 
 def _interventions(recording: Recording) -> Iterator[tuple[float, interventions.Intervention]]:
     """Yield the interventions and their times [s]."""
-    for report in recording.reports:
+    for report in recording.changed_reports:
         if report.node == "plant" and interventions.KEY in report.values:
             with suppress(ValueError):  # written by another version
                 entries = interventions.interventions_from_json(report.values[interventions.KEY])
@@ -176,16 +178,16 @@ def _outside(recording: Recording) -> Iterator[Event]:
 
 
 def _plans(recording: Recording) -> Iterator[Event]:
-    reports = [report for report in recording.reports if report.node == "profile"]
-    engaged = engagements(recording.reports)
+    reports = [report for report in recording.changed_reports if report.node == "profile"]
+    engaged = engagements(recording.changed_reports)
     for plan in recording.profiles[1:]:
         at = plan.stamp * 1e-9
         if engaged and engaged[0] <= at:
             engaged = [time for time in engaged if time > at]
             yield Event("plan", at, "profile planned after the engagement")
             continue
-        later = [report.values.get("reason") for report in reports if report.stamp >= plan.stamp]
-        reason = next((text for text in later[:3] if text), None)
+        later = [report.values.get("reason") for report in reports if 0 <= report.stamp - plan.stamp < REASON_NS]
+        reason = next((text for text in later if text), None)
         what = "sent again" if reason == REJOINED else "re-planned"
         yield Event("plan", at, f"profile {what}{f': {reason}' if reason else ''}")
 
@@ -193,7 +195,7 @@ def _plans(recording: Recording) -> Iterator[Event]:
 def _noticed(recording: Recording) -> Iterator[Event]:
     """Yield the first of equal warnings of every node, and intervals of invalid measurements."""
     last: dict[str, tuple[int, str]] = {}
-    for report in recording.reports:
+    for report in recording.changed_reports:
         if is_protection_report(report):
             continue
         state = (report.level, report.message)

@@ -22,19 +22,19 @@ def protection_events(recording: Recording) -> Iterator[Event]:
     """Yield the states of a run with a supervisor: exceeded limits, reactions of the train, changes of the ATO."""
     if "supervisor" not in recording.diagnostics:
         return
-    for span in state_spans(recording.reports, "supervisor"):
+    for span in state_spans(recording.changed_reports, "supervisor"):
         if span.state in EXCEEDED:
             lasting = f" for {span.end - span.begin:.1f} s" if span.end > span.begin else ""
             yield Event("supervision", span.begin, _text(f"{span.state}{lasting}", span.reason))
-    for span in state_spans(recording.reports, "plant"):
+    for span in state_spans(recording.changed_reports, "plant"):
         if REACTIONS.get(span.state, Protection.NONE) is not Protection.NONE:
             yield Event("protection", span.begin, _text(f"train: {span.state}", span.reason), _end(span))
     before = AtoState.ENGAGED.text
-    for span in state_spans(recording.reports, "ato"):
+    for span in state_spans(recording.changed_reports, "ato"):
         if span.state != before:
             yield Event("ato", span.begin, _text(f"ATO {before} → {span.state}", span.reason))
         before = span.state
-    for span in state_spans(recording.reports, "controller"):
+    for span in state_spans(recording.changed_reports, "controller"):
         if span.state == BRAKING_LAW:
             yield Event("ato", span.begin, "the braking law drives in place of the law", _end(span))
 

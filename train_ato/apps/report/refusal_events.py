@@ -16,7 +16,7 @@ REASON, MISSING = "refusal ", "missing "
 def refusal_events(recording: Recording) -> Iterator[Event]:
     """Yield the first refusal of each kind by each node, and its first missing message of each topic."""
     seen: set[tuple[str, str, str]] = set()
-    for report in recording.reports:
+    for report in recording.changed_reports:
         for key, text in report.values.items():
             if not key.startswith((REASON, MISSING)):
                 continue

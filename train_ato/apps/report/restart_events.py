@@ -16,7 +16,7 @@ def restart_events(recording: Recording) -> Iterator[Event]:
     """Yield the outages of restarted nodes, from the loss to the first report with all answers."""
     begin, reason = 0.0, ""
     before: dict[str, int] = {}
-    for report in recording.reports:
+    for report in recording.changed_reports:
         if report.node != "plant":
             continue
         time = report.stamp * 1e-9

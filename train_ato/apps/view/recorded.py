@@ -80,7 +80,7 @@ class RecordedFeed(Feed):
         if REFERENCE not in recording.topics:
             raise ValueError(f"{run}: no ato/reference in the log; use `train-ato report` for the recorded topics")
         super().__init__(_facts(recording, cars))
-        self._reference = recording.topics[REFERENCE]
+        self._reference = TopicSamples(recording.topics[REFERENCE].time, dict(recording.topics[REFERENCE].values))
         self.folder = run if run.is_dir() else None
         self.ending = Ending("", verdict_line(completed_summary(recording)), REPORT_PAGE if self.folder else "")
         self.span = (float(self._cars.time[0]), float(self._cars.time[-1]))
@@ -96,7 +96,7 @@ class RecordedFeed(Feed):
         self.timetable = self._profiles[0] if self._profiles else None
         self._planned = np.array([found.stamp * 1e-9 for found in recording.profiles])
         self._table = _table(recording, cars, self.facts)
-        self._changed, self._states, marks = protection_history(recording.reports)
+        self._changed, self._states, marks = protection_history(recording.changed_reports)
         events = [event for event in detect_events(recording) if event.kind not in PROTECTION_KINDS]
         marks += [Mark(event.begin, _label(event), event.text) for event in events]
         self.marks = sorted(marks, key=lambda mark: mark.time)
@@ -234,7 +234,7 @@ def _cars(recording: Recording) -> TopicSamples:
         recording.setup,
     )
     if cars is not None:
-        return cars
+        return TopicSamples(cars.time, dict(cars.values))  # a long run reads its samples from a file at every use
     if setup is None or measured is None or not {"position", "velocity"} <= measured.values.keys():
         raise ValueError(
             f"{recording.path}: no train/vehicles in the log; use `train-ato report` for the recorded topics"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from typing import Protocol
 
 import numpy as np
@@ -55,7 +56,7 @@ class RigidForce:
 
     Attributes
     ----------
-    inertial, resisting : list of float
+    inertial, resisting : array of float
         Inertial force M a, and running plus line resistance, at the knots of the profile [N].
     """
 
@@ -64,10 +65,8 @@ class RigidForce:
         self.profile = profile
         inertial = model.inertia * profile.acceleration
         resisting = model.resisting_forces(profile.position, profile.velocity)
-        self.inertial: list[float] = inertial.tolist()
-        self.resisting: list[float] = resisting.tolist()
-        self._resisting_table = resisting
-        self._total: list[float] = (inertial + resisting).tolist()
+        self.inertial, self.resisting = array("d", inertial.tobytes()), array("d", resisting.tobytes())
+        self._total = array("d", (inertial + resisting).tobytes())
         self._begin = float(profile.time[0])
         last = len(self._total) - 1
         self._spacing = float(profile.time[-1] - profile.time[0]) / last if last else 1.0
@@ -78,7 +77,7 @@ class RigidForce:
 
     def totals(self, t: Array) -> Array:
         """Return :meth:`total` at many times [s] in N, equal bit for bit."""
-        return np.asarray(each_between_entries(np.array(self._total), (t - self._begin) / self._spacing))
+        return np.asarray(each_between_entries(np.frombuffer(self._total), (t - self._begin) / self._spacing))
 
     def aheads(self, t: Array, lag: float) -> Array:
         """Return :meth:`ahead` at many times [s] in N, equal bit for bit."""
@@ -89,7 +88,7 @@ class RigidForce:
 
     def resistances(self, t: Array) -> Array:
         """Return :meth:`resistance` at many times [s] in N."""
-        return np.asarray(each_between_entries(self._resisting_table, (t - self._begin) / self._spacing))
+        return np.asarray(each_between_entries(np.frombuffer(self.resisting), (t - self._begin) / self._spacing))
 
     def resistance(self, t: float) -> float:
         """Return running and line resistance at a time [s] in N."""

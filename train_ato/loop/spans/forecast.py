@@ -18,9 +18,12 @@ from train_ato.loop.setup import RunSetup
 from train_ato.messages.types import Array
 from train_ato.profile.profile import Profile
 
+WINDOW = 1 << 14
+"""Number of ticks of a forecast."""
+
 
 class Forecast:
-    """Reference, feed-forward and shoe forces by tick.
+    """Reference, feed-forward and shoe forces of the ticks of a window.
 
     Parameters
     ----------
@@ -30,23 +33,17 @@ class Forecast:
         Profile of the whole run.
     stack
         Control stack with its compensation.
-
-    Attributes
-    ----------
-    reference : Array, shape (3, ticks)
-        Position [m], speed [m/s] and acceleration [m/s²] at the time of the tick.
-    expected : Array, shape (5, ticks)
-        The same for the law, of the time of the state that it receives, then acceleration [m/s²] and jerk [m/s³] at the
-        effect of the command.
+    first
+        First tick of the window.
     """
 
-    def __init__(self, setup: RunSetup, profile: Profile, stack: ControlStack) -> None:
+    def __init__(self, setup: RunSetup, profile: Profile, stack: ControlStack, first: int) -> None:
         compensation: Any = stack._compensation
         self._setup, self._profile, self._compensation = setup, profile, compensation
-        self._stamps = setup.tick_ns * np.arange(setup.ticks, dtype=np.int64)
-        self._times: Array = np.asarray(self._stamps * 1e-9, dtype=np.float64)
-        now = effect = profile._evaluate(self._stamps)
-        effects = self._stamps
+        self._first, self._end = first, min(first + WINDOW, setup.ticks)
+        stamps = effects = setup.tick_ns * np.arange(first, self._end, dtype=np.int64)
+        self._times: Array = np.asarray(stamps * 1e-9, dtype=np.float64)
+        now = effect = profile._evaluate(stamps)
         units, rigid = setup.model.n_units, compensation.rigid
         if isinstance(compensation, PreviewFeedforward):
             delays = (compensation.forward, compensation.backward)
@@ -61,24 +58,28 @@ class Forecast:
             self._force = np.repeat(np.repeat(rigid.totals(self._times)[None, :, None], units, axis=2), 2, axis=0)
             self._differ = np.zeros(units, dtype=np.bool_)
             self._effects = self._times
-        self.reference: Array = np.array(now)
+        self._reference: Array = np.array(now)
         self._predicts = isinstance(compensation, Predictor)
         state = effect if self._predicts else now
-        self.expected: Array = np.array([*state, effect[2], profile.jerks_at(effects)])
+        self._expected: Array = np.array([*state, effect[2], profile.jerks_at(effects)])
         later = profile._evaluate(np.rint((self._times + stack._delay_to_effect) * 1e9).astype(np.int64))
         self._at_rest = (now[1] == 0.0) & (now[2] == 0.0) & (later[1] == 0.0)
         shown = slice(0, 1 if self._predicts else 2)  # a predictor needs the shoe forces at the effect only
         self._shoe_times = np.array((self._effects, self._times))[shown]
         self._shoe_speeds = np.array((effect[1], now[1]))[shown]
 
-    def is_of(self, profile: Profile, stack: ControlStack) -> bool:
-        """Return True for the profile and the compensation of this forecast."""
-        return self._profile is profile and self._compensation is stack._compensation
+    def is_of(self, profile: Profile, stack: ControlStack, first: int, count: int) -> bool:
+        """Return True if this forecast has ``count`` ticks from ``first`` on of a profile and a compensation."""
+        inside = self._first <= first and first + count <= self._end
+        return inside and self._profile is profile and self._compensation is stack._compensation
 
     def of(self, first: int, count: int, stack: ControlStack, *, shoes_used: bool) -> SpanForecast:
         """Return the values of some ticks from a tick on, with the events of the brake so far."""
+        first -= self._first
         part, units = slice(first, first + count), self._setup.model.n_units
         forecast = SpanForecast(self._compensation, self._times[part], stack._pressure)
+        forecast.reference = np.ascontiguousarray(self._reference[:, part])
+        forecast.expected = np.ascontiguousarray(self._expected[:, part])
         forecast.at_rest = self._at_rest[part]
         forecast.effects, forecast.predicts = self._effects[part].tolist(), self._predicts
         forecast.shoes, totals = np.zeros((count, 1 + units)), np.zeros((count, 1))
@@ -108,6 +109,11 @@ class SpanForecast:
 
     Attributes
     ----------
+    reference : Array, shape (3, ticks)
+        Position [m], speed [m/s] and acceleration [m/s²] at the time of the tick.
+    expected : Array, shape (5, ticks)
+        The same for the law, of the time of the state that it receives, then acceleration [m/s²] and jerk [m/s³] at the
+        effect of the command.
     feedforward : Array, shape (ticks, units)
         Feed-forward of every unit [N].
     shoes : Array, shape (ticks, 1 + units)
@@ -120,6 +126,8 @@ class SpanForecast:
         The state of the law is that of the effect.
     """
 
+    reference: Array
+    expected: Array
     feedforward: Array
     shoes: Array
     at_rest: NDArray[np.bool_]

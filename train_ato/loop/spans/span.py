@@ -161,11 +161,11 @@ class CompiledSpans:
             self._step = CompiledLaw(law) if has_compiled_step(law) else PythonLaw(self.stages.controller, law)
         return self._step
 
-    def forecast(self, stack: ControlStack) -> Forecast:
-        """Return reference and feed-forward of all ticks, computed once per profile and compensation."""
+    def forecast(self, stack: ControlStack, first: int, count: int) -> Forecast:
+        """Return reference and feed-forward of ``count`` ticks, computed for many spans of a profile at once."""
         profile = self.stages.profile.profile
-        if self._forecast is None or not self._forecast.is_of(profile, stack):
-            self._forecast = Forecast(self.stages.setup, profile, stack)
+        if self._forecast is None or not self._forecast.is_of(profile, stack, first, count):
+            self._forecast = Forecast(self.stages.setup, profile, stack, first)
             self._prediction = packed_prediction(stack._compensation, len(stack._history._commands))
         return self._forecast
 
@@ -190,7 +190,7 @@ class _Span:
         self._setup, self._plant = spans.stages.setup, spans.stages.plant
         self._train = train = self._plant.train
         self._first, self._stamp = self._plant.tick, self._plant.stamp
-        forecast = spans.forecast(stack)
+        forecast = spans.forecast(stack, self._first, count)
         self._forecast = forecast.of(self._first, count, stack, shoes_used=self._uses_shoes())
         units, sensors = len(train.units), len(train.sensors)
         most, changing = count * train.tick_ns // SECOND_NS + 2, train.arrays
@@ -200,7 +200,7 @@ class _Span:
             np.empty((count, 3, sensors)),
             np.empty((count + 1, units)),
             np.zeros(count + 1, dtype=np.int64),
-            np.ascontiguousarray(forecast.reference[:, self._first : self._first + count]),
+            self._forecast.reference,
             *train._outside.ahead(self._stamp, count),
             [
                 spans.empty(name, 1 if spans.brief and name != "setting" else most, *getattr(changing, name).shape)
@@ -217,7 +217,6 @@ class _Span:
         times = np.array(self._forecast.times)
         used = bool(spans.observer.number)
         self._observer_shoes = ObserverShoes(spans.stages.observer._stack, times, stack._pressure, used=used)
-        self._expected = np.ascontiguousarray(forecast.expected[:, self._first : self._first + count])
         self._counts = np.array((stack._ticks, stack._every, stack._saturated, 0), dtype=np.int64)
 
     def run(self) -> int:
@@ -237,7 +236,7 @@ class _Span:
             train._brake.array, events, (out.outside, out.cubes, cubed), train._outside.vehicles, a.setting,
             self._noise(), spans.sensor_errors, sensors._units, sensors._front, sensors._gaps,
             (law.number, law.constant, self._state, self._now, self._wanted, law.call, *coupler_arrays(law.couplers)),
-            self._observing(), tuple(spans.prediction), self._policy.arrays, self._inputs, self._expected,
+            self._observing(), tuple(spans.prediction), self._policy.arrays, self._inputs, self._forecast.expected,
             self._forecast.feedforward, self._forecast.shoes, *spans.model,
             self._bounds(), self._counts, link.delays(self._stamp), newest, *queues, self._stack._history._commands,
             spans.shown, out.truth, out.measured, out.couplers, out.sent, out.at_limit, (SECOND_NS, *out.reports),

@@ -63,7 +63,7 @@ def _check(recording: Recording) -> None:
     ValueError
         For a value that is not finite, or changes that this version cannot read.
     """
-    RunChanges.of(recording.reports)
+    RunChanges.of(recording.changed_reports)
     for topic, samples in recording.topics.items():
         if BY_NAME[topic].finite and not all(np.isfinite(values).all() for values in samples.values.values()):
             raise ValueError(f"{topic}: a value is not finite")
