@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 
 from train_ato.apps.curves.table import CurveTable
 from train_ato.apps.report.print_parts import SHEET_SIZE, styled, write_figure
-from train_ato.apps.report.quantities import BLACK, BLUE, BROWN, GREEN, GREY, ORANGE, PURPLE, VERMILLION
+from train_ato.apps.report.quantities import BLACK, BLUE, BROWN, GREEN, GREY, ORANGE, PURPLE, VERMILION
 
 CURVE_COLOURS = {
-    "EBD": BLACK, "SBD": GREY, "EBI": VERMILLION, "SBI": PURPLE, "SBI1": BROWN, "SBI2": PURPLE,
+    "EBD": BLACK, "SBD": GREY, "EBI": VERMILION, "SBI": PURPLE, "SBI1": BROWN, "SBI2": PURPLE,
     "Warning": ORANGE, "Permitted": GREEN, "Indication": BLUE,
 }  # fmt: skip
 DASHED = ("EBD", "SBD")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from bokeh.events import MouseLeave, MouseMove
 from bokeh.models import ColumnDataSource, CustomJS, Span
 
-from train_ato.apps.report.quantities import VERMILLION
+from train_ato.apps.report.quantities import VERMILION
 from train_ato.apps.report.style import Figure, Linked
 
 _FIND = """
@@ -96,9 +96,7 @@ def _spans(figures: list[Figure]) -> list[Span]:
     """Add a line for the cursor of another figure to every figure."""
     spans = []
     for plot in figures:
-        span = Span(
-            dimension="height", location=0, visible=False, line_color=VERMILLION, line_width=1.5, line_alpha=0.8
-        )
+        span = Span(dimension="height", location=0, visible=False, line_color=VERMILION, line_width=1.5, line_alpha=0.8)
         plot.add_layout(span)
         spans.append(span)
     return spans

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-BLUE, ORANGE, GREEN, VERMILLION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
+BLUE, ORANGE, GREEN, VERMILION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 PURPLE, SKY, GREY, BLACK = "#cc79a7", "#56b4e9", "#7f8790", "#222222"
 BROWN = "#8c510a"
 WINE, INDIGO, OLIVE = "#882255", "#332288", "#999933"
 """Colours of the colour-blind safe palette of Tol, for events of the supervision."""
-RUN_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILLION, SKY, BLACK, BROWN)
+RUN_COLOURS = (BLUE, ORANGE, GREEN, PURPLE, VERMILION, SKY, BLACK, BROWN)
 """Colours of runs, or of the power units of one run."""
-COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, GREY, SKY, BROWN)
+COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, GREY, SKY, BROWN)
 """Colours of laws, settings and differences in figures with a title of their own; the sixth is that of a reference."""
 INK, FAINT, PAPER = "#1f2933", "#d9dee3", "#ffffff"
 """Colours of text and axes, of grid lines, of the background."""
@@ -69,8 +69,8 @@ QUANTITIES: dict[str, CurveStyle] = {
     "profile": CurveStyle("profile", "km/h", GREY, width=3.2, digits=2),
     "speed": CurveStyle("train", "km/h", BLUE, digits=2),
     "measured_speed": CurveStyle("train (measured)", "km/h", BLUE, digits=2),
-    "limit": CurveStyle("speed limit", "km/h", VERMILLION, "dashed"),
-    "line_limit": CurveStyle("speed limit of the line", "km/h", VERMILLION, "dashed"),
+    "limit": CurveStyle("speed limit", "km/h", VERMILION, "dashed"),
+    "line_limit": CurveStyle("speed limit of the line", "km/h", VERMILION, "dashed"),
     "replanned": CurveStyle("re-planned profile", "km/h", GREEN, "dashed", 2.0, 2),
     "speed_error": CurveStyle("speed error", "km/h", BLUE, digits=3),
     "position_error": CurveStyle("position error", "m", BLUE, digits=2),
@@ -93,7 +93,7 @@ QUANTITIES: dict[str, CurveStyle] = {
     "pipe": CurveStyle("brake pipe at the head", "kPa", BLUE),
     "pipe_tail": CurveStyle("brake pipe at the tail", "kPa", PURPLE),
     "shoe_force": CurveStyle("shoe force, whole train", "kN", BROWN, digits=0),
-    "traction": CurveStyle("traction", "kWh", VERMILLION),
+    "traction": CurveStyle("traction", "kWh", VERMILION),
     "regenerated": CurveStyle("electric brake, regenerated", "kWh", GREEN),
     "running": CurveStyle("running resistance", "kWh", GREY),
     "curve": CurveStyle("curves", "kWh", PURPLE),
@@ -141,7 +141,7 @@ KINDS: dict[str, Kind] = {
     "ato": Kind("state of the ATO", OLIVE),
     "outside": Kind("intervention: gust, delay or emergency brake", BLUE),
     "plan": Kind("re-planning", GREEN),
-    "fault": Kind("fault", VERMILLION),
+    "fault": Kind("fault", VERMILION),
     "scored": Kind("end of the evaluation", GREY),
     "end": Kind("early end of the run", BLACK),
 }

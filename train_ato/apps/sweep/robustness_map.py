@@ -12,7 +12,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from train_ato.apps.report.print_parts import LEGEND, WIDTH, NotebookFigure, styled
-from train_ato.apps.report.quantities import FAINT, INK, VERMILLION, none_to_full
+from train_ato.apps.report.quantities import FAINT, INK, VERMILION, none_to_full
 from train_ato.apps.sweep.design import MISSING_SCIPY
 from train_ato.apps.sweep.dimensions import Dimension
 from train_ato.apps.sweep.groups import NotDrawable, RunGroup, grouped, inside, list_key, metric_words
@@ -143,7 +143,7 @@ def _draw(panel: Any, cells: MapCells, first: Dimension, second: Dimension, top:
     middle = (edges[1:] + edges[:-1]) / 2
     if 0.0 < stable.mean() < 1.0:
         lines = (_values(first, middle), _values(second, middle), stable)
-        panel.contour(*lines, levels=[0.5], colors=[VERMILLION], linewidths=1.6)
+        panel.contour(*lines, levels=[0.5], colors=[VERMILION], linewidths=1.6)
     for mark, chosen in ((".", cells.stable > 0), ("x", cells.stable == 0)):
         places = _values(first, cells.first[chosen]), _values(second, cells.second[chosen])
         panel.plot(*places, mark, color=INK, ms=2.2 if mark == "." else 3.2, mew=0.6, alpha=0.6)
@@ -167,7 +167,7 @@ def _values(dimension: Dimension, shares: Array) -> Array:
 def _legend(border: str) -> list[Any]:
     """Return the entries of the legend."""
     return [
-        Line2D([], [], color=VERMILLION, lw=1.6, label=f"border: {WORDS[border]}"),
+        Line2D([], [], color=VERMILION, lw=1.6, label=f"border: {WORDS[border]}"),
         Patch(facecolor=FAINT, label="outside"),
         Line2D([], [], color=INK, marker="x", ms=3.2, mew=0.6, ls="", label="run outside"),
     ]
