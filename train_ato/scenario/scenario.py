@@ -82,7 +82,7 @@ class Links(SiModel):
         return self
 
 
-Parameters = dict[str, dict[str, float | int | bool | str]]
+Parameters = dict[str, dict[str, bool | int | float | str]]  # pydantic 2.7 writes the first kind that fits
 
 
 class LawChange(SiModel):
