@@ -59,17 +59,38 @@ def test_a_run_that_cannot_begin_leaves_nothing(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_a_report_or_table_that_finds_no_room_is_named(tmp_path: Path) -> None:
-    """Breaks if the line has the error of the disk only, without the file."""
-    folder = tmp_path / "run"
-    assert main(["run", "demo", "--engine", "--set=duration=5", f"--out={folder}"]) == 0
-    out = {name: str(tmp_path / name) for name in ("report.html", "csv", "parquet")}
-    commands = (["report", f"--out={out['report.html']}"], ["export", "--csv", f"--out={out['csv']}"],
-                ["export", f"--out={out['parquet']}"])  # fmt: skip
-    program = PROGRAM.replace("sys.exit(main(sys.argv[2:]))", "for words in sys.argv[2:]: main(words.split())")
-    done = run(300, *(" ".join([name, str(folder), *rest]) for name, *rest in commands), program=program)
-    for line, place in zip(done.stderr.splitlines(), out.values(), strict=True):
-        assert line.startswith(f"train-ato: {place}") and line.endswith("File too large"), done.stderr
+WRITERS = {
+    "o.html": "report r --out o.html", "ocsv": "export r --csv --out ocsv", "opar": "export r --out opar",
+    "o3d": "export r --scene --figure f.png --out o3d", "orrd": "export r --rerun --out orrd",
+    "o.json": "layout r --foxglove --out o.json", "o.csv": "plan level xuzhou_metro_3 --to-km 1 --out o.csv",
+    "o.svg": "plan level xuzhou_metro_3 --to-km 1 --out o.svg", "o.yml": "convert xuzhou_metro_test o.yml",
+    "c.png": "curves demo --out c.png", "r.png": "replay r --law pid --out r.png",
+    "i.csv": "import rec.csv --consist xuzhou_metro_3 --line level --profile-only --out i.csv",
+    "d.csv": "driver level xuzhou_metro_3 --until-km 0.5 --out d.csv", "osw": "sweep s.yaml --jobs 1 --out osw",
+    "otun": "tune demo --law pid --set duration=2 --runs 6 --jobs 1 --out otun",
+    "ofal": "falsify demo --requirement 'speed <= limit' --over o.yaml --set duration=2 --runs 2 --jobs 1 --out ofal",
+}  # fmt: skip
+"""Command by the begin of the file or folder that it writes."""
+
+
+def test_every_writer_that_finds_no_room_names_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Breaks if the line has the error of the disk only, without the file, or a writer waits for ever."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "demo", "--engine", "--set=duration=5", "--out=r"]) == 0
+    Path("rec.csv").write_text("time_s,speed_kmh\n" + "".join(f"{t},{min(2 * t, 40)}\n" for t in range(40)))
+    Path("s.yaml").write_text("{scenario: demo, design: grid, over: {plant.lag: [0.3, 0.4]}, set: {duration: 2}}")
+    Path("o.yaml").write_text("over: {plant.lag: {from: 0.3, to: 0.5}}")
+    program = PROGRAM.replace(
+        "sys.exit(main(sys.argv[2:]))", "for words in sys.argv[2:]: print(main(shlex.split(words)))"
+    )
+    done = run(250, *WRITERS.values(), program=f"import shlex\n{program}")
+    lines = [line for line in done.stderr.splitlines() if line.startswith("train-ato: ")]
+    for line, place in zip(lines, WRITERS, strict=True):
+        known = line.startswith(
+            (f"train-ato: {place}", f"train-ato: OUT {place}", "train-ato: --rerun", "train-ato: the pa")
+        )
+        assert known and "File too large" in line, (place, done.stderr)
+    assert not [path for path in Path().glob("?.*") if path.name not in ("s.yaml", "o.yaml")]
 
 
 @pytest.mark.parametrize("way", ["--engine", "--composed"])

@@ -95,9 +95,10 @@ def execute(options: argparse.Namespace) -> int:
 def write_comparison_folder(result: Comparison, folder: Path) -> None:
     """Write summary, figure and page into the folder."""
     from train_ato.apps.runs.progress import activity
+    from train_ato.log.whole_file import write_whole
 
     text = json.dumps(result.rows, indent=2) + "\n"
-    (folder / "summary.json").write_text(text, encoding="utf-8")
+    write_whole(folder / "summary.json", text)
     if result.drawable:
         from train_ato.apps.report.words import COMPARISON
 

@@ -169,6 +169,9 @@ def print_error(error: object, status: int) -> int:
     if isinstance(error, OSError) and error.filename is not None:
         remedy = "; shorten it" if error.errno == errno.ENAMETOOLONG else ""
         lines = (f"{error.filename}: {error.strerror}{remedy}",)
+    elif isinstance(error, OSError) and error.strerror:
+        remedy = "; free space there, or set TMPDIR" if error.errno == errno.ENOENT else ""
+        lines = (f"{error.strerror}{remedy}",)
     if "embedded null" in str(error):
         lines = ("a name has a null character; remove it",)
     sys.stderr.write("".join(f"train-ato: {shortened(line)}\n" for line in lines))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -19,7 +20,8 @@ def writing(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise OSError(error.errno or 0, error.strerror or str(error), str(path)) from None
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise OSError(error.errno or 0, reason, str(path)) from None
 
 
 def write_whole(path: Path, text: str) -> None:

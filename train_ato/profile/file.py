@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -221,4 +222,6 @@ def write_profile(profile: Profile, path: Path, source: str = "") -> None:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
+        with suppress(OSError):
+            path.unlink()
         raise ValueError(f"{path}: cannot be written ({error.strerror}); choose another place") from None

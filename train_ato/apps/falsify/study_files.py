@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from train_ato.apps.falsify.study import Falsification
+from train_ato.log.whole_file import write_whole
 
 COUNTEREXAMPLE, RUNS_TABLE, RESULT = "counterexample.yaml", "runs.csv", "falsify.json"
 """Files in the folder of a falsification."""
@@ -37,8 +38,8 @@ def result_data(result: Falsification) -> dict[str, Any]:
 
 def write_study(result: Falsification, folder: Path) -> None:
     """Write the table of the runs, the result and, after a break, the scenario that reproduces it."""
-    result.table.to_csv(folder / RUNS_TABLE, index=False)
+    write_whole(folder / RUNS_TABLE, result.table.to_csv(index=False))
     text = json.dumps(result_data(result), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    (folder / RESULT).write_text(text, encoding="utf-8")
+    write_whole(folder / RESULT, text)
     if result.found:
-        (folder / COUNTEREXAMPLE).write_text(result.yaml, encoding="utf-8")
+        write_whole(folder / COUNTEREXAMPLE, result.yaml)

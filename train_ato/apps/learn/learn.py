@@ -21,6 +21,7 @@ from train_ato.control.learned_resistance import SCHEMA, LearnedResistance, lear
 from train_ato.errors import RunInterrupted
 from train_ato.log.recorded import open_recording
 from train_ato.log.run_folder import read_run_folder
+from train_ato.log.whole_file import write_whole
 from train_ato.loop.part_cache import PartCache
 from train_ato.loop.setup import RunSetup, prepare
 from train_ato.scenario.scenario import Scenario
@@ -60,7 +61,7 @@ class LearnResult:
         """
         target = Path(path)
         check_new_file(target, (".yaml", ".yml"))
-        target.write_text(learned_text(self.learned), encoding="utf-8")
+        write_whole(target, learned_text(self.learned))
         return target
 
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from train_ato.apps.replay.open_loop import OpenLoop
-from train_ato.apps.report.print_parts import SHEET_SIZE, styled
+from train_ato.apps.report.print_parts import SHEET_SIZE, styled, write_figure
 from train_ato.apps.report.quantities import COLOURS, QUANTITIES
 from train_ato.apps.report.run_figure import LONG_RUN_S
 from train_ato.messages.types import Array
@@ -35,7 +35,7 @@ def draw_open_loop(result: OpenLoop, title: str, recorded: str, replayed: str, p
 
     Raises
     ------
-    OSError
+    ValueError
         If the file cannot be written.
     """
     pipe = any(demand.size > 0 and np.ptp(demand) > 0 for demand in (result.recorded_pipe, result.replayed_pipe))
@@ -57,7 +57,7 @@ def draw_open_loop(result: OpenLoop, title: str, recorded: str, replayed: str, p
         panel.margins(x=0.01)
     axes[-1].set_xlabel("time in min" if long else "time in s")
     figure.suptitle(title)
-    figure.savefig(path)
+    write_figure(figure, path)
 
 
 def _draw_speed(panel: Axes, result: OpenLoop, time: Array) -> None:

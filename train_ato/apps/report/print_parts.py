@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -321,4 +321,6 @@ def write_figure(figure: Figure, path: Path) -> None:
     try:
         figure.savefig(path)
     except OSError as error:
+        with suppress(OSError):
+            path.unlink()
         raise ValueError(f"{path}: cannot be written ({error.strerror}); choose another place") from None

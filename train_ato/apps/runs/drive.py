@@ -283,15 +283,19 @@ def finish(run: Run, outcome: RunResult, ended: Callable[[], None] | None = None
 
     ``ended`` is called between them.
     """
+    told = False
     try:
         run.folder()
         if ended is not None:
             ended()
+            told = True
         run.finish()
     except OSError:
         if not outcome.failure:
             raise
-        raise RunFailed(outcome.failure) from None
+        failure = RunFailed(outcome.failure)
+        failure.printed = told
+        raise failure from None
 
 
 def _reach(run_mode: RunMode) -> dict[str, str]:

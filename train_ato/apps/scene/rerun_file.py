@@ -15,6 +15,7 @@ from train_ato.apps.scene.scene_log import largest_force
 from train_ato.apps.scene.train_scene import GAP, HEIGHT, LEAST_SCALE, WIDTH, force_color, larger_coupler_force
 from train_ato.log.reading import iter_raw
 from train_ato.log.tables.loading import Frames
+from train_ato.log.whole_file import writing
 from train_ato.loop.setup import RunSetup
 from train_ato.messages.codec.cdr import SECOND
 from train_ato.messages.codec.codec import Wire
@@ -50,13 +51,15 @@ def write_rerun(
     ------
     ValueError
         If the package is not installed, or the log has no state of the vehicles.
+    OSError
+        With the name of the file: it cannot be written.
     """
     try:
         import rerun
     except ImportError:
         raise ValueError(MISSING) from None
     recording = rerun.RecordingStream("train_ato", recording_id=setup.scenario.name)
-    recording.save(path)
+    stream = recording.binary_stream()  # type: ignore[misc]  # the writer of the package waits for ever on a full disk
     curves = [
         (f"{topic}/{name}", times, column)
         for topic, frame in frames.items()
@@ -72,7 +75,8 @@ def write_rerun(
             columns=rerun.Scalars.columns(scalars=values),
         )
         progress(0.7 + 0.3 * (number + 1) / len(curves), name)
-    recording.flush()
+    with writing(path):
+        path.write_bytes(stream.read() or b"")
     recording.disconnect()
     return len(curves)
 

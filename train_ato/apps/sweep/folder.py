@@ -21,7 +21,7 @@ from train_ato.apps.sweep.row import Row
 from train_ato.apps.sweep.spec import SweepSpec, read_sweep
 from train_ato.log.run_folder import RunFolder
 from train_ato.log.versions import versions
-from train_ato.log.whole_file import write_whole
+from train_ato.log.whole_file import write_whole, writing
 
 __all__ = ["SweepFolder", "sweep_identity"]
 
@@ -174,7 +174,8 @@ class RowWriter:
     def add(self, rows: Iterable[Row]) -> None:
         """Append rows."""
         lines = "".join(f"{json.dumps(row, ensure_ascii=False)}\n" for row in rows)
-        self._file.write(f"{self._begin}{lines}".encode())
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        with writing(Path(self._file.name)):
+            self._file.write(f"{self._begin}{lines}".encode())
+            self._file.flush()
+            os.fsync(self._file.fileno())
         self._begin = ""

@@ -20,6 +20,7 @@ from train_ato.apps.tune.optimizers import MakeOptimizer
 from train_ato.apps.tune.tune_result import HISTORY, INITIAL, TUNED, TuneResult, history_row, result_row
 from train_ato.apps.tune.tune_spec import TuneSpec
 from train_ato.errors import RunFailed
+from train_ato.log.whole_file import writing
 
 POPULATION = 6
 """Candidates of a generation."""
@@ -170,7 +171,8 @@ class TunePlan:
         self._rows += new
         if folder is None:
             return
-        with (folder / HISTORY).open("a", encoding="utf-8", newline="") as file:
+        path = folder / HISTORY
+        with writing(path), path.open("a", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, list(new[0]), lineterminator="\n")
             if generation == 0:
                 writer.writeheader()
